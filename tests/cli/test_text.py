@@ -61,3 +61,17 @@ def test_an_error_that_was_said_is_not_said_again(monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert (end.value.code, capsys.readouterr().err) == (2, "")
+
+
+@pytest.mark.usefixtures("main_in_this_process")
+def test_an_error_whose_message_cannot_be_printed_stays_the_error(monkeypatch):
+    class MuteError(Exception):
+        def __str__(self):
+            raise ValueError
+
+    def command():
+        raise MuteError
+
+    monkeypatch.setattr(commands, "command", command)
+    with pytest.raises(MuteError):
+        cli.main()

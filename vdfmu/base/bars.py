@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 
 class EscapedTerminal(Console):
-    """Text to the terminal: what it would act on is shown, except for rich's own."""
+    """Text to the terminal: what it would act on is shown, except for rich's own, and ``:x:`` stays as it is."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, emoji=False, **options)
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as rich does."""
@@ -30,7 +33,7 @@ class EscapedTerminal(Console):
             yield segment if segment.control else segment._replace(text=shown(segment.text))
 
 
-errors = EscapedTerminal(stderr=True, highlight=False)
+errors = EscapedTerminal(stderr=True)
 """All but results; ``errors.quiet`` lets nothing through."""
 _SOON = 0.5
 """Time [s] after which a line that moves appears, and a rate."""
@@ -135,7 +138,7 @@ def _progress() -> Progress:
     room = max(errors.width - (60 if wide else 26), 1)
     elapsed = TimeElapsedColumn()
     return Progress(
-        TextColumn(f"{{task.description:{min(20, room)}.{room}}}"),
+        TextColumn(f"{{task.description:{min(20, room)}.{room}}}", markup=False),
         BarColumn(20 if wide else 8),
         TaskProgressColumn("{task.percentage:3.0f} %"),
         *((Count(), Rate(), elapsed, TimeRemainingColumn()) if wide else (elapsed,)),

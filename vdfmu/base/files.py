@@ -21,7 +21,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 MARK = b'generationTool="vdfmu'
 """In the first kilobytes of what is written for other tools."""
 PAGE_MARK = b'<meta name="generator" content="vdfmu">'
-"""In the first kilobytes of a page, or the last of its printed pages."""
+"""In the first kilobytes of a page."""
 _HEAD = 8192
 _PACKED = (".fmu", ".ssp", ".png")
 
@@ -127,11 +127,9 @@ def _is_ours(path: Path) -> bool:
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
-            file.seek(-min(_HEAD, path.stat().st_size), os.SEEK_END)
-            end = file.read()
     except OSError:
         return False
-    return not head or PAGE_MARK in head + end or any(MARK in text[:_HEAD] for text in (*described, head) if text)
+    return not head or PAGE_MARK in head or any(MARK in text[:_HEAD] for text in (*described, head) if text)
 
 
 def inside(folder: Path, file: Path) -> Path:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Sequence
+from hashlib import sha256
 from html import escape
 
 from vdfmu.base.files import PAGE_MARK
@@ -22,16 +24,29 @@ img { max-width: 100%; display: block; margin: 1rem 0; }
 """
 
 
-def page(title: str, what: str, body: str, width: int, head: str = "", *, tab: str = "", lead: str = "") -> bytes:
+def page(
+    title: str,
+    what: str,
+    body: str,
+    width: int,
+    head: str = "",
+    *,
+    tab: str = "",
+    lead: str = "",
+    scripts: Sequence[str] = (),
+) -> bytes:
     """Return a page of a width [rem] with its title, a line on what it is about, and HTML, also for its head.
 
-    `tab` is the title of the browser's tab if it is another one, `lead` HTML below the title.
+    `tab` is the title of the browser's tab if it is another one, `lead` HTML below the title. `scripts`: the module
+    that the page runs, then the scripts that the module adds. A browser runs no other script of the page.
     """
+    module = f'<script type="module">{scripts[0]}</script>\n' if scripts else ""
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width">
+{_policy(scripts)}
 {PAGE_MARK.decode()}
 <title>{escape(tab or title)}</title>
 <style>{_STYLE}body {{ max-width: {width}rem; }}
@@ -43,9 +58,21 @@ def page(title: str, what: str, body: str, width: int, head: str = "", *, tab: s
 {lead}<p class="what">{escape(what)}</p>
 {body}
 </main>
-</body>
+{module}</body>
 </html>
 """.encode("utf-8", "backslashreplace")
+
+
+def _policy(scripts: Sequence[str]) -> str:
+    """Return the Content-Security-Policy: no request to a network, no script but these (CSP 3, 6.7.2.3).
+
+    With scripts, WebAssembly runs too, and so do workers that the page makes.
+    """
+    digests = (base64.b64encode(sha256(text.encode()).digest()).decode() for text in scripts)
+    sources = "".join(f"'sha256-{digest}' " for digest in digests)
+    allowed = f"script-src {sources}'wasm-unsafe-eval'; worker-src blob:; " if scripts else ""
+    content = f"default-src 'none'; {allowed}style-src 'unsafe-inline'; img-src data:"
+    return f'<meta http-equiv="Content-Security-Policy" content="{content}">'
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], classes: Sequence[str]) -> str:

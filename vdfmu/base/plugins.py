@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import warn_once
+from vdfmu.base.text import kind_text
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -68,7 +69,7 @@ class Plugins:
             got = f"{point.value}, which is {type(found).__name__}"
             good = self.fits(found)
         except (Exception, SystemExit) as error:  # whatever code of others raises
-            got, good, found = f"{point.value}: {type(error).__name__}: {error}", False, None
+            got, good, found = f"{point.value}: {kind_text(error)}", False, None
         if good:
             return found
         raise UsageError(

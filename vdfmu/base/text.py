@@ -26,8 +26,21 @@ def shown(text: str, acting: re.Pattern[str] = _ACTING) -> str:
 
 def error_text(error: object) -> str:
     """Return what an error says, with what was added to it on its way; see `elided`."""
-    notes = getattr(error, "__notes__", [])
-    return elided(". ".join([*filter(None, [str(error).removesuffix(".")]), *notes]) if notes else str(error))
+    notes, text = getattr(error, "__notes__", []), message_of(error)
+    return elided(". ".join([*filter(None, [text.removesuffix(".")]), *notes]) if notes else text)
+
+
+def message_of(error: object) -> str:
+    """Return the message of an error of any code, whose ``__str__`` may fail."""
+    try:
+        return str(error)
+    except (Exception, SystemExit) as other:
+        return f"its message cannot be printed, since that raises {type(other).__name__}"
+
+
+def kind_text(error: BaseException) -> str:
+    """Return the kind of an error of any code, and its message."""
+    return f"{type(error).__name__}: {message_of(error)}"
 
 
 def elided(text: str) -> str:

@@ -15,7 +15,7 @@ from contextlib import suppress
 
 from vdfmu.base.interrupt import command_begins, command_ended
 from vdfmu.base.process import ONE_THREAD
-from vdfmu.base.text import error_text, shown
+from vdfmu.base.text import error_text, message_of, shown
 from vdfmu.base.version import __version__
 
 __all__ = ["main"]
@@ -68,7 +68,7 @@ def _require_named_folder() -> None:
 
 def _say_missing(error: ImportError) -> None:
     """End because a package is missing, unless it is our own; the version needs none."""
-    package = (error.name or str(error)).partition(".")[0]
+    package = (error.name or message_of(error)).partition(".")[0]
     if package == "vdfmu":
         return
     if sys.argv[1:] == ["--version"]:
@@ -85,7 +85,7 @@ def _say_missing(error: ImportError) -> None:
 def _lacks_memory(error: BaseException | None) -> str:
     """Return what says that an error, or one behind it, is a lack of memory; empty if none does."""
     while error is not None and not isinstance(error, SystemExit):  # that has said why
-        text = str(error)
+        text = message_of(error)
         if isinstance(error, MemoryError):
             return text.partition("\n")[0] or "MemoryError"
         if any(words in text for words in _MEMORY) and isinstance(error, (ImportError, OSError, RuntimeError)):

@@ -224,20 +224,15 @@ def report(
     simulate: Annotated[
         bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")
     ] = True,
-    pdf: Annotated[
-        bool, typer.Option("--pdf", help="Write two printed pages beside it too, with Chromium or Chrome.")
-    ] = False,
     opened: OpenOption = False,
     overwrite: ForeignOption = False,
 ) -> None:
     """Write the page of a run, or of several side by side: one file, which any browser opens."""
     from vdfmu.study.report.gallery import INDEX, is_gallery, write_gallery
-    from vdfmu.study.report.page import NAME, write_pdf, write_report
+    from vdfmu.study.report.page import NAME, write_report
     from vdfmu.study.report.shown_run import newest_run, read_run, run_folder
 
     if folders and len(folders) == 1 and is_gallery(folders[0]):
-        if pdf:
-            raise UsageError(f"--pdf: expected the folder of a run, got {folders[0]}, which has several.")
         page = out or inside(folders[0], folders[0] / INDEX)
         with replacing_foreign(overwrite):
             require_ours(page)
@@ -247,18 +242,12 @@ def report(
     folders = folders or [newest_run(Path("results"))]
     runs = [read_run(folder) for folder in folders]
     page = out or (run_folder(folders[0]) / NAME if len(runs) == 1 else folders[0].parent / "comparison.html")
-    printed = [page.with_suffix(".pdf")] if pdf else []
     if out is None:
-        for file in (page, *printed):
-            inside(folders[0] if len(runs) == 1 else page.parent, file)
-    if page in printed:
-        raise UsageError(
-            f"--out {page}: expected the name of the page, such as report.html; --pdf gives its pages another."
-        )
+        inside(folders[0] if len(runs) == 1 else page.parent, page)
     with replacing_foreign(overwrite):
-        require_ours(page, *printed)
+        require_ours(page)
     write_report(runs, page, simulate=simulate)
-    say_written(page, *(write_pdf(page, target) for target in printed))
+    say_written(page)
     _say_page(page, opened)
 
 

@@ -139,7 +139,7 @@ class _StandardOutput(EscapedTerminal):
             self.bars = None
 
 
-console = _StandardOutput(highlight=False)
+console = _StandardOutput()
 
 
 def complete_scenario(incomplete: str) -> list[str]:

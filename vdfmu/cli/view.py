@@ -58,7 +58,7 @@ def view(
 
     shown = RobotView(arm, folder, port)
     say_notes([*notes, *shown.notes])
-    say(f"{arm.name}: {shown.address}, Ctrl-C ends it")
+    say(f"{arm.name}, until Ctrl-C: {shown.address}")
     console.leave()
     with InterruptGuard() as guard:
         shown.run(lambda: guard.number != 0)

@@ -1,19 +1,14 @@
 """The first screen and the bench: what is in sight together, where tiles lead, what an address keeps, the print."""
 
 import json
-import re
 import shlex
 import time
 
-import numpy as np
 import pytest
 
 import vdfmu
 from tests.study.page.browser import centre, show
-from vdfmu.base.files import require_ours
 from vdfmu.base.measure import quantity
-from vdfmu.study.report.page import write_pdf, write_report
-from vdfmu.study.report.shown_run import read_run
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 DESKTOPS = [(1280, 900), (1440, 900)]
@@ -196,11 +191,3 @@ def test_print_has_the_legend_and_says_what_is_hidden(run, browser):
     assert browser.run(f"{buttons}.every(e => !e.offsetHeight)")
     assert browser.run("getComputedStyle(document.querySelector('.chart')).breakInside") == "avoid"
     browser.call("Emulation.setEmulatedMedia", media="")
-
-
-def test_two_pages_are_printed(run, tmp_path):
-    page = write_report([read_run(run)], tmp_path / "report.html")
-    content = write_pdf(page, tmp_path / "report.pdf").read_bytes()
-    require_ours(tmp_path / "report.pdf")  # it may be written again
-    assert content.startswith(b"%PDF") and len(re.findall(rb"/Type\s*/Page\b", content)) == 2
-    assert np.count_nonzero([content.count(b"/Subtype /Image")]) == 1  # the arm and the figures

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 import vdfmu
 from tests.study.page.browser import show
 from vdfmu.base.errors import UsageError
-from vdfmu.base.files import PAGE_MARK, require_ours
 from vdfmu.base.measure import quantity
 from vdfmu.cli import runs
 from vdfmu.cli.commands import app
@@ -178,25 +177,11 @@ def test_a_file_of_others_is_not_replaced(results):
         assert CliRunner().invoke(app, ["report", str(results), *words]).exit_code == 0
 
 
-def test_printed_pages_of_others_are_kept(results):
-    folder = results / "first run"
-    (folder / "report.pdf").write_bytes(b"%PDF-1.7 mine")
-    done = CliRunner().invoke(app, ["report", "--no-simulate", "--pdf", str(folder)])
-    assert isinstance(done.exception, UsageError) and "report.pdf: expected no file of this name" in str(done.exception)
-    assert (folder / "report.pdf").read_bytes() == b"%PDF-1.7 mine"
-    done = CliRunner().invoke(app, ["report", "--no-simulate", "--pdf", str(folder), "-o", str(folder / "two.pdf")])
-    assert "expected the name of the page, such as report.html" in str(done.exception)
-    (folder / "report.pdf").write_bytes(b"%PDF-1.7 " + bytes(10_000) + b"\n%" + PAGE_MARK + b"\n")
-    require_ours(folder / "report.pdf")  # as the one that a page is printed into
-
-
-def test_the_page_of_several_is_opened_and_not_printed(results, monkeypatch):
+def test_the_page_of_several_is_opened(results, monkeypatch):
     opened = []
     monkeypatch.setattr(runs.webbrowser, "open", lambda address: opened.append(address) or True)
     done = CliRunner().invoke(app, ["report", str(results), "--open"])
     assert opened == [(results / "index.html").as_uri()] and f"Open {results / 'index.html'}" in done.output
-    done = CliRunner().invoke(app, ["report", str(results), "--pdf"])
-    assert str(done.exception) == f"--pdf: expected the folder of a run, got {results}, which has several."
 
 
 @pytest.mark.heavy

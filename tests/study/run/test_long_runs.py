@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.run import Results, Signal
+from vdfmu.study.report import content
 from vdfmu.study.run import scenario_run as study
 from vdfmu.study.run import summary
 from vdfmu.system.package.description import SystemDescription
@@ -139,3 +141,20 @@ def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):
     assert len(results) == 2001
     assert lengths == [BLOCK, 2001 - BLOCK] * 2
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
+
+
+def test_a_run_reads_no_array_as_a_whole(tmp_path, monkeypatch):
+    """Its rows are on disk: what reads all of them at once would hold an hour of them in memory."""
+    monkeypatch.setattr(content, "_BLOCK", BLOCK)
+    monkeypatch.setattr(study, "DRAWN", BLOCK)
+    take, whole = Recorded.__getitem__, []
+
+    def watched(self, name):
+        found = take(self, name)
+        if len(self) == 2001 and not np.may_share_memory(found, self.data["real"]):
+            whole.append(name)
+        return found
+
+    monkeypatch.setattr(Recorded, "__getitem__", watched)
+    assert len(vdfmu.run("planar_tracking", stop=2.0, out=tmp_path / "out", reference=False)) == 2001
+    assert whole == []

@@ -3,6 +3,7 @@
 import base64
 import http.client
 import json
+import re
 import socket
 import sys
 import time
@@ -108,13 +109,25 @@ def test_a_view_answers_its_own_page_only(server, taken, path, host, origin, cod
     assert taken == ([{}] if code == 200 else [])
 
 
-@pytest.mark.parametrize("body", [b"", b"{", b"[1]", b" " * 70_000 + b"{}"])
-def test_what_is_no_request_of_a_page_is_refused(server, taken, body):
+def asked(server, body, **headers):
     client = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
-    client.request("POST", f"/{server.token}/", body)
-    assert client.getresponse().status == 400
+    client.request("POST", f"/{server.token}/ask", body, headers)
+    status = client.getresponse().status
     client.close()
+    return status
+
+
+@pytest.mark.parametrize("body", [b"", b"{", b"[1]", b" " * 70_000 + b"{}", b"[" * 60_000])
+def test_what_is_no_request_of_a_page_is_refused(server, taken, body, capfd):
+    assert asked(server, body) == 400
     assert taken == []
+    assert capfd.readouterr().err == ""  # no traceback
+
+
+@pytest.mark.parametrize("length", ["-5", "\xb2", "9" * 5000])  # Python reads integers of at most 4300 digits
+def test_a_length_that_is_none_is_refused(server, length, capfd):
+    assert asked(server, b"{}", **{"Content-Length": length}) == 400
+    assert capfd.readouterr().err == ""
 
 
 def test_two_views_have_two_tokens(server):
@@ -301,6 +314,13 @@ def test_quiet_leaves_the_address_of_a_view_and_bars_end_before_it_waits(monkeyp
     assert output.err.startswith("error: plant")
 
 
+def test_the_address_of_a_robot_ends_its_line(monkeypatch):
+    """What is copied to the end of the line is the address: a comma after it would be part of it."""
+    monkeypatch.setattr(RobotView, "run", lambda self, ended: None)
+    done = CliRunner().invoke(app, ["view", "planar_2dof"])
+    assert re.fullmatch(r"planar_2dof, until Ctrl-C: http://127\.0\.0\.1:\d+/[\w-]+/\n", done.output)
+
+
 MESH = {"shape": "mesh", "size": [1, 1, 1], "color": [1, 0, 0, 1], "offset": [0, 0, 0], "rotation": np.eye(3)}
 
 
@@ -337,17 +357,26 @@ def test_meshes_are_shown_if_all_can_be_and_those_that_cannot_are_named(tmp_path
     assert "'pip install vdfmu[view]'" in notes[0]
 
 
+def test_a_pose_that_is_none_is_refused(capfd):
+    view = RobotView(vdfmu.load_robot("planar_2dof"))
+    try:
+        for pose in ("[1]", "[1, null]", "[true, 0]", "[NaN, 0]", f"[1{400 * '0'}, 0]", f"[{5000 * '1'}, 0]", "1"):
+            assert asked(view._server, f'{{"q": {pose}, "motors": "free"}}') == 400, pose
+        assert asked(view._server, '{"q": [0, 0], "motors": []}') == 400
+        assert view.pose.tolist() == [0.0, 0.0]
+    finally:
+        view.close()
+    assert capfd.readouterr().err == ""
+
+
 def test_pages_move_a_robot_together_and_hear_its_modes():
     view = RobotView(vdfmu.load_robot("planar_2dof"))
     try:
         pages = [Page(view._server, 1) for _ in range(2)]
         assert [page.next() for page in pages] == [{"q": [0.0, 0.0], "motors": "free", "from": ""}] * 2
         request = {"q": [0.5, -0.25], "motors": "held", "from": "a"}
-        for body in ({"q": [1.0], "motors": "free"}, {"q": [1.0, None], "motors": "free"}, {"q": [0, 0]}, request):
-            client = http.client.HTTPConnection("127.0.0.1", view._server.port, timeout=10)
-            client.request("POST", f"/{view._server.token}/ask", json.dumps(body))
-            assert client.getresponse().status == 204
-            client.close()
+        assert asked(view._server, json.dumps({"q": [0, 0]})) == 400
+        assert asked(view._server, json.dumps(request)) == 204
         assert [page.next() for page in pages] == [request] * 2
         assert view.pose.tolist() == [0.5, -0.25]
         view.step(0.0)

@@ -19,6 +19,7 @@ from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import FmuError, VdfmuError
 from vdfmu.base.files import data_path, source_bytes
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
+from vdfmu.base.text import kind_text
 from vdfmu.base.version import __version__
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.base import ABOUT, BaseUnit, is_shipped, unit_name
@@ -195,7 +196,7 @@ def _using(file: str) -> Generator[None]:
     except FmuError:
         raise
     except (OSError, LookupError, AttributeError, TypeError, ValueError, VdfmuError) as error:
-        what = str(error) if isinstance(error, VdfmuError) else f"{type(error).__name__}: {error}"
+        what = str(error) if isinstance(error, VdfmuError) else kind_text(error)
         raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
 
 

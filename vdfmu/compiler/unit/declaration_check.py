@@ -10,6 +10,7 @@ import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import unit_of
+from vdfmu.base.text import kind_text
 from vdfmu.compiler.unit.base import ABOUT, BaseUnit
 from vdfmu.compiler.unit.declaration import (
     JOINTS,
@@ -168,7 +169,7 @@ def _of_start(declared: Declared, robot: Machine | None, sizes: tuple[int, ...])
     try:
         start: Any = declared.start(robot) if callable(declared.start) else declared.start
     except Exception as error:
-        yield f"start: the function fails for {'the robot' if robot else 'no robot'}: {type(error).__name__}: {error}"
+        yield f"start: the function fails for {'the robot' if robot else 'no robot'}: {kind_text(error)}"
         return
     try:
         values = np.broadcast_to(np.asarray(start, dtype=float), sizes)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.errors import UnitError
+from vdfmu.base.text import kind_text
 from vdfmu.compiler.scalar.generic import minimum, sgn, where
 from vdfmu.compiler.unit.declaration import Declared, Parameter
 from vdfmu.compiler.unit.machine import Machine
@@ -127,7 +128,7 @@ def _followed(unit: type[Any], robot: Machine | None, name: str, values: Mapping
         array = np.asarray(found, dtype=float)
     except Exception as error:
         of = ", ".join(f"{one} = {' '.join(str(value).split())}" for one, value in values.items())
-        raise UnitError(f"{where_}: start: the function fails for {of}: {type(error).__name__}: {error}.") from error
+        raise UnitError(f"{where_}: start: the function fails for {of}: {kind_text(error)}.") from error
     low, high = declared.minimum, declared.maximum
     if not (
         np.isfinite(array).all() and (low is None or (array >= low).all()) and (high is None or (array <= high).all())

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.once import cached_per_command
+from vdfmu.base.text import kind_text
 from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.place import declarations
 from vdfmu.compiler.unit.unit import Unit
@@ -82,7 +83,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     except (Exception, SystemExit) as error:  # whatever code of others raises
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         where = f"{file}, line {lines[-1]}" if lines else str(file)
-        reason = str(error) if isinstance(error, UnitError) else f"{type(error).__name__}: {error}"
+        reason = str(error) if isinstance(error, UnitError) else kind_text(error)
         raise UnitError(f"{where}: {reason.rstrip('.: ')}.") from None
     finally:
         sys.dont_write_bytecode = writes_none

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from vdfmu.base.errors import KernelError, UnitError, UsageError
+from vdfmu.base.text import kind_text
 from vdfmu.compiler.c.expressions import CALLED
 from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, to_sx
 from vdfmu.compiler.unit.base import BaseUnit
@@ -340,7 +341,7 @@ def run(unit: BaseUnit, phase: str, watch: Any) -> Any:
     except (KernelError, UnitError, UsageError) as error:
         _fail(unit, phase, error, str(error).rstrip("."), symbols)
     except Exception as error:
-        reason = f"{type(error).__name__}: {error}".rstrip(".: ")
+        reason = kind_text(error).rstrip(".: ")
         if "read-only" in reason:
             reason = "an element of a variable cannot be set alone. Set the variable as a whole, self.y = array"
         _fail(unit, phase, error, reason, symbols and "self.y" not in reason)

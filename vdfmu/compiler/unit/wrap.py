@@ -18,6 +18,7 @@ from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.mat import mat_variables
 from vdfmu.base.measure import measure
+from vdfmu.base.text import kind_text
 from vdfmu.base.unpack import UnpackBudget
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.new import class_and_file, write_new
@@ -138,7 +139,7 @@ def _object(path: Path, name: str) -> Matrices | ca.Function:
     try:
         found: Any = runpy.run_path(str(path)).get(name)
     except (Exception, SystemExit) as error:
-        raise UnitError(f"{path}: {type(error).__name__}: {str(error).rstrip('.')}.") from None
+        raise UnitError(f"{path}: {kind_text(error).rstrip('.')}.") from None
     finally:
         sys.path.pop(0)
     if isinstance(found, ca.Function):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
-from itertools import chain
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -18,9 +19,12 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
 from vdfmu.base.scipy_parts import scipy_part
 from vdfmu.engine.results.formats import Format, Stream
-from vdfmu.engine.results.recorded import KINDS, Recorded, Signal, copies_in, with_copies
+from vdfmu.engine.results.joined import joined
+from vdfmu.engine.results.recorded import KINDS, TYPES, Recorded, Signal
 
 _BLOCK = 512
+_NUMBERS = 2**18
+"""Numbers that are read at a time."""
 
 
 def write_csv(results: Recorded, path: Path) -> None:
@@ -33,29 +37,24 @@ def read_csv(path: Path) -> Recorded:
     """Read what `write_csv` or a run wrote."""
     try:
         with path.open(encoding="utf-8", newline="") as stream:
-            names, units, table = _read_table(path, stream)
+            names, units = _read_head(path, stream)
+            signals: list[Signal] = []
+            chosen: dict[str, list[int]] = {kind: [] for kind in KINDS}
+            for index, (name, unit) in enumerate(zip(names[1:], units[1:], strict=True), start=1):
+                kind = unit if unit in KINDS[1:] else "real"
+                signals.append(Signal(name, kind, unit if kind == "real" else "", len(chosen[kind])))
+                chosen[kind].append(index)
+            blocks = (
+                (table[:, 0].copy(), {kind: table[:, columns].astype(TYPES[kind]) for kind, columns in chosen.items()})
+                for table in _read_tables(path, stream, len(names))
+            )
+            return joined(path, blocks, signals, summary_beside(path))
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-    if table.shape[1] != len(names):
-        raise UsageError(f"{path}: expected {len(names)} columns, got {table.shape[1]}")
-    signals: list[Signal] = []
-    chosen: dict[str, list[int]] = {kind: [] for kind in KINDS}
-    for index, (name, unit) in enumerate(zip(names[1:], units[1:], strict=True), start=1):
-        kind = unit if unit in KINDS[1:] else "real"
-        signals.append(Signal(name, kind, unit if kind == "real" else "", len(chosen[kind])))
-        chosen[kind].append(index)
-    data = {
-        kind: table[:, columns].astype(np.float64 if kind == "real" else np.int32) for kind, columns in chosen.items()
-    }
-    time = table[:, 0].copy()
-    del table  # a run of hours is in memory once
-    summary = summary_beside(path)
-    signals, data = with_copies(signals, data, copies_in(summary))
-    return Recorded(time, signals, data, summary)
 
 
-def _read_table(path: Path, stream: TextIO) -> tuple[list[str], list[str], Floats]:
-    """Return names, units, and the numbers below them, read line by line."""
+def _read_head(path: Path, stream: TextIO) -> tuple[list[str], list[str]]:
+    """Return names and units."""
     reader = csv.reader(stream)
     try:
         names, units = next(reader), next(reader)
@@ -63,16 +62,23 @@ def _read_table(path: Path, stream: TextIO) -> tuple[list[str], list[str], Float
         raise UsageError(f"{path}: expected a line of names and a line of units") from None
     if len(names) != len(units) or names[:1] != ["time"]:
         raise UsageError(f"{path}: expected as many units as names, and 'time' as the first column")
-    first = next((line for line in stream if line.strip()), None)
-    if first is None:
-        return names, units, np.empty((0, len(names)))
-    try:
-        lines = chain([first], stream)
-        return names, units, np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
-    except UnicodeDecodeError:
-        raise
-    except ValueError as error:
-        raise UsageError(f"{path}: {error}") from None
+    return names, units
+
+
+def _read_tables(path: Path, stream: TextIO, columns: int) -> Iterator[Floats]:
+    """Yield the numbers of stretches of lines, at least one."""
+    lines = (line for line in stream if line.strip())
+    rows, first = max(_BLOCK, _NUMBERS // columns), 0
+    while (block := list(islice(lines, rows))) or not first:
+        try:
+            table = np.loadtxt(block, delimiter=",", ndmin=2, comments=None) if block else np.empty((0, columns))
+        except ValueError as error:
+            row = re.sub(r"(?<= at row )\d+", lambda found: str(first + int(found[0])), str(error))  # noqa: B023
+            raise UsageError(f"{path}: {row}") from None
+        if table.shape[1] != columns:
+            raise UsageError(f"{path}: expected {columns} columns, got {table.shape[1]}")
+        yield table
+        first += max(len(block), 1)
 
 
 def summary_beside(path: Path) -> dict[str, Any]:

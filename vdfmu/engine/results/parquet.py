@@ -8,6 +8,7 @@ the bytes of reals taken apart before (BYTE_STREAM_SPLIT). The package pyarrow i
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,12 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
 from vdfmu.base.json_text import to_json
 from vdfmu.base.unpack import UnpackBudget, imported
 from vdfmu.engine.results.formats import Format
-from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, no_rows
+from vdfmu.engine.results.joined import joined
+from vdfmu.engine.results.recorded import Recorded, Signal, grouped, no_rows, placed_arrays
 
 _GROUP = 2**16
 """Rows that are compressed at a time: the part of a long run held in memory."""
@@ -84,24 +87,42 @@ def read_table(path: Path) -> tuple[Any, Any]:
 
 def read_parquet(path: Path) -> Recorded:
     """Read what `write_parquet` wrote."""
-    pa, _ = needed()
-    schema, table = read_table(path)
-    kinds = {pa.float64(): "real", pa.int32(): "integer", pa.bool_(): "boolean"}
-    wrong = [f.name for f in schema if f.type not in kinds or table[f.name].null_count]
-    if schema.names[:1] != ["time"] or wrong:
+    pa, parquet = needed()
+    try:
+        with open(path, "rb") as file:
+            table = checked(path, parquet.ParquetFile(file))
+            schema = table.schema_arrow
+            kinds = {pa.float64(): "real", pa.int32(): "integer", pa.bool_(): "boolean"}
+            _require(path, schema.names, [f.name for f in schema if f.type not in kinds])
+            try:
+                summary = json.loads((schema.metadata or {}).get(_KEY, b"{}"))
+            except (ValueError, RecursionError):  # not ours
+                summary = {}
+            signals = [
+                Signal(f.name, kinds[f.type], (f.metadata or {}).get(b"unit", b"").decode(), 0)
+                for f in list(schema)[1:]
+            ]
+            placed, empty = placed_arrays(signals, [np.empty((0, len(each))) for each in grouped(signals).values()])
+
+            def blocks() -> Iterator[tuple[Floats, dict[str, NDArray[Any]]]]:
+                yield np.empty(0), empty
+                for batch in table.iter_batches(_GROUP, use_threads=False):  # threads hang where memory is short
+                    _require(path, schema.names, [name for name in schema.names if batch[name].null_count])
+                    columns = {name: batch[name].to_numpy(zero_copy_only=False) for name in schema.names}
+                    arrays = [np.column_stack([columns[s.name] for s in each]) for each in grouped(signals).values()]
+                    yield columns["time"], placed_arrays(signals, arrays)[1]
+
+            return joined(path, blocks(), placed, summary)
+    except (OSError, pa.ArrowException) as error:
+        raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _require(path: Path, names: Sequence[str], wrong: Sequence[str]) -> None:
+    if names[:1] != ["time"] or wrong:
         raise UsageError(
             f"{path}: expected 'time' as the first column, and columns of float64, int32 and bool without gaps; "
-            f"got {', '.join(f'{name!r}' for name in wrong or schema.names[:1])}"
+            f"got {', '.join(f'{name!r}' for name in wrong or names[:1])}"
         )
-    try:
-        summary = json.loads((schema.metadata or {}).get(_KEY, b"{}"))
-    except (ValueError, RecursionError):  # not ours
-        summary = {}
-    signals = [
-        Signal(f.name, kinds[f.type], (f.metadata or {}).get(b"unit", b"").decode(), 0) for f in list(schema)[1:]
-    ]
-    arrays = [np.column_stack([table[s.name].to_numpy() for s in each]) for each in grouped(signals).values()]
-    return from_arrays(table["time"].to_numpy(), signals, arrays, summary)
 
 
 FORMAT = Format(needed, write_parquet, read_parquet)

@@ -19,7 +19,8 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.json_text import to_json
 from vdfmu.base.text import close_to
 
-KINDS = ("real", "integer", "boolean")
+TYPES = {"real": np.float64, "integer": np.int32, "boolean": np.int32}
+KINDS = (*TYPES,)
 _BLOCK = 512
 _ELEMENT = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
 
@@ -188,8 +189,10 @@ def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:
     return found
 
 
-def from_arrays(time: Floats, signals: Sequence[Signal], arrays: Sequence[NDArray[Any]], summary: Any) -> Recorded:
-    """Return results of signals and an array (m, n) for each of `grouped`, with the copies that the summary names."""
+def placed_arrays(
+    signals: Sequence[Signal], arrays: Sequence[NDArray[Any]]
+) -> tuple[list[Signal], dict[str, NDArray[Any]]]:
+    """Return signals in their places, and data, of an array (m, n) for each of `grouped`."""
     columns = {
         signal.name: array[:, i]
         for members, array in zip(grouped(signals).values(), arrays, strict=True)
@@ -200,13 +203,13 @@ def from_arrays(time: Floats, signals: Sequence[Signal], arrays: Sequence[NDArra
     for signal in signals:
         placed.append(signal._replace(column=len(chosen[signal.kind])))
         chosen[signal.kind].append(columns[signal.name])
-    empty = np.empty((len(time), 0))
-    data = {
-        kind: np.column_stack([empty, *each]).astype(np.float64 if kind == "real" else np.int32)
-        for kind, each in chosen.items()
-    }
-    placed, data = with_copies(placed, data, copies_in(summary))
-    return Recorded(time, placed, data, summary)
+    empty = np.empty((len(arrays[0]) if arrays else 0, 0))
+    return placed, {kind: np.column_stack([empty, *each]).astype(TYPES[kind]) for kind, each in chosen.items()}
+
+
+def from_arrays(time: Floats, signals: Sequence[Signal], arrays: Sequence[NDArray[Any]], summary: Any) -> Recorded:
+    """Return results of signals and an array (m, n) for each of `grouped`, with the copies that the summary names."""
+    return Recorded(time, *with_copies(*placed_arrays(signals, arrays), copies_in(summary)), summary)
 
 
 def to_facts(results: Recorded) -> tuple[list[Signal], str]:
@@ -250,16 +253,19 @@ def copies_in(summary: Any) -> dict[str, tuple[str, int]]:
     """Return signal to the one that it copies, and how many rows late, as a summary has it; nothing if it has none."""
     try:
         found = summary["copies"].items()
-        late = {n: int(n) for n, _ in found if 0 <= int(n) < 2**31}
+        late = {n: int(n) for n, _ in found if 0 <= int(n) <= _BLOCK}
         return {str(name): (str(of), late[n]) for n, each in found for name, of in each.items()}
     except (KeyError, TypeError, ValueError, AttributeError):  # not ours
         return {}
 
 
 def with_copies(
-    signals: Sequence[Signal], data: Mapping[str, NDArray[Any]], copies: Mapping[str, tuple[str, int]]
+    signals: Sequence[Signal],
+    data: Mapping[str, NDArray[Any]],
+    copies: Mapping[str, tuple[str, int]],
+    above: Mapping[str, NDArray[Any]] | None = None,
 ) -> tuple[list[Signal], dict[str, NDArray[Any]]]:
-    """Return signals and data with the copies of the given signals."""
+    """Return signals and data with the copies of the given signals; `above`: the rows before these."""
     known = {signal.name: signal for signal in signals}
     more, added = list(signals), {kind: [array] for kind, array in data.items()}
     for name, (of, late) in copies.items():
@@ -267,7 +273,9 @@ def with_copies(
             continue
         column, kind = known[of].column, known[of].kind
         if late:
-            added[kind].append(later(data[kind][:, column], late)[:, None])
+            before = data[kind][:0, column] if above is None else above[kind][:, column]
+            moved = later(np.concatenate([before, data[kind][:, column]]), late)
+            added[kind].append(moved[len(before) :, None])
             column = sum(array.shape[1] for array in added[kind]) - 1
         more.append(known[of]._replace(name=name, column=column, of=of, late=late))
     return more, {kind: np.hstack(arrays) for kind, arrays in added.items()}

@@ -16,6 +16,7 @@ from typing import Any
 from vdfmu.base.child import Parent
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.process import limit
+from vdfmu.base.text import kind_text
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import Exchange
@@ -112,7 +113,7 @@ def _fault(error: Exception) -> str:
         return "the process of the components has no more memory: memory_limit (--memory-limit) gives it more"
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{Path(frame.filename).name}, line {frame.lineno}"
-    return f"{type(error).__name__}: {error} ({place}). This is a fault of vdfmu, not of a component; please report it"
+    return f"{kind_text(error)} ({place}). This is a fault of vdfmu, not of a component; please report it"
 
 
 def serve(make: Callable[[str], Server], memory: str, most: str) -> None:

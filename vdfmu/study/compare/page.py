@@ -17,7 +17,7 @@ from vdfmu.base.page import page
 from vdfmu.study.compare.axes import LAWS, MISMATCHES
 from vdfmu.study.compare.measures import MEASURES
 from vdfmu.study.report.page import NAME
-from vdfmu.study.report.scripts import COMPARED, data_element, look, module_element
+from vdfmu.study.report.scripts import COMPARED, data_element, look, scripts_of
 from vdfmu.study.sweeps.sweep import Sweep
 
 AXES = ("arm", "motion", "mismatch", "law")
@@ -198,11 +198,11 @@ def write_comparison(study: LawComparison) -> Path:
 its other measures and the command that runs it again with everything that a run shows.</p>
 <div id="matrices"></div><div id="cell" hidden></div></section>
 {rest}
-{data_element({"runs": [], "compared": _content(study)})}
-{module_element(COMPARED)}"""
+{data_element({"runs": [], "compared": _content(study)})}"""
     what = f"{len(study)} cells, {about['budget']} evaluations, seed {about['seed']}, vdfmu {study.facts['vdfmu']}"
     path = study.folder / NAME
-    write_whole(path, [page("Control laws compared", what, body, 76, look("laws.css"))])
+    content = page("Control laws compared", what, body, 76, look("laws.css"), scripts=scripts_of(COMPARED))
+    write_whole(path, [content])
     return path
 
 

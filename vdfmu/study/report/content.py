@@ -240,7 +240,7 @@ def _force_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Fig
             signals = arm["signals"].get(key, [])
             for what, unit, part in (("Force", "N", signals[:3]), ("Moment", "N.m", signals[3:])):
                 known = [(axis, name) for axis, name in zip("xyz", part, strict=False) if name in names]
-                if any(np.any(results[name]) for _, name in known):
+                if any(np.any(part[name]) for part in results.blocks(_BLOCK) for _, name in known):
                     curves = [Curve(axis, 0, [(1.0, name)]) for axis, name in known]
                     title = f"{arm['component']}: {what.lower()} {words}"
                     yield Figure(f"{arm['component']}.{key}.{unit}", title, unit, curves, f"{what} {words}")

@@ -28,7 +28,7 @@ from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import FAILED, STATES, line_of, state_of
 from vdfmu.study.report.page import NAME
-from vdfmu.study.report.scripts import GALLERY, look, module_element
+from vdfmu.study.report.scripts import GALLERY, look, scripts_of
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import run_folders
 from vdfmu.study.report.summary_keys import read_summary
@@ -95,12 +95,11 @@ def gallery_page(folder: Path, place: Path | None = None) -> bytes:
     body = f"""<div class="bar"><label class="choice">Sort by <select id="sort">{options}</select></label>
 <label class="choice">Show <input id="find" type="search" placeholder="part of a name"></label>
 <span id="count" role="status"></span></div>
-<ul class="gallery">{"".join(map(_card, found))}</ul>{notes}
-{module_element(GALLERY)}"""
+<ul class="gallery">{"".join(map(_card, found))}</ul>{notes}"""
     counts = {state: sum(entry.state == state for entry in found) for state in STATES}
     states = ", ".join(f"{count} {state}" for state, count in counts.items() if count)
     about = f"{len(found)} run{'' if len(found) == 1 else 's'}{f': {states}' if states else ''}"
-    return page(f"Runs in {folder.resolve().name}", about, body, 84, look("gallery.css"))
+    return page(f"Runs in {folder.resolve().name}", about, body, 84, look("gallery.css"), scripts=scripts_of(GALLERY))
 
 
 def entry_of(folder: Path, place: Path, name: str) -> RunCard:

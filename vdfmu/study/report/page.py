@@ -6,7 +6,6 @@ of :mod:`vdfmu.study.report.content`.
 
 from __future__ import annotations
 
-import base64
 import shlex
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vdfmu.base.errors import CosimError, VdfmuError
-from vdfmu.base.files import PAGE_MARK, temporary_folder, write_whole
+from vdfmu.base.files import write_whole
 from vdfmu.base.page import page
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.text import error_text
@@ -24,7 +23,6 @@ from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.results.verdict import line_of, state_of
 from vdfmu.engine.run import Interrupted
-from vdfmu.study.report.browser import Browser
 from vdfmu.study.report.content import content_of, wired_arm
 from vdfmu.study.report.headline import page_title, tiles_of
 from vdfmu.study.report.parts import checks, comparison, facts_table, marks, tables, tiles
@@ -36,17 +34,15 @@ from vdfmu.study.report.scripts import (
     data_element,
     libraries,
     look,
-    module_element,
     run_head,
     script,
+    scripts_of,
 )
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import simulation_of
 from vdfmu.system.package.drawing import system_diagram
 
 NAME = "report.html"
-_PRINTED = 703
-"""Pixels across A4 within margins of 12 mm, as the style sheet sets them: 186 mm at 96 a 25.4 mm."""
 
 
 class StudyPart(NamedTuple):
@@ -61,28 +57,14 @@ class StudyPart(NamedTuple):
 
 def study_page(study: StudyPart) -> bytes:
     """Return the page of a study that simulates nothing."""
-    body = "\n".join([study.body, data_element({"runs": [], "study": study.content}), module_element(STUDY_ALONE)])
-    return page(study.title, study.about, body, 84, look())
+    body = "\n".join([study.body, data_element({"runs": [], "study": study.content})])
+    return page(study.title, study.about, body, 84, look(), scripts=scripts_of(STUDY_ALONE))
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
     """Write the page of one run or of several; `simulate`: it can run them again, by units compiled for it."""
     write_whole(path, [report_page(runs, simulate=simulate)])
     return path
-
-
-def write_pdf(page: Path, target: Path) -> Path:
-    """Print the page of a run into a file, by an installed Chromium or Chrome; for errors see :class:`Browser`."""
-    with temporary_folder("vdfmu_print_") as profile, Browser(Path(profile)) as browser:
-        browser.open(page, _PRINTED, 1000, motion="reduce")
-        features = [{"name": "prefers-color-scheme", "value": "light"}]
-        browser.call("Emulation.setEmulatedMedia", media="print", features=features)
-        browser.settle()
-        browser.run("report.printSheet()")
-        browser.settle()
-        found = browser.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
-    write_whole(target, [base64.b64decode(found["data"]), b"%" + PAGE_MARK + b"\n"])
-    return target
 
 
 def write_failed(name: str, package: Path, folder: Path, error: CosimError | Interrupted) -> None:
@@ -152,7 +134,6 @@ def report_page(
             data_element(data),
             *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
             libraries(),
-            module_element((*MODULES, *STUDY) if study else MODULES),
         ]
     )
     told = [
@@ -163,10 +144,10 @@ def report_page(
     about = _about(summaries)
     head = run_head("; ".join(line for line, _ in told) or about, arm_alone)
     if study:
-        return page(study.title, study.about, body, 84, head)
+        return page(study.title, study.about, body, 84, head, scripts=scripts_of((*MODULES, *STUDY)))
     lead = "".join(f'<p class="verdict {state}">{escape(line)}</p>\n' for line, state in told)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
-    return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead)
+    return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts_of(MODULES))
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:

@@ -22,7 +22,7 @@ _WEB = Path(__file__).parent / "web"
 MODULES = (
     "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "labels.js", "heat.js", "save.js", "chart.js",
     "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
-    "knob.js", "budget.js", "simulation.js", "comparison.js", "share.js", "live.js", "main.js",
+    "knob.js", "budget.js", "simulation.js", "comparison.js", "share.js", "server.js", "live.js", "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 STUDY = ("lab_plots.js", "lab.js", "lab_main.js")
@@ -33,21 +33,16 @@ COMPARED = ("data.js", "numbers.js", "laws.js")
 """Modules of the page of compared control laws."""
 GALLERY = ("gallery.js",)
 """Modules of the page of a folder of runs."""
-LIVE = "live.js"
-"""Module that hears what the server of a page says."""
+WORDS = ("server.js", "words.js")
+"""Modules of the page of a view that has words alone."""
 ROBOT = (
-    "packed.js", "vendor.js", "data.js", "numbers.js", "arm.js", "world.js", "puppet.js", "scene.js", LIVE, "robot.js",
+    "packed.js", "vendor.js", "data.js", "numbers.js", "arm.js", "world.js", "puppet.js", "scene.js", "server.js",
+    "live.js", "robot.js",
 )  # fmt: skip
 """Modules of the page of a robot."""
 WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which the page holds as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
-
-_POLICY = (
-    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline' "
-    "'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; img-src data:\">"
-)
-"""Makes a browser refuse every request to a network; WebAssembly runs, and so do workers made by the page."""
 
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="7" fill="#0b63c4"/>'
@@ -58,12 +53,12 @@ _ICON = (
 
 
 def look(*more: str, icon: str = "data:,") -> str:
-    """Return the content of a page's head: the policy that forbids network requests, icon, and style, light or dark.
+    """Return the content of a page's head: icon, and style, light or dark.
 
     `more` are further style sheets.
     """
     style = style_sheet() + "".join(map(_text, ("report.css", *more)))
-    return f'{_POLICY}<link rel="icon" href="{icon}"><style>{style}</style>'
+    return f'<link rel="icon" href="{icon}"><style>{style}</style>'
 
 
 def run_head(description: str, arm_alone: bool) -> str:
@@ -95,9 +90,9 @@ def data_element(content: Mapping[str, Any]) -> str:
     return f'<script id="data" type="application/json">{inert}</script>'
 
 
-def module_element(modules: Sequence[str], more: str = "") -> str:
-    """Return the element that runs modules, and a line more."""
-    return f'<script type="module">\n{script(modules)}\n{more}</script>'
+def scripts_of(modules: Sequence[str]) -> list[str]:
+    """Return the script of modules, and the libraries that it adds to the page."""
+    return [script(modules), *([_text(_VENDOR[0])] if "vendor.js" in modules else [])]
 
 
 def _text(name: str) -> str:

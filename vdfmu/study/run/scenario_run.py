@@ -332,4 +332,5 @@ def _separation(system: SystemDescription, package: Path, results: Results) -> f
         if name.startswith("I_m[")
     }
     nudged = simulated(system.scenario, package, record=["plant.q[*]"], parameters=parameters)
-    return float(np.abs(nudged["plant.q"] - results["plant.q"]).max())
+    pairs = zip(nudged.blocks(BLOCK), results.blocks(BLOCK), strict=True)
+    return max(float(np.abs(changed["plant.q"] - own["plant.q"]).max()) for changed, own in pairs)

@@ -64,9 +64,10 @@ def has_signals(results: Results, *groups: str) -> bool:
 def start_notes(results: Results, scenario: Scenario) -> list[str]:
     """Return a note for each plant that does not start where its motion starts."""
     notes: list[str] = []
+    start = next(results.blocks(1), results)
     for plant, leader in leaders(scenario.resolved).items():
         if has_signals(results, f"{leader}.q_d", f"{plant}.q"):
-            apart = np.abs(results[f"{leader}.q_d"][0] - results[f"{plant}.q"][0])
+            apart = np.abs(start[f"{leader}.q_d"][0] - start[f"{plant}.q"][0])
             i = int(apart.argmax())
             if apart[i] > _APART:
                 kind = (scenario.system.parts[plant].robot or scenario.arm).joint_types[i]

@@ -177,8 +177,8 @@ class LiveView:
             self._say(f"note: live view: it has ended: {self._stop() or 'it was killed'}")
         if not self.open or not (terminal or self._clients):
             return
-        until = "Ctrl-C ends it" if terminal else "it ends when no browser has it open"
-        self._say(f"The view stays: {self.address}, {until}")
+        until = "Ctrl-C" if terminal else "no browser has it open"
+        self._say(f"The view stays until {until}: {self.address}")
         with InterruptGuard() as guard:
             while not guard.number and self.open and (terminal or self._clients):
                 clock.sleep(0.1)

@@ -24,7 +24,7 @@ from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped
 from vdfmu.study.report.page import report_page
-from vdfmu.study.report.scripts import LIVE, look, module_element
+from vdfmu.study.report.scripts import WORDS, look, scripts_of
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.view.live import HEAD, SIGNALS
@@ -38,8 +38,7 @@ _GONE = 3.0
 
 def words_page(title: str, text: str) -> bytes:
     """Return a page that has words alone, and loads the next one when there is one."""
-    body = f"<p>{escape(text)}</p>{module_element((LIVE,), 'hearServer();')}"
-    return page(title, "A view of vdfmu", body, 60, look())
+    return page(title, "A view of vdfmu", f"<p>{escape(text)}</p>", 60, look(), scripts=scripts_of(WORDS))
 
 
 def live_page(title: str, about: Mapping[str, Any], names: Sequence[str], start: float, stop: float) -> bytes:

@@ -20,7 +20,7 @@ from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.joints import UNITS
-from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, module_element
+from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, scripts_of
 from vdfmu.study.report.shapes import Chain, DrawnShape, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
 from vdfmu.study.view.server import PERIOD, PageServer
 
@@ -74,13 +74,13 @@ class RobotView:
         return self._q.copy()
 
     def _take(self, request: dict[str, Any]) -> None:
-        """Take pose, motors and the name of a page, and pass them on to other pages."""
+        """Take pose, motors and the name of a page, and pass them on to other pages; ValueError for others."""
         values, motors = request.get("q"), request.get("motors")
-        if isinstance(values, list) and len(values) == self.robot.n and motors in MOTORS:
-            q = np.array([value if isinstance(value, int | float) else math.nan for value in values], dtype=float)
-            if np.isfinite(q).all():
-                self._q, self._motors, self._from = q, motors, str(request.get("from"))
-                self._server.send(self._pose)
+        numbers = [x for x in values if isinstance(x, float) and math.isfinite(x)] if isinstance(values, list) else []
+        if len(numbers) != self.robot.n or numbers != values or motors not in MOTORS:
+            raise ValueError
+        self._q, self._motors, self._from = np.array(numbers), motors, str(request.get("from"))
+        self._server.send(self._pose)
 
     def _pose(self) -> dict[str, Any]:
         return {"q": self._q.tolist(), "motors": self._motors, "from": self._from}
@@ -190,8 +190,7 @@ def _page(
             f'<section class="card"><h2>Notes</h2><ul>{told}</ul></section>' if notes else "",
             data_element(content),
             libraries(),
-            module_element(ROBOT),
         ]
     )
     what = robot.description or f"A robot of {robot.n} joints"
-    return page(robot.name, what, body, 92, look())
+    return page(robot.name, what, body, 92, look(), scripts=scripts_of(ROBOT))

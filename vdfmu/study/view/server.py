@@ -50,7 +50,8 @@ class PageServer:
     port : int, optional
         Port on loopback; default a free one.
     take : callable, optional
-        Called with each request of the page, an object of JSON, in a thread of its own.
+        Called with each request of the page, an object of JSON whose numbers are floats, in its own thread; raises
+        ValueError to refuse it.
 
     Raises
     ------
@@ -185,15 +186,17 @@ def _handler(owner: PageServer) -> type[BaseHTTPRequestHandler]:
             if self._refused():
                 return
             length = self.headers.get("Content-Length", "")
-            request: Any = None
-            if length.isdecimal() and int(length) <= _LARGEST:
-                with suppress(ValueError):
-                    request = json.loads(self.rfile.read(int(length)))
-            if not isinstance(request, dict):
-                self._answer(HTTPStatus.BAD_REQUEST, b"Expected an object of JSON.\n")
-                return
-            owner.take(request)
-            self._answer(HTTPStatus.NO_CONTENT)
+            try:
+                if not length.isdecimal() or int(length) > _LARGEST:  # Python refuses too many digits
+                    raise ValueError
+                request = json.loads(self.rfile.read(int(length)), parse_int=float)
+                if not isinstance(request, dict):
+                    raise ValueError
+                owner.take(request)
+            except (ValueError, RecursionError):
+                self._answer(HTTPStatus.BAD_REQUEST, b"The request must be an object of JSON that this page sends.\n")
+            else:
+                self._answer(HTTPStatus.NO_CONTENT)
 
         def _refused(self) -> bool:
             hosts, origins = (self.headers.get_all(name) or [] for name in ("Host", "Origin"))

@@ -23,6 +23,7 @@ from pythonfmu.enums import Fmi2Status
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import FmuError, VdfmuError
+from vdfmu.base.text import kind_text
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.description import LOG_CATEGORIES, model_description
 from vdfmu.compiler.fmu.python.behaviour import Behaviour
@@ -84,7 +85,7 @@ def _words(error: BaseException) -> str:
         return "it was interrupted from the keyboard."
     if isinstance(error, VdfmuError):
         return str(error)
-    return f"{type(error).__name__}: {error}"
+    return kind_text(error)
 
 
 @contextmanager
@@ -322,7 +323,7 @@ class UnitSlave(Fmi2Slave):
             memory = np.array(known["memory"], dtype=float).reshape(len(self._memory))
             self._behaviour.restore(known["behaviour"])  # the last that may fail: nothing has changed yet
         except (LookupError, TypeError, ValueError) as error:
-            raise FmuError(f"the state is damaged: {type(error).__name__}: {error}.") from None
+            raise FmuError(f"the state is damaged: {kind_text(error)}.") from None
         self._memory[:] = memory
         self.time, self._start_time, self._tolerance = times
         self._stale, self._unchecked = stale, True

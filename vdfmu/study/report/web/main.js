@@ -7,7 +7,7 @@ import { showFigures } from "./figures.js";
 import { followRun } from "./live.js";
 import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
-import { follow, pictureButtons, printSheet, shareButtons } from "./share.js";
+import { follow, pictureButtons, shareButtons } from "./share.js";
 import { showSimulation } from "./simulation.js";
 import { recalled, remember, whenRecalled } from "./state.js";
 import { showSystem } from "./system.js";
@@ -49,5 +49,5 @@ whenRecalled(recall);
 if (recalled("t") || recalled("figure")) recall();
 
 /** For the console and for tests; what is around the page hears when it is there. */
-globalThis.report = { binaries, charts, curvesOf, difference, differences, player, printSheet: () => printSheet(player, charts), quantity, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
+globalThis.report = { binaries, charts, curvesOf, difference, differences, player, quantity, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
 dispatchEvent(new Event("report"));

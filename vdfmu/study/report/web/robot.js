@@ -2,7 +2,8 @@
 
 import { axesOf, dress, solid } from "./arm.js";
 import { choice, make, reducedMotion, robot, runs, toggle, unpack } from "./data.js";
-import { askServer, hearServer, stateLine } from "./live.js";
+import { stateLine } from "./live.js";
+import { askServer, hearServer } from "./server.js";
 import { quantity, text } from "./numbers.js";
 import { Scene3D, VIEWS } from "./scene.js";
 import { Arrow } from "./world.js";

@@ -1,11 +1,9 @@
 // What is passed on: a link to what is shown, the command that makes it, a picture and a film of the arm.
 
 import { copied, make, recorded, reducedMotion, simulated, view } from "./data.js";
-import { quantity } from "./numbers.js";
 import { address } from "./state.js";
 import { handOver } from "./save.js";
 
-const PRINTED = ["tracking", "torque", "compensation", "tool"];
 const LONGEST_FILM = 10; // s
 const FILM_TITLE = "Save a film of the whole run";
 const FILM_TYPES = ["video/mp4;codecs=avc1.42E01E", "video/webm;codecs=vp9", "video/webm"];
@@ -88,23 +86,6 @@ function filmed(player, button) {
     else recorder.stop();
   };
   step();
-}
-
-/** Leave of the page what fits on two printed ones: numbers, the arm at three times, four figures, the first table, facts. */
-export function printSheet(player, charts) {
-  const [first, last] = view.full(), before = view.time, worst = recorded[0].marks[0]?.time ?? (first + last) / 2;
-  document.documentElement.classList.add("sheet");
-  if (player?.scene) {
-    const poses = [first, worst, last].map((time) => {
-      view.change("time", time);
-      return make("figure", {}, make("img", { alt: "", src: copyOf(player).canvas.toDataURL() }), make("figcaption", {}, quantity(time, "s")));
-    });
-    view.change("time", before);
-    document.getElementById("arm").after(make("div", { class: "poses" }, ...poses));
-  }
-  const kept = PRINTED.map((key) => charts.find(({ element }) => element.dataset.figure.startsWith(key))).filter(Boolean);
-  for (const chart of charts) chart.element.hidden = kept.length > 0 && !kept.includes(chart);
-  dispatchEvent(new Event("beforeprint")); // draws those that were not in sight
 }
 
 /** Go to the time and the figure of a tile. */

@@ -1,0 +1,81 @@
+"""Results of many rows: read block by block, from the same bits, in memory that does not grow with the rows."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from vdfmu.base.errors import StorageError, UsageError
+from vdfmu.engine.results import csv_file, joined, parquet
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
+
+ROWS, COLUMNS = 3000, 4
+
+
+@pytest.fixture
+def long(monkeypatch):
+    """Return results of several blocks, with copies that are 0 and 1 row late, of which few may stay in memory."""
+    for place, name, value in ((csv_file, "_NUMBERS", 1), (parquet, "_GROUP", 700), (joined, "_MOST", 50_000)):
+        monkeypatch.setattr(place, name, value)
+    rng = np.random.default_rng(5)
+    signals = [Signal(f"a.x[{i + 1}]", "real", "m", i) for i in range(COLUMNS)]
+    signals += [Signal("a.n", "integer", "", 0), Signal("a.on", "boolean", "", 0)]
+    data = {
+        "real": rng.standard_normal((ROWS, COLUMNS)),
+        "integer": rng.integers(-9, 9, (ROWS, 1), dtype=np.int32),
+        "boolean": rng.integers(0, 2, (ROWS, 1), dtype=np.int32),
+    }
+    summary = {"copies": {"0": {"b.x": "a.x[1]"}, "1": {"b.y": "a.x[2]", "b.n": "a.n"}}}
+    return Results(1e-3 * np.arange(ROWS), signals, data, summary)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_rows_that_are_read_block_by_block_are_the_same(long, tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"results.{suffix}"
+    long.write(path)
+    monkeypatch.setattr(csv_file, "summary_beside", lambda path: long.summary)
+    found = Results.read(path)
+    assert all(isinstance(array, np.memmap) for array in found.data.values())
+    np.testing.assert_array_equal(found.time, long.time)
+    for name in long.names:
+        np.testing.assert_array_equal(found[name], long[name], strict=True)
+    np.testing.assert_array_equal(found["b.x"], long["a.x[1]"])
+    for copy, of in (("b.y", "a.x[2]"), ("b.n", "a.n")):  # the first row holds until the second
+        np.testing.assert_array_equal(found[copy], np.r_[long[of][:1], long[of][:-1]])
+
+
+def test_memory_does_not_grow_with_the_rows_that_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_file, "_NUMBERS", 2**14)
+    monkeypatch.setattr(joined, "_MOST", 2**18)
+    peaks = []
+    for rows in (20_000, 80_000):
+        signals = [Signal(f"a.x[{i + 1}]", "real", "m", i) for i in range(COLUMNS)]
+        data = {"real": np.arange(rows * COLUMNS, dtype=float).reshape(rows, COLUMNS)}
+        Results(np.arange(rows, dtype=float), signals, data).write(tmp_path / "r.csv")
+        tracemalloc.start()
+        read = Results.read(tmp_path / "r.csv")
+        for block in read.blocks(1000):
+            assert block["a.x"].shape == (len(block), COLUMNS)
+        peaks.append(tracemalloc.get_traced_memory()[1] - 2 * read.time.nbytes)  # the times: their blocks, and joined
+        tracemalloc.stop()
+    # what a block takes, not the 60,000 rows more: 32 bytes each, and some 100 as text
+    assert peaks[1] - peaks[0] < 0.1 * 60_000 * 32
+
+
+def test_the_row_of_a_fault_counts_from_the_first(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_file, "_NUMBERS", 1)
+    lines = ["time,a", "s,m", *(f"{k},1" for k in range(1500)), "1500,x"]
+    (tmp_path / "r.csv").write_text("\n".join(lines))
+    with pytest.raises(UsageError, match="'x' to float64 at row 1500, column 2"):
+        Results.read(tmp_path / "r.csv")
+
+
+def test_a_folder_of_temporary_files_that_is_full_is_named(long, tmp_path, monkeypatch):
+    def full(**_):
+        raise OSError(28, "No space left on device")
+
+    long.write(tmp_path / "r.csv")
+    monkeypatch.setattr(joined.tempfile, "TemporaryFile", full)
+    with pytest.raises(StorageError, match=r"r\.csv: the folder of temporary files .*: No space left.*TMPDIR"):
+        Results.read(tmp_path / "r.csv")

@@ -1,0 +1,72 @@
+"""Results that are read block by block: few are in memory, many in temporary files that are read in place."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import StorageError
+from vdfmu.engine.results.recorded import KINDS, Recorded, Signal, copies_in, with_copies
+
+_MOST = 2**25
+"""Bytes of numbers that are kept in memory."""
+
+
+def joined(
+    path: Path, blocks: Iterable[tuple[Floats, Mapping[str, NDArray[Any]]]], signals: Sequence[Signal], summary: Any
+) -> Recorded:
+    """Return the rows of blocks of times and data, at least one, with the copies that the summary names.
+
+    StorageError if the temporary files cannot hold the numbers of `path`.
+    """
+    copies, placed, above = copies_in(summary), [*signals], None
+    times: list[Floats] = []
+    kept: dict[str, list[NDArray[Any]]] = {kind: [] for kind in KINDS}
+    files: dict[str, IO[bytes]] = {}
+    try:
+        for time, data in blocks:
+            placed, whole = with_copies(signals, data, copies, above)
+            times.append(time)
+            above = data
+            for kind, array in whole.items():
+                kept[kind].append(array)
+            if sum(array.nbytes for arrays in kept.values() for array in arrays) > _MOST:
+                _move(path, kept, files)
+        if files:
+            _move(path, kept, files)
+        m = sum(map(len, times))
+        found = {kind: _read(arrays, files.get(kind), m) for kind, arrays in kept.items()}
+        return Recorded(np.concatenate(times), placed, found, summary)
+    finally:
+        for file in files.values():
+            file.close()  # a map stays
+
+
+def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, IO[bytes]]) -> None:
+    """Move blocks to the files of their kinds, except for an empty one of each, which has the columns."""
+    try:
+        for kind, arrays in kept.items():
+            if arrays[0].shape[1]:
+                file = files[kind] = files.get(kind) or tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
+                for array in arrays:
+                    rest = memoryview(array.tobytes())
+                    while rest:
+                        rest = rest[file.write(rest) :]
+            arrays[:] = [arrays[0][:0].copy()]
+    except OSError as error:
+        raise StorageError(
+            f"{path}: the folder of temporary files cannot hold its numbers: {error.strerror or error}. Free space, or "
+            "choose another folder with TMPDIR."
+        ) from None
+
+
+def _read(arrays: Sequence[NDArray[Any]], file: IO[bytes] | None, m: int) -> NDArray[Any]:
+    if file is None:
+        return np.concatenate(arrays)
+    return np.memmap(file, arrays[0].dtype, "c", shape=(m, arrays[0].shape[1]))
