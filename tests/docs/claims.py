@@ -23,11 +23,12 @@ import vdfmu
 from tests.docs import quantities
 
 ROOT = Path(__file__).resolve().parents[2]
-WORDS = {word: 7 + i for i, word in enumerate(("seven", "eight", "nine", "ten", "eleven", "twelve"))}
+WORDS = {"ten": 10, "eleven": 11, "twelve": 12}
 _RAISED = "0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"
 _POWER = f"10[{_RAISED[1]}]+"
 NUMBER = rf"{_POWER}|[-−]?\d+(?:,\d{{3}})*(?:\.\d+)?(?:·{_POWER}|e[-+]?\d+)?|\b(?i:{'|'.join(WORDS)})\b"
 """A number as the pages write it: 0.5, 2,000, 4.6·10⁻¹⁰, 10⁻⁹, 4.56e-10, eleven."""
+_BRACED = rf"\{{({NUMBER})\}}"
 
 
 @dataclass(frozen=True)
@@ -48,14 +49,7 @@ class Claim:
     @property
     def parts(self) -> list[str]:
         """The text between the figures and the figures, in turns."""
-        braced = rf"\{{({NUMBER})\}}"
-        return re.split(braced if re.search(braced, self.text) else f"({NUMBER})", self.text)
-
-    def with_figures(self, figures: list[str]) -> str:
-        """Return the text as `docs/claims.toml` has it, with other figures."""
-        parts, form = self.parts, "{{{}}}" if re.search(rf"\{{({NUMBER})\}}", self.text) else "{}"
-        parts[1::2] = map(form.format, figures)
-        return "".join(parts)
+        return re.split(_BRACED if re.search(_BRACED, self.text) else f"({NUMBER})", self.text)
 
     @property
     def pattern(self) -> str:
@@ -74,32 +68,32 @@ class Claim:
         """Return the numbers that the command or the expression gives."""
         if self.command:
             output = _output(self.command)
-            given = _groups(self.find or self.pattern, output[output.index(self.after) :])
+            given = _search(self.find or self.pattern, output[output.index(self.after) :])
         else:
-            names = {"np": np, "vdfmu": vdfmu, "said": said, "numbers": numbers}
-            given = np.ravel(eval(self.python, names | vars(quantities))).tolist()
-        found = [value(each) if isinstance(each, str) else float(each) for each in given]
-        figures = len(self.parts) // 2
-        if found and self.tolerance.startswith("at "):
-            found = [max(found) if self.tolerance == "at most" else min(found)] * figures
+            names = {"np": np, "vdfmu": vdfmu, "ROOT": ROOT, "said": said, "numbers": numbers}
+            given = eval(self.python, names | vars(quantities))
+        found, figures = np.ravel(given).astype(float).tolist(), len(self.parts) // 2
+        if found and self.tolerance == "at most":
+            found = [max(found)] * figures
         if len(found) != figures:
             raise ValueError(f"expected {figures} numbers, got {found}")
         return found
 
     def agrees(self, figure: str, number: float) -> bool:
         """Whether a number is within the tolerance of a figure."""
-        claimed, (kind, _, size) = value(figure), self.tolerance.partition(" ")
-        if kind == "at":
-            return number <= claimed if size == "most" else number >= claimed
-        if kind == "x":
-            return claimed / float(size) <= number <= claimed * float(size)
-        share = 0.0 if kind == "rounded" else float(kind) / 100.0
-        # Half of the last digit, and rounding of the difference of two decimal numbers.
-        return abs(number - claimed) <= 0.5001 * _digit(figure) + share * abs(claimed)
+        if self.tolerance == "at most":
+            return number <= value(figure)
+        mantissa, power = _split(figure)
+        half = 0.5 * 10.0 ** (power - len(mantissa.partition(".")[2]))
+        share = 0.0 if self.tolerance == "rounded" else 0.01 * float(self.tolerance.removesuffix(" %"))
+        # Half of the last digit and the share. The factor is for rounding of the difference of two decimal numbers.
+        return abs(number - value(figure)) <= 1.0001 * half + share * abs(value(figure))
 
 
 def _split(figure: str) -> tuple[str, int]:
     """Return mantissa and power of ten."""
+    if figure.lower() in WORDS:
+        return str(WORDS[figure.lower()]), 0
     number = re.sub(rf"·10(?=[{_RAISED[1]}])", "e", re.sub(rf"^(?={_POWER}$)10", "1e", figure))
     mantissa, _, power = number.translate(str.maketrans(f"{_RAISED[1]}−", f"{_RAISED[0]}-", ",")).partition("e")
     return mantissa, int(power or 0)
@@ -107,43 +101,35 @@ def _split(figure: str) -> tuple[str, int]:
 
 def value(figure: str) -> float:
     """Return the number that a figure shows."""
-    return WORDS[figure.lower()] if figure.lower() in WORDS else float("{}e{}".format(*_split(figure)))
-
-
-def _digit(figure: str) -> float:
-    mantissa, power = ("", 0) if figure.lower() in WORDS else _split(figure)
-    return 10.0 ** (power - len(mantissa.partition(".")[2]))
+    return float("{}e{}".format(*_split(figure)))
 
 
 def rendered(figure: str, number: float) -> str:
     """Return a number in the form of a figure, below 1 with two significant digits or more."""
-    if figure.lower() in WORDS:
-        return {each: word for word, each in WORDS.items()}.get(round(number), f"{number:.0f}")
     decimals = len(_split(figure)[0].partition(".")[2])
-    if "e" in figure:
-        return f"{number:.{decimals}e}"
+    mantissa, power = f"{number:.{decimals}e}".split("e")
     if re.search(_POWER, figure):
-        mantissa, power = f"{number:.{decimals}e}".split("e")
         return f"{mantissa}·10{str(int(power)).translate(str.maketrans(*_RAISED))}"
+    if re.search("[0-9]e", figure):
+        return f"{mantissa}e{power}"
     if 0.0 < abs(number) < 1.0:
         decimals = max(decimals, 1 - math.floor(math.log10(abs(number))))
     return f"{number:{',' if ',' in figure else ''}.{decimals}f}"
 
 
-def said(path: str, expression: str) -> list[str]:
-    """Return the groups of an expression in a file of the project."""
-    return _groups(expression, (ROOT / path).read_text(encoding="utf-8"))
+def _search(expression: str, text: str) -> np.ndarray:
+    """Return the groups of an expression as numbers, a row for each match."""
+    return np.array([[*map(value, match.groups())] for match in re.finditer(expression, text, re.MULTILINE)])
+
+
+def said(path: str, expression: str) -> np.ndarray:
+    """Return the numbers that an expression finds in a file of the project."""
+    return _search(expression, (ROOT / path).read_text(encoding="utf-8"))
 
 
 def numbers(command: str, expression: str) -> np.ndarray:
-    """Return the groups of an expression in the output of a command, as numbers: a row for each match."""
-    return np.array(
-        [[value(each) for each in match.groups()] for match in re.finditer(expression, _output(command), re.MULTILINE)]
-    )
-
-
-def _groups(expression: str, text: str) -> list[str]:
-    return [group for match in re.finditer(expression, text, re.MULTILINE) for group in match.groups()]
+    """Return the numbers that an expression finds in the output of a command."""
+    return _search(expression, _output(command))
 
 
 @functools.cache
@@ -160,55 +146,49 @@ def _output(command: str) -> str:
 
 def claims() -> list[Claim]:
     """Return all claims."""
-    return [Claim(**each) for each in tomllib.loads((ROOT / "docs/claims.toml").read_text(encoding="utf-8"))["claim"]]
+    return [Claim(**row) for row in tomllib.loads((ROOT / "docs/claims.toml").read_text(encoding="utf-8"))["claim"]]
 
 
-def print_into_pages() -> None:
-    """Write the figures of all claims into their pages."""
-    for claim in claims():
-        text = (ROOT / claim.page).read_text(encoding="utf-8")
-        place, figures = claim.place(text), claim.parts[1::2]
-        for i in reversed(range(len(figures))):
-            text = text[: place.start(i + 1)] + figures[i] + text[place.end(i + 1) :]
-        (ROOT / claim.page).write_text(text, encoding="utf-8")
+def write(claim: Claim, figures: list[str]) -> None:
+    """Write the figures of a claim into `docs/claims.toml` and its page."""
+    parts, form = claim.parts, "{{{}}}" if re.search(_BRACED, claim.text) else "{}"
+    parts[1::2] = map(form.format, figures)
+    table, page = ROOT / "docs/claims.toml", ROOT / claim.page
+    text = page.read_text(encoding="utf-8")
+    place = claim.place(text)
+    for i in reversed(range(len(figures))):
+        text = text[: place.start(i + 1)] + figures[i] + text[place.end(i + 1) :]
+    page.write_text(text, encoding="utf-8")
+    table.write_text(table.read_text(encoding="utf-8").replace(claim.text, "".join(parts)), encoding="utf-8")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run claims and print what is found; return 1 if a figure differs."""
+    """Run claims and print what is found; return 1 if a figure of the file differs."""
     parser = argparse.ArgumentParser(prog="python -m tests.docs.claims", description="Run the claims of the pages.")
     parser.add_argument("words", nargs="*", metavar="WORD", help="in page, text or command; default all claims")
     parser.add_argument("--write", action="store_true", help="write what is found into the file and the pages")
-    parser.add_argument(
-        "--pages", action="store_true", help="run nothing: write the figures of the file into the pages"
-    )
-    options = parser.parse_args(arguments)
-    differ, table = 0, ROOT / "docs/claims.toml"
-    for claim in claims() if not options.pages else []:
+    options, differ = parser.parse_args(arguments), 0
+    for claim in claims():
         if not all(word in f"{claim.page} {claim.text} {claim.command} {claim.python}" for word in options.words):
             continue
-        figures, holds, found = claim.parts[1::2], True, claim.seen
-        claimed = ", ".join(figures)
+        figures, sign, found = claim.parts[1::2], "seen", claim.seen
         if not claim.seen:
             try:
                 given = claim.found()
-                holds, found = all(map(claim.agrees, figures, given)), ", ".join(f"{number:.4g}" for number in given)
-                if options.write and not holds:
-                    written = [f if claim.agrees(f, n) else rendered(f, n) for f, n in zip(figures, given, strict=True)]
-                    table.write_text(
-                        table.read_text(encoding="utf-8").replace(claim.text, claim.with_figures(written)),
-                        encoding="utf-8",
-                    )
-                    figures = written
-                    differ -= all(map(claim.agrees, figures, given))
+                agree, found = [*map(claim.agrees, figures, given)], ", ".join(f"{number:.4g}" for number in given)
+                if options.write:
+                    rows = zip(figures, agree, given, strict=True)
+                    written = [figure if agrees else rendered(figure, number) for figure, agrees, number in rows]
+                    write(claim, written)
+                    agree = [*map(claim.agrees, written, given)]
             except Exception as error:  # the next one may hold
-                holds, found = False, f"{error} {getattr(error, 'output', '')}"
-            differ += not holds
-        sign = "seen" if claim.seen else "pass" if holds else "FAIL"
-        print(f"{sign} {claim.page}: claimed {claimed} [{claim.unit}, {claim.tolerance}], found {found}", flush=True)
-        if not holds:
+                agree, found = [False], f"{error} {getattr(error, 'output', '')[-500:]}"
+            sign = "pass" if all(agree) else "FAIL"
+        differ += sign == "FAIL"
+        claimed = f"claimed {', '.join(figures)} [{claim.unit}, {claim.tolerance}]"
+        print(f"{sign} {claim.page}: {claimed}, found {found}", flush=True)
+        if sign == "FAIL":
             print(f"     {claim.text!r}\n     {claim.command or claim.python}")
-    if options.write or options.pages:
-        print_into_pages()
     return int(differ > 0)
 
 
