@@ -12,7 +12,7 @@ PYTEST := -m pytest --dist worksteal
 unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-all test-lowest hostile mutants bench docs lint sbom audit release lock vendor clean
+.PHONY: demo test test-all test-lowest hostile mutants claims bench docs lint sbom audit release lock vendor clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -38,6 +38,9 @@ hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of th
 
 mutants: $(VENV)/test  ## seed faults into the package and see whether make test finds them: hours
 	$(BIN)/python -m tests.mutants $(WORDS)
+
+claims: $(VENV)/test  ## run the commands behind the figures of README and docs, print found beside claimed: minutes
+	$(BIN)/python -m tests.docs.claims $(CLAIMS)
 
 bench: $(VENV)/test  ## measure times
 	$(BIN)/python -m benchmarks

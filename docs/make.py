@@ -61,7 +61,11 @@ def main() -> int:
         check=False,
     )
     site = DOCS.parent / "build" / "site"
-    for program in (*site.glob("*.py"), *site.rglob("*.ipynb")):  # it copies all that it does not know
+    for program in (
+        *site.glob("*.py"),
+        *site.glob("*.toml"),
+        *site.rglob("*.ipynb"),
+    ):  # it copies all that it does not know
         program.unlink()
     shutil.rmtree(site / "__pycache__", ignore_errors=True)
     for built in site.rglob("*.html"):  # what search needs from disk comes with the pages, not from a network

@@ -3,7 +3,9 @@
     python examples/kr300/compare.py
     python examples/kr300/compare.py results/no_integrator controller.f_n=0
 
-Of the record A, to which the robot and times of its controller were fitted, and of B, to which no number was.
+Of the record A, to which the robot and times of its controller were fitted, and of B, to which no number was. Beside
+the robot is a wrong one under the same controller: half the masses, half the friction, springs ten times as stiff. A
+number that both predict says nothing about the arm.
 The records in Parquet need pyarrow. Taken out of them are constants of the torques and the delay of the encoders behind
 the gears, as `vdfmu identify` finds them in A, and the constant between the encoders of each axis, which count from
 where they start. Axes 4 to 6 have no encoders behind their gears: the position is that of the motor.
@@ -33,11 +35,17 @@ FILE_LAW = {"controller.f_n": 0.0, "controller.T": 1e-4, "controller.T_q": 0.0, 
 """The law of the public repository."""
 
 
+def wrong_arm(robot):
+    """Return the robot with half the masses, half the friction and springs ten times as stiff."""
+    half = {name: 0.5 * getattr(robot, name) for name in ("mass", "inertia", "f_c", "f_s", "f_v")}
+    return robot.with_parameters(**half, **{name: 10.0 * getattr(robot, name) for name in ("K_f0", "K_w0")})
+
+
 def simulated(name, robot, **options):
     """Run the scenario with the reference and the commands of a record."""
     trajectory = vdfmu.load_motion(HERE / f"{name}_reference.csv", robot).unit()
     inputs = HERE / f"{name}_command.csv"
-    return vdfmu.run("kr300", inputs=inputs, units={"trajectory": trajectory}, reference=False, **options)
+    return vdfmu.run("kr300", robot=robot, inputs=inputs, units={"trajectory": trajectory}, reference=False, **options)
 
 
 def corrections(robot):
@@ -88,23 +96,29 @@ def errors(here, there):
     return list(zip(*found, strict=True))
 
 
-def table(name, here, there, file_law):
-    """Print what is measured, predicted and left of each axis; of torques also where it moves, below 20 Hz."""
-    (e, e_there), (tau, tau_there), (bent, bent_there) = errors(here, there)
-    by_file = here["trajectory.q_d"] - file_law
+def table(name, arm, wrong, file):
+    """Print measured values, predictions, and the rest of the arm and the wrong arm; *moving*: below 20 Hz, in motion.
+
+    Arms and file's law are pairs of simulated and measured signals.
+    """
+    (e, e_there), (tau, tau_there), (bent, bent_there) = errors(*arm)
+    (e_wrong, _), (tau_wrong, _), (bent_wrong, bent_there_wrong) = errors(*wrong)
+    (e_file, _), *_ = errors(*file)
+    bends = 1e6 * np.stack([rms(bent_there - bent_there.mean(axis=0)), rms(bent - bent_there),
+                            rms(bent_wrong - bent_there_wrong)])  # fmt: skip
     slow = sosfiltfilt(butter(4, 20.0, fs=250.0, output="sos"), tau_there - tau, axis=0)
-    moves = np.abs(np.gradient(here["trajectory.q_d"], 0.004, axis=0)) > MOVES
-    print(f"{name}      tracking error, RMS [mrad]              torque, RMS [N.m]         deflection [urad]")
-    print("axis  measured predicted  left %  file's law  measured  left %  moving   measured   left")
+    moves = np.abs(np.gradient(arm[0]["trajectory.q_d"], 0.004, axis=0)) > MOVES
+    print(
+        f"{name}       tracking error, RMS [mrad]      left, %        torque, left, %         deflection, left [urad]"
+    )
+    print("axis measured     arm   wrong    file    arm  wrong  [N.m]    arm  wrong moving   measured    arm  wrong")
     for i in range(6):
-        line = f"{i + 1:4}{1e3 * rms(e_there)[i]:10.3f}{1e3 * rms(e)[i]:10.3f}"
-        line += f"{100 * rms(e - e_there)[i] / rms(e_there)[i]:8.1f}{1e3 * rms(by_file)[i]:12.3f}"
-        line += f"{rms(tau_there)[i]:10.2f}{100 * rms(tau - tau_there)[i] / rms(tau_there)[i]:8.1f}"
-        line += f"{100 * rms(slow[moves[:, i], i]) / rms(tau_there[moves[:, i], i]):8.1f}"
-        if i < 3:
-            about = bent_there - bent_there.mean(axis=0)
-            line += f"{1e6 * rms(about)[i]:11.0f}{1e6 * rms(bent - bent_there)[i]:7.0f}"
-        print(line)
+        line = f"{i + 1:4}" + "".join(f"{1e3 * rms(each)[i]:8.3f}" for each in (e_there, e, e_wrong, e_file))
+        line += "".join(f"{100 * rms(each - e_there)[i] / rms(e_there)[i]:7.1f}" for each in (e, e_wrong))
+        line += f"{rms(tau_there)[i]:7.2f}"
+        line += "".join(f"{100 * rms(each - tau_there)[i] / rms(tau_there)[i]:7.1f}" for each in (tau, tau_wrong))
+        line += f"{100 * rms(slow[moves[:, i], i]) / rms(tau_there[moves[:, i], i]):7.1f}"
+        print(line + ("{:11.0f}{:7.0f}{:7.0f}".format(*bends[:, i]) if i < 3 else ""))
 
 
 @style.styled
@@ -134,10 +148,11 @@ def main(folder, *changes):
     folder = Path(folder)
     for name in ("a", "b"):
         run = simulated(name, robot, out=folder / f"kr300_{name}", overwrite=True, settings=settings)
-        other = simulated(name, robot, out=False, settings=FILE_LAW)
-        time, here, there = measured(name, robot, run, constants, delays)
-        _, file_law, _ = measured(name, robot, other, constants, delays)
-        table(name.upper(), here, there, file_law["plant.q"])
+        others = (wrong_arm(robot), settings), (robot, FILE_LAW)
+        runs = run, *(simulated(name, arm, out=False, settings=changed) for arm, changed in others)
+        compared = [measured(name, robot, each, constants, delays) for each in runs]
+        table(name.upper(), *(each[1:] for each in compared))
+        time, here, there = compared[0]
         draw(folder / f"kr300_{name}.png", name.upper(), time, here, there)
         facts = {key: run.summary[key] for key in ("robot", "joints", "arm", "vdfmu")}
         shown = [

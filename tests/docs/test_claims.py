@@ -1,4 +1,4 @@
-"""What the documentation states: names of tests, pivots, frequencies and tolerances of the solver, stability."""
+"""What the documentation states: figures, names of tests, links, pivots and tolerances of the solver, stability."""
 
 import dataclasses
 import re
@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.docs import claims
+from tests.docs.quantities import END, N, plant_jacobian
+from tests.docs.test_tutorials import GUIDES, README
+from tests.docs.test_tutorials import PAGES as TUTORIALS_RUN
 from vdfmu.arm.equations.flexible_joint import rotor_transform
 from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix, velocity_mapping
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.arm.robot.structure import values as parameter_values
-from vdfmu.arm.units import shipped_units
-from vdfmu.compiler.functions.rodas import ALPHA, GAMMA, GAMMA_I
+from vdfmu.compiler.functions.rodas import GAMMA
 from vdfmu.compiler.scalar.elimination import factorize, solve, sparse_of
-from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.parts import cached_fmus
@@ -23,10 +24,14 @@ from vdfmu.system.scenario.values import group_value, system_values
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
-N = 6
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def name_of(page):
+    """Return the path of a page from the root."""
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_named_tests_exist(page):
     text = page.read_text(encoding="utf-8")
     for path, name in re.findall(r"`(tests/[\w/]+\.py)(?:::(test_\w+))?`", text):
@@ -43,7 +48,7 @@ def test_every_erratum_test_is_documented():
     assert names and [name for name in names if name not in page] == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_linked_files_exist(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
@@ -66,19 +71,6 @@ def test_the_wrench_of_the_page_acts_on_the_arm_of_the_page():
     axis = int(re.search(r"^time,plant\.F_e\[(\d)\] \[N\]$", page, re.MULTILINE)[1])
     levers = jacobian(vdfmu.load_robot("planar_2dof"), np.array([0.3, 0.4]))[axis - 1]
     assert (np.abs(levers) > 0.1).all()  # m
-
-
-def plant_jacobian(robot):
-    """Return the Jacobian (24, 24) of the plant's derivatives as a function of the state, without torques."""
-    call = Interface(shipped_units()["plant"], robot).functions.function("plant_jacobian")
-    call.args["p"][:] = parameter_values(robot)
-
-    def jacobian(x):
-        call.args["x"][:] = x
-        call.run()
-        return call.results["J"].reshape(4 * N, 4 * N, order="F").copy()
-
-    return jacobian
 
 
 @pytest.mark.heavy
@@ -113,43 +105,6 @@ def test_pivots_stay_positive(arm, coupling):
             assert np.abs(solve(LU, b) - pivoted).max() < 1e-14 * np.abs(pivoted).max()
 
 
-def test_coefficients_of_time_on_the_page_are_those_of_the_step():
-    page = (ROOT / "docs/solver.md").read_text(encoding="utf-8")
-    for letter, values in ((r"\alpha_i", ALPHA), (r"\gamma_i", GAMMA_I)):
-        cells = " | ".join(f"{value:.4g}".replace("-", "−") for value in values)
-        assert f"| ${letter}$ | {cells} |" in page
-
-
-def elastic_modes(arm, jacobian, gravity_holds, locked):
-    """Return the lowest and highest elastic frequency [Hz] over the poses of (57), at rest, without friction."""
-    found = []
-    for s in np.linspace(0.0, 1.0, 101):
-        q = s * np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
-        tau_s = equilibrium_torque(arm, q) if gravity_holds else np.zeros(N)
-        J = jacobian(np.concatenate([q, np.zeros(2 * N), tau_s]))
-        if locked:
-            keep = np.delete(np.arange(4 * N), np.s_[2 * N : 3 * N])
-            J = J[np.ix_(keep, keep)]
-        modes = np.sort(np.abs(np.linalg.eigvals(J).imag) / (2.0 * np.pi))
-        modes = modes[modes > 2.0][::2]  # below is the pendulum, not the springs
-        assert len(modes) == N  # one for each joint
-        found += [modes[0], modes[-1]]
-    return [round(min(found)), round(max(found))]
-
-
-def test_elastic_frequencies_on_the_page_are_those_of_the_poses_of_the_motion(arm):
-    # docs/solver.md, in whole Hz
-    bare = arm.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
-    jacobian = plant_jacobian(bare)
-    page = (ROOT / "docs/solver.md").read_text(encoding="utf-8")
-    for row, gravity_holds in (("loaded by gravity", True), ("without load", False)):
-        free, locked = (elastic_modes(bare, jacobian, gravity_holds, locked) for locked in (False, True))
-        assert f"| {row} | {free[0]} to {free[1]} | {locked[0]} to {locked[1]} |" in page
-    # what the text above the table says of it
-    low, high = elastic_modes(bare, jacobian, True, False)
-    assert f"elastic modes at {low} to {high} Hz" in page
-
-
 @pytest.mark.heavy
 def test_stick_slip_amplifies_the_tolerance(tmp_path):
     # docs/solver.md: tracking without gravity, K_p = 100 and K_v = 5: below the falling branch of the friction
@@ -178,7 +133,7 @@ def growth(arm, jacobian, K_p, K_v, source):
     rotor = slice(2 * N, 3 * N)
     found = []
     for s in (0.0, 0.5, 1.0):
-        q = s * np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
+        q = s * END
         J = jacobian(np.concatenate([q, np.full(2 * N, 0.5), equilibrium_torque(arm, q)]))
         J[rotor, :N] -= np.diag(K_p / arm.ell / arm.I_m)
         J[rotor, velocity] -= np.diag(K_v / arm.ell / arm.I_m)
@@ -196,15 +151,6 @@ def test_derivative_on_the_link_is_unstable_and_on_the_rotor_stable(arm):
     assert min(growth(arm, jacobian, 0.1 * K_p, 0.1 * K_v, "q_dot")) > 10.0
 
 
-def test_stability_numbers_of_the_default_gains(arm):
-    # docs/cosimulation.md
-    scenario = load_scenario("tracking")
-    number = group_value(scenario, "controller.K_v") * scenario.step / (arm.ell * arm.I_m)
-    assert [f"{x:.2f}" for x in number] == ["0.44", "0.44", "0.35", "0.26", "0.22", "0.18"]
-    page = (ROOT / "docs/cosimulation.md").read_text(encoding="utf-8")
-    assert "| $N$ | " + " | ".join(f"{x:.2f}" for x in number) + " |" in page
-
-
 def test_bounds_of_the_rotor_alone():
     # docs/cosimulation.md: v' = v - N v is stable for N < 2, v' = v - N v_before for N < 1.
     for number, stable in ((1.99, True), (2.01, False)):
@@ -213,34 +159,104 @@ def test_bounds_of_the_rotor_alone():
         assert bool(np.abs(np.roots([1.0, -1.0, number])).max() < 1.0) is stable
 
 
-def test_the_figures_of_paper_and_citation_are_those_of_the_pages():
+def test_paper_and_citation_go_together():
     paper, bib = ((ROOT / name).read_text(encoding="utf-8") for name in ("paper.md", "paper.bib"))
     assert {*re.findall(r"@(\w+)\]", paper)} == {*re.findall(r"^@\w+\{(\w+),", bib, re.MULTILINE)}
-    benchmarks, measured = (
-        (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("benchmarks.md", "measured.md")
+    efmi = (ROOT / "docs" / "efmi.md").read_text(encoding="utf-8")
+    assert "eFMI checker has no finding" in paper and "and the schemas | no finding" in efmi
+    assert f"\nversion: {vdfmu.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+UNIT = r" ?(?:%|°|(?:[kMmµn]?(?:s|Hz|m|g|W|J|N|rad|deg)|px|1/s)\b)"
+VERSION = rf"\d+(?:\.\d+)*(?:-[a-z]+\.\d+)?(?!\.?\d|{UNIT})"
+NAMED = r"[A-Z]\w*[A-Z]\w*|[A-Z]\w*\]|Python|Table|axis|axes|joints?|[Vv]ersions?:?\**(?: is)?"
+NOT_MEASURED = (
+    r"`[^`\n]*`|\]\([^)]*\)|https?://\S+|<[^>]*>|\$[^$]*\$",  # code, addresses, tags, formulas
+    r"\((?:\d+[a-z]?|Eq\. \(?\d+\)?)\)",  # equations
+    rf"\b(?:{NAMED}) {VERSION}(?:(?:,|,? and| or| to) {VERSION})*",  # Table 5, KR 300, joint 2, FMI 2.0 and 3.0
+    r"\b(?:19|20)\d\d\b|\d+\.\d+\.\d+[\w.-]*|\d\.0, \d\.0 or \d\.0",  # years and versions
+    rf"(?<![.,])\b[01]\b(?![.,]\d|{UNIT})",  # limits
+    r"\b(?:\d?[A-Za-z_]\w*(?:-\d+)*)",  # words, such as UR10e, x86-64, 3D
+)
+
+
+def unclaimed(path, text):
+    """Return the numbers on a page's first screen, of README and index on the whole page, that nothing holds.
+
+    Claims hold them, or `test_tutorials`, where they are the output of code that runs there.
+    """
+    for claim in claims.claims():
+        if claim.page == path:
+            place = claim.place(text)
+            for i in reversed(range(len(claim.parts) // 2)):
+                text = text[: place.start(i + 1)] + text[place.end(i + 1) :]
+    if path not in ("README.md", "docs/index.md"):
+        text = text.partition("\n## ")[0]
+    kinds = "(?!text)" if ROOT / path not in [README, *TUTORIALS_RUN, *GUIDES] else ""
+    text = re.sub(rf"^```{kinds}.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    for pattern in NOT_MEASURED:
+        text = re.sub(pattern, " ", text)
+    return re.findall(r"\S*\d\S*", text)
+
+
+WRITTEN = ROOT.joinpath(".gitignore").read_text(encoding="utf-8").split()
+"""Among them the pages that `make docs` writes from the code."""
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if not any(page.relative_to(ROOT).match(each) for each in WRITTEN)], ids=name_of
+)
+def test_every_number_that_a_reader_sees_first_is_claimed(page):
+    assert unclaimed(name_of(page), page.read_text(encoding="utf-8")) == []
+
+
+def test_a_number_without_a_claim_is_seen():
+    text = (
+        "Within 3 % of FMI 2.0 and 3.0, 1.5 kHz by (57) of Table 5, at joint 1, `0.5`, 2·10⁻³ in 1 s.\n\n## More\n\n7 %"
     )
-    for said, row in (
-        ("needs 3.2 ms", "| 10⁻⁶ | 3.2 | 16.4 (5.1) | | | 212 (66) | |"),
-        ("takes 5.1 times and Drake 66 times", "| 10⁻⁶ | 3.2 | 16.4 (5.1) | | | 212 (66) | |"),
-        (
-            "by 15 % for inverse and 7 % for forward",
-            "15 % fewer operations than ours with folded numbers in `rnea`, 7 % in `aba`",
-        ),
-        ("takes\n1.0 µs a step", "| vdfmu | 2.0 | CS, ME | nothing | yes | five | 0.98 | 87 | 1.0 |"),
-        ("2.1 µs with PythonFMU", "| PythonFMU 0.7 | 2.0 | CS | Python | no | Linux, Windows | 0.07 | 660 | 2.1 |"),
-        ("takes 12 µs", "| native FMUs, `gauss-seidel` | 12.0 |"),
-        ("ecos 18 µs", "| ecos 0.7.2 | 17.9 |"),
-        ("libcosim 35 to 76 µs", "Another run gave 35 µs for libcosim"),
-    ):
-        assert said in paper
-        assert row in benchmarks
-    assert "within 3 %" in paper and "3 %" in measured
-    for said, name, shown in (
-        ("262 published arms agree", "importing.md", "262 arms imported"),
-        ("10⁻⁶ of the motion while its joints turn", "robot_r3.md", "10⁻⁶ of the motion while the joints turn"),
-        ("eFMI checker has no finding", "efmi.md", "and the schemas | no finding"),
-        ("five arms, with eleven differences", "compare.md", "five arms, eleven mismatches"),
-    ):
-        assert said in paper and shown in (ROOT / "docs" / name).read_text(encoding="utf-8"), said
-    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert f"\nversion: {vdfmu.__version__}\n" in citation
+    assert unclaimed("docs/x.md", text) == ["3", "1.5", "2·10⁻³", "1"]
+
+
+@pytest.mark.parametrize("claim", claims.claims(), ids=lambda claim: f"{claim.page}: {claim.text[:40]}")
+def test_pages_have_the_figures_of_the_claims_and_each_tolerance_has_a_reason(claim):
+    assert list(claim.place((ROOT / claim.page).read_text(encoding="utf-8")).groups()) == claim.parts[1::2]
+    assert claim.parts[1:] and sum(map(bool, (claim.command, claim.python, claim.seen))) == 1
+    assert (claim.tolerance == "rounded") == (not claim.why)
+
+
+def by_source():
+    """Return the claims, a parameter for each command or expression."""
+    sources = {}
+    for claim in claims.claims():
+        if not claim.seen:
+            sources.setdefault(claim.command or claim.python, []).append(claim)
+    for source, those in sources.items():
+        heavy = those[0].command or "numbers(" in source
+        yield pytest.param(those, id=source, marks=[pytest.mark.heavy] if heavy else [])
+
+
+@pytest.mark.parametrize("those", list(by_source()))
+def test_claims_hold(those):
+    for claim in those:
+        found = claim.found()
+        assert all(map(claim.agrees, claim.parts[1::2], found)), (claim.text, found)
+
+
+def test_a_wrong_figure_is_found_and_mended(tmp_path, monkeypatch, capsys):
+    """Of each form, as shown; the right ones stay as they are."""
+    monkeypatch.setattr(claims, "ROOT", tmp_path)
+    page, table = tmp_path / "page.md", tmp_path / "docs" / "claims.toml"
+    table.parent.mkdir()
+    said = "x is {0.56}, y {4.6·10⁻¹⁰}, z {1.7e-09},\nn {eleven} of 12, v {-1,234} N.m, w {2.50}"
+    given = "[0.146, 4.5e-10, 2.345e-3, 12, -1999.6, 2.504]"
+    table.write_text(f"[[claim]]\npage = 'page.md'\ntext = '''{said}'''\nunit = ''\npython = '{given}'\n")
+    page.write_text(re.sub("[{}]", "", said.replace(" ", "  ")) + "\n3.0 stays")
+    assert claims.main([]) == 1
+    assert "FAIL page.md: claimed 0.56," in capsys.readouterr().out
+    assert claims.main(["--write"]) == claims.main(["is"]) == 0
+    assert page.read_text() == (
+        "x  is  0.15,  y  4.5·10⁻¹⁰,  z  2.3e-03,\nn  12  of  12,  v  -2,000  N.m,  w  2.50\n3.0 stays"
+    )
+    assert claims.main(["other words"]) == 0
+    page.write_text(page.read_text().replace("0.15", "0.7"))
+    assert claims.main(["--write"]) == 0 and "x  is  0.15," in page.read_text()

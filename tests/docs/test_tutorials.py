@@ -23,7 +23,9 @@ from tests.warm import command
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
-PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+RUN_TOO = "modes identification world motions systems view observers laws devices environments reference/units".split()
+PAGES = [*TUTORIALS, *(ROOT / "docs" / f"{name}.md" for name in RUN_TOO)]
 GUIDES = sorted((ROOT / "docs" / "guides").glob("*.md"))
 BLOCK = re.compile(r"^```(?P<kind>\w+)(?P<options>[^\n]*)\n(?P<body>.*?)^```", re.DOTALL | re.MULTILINE)
 SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
@@ -118,31 +120,7 @@ def run_page(path):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, id=page.stem)
-        for page in (
-            *PAGES,
-            *(
-                ROOT / "docs" / f"{name}.md"
-                for name in (
-                    "modes",
-                    "identification",
-                    "world",
-                    "motions",
-                    "systems",
-                    "view",
-                    "observers",
-                    "laws",
-                    "devices",
-                    "environments",
-                )  # fmt: skip
-            ),
-            ROOT / "docs" / "reference" / "units.md",
-        )
-    ],
-)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with np.printoptions():  # what a page sets is for that page
@@ -215,7 +193,7 @@ def test_there_are_these_tutorials():
         "dynamics", "fmpy", "native", "own-controller", "own_arm", "own_robot", "python-to-fmu",
         "results", "sweep", "ten_minutes",
     ]  # fmt: skip
-    assert [page.stem for page in PAGES] == names
+    assert [page.stem for page in TUTORIALS] == names
 
 
 def test_outputs_compare_with_gaps():

@@ -69,13 +69,12 @@ def tracking_sheet(summary: Summary, *, fit: bool = False) -> Sheet:
     notes = ["Position: desired minus actual. Torque: control minus feedforward, link side."]
     if paper:
         notes.append(f"Paper: {paper['source']}." if paper.get("source") else "Paper.")
-    gains: Summary | None = summary.get("implied_gains")
-    if gains is not None:
-        implied, chosen = (", ".join(f"{gain:.4g}" for gain in gains[key]) for key in ("K_p_paper", "K_p"))
-        notes += [
-            f"Torque RMS over position RMS of the paper: {implied} N.m/rad.",
-            f"Errors that change slowly have K_p as this ratio; K_p here: {chosen}.",
-        ]
+        differs = summary.get("plant_factors") or any(name.startswith("plant.") for name in summary.get("settings") or ())
+        notes.append(
+            "The plant differs from the model by chosen values. The gains are chosen too."
+            if differs
+            else "An ideal case: plant and model are identical, and the gains are chosen."
+        )
     return Sheet("Tracking and compensation errors", tuple(columns), _rows(cells), notes)
 
 

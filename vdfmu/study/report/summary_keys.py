@@ -67,7 +67,6 @@ _PACE = Record({
     "speed": NUMBER, "rows": WHOLE, "overruns": WHOLE, "late_p50_s": NUMBER, "late_p99_9_s": NUMBER,
     "late_worst_s": NUMBER, "worst_row": WHOLE, "machine": TEXT,
 })  # fmt: skip
-_GAINS = Record({"K_p_paper": _VECTOR, "K_p": _VECTOR})
 _SHARES = Record(dict.fromkeys(("torque", "speed", "stop"), _VECTOR))
 _SEPARATION = Record({"change": NUMBER, "max_position_difference_rad": NUMBER})
 _REFERENCE = {
@@ -159,7 +158,6 @@ KEYS: Mapping[str, Key] = {
     "rms_tau_s_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated spring torques, link-side."),
     "rms_tau_f_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated friction torques, link-side."),
     "power_bond": Key(_ENERGIES, "Energy that the coupling adds or takes, and that is exchanged, link-side [J]."),
-    "implied_gains": Key(_GAINS, "Gains that the errors of the paper imply, and those of the run."),
     "limits": Key(Keyed(_SHARES), "Shares of the time at limits, by plant."),
     "paper": Key(_PAPER, "Values of the paper."),
     "reference": Key(Keyed(_REFERENCE), "Largest differences to each reference."),

@@ -56,7 +56,6 @@ from vdfmu.study.run.summary import (
     compared,
     estimation_errors,
     has_signals,
-    implied_gains,
     power_bond,
     run_facts,
     start_notes,
@@ -246,7 +245,6 @@ def _numbers(results: Results, system: SystemDescription, limits: list[ArmLimits
     found: dict[str, Any] = {"real_time_factor": scenario.stop / results.summary["wall_s"]}
     if robot is not None:
         found |= tracking_errors(results, robot, limits) | power_bond(results, robot)
-        found |= implied_gains(scenario.paper, robot, system.values)
     found |= time_at_limits(results, limits)
     if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
         found |= estimation_errors(results, ALGORITHMS[scenario.master].substeps)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -106,33 +106,6 @@ def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] 
         "rms_position_error_deg": rms_error,
         "max_position_error_deg": largest.tolist(),
         "rms_torque_compensation_error_nm": rms_compensation,
-    }
-
-
-def implied_gains(paper: Mapping[str, Any], robot: Robot, values: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Position gains that the paper's errors imply, next to the run's, link-side [N m/rad, N/m].
-
-    Where the errors change slowly, the torque of Eq. (58) is ``K_p (q_d - q)``: K_p is the ratio of its RMS value to
-    the RMS position error.
-
-    Returns
-    -------
-    dict
-        ``implied_gains``: ``K_p_paper`` and ``K_p``, for the joints that both lists of the paper have. Empty where the
-        paper lacks one of them, or has an error of 0.
-    """
-    torque, position = (paper.get(key, ()) for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg"))
-    si = [np.pi / 180.0 if joint == "revolute" else 1e-3 for joint in robot.joint_types]
-    joints = range(min(len(torque), len(position)))
-    if "K_p[1]" not in values.get("controller", {}):
-        return {}
-    if not joints or not all(position[i] for i in joints):
-        return {}
-    return {
-        "implied_gains": {
-            "K_p_paper": [torque[i] / (position[i] * si[i]) for i in joints],
-            "K_p": [values["controller"][f"K_p[{i + 1}]"] for i in joints],
-        }
     }
 
 
