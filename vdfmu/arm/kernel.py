@@ -148,7 +148,7 @@ def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Float
 def _finite(function: str, result: Floats) -> Floats:
     """Return a result; KernelError if a number of it is not finite."""
     flat = result.ravel()
-    if math.isfinite(flat.dot(flat)) or np.isfinite(flat).all():
+    if np.isfinite(flat).all():
         return result
     place = np.argwhere(~np.isfinite(result))[0].tolist()
     raise KernelError(

@@ -118,22 +118,22 @@ def reach(
     """Write the scenario of a first motion, with gains by one rule, and print the margins of the arm's loops."""
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
+    from vdfmu.study.analysis.loops import told
     from vdfmu.study.analysis.reach import write_reach
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     found = write_reach(robot, target)
     shown = table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg")
     labels = load_robot(robot).joint_labels
+    margins = found.margins.judged.loops.margins()
     for i, (K_p, K_v) in enumerate(zip(found.gains.K_p, found.gains.K_v, strict=True)):
-        modulus, gain, phase = (float(margin[i]) for margin in found.margins[:3])
+        modulus, gain, phase = (float(margin[i]) for margin in margins[:3])
         shown.add_row(
             labels[i], f"{K_p:.4g}", f"{K_v:.4g}", f"{modulus:.2f}", f"{gain:.2f}", f"{math.degrees(phase):.0f}"
         )
     console.print(shown)
-    say_notes(found.notes)
-    say_written(
-        target, more=f". Run it with 'vdfmu run {target}'; margins are with a sample of delay, all joints moving"
-    )
+    say_notes([*found.notes, *filter(None, [told(found.margins.judged.loops)])])
+    say_written(target, more=f". Run it with 'vdfmu run {target}'; margins are the smallest along it")
 
 
 @app.command("drives", epilog="Example: [bold]vdfmu robot drives CSG-25-100[/bold]")

@@ -162,10 +162,9 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
         default=8)]
     combine: Annotated[str, Option("Mean or worst of the robots' costs.", default="mean", choices=("mean", "worst"))]
     margin: Annotated[float | str | None, Option(
-        "Modulus margin that every joint's loop has at least with one sample of delay, or same: that of the start.",
-        more="It is min abs(1 + L) of the nominal robot along the motion.", typed=str | None)]
-    growth: Annotated[float, Option("Rate in 1/s up to which what grows counts as stable for the margin.",
-        "float [1/s]", "See :class:`vdfmu.study.analysis.margins.ArmLoops`.", 0.0)]
+        "Modulus margin that every joint's loop has at least, or same: that of the start.",
+        more="It is the smallest min abs(1 + L) of the nominal robot over the run, as `vdfmu margins` has it.",
+        typed=str | None)]
     engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
         more="They are those of the robots of several values. See :func:`vdfmu.sweep`.", default="fmu")]
 

@@ -1,14 +1,24 @@
-"""The sampled loops of a system: margins of each, and the mode that grows fastest.
+"""The loops of a system, opened one by one: the margins of each, and the modes that grow.
 
-Loop i is opened while all others stay closed: with the loop of all ``L(z) = -z^-d K (z - A)^-1 B``, d samples of delay,
-and ``S = (1 + L)^-1`` it is ``L_i = 1 / S_ii - 1``.
+Loop i is opened while all others stay closed. Closed, the states change by ``x' = A x + B d``, and K x comes back to
+the inputs that are opened. One eigendecomposition of A, its eigenvalues p_j, gives all loops, ``1 + L_i = 1 / S_i``:
+
+    S_i = 1 + K_i (z - A)^-1 B_i = 1 + sum_j r_ij / (z - p_j)
+
+Margins are those on the unit circle, or, of a system in continuous time, on the imaginary axis.
+
+A relative change k of the gain of loop i moves the eigenvalue p_j by k r_ij: r_ij says how fast the loop can make the
+mode grow, or stop it. A mode is slow for a loop if it grows by up to `SLOW`, the loop moves it by less than `SLOW`, and
+a change of its gain by 100 % decides whether it grows. The margins of this loop leave it out: near such a mode they
+would be 0 for any gains, as for a vibration of links that neither motors nor friction damp. What grows is told beside.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,175 +26,181 @@ import numpy.typing as npt
 
 from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError
-from vdfmu.base.state_space import Linear, StateSpace, held
-from vdfmu.engine.algorithms import choice
+from vdfmu.base.state_space import Linear, StateSpace
 from vdfmu.engine.linear.system import LinearSystem
 
 Complex = npt.NDArray[np.complex128]
 
-_GRID = 400
-"""Frequencies at which a loop is calculated by default."""
-_COARSE = 100
-"""Frequencies for the modulus margin alone: a hundred over 4 decades; poles have their own."""
-_AROUND = np.concatenate([-np.geomspace(8.0, 0.25, 6), [0.0], np.geomspace(0.25, 8.0, 6)])
+SLOW = 2.0
+"""Rate [1/s] up to which a mode may be slow: a disturbance then needs half a second to grow e-fold."""
+_STILL = 1e-3
+"""Growth rate [1/s] that may be rounding: a double eigenvalue 1 is exact to 3e-8, which is 3e-4 1/s over 0.1 ms."""
+_GRID, _COARSE = 400, 60
+"""Frequencies at which loops are calculated in addition to those around poles: for all margins, for the modulus."""
+_AROUND = np.array([-6.0, -2.5, -1.0, -0.4, 0.0, 0.4, 1.0, 2.5, 6.0])
 """Distances to the frequency of a pole, as shares of its decay rate."""
+_BETWEEN = np.linspace(-1.0, 1.0, 11)[1:-1]
+"""Places between the neighbours of the frequency with the least modulus, where it is calculated again."""
 _SLOWEST = 1e-4
 """Lowest frequency, as a share of half the sampling frequency."""
-GROWTH = 2.0
-"""Growth rate [1/s] that still counts as stable: a fast mode of links on springs, which friction holds."""
+_FAST = 0.05
+"""Eigenvalues up to this size, most of them delays, are not separated: their part of S is a power series in 1 / z."""
+_TERMS, _LEAST = 12, 1e-15
+"""Terms of it, at most: the first one that is left out is 1e-15 of the first; and states that count as 0."""
+_NUDGE = 1e-11
+"""Relative change of the closed loop's numbers, so that it has as many eigenvectors as states: of a mass that nothing
+holds, position and speed have one. Margins are exact to the same share, rates to 1e-8 1/s over 1 ms."""
+_APART = 1e7
+"""Condition of the eigenvectors up to which their inverse is exact to 1e-9."""
 _NONE = 1e-300
 """Smallest pole that has a logarithm."""
-_ROUNDING = 1e-9
-"""Rounding of rates over a step, as a share of the state's largest."""
 
 
 class Margins(NamedTuple):
-    """Margins of each joint's loop, (n,) each."""
+    """Margins of each loop, (n,) each."""
 
     modulus: Floats
-    """Smallest distance of the loop to -1, min |1 + L|."""
+    """Smallest distance of the loop to -1, min |1 + L|; 0, as phase and delay, if a mode grows that is not slow."""
     gain: Floats
     """Smallest factor above 1 of the loop's gain that destabilises it."""
     phase: Floats
     """Smallest lag [rad] that does."""
     delay: Floats
     """Smallest further delay [s] that does."""
-    radius: float
-    """Largest absolute eigenvalue of the closed loop, except for constants; unless it is below 1, or what the growth
-    allows, modulus, phase and delay are 0."""
+    rate: float
+    """Rate [1/s] of the mode that grows most, or decays least; -inf without any."""
+
+
+class _Modes(NamedTuple):
+    """Modes of closed loops: of n loops, k modes."""
+
+    poles: Complex
+    """Eigenvalues, (k,), without those near 0 of a sampled system."""
+    s: Complex
+    """The same in continuous time [1/s]."""
+    parts: Complex
+    """r, (n, k)."""
+    slow: npt.NDArray[np.bool_]
+    """Whether a mode is slow for a loop, (n, k)."""
+    grows: npt.NDArray[np.bool_]
+    """Whether a mode grows, (k,)."""
+    rest: Floats
+    """The terms of the power series in 1 / z, (t, n)."""
 
 
 @dataclass(frozen=True)
 class Loop:
-    """The loop at one time."""
+    """The loops of a system at one time, opened."""
 
-    t: float
-    """Time [s]."""
     plant: Linear
-    """Continuous, with the motor torques as inputs."""
+    """From the opened inputs to the states: from one communication point to the next, or in continuous time."""
     K: Floats
-    """Feedback (n, n_x): deviation of the motor torques by deviations of the plant's states."""
+    """What comes back to the inputs, (n, n_x)."""
     step: float
-    """Communication step [s]."""
-    growth: float = 0.0
-    """Growth rate [1/s] that still counts as stable: margins are taken on the circle ``|z| = exp(growth
-    step)``."""
-    discrete: bool = False
-    """Whether the plant is given from one communication point to the next already."""
-    points: int = _GRID
-    """Frequencies at which it is calculated, in addition to those around its poles."""
+    """Time [s] of a step."""
+    sampled: bool = True
 
     @cached_property
-    def sampled(self) -> Linear:
-        """The plant from one communication point to the next."""
-        return self.plant if self.discrete else held(self.plant, self.step)
+    def _modes(self) -> _Modes:
+        (A, B), K, n = self.plant, self.K, len(self.K)
+        if not len(A):  # nothing comes back, as between an emergency stop and its brakes
+            none, never = np.zeros((n, 0), complex), np.zeros((n, 0), bool)
+            return _Modes(none[0], none[0], none, never, never[0], np.zeros((0, n)))
+        closed = A + B @ K
+        closed *= 1.0 + _NUDGE * np.random.default_rng(0).uniform(-1.0, 1.0, closed.shape)
+        poles, right, left = _separated(closed, _FAST if self.sampled else -1.0)
+        parts = (K @ right) * (left @ B).T
+        rest: list[Floats] = []
+        if len(poles) < len(A):
+            others = np.eye(len(A)) - (right @ left).real  # onto the states of the other eigenvalues
+            power = others @ B
+            while len(rest) < _TERMS and np.abs(power).max() > _LEAST:
+                rest.append((K * power.T).sum(axis=1))
+                power = others @ (closed @ power)
+        s: Any = np.log(poles) / self.step if self.sampled else poles
+        moved = np.abs(parts / poles) / self.step if self.sampled else np.abs(parts)
+        slow = (moved <= SLOW) & (s.real <= SLOW) & (s.real > -moved)
+        return _Modes(poles, s, parts, slow, s.real > _STILL, np.array(rest).reshape(-1, n))
+
+    @property
+    def rate(self) -> float:
+        """Rate [1/s] of the mode that grows most, or decays least, without what stays as it is; -inf without any."""
+        rates = self._modes.s.real
+        return float(rates[np.abs(rates) > _STILL].max(initial=-np.inf))
+
+    def _inverse(self, w: Floats) -> Any:
+        """``1 + L``, (m, n), at frequencies (m,) [rad/s], without slow modes."""
+        modes = self._modes
+        z = np.exp(1j * w * self.step) if self.sampled else 1j * w
+        S = 1.0 + (1.0 / (z[:, None] - modes.poles)) @ np.where(modes.slow, 0.0, modes.parts).T
+        series = np.zeros_like(S)
+        for term in modes.rest[::-1]:
+            series = (series + term) / z[:, None]
+        return 1.0 / (S + series)
+
+    def _grid(self, points: int) -> Floats:
+        """Frequencies [rad/s] up to half the sampling frequency; those around poles, whose peaks they would miss."""
+        least, most = _SLOWEST * np.pi / self.step, np.pi / self.step
+        s = self._modes.s
+        s = s[s.imag > least]
+        w = s.imag[:, None] + np.abs(s.real)[:, None] * _AROUND
+        return distinct(np.append(np.geomspace(least, most, points), w[(w > least) & (w < most)]))
+
+    @property
+    def _lost(self) -> Any:
+        """Whether a loop has no margin, for a mode grows that is not slow, (n,)."""
+        return (self._modes.grows & ~self._modes.slow).any(axis=1)
 
     @cached_property
-    def constants(self) -> int:
-        """Number of combinations of states that stay as they are whatever the inputs do.
+    def modulus(self) -> Floats:
+        """The modulus margin of each loop, (n,)."""
+        w = self._grid(_COARSE)
+        size = np.abs(self._inverse(w))
+        least = size.argmin(axis=0)
+        low, high = w[np.maximum(least - 1, 0)], w[np.minimum(least + 1, len(w) - 1)]
+        more = (low + high)[:, None] / 2.0 + (high - low)[:, None] / 2.0 * _BETWEEN
+        again = np.abs(self._inverse(more.ravel()))
+        return np.where(self._lost, 0.0, np.minimum(size.min(axis=0), again.min(axis=0)))
 
-        At rest, hysteresis and bristles are springs, parallel to the drives' springs: the states of such springs have
-        a common rate. Their pole is 1, and no loop reaches it.
-        """
-        A, B = self.sampled
-        rates = np.hstack([A - np.eye(len(A)), B])
-        largest = np.abs(rates).max(axis=1, keepdims=True)
-        rank = np.linalg.matrix_rank(rates / np.where(largest > 0.0, largest, 1.0), tol=_ROUNDING)
-        return len(A) - int(rank)
-
-    @cached_property
-    def grid(self) -> tuple[Floats, Complex]:
-        """Frequencies [rad/s], (m,), up to half the sampling frequency, and the response there."""
-        w = np.geomspace(_SLOWEST, 1.0, self.points) * np.pi / self.step
-        w = distinct(np.concatenate([w, self.around(np.linalg.eigvals(self.sampled.A))]))
-        return w, self.response(w)
-
-    def around(self, poles: Any) -> Floats:
-        """Frequencies [rad/s] at and around lightly damped poles, whose peaks a grid would miss."""
-        s = np.log(poles[np.abs(poles) > 0.5].astype(complex)) / self.step
-        s = s[(s.imag > _SLOWEST * np.pi / self.step)]
-        w = s.imag[:, None] + np.abs(s.real - self.growth)[:, None] * _AROUND
-        return distinct(w[(w > 0.0) & (w < np.pi / self.step)])
-
-    def response(self, w: Floats) -> Any:
-        """Response of the sampled plant's states to the motor torques at frequencies (m,) [rad/s]: (m, n_x, n)."""
-        A, B = self.sampled
-        return np.linalg.solve(self.z(w)[:, None, None] * np.eye(len(A)) - A, B.astype(complex))
-
-    def z(self, w: Floats) -> Complex:
-        """Points of the circle on which the loop is calculated."""
-        return np.exp((self.growth + 1j * w) * self.step)
-
-    def closed(self, K: Floats | None = None, delay: int = 1) -> Floats:
-        """Matrix of the closed loop's states from one communication point to the next; K instead of its own."""
-        A, B = self.sampled
-        K = self.K if K is None else K
-        if not delay:
-            return A + B @ K
-        n, m = B.shape
-        size = n + delay * m  # states, then the torques of the coming steps, the next one first
-        whole = np.zeros((size, size))
-        whole[:n, :n], whole[:n, n : n + m] = A, B
-        whole[n : size - m, n + m :] = np.eye(size - m - n)
-        whole[size - m :, :n] = K
-        return whole
-
-    def margins(self, K: Floats | None = None, delay: int = 1) -> Margins:
-        """Margins with feedback K, by default its own."""
-        K = self.K if K is None else K
-        n = len(K)
-        poles = np.linalg.eigvals(self.closed(K, delay))
-        poles = poles[np.argsort(np.abs(poles - 1.0))[self.constants :]]
-        radius = float(np.abs(poles).max(initial=0.0))  # of none, if all loops are open at a limit
-        if not radius < np.exp(self.growth * self.step):
-            return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), radius)
-        w, G = self.grid
-        more = self.around(poles)
-        more = more[~np.isin(more, w, assume_unique=True)]
-        order = np.argsort(w := np.concatenate([w, more]))
-        G = np.concatenate([G, self.response(more)])[order]
-        late = self.z(w[order])[:, None, None] ** -delay
-        S = np.linalg.inv(np.eye(n) - late * (K @ G))
-        modulus, gain, phase, left = _margins(1.0 / np.diagonal(S, axis1=1, axis2=2) - 1.0, w[order])
-        return Margins(modulus, gain, phase, left, radius)
+    def margins(self) -> Margins:
+        """Return all margins."""
+        w, n = self._grid(_GRID), len(self.K)
+        if self._lost.all():
+            return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), self.rate)
+        gain, phase, delay = _margins(self._inverse(w) - 1.0, w, self.sampled)
+        return Margins(
+            self.modulus, np.where(self._lost, 1.0, gain), np.where(self._lost, 0.0, phase),
+            np.where(self._lost, 0.0, delay), self.rate,
+        )  # fmt: skip
 
 
-def system_margins(system: LinearSystem, opened: Sequence[str], growth: float = 0.0, points: int = _GRID) -> Margins:
-    """Margins of the sampled loops of any system; for parameters and errors see :func:`system_loop`."""
-    loop = system_loop(system, opened, growth, points)
-    if not len(loop.plant.A):  # nothing comes back, as between an emergency stop and its brakes
-        none = np.full(len(loop.K), np.inf)
-        return Margins(np.ones(len(loop.K)), none, none, none, 0.0)
-    return loop.margins(delay=0)
+def system_loop(system: LinearSystem, opened: Sequence[str]) -> Loop:
+    """Return the loops of any system, with the delays that its master gives them; see :func:`loop_of_part`."""
+    return loop_of_part(system.around(opened), opened)
 
 
-def system_loop(system: LinearSystem, opened: Sequence[str], growth: float = 0.0, points: int = _GRID) -> Loop:
-    """Return the sampled loops of any system, with the delays that its master gives them; their own is 0.
+def loop_of_part(system: LinearSystem, opened: Sequence[str]) -> Loop:
+    """Return the loops of a system that has nothing else.
 
     Parameters
     ----------
     system : LinearSystem
     opened : sequence of str
         Connected inputs at which the loops are opened, ``plant.tau``: each while all others are closed.
-    growth, points
-        See :class:`Loop`.
 
     Raises
     ------
     UsageError
-        For unknown inputs, and for a master that takes signals as continuous.
+        For unknown inputs; for a system in continuous time, if something comes back at once.
     """
-    if system.how.continuous:
-        raise UsageError(
-            f"margins: expected {choice(continuous=False)}, which sample the signals, got {system.algorithm}."
-        )
-    system = system.around(opened)
-    loops, cut = system.sampled(opened), system.places(opened)
-    returned = loops.C[len(loops.C) - len(cut) :]  # nothing comes back in the same step: no algebraic loop
+    loops, cut = moving(system, opened), system.places(opened)
+    returned, at_once = (each[len(loops.C) - len(cut) :] for each in (loops.C, loops.D))
+    if loops.step is None and at_once[:, cut].any():  # sampled, nothing comes back in the same step
+        raise UsageError(f"{', '.join(opened)}: expected loops with a state, got feed-through all around.")
     plant = Linear(loops.A, loops.B[:, cut])
     while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # places that wait for nothing
         plant, returned = Linear(plant.A[np.ix_(seen, seen)], plant.B[seen]), returned[:, seen]
-    return Loop(0.0, plant, returned, system.period, growth, discrete=True, points=points)
+    return Loop(plant, returned, loops.step or system.step, loops.step is not None)
 
 
 def opened_at(system: LinearSystem, group: str) -> list[str]:
@@ -199,72 +215,100 @@ def fastest_mode(system: LinearSystem) -> tuple[float, str]:
     The part is the product of the mode's two eigenvectors, which has no unit of measurement.
     """
     found = moving(system)
-    poles, right = np.linalg.eig(found.A)
+    poles, right = np.linalg.eig(found.A.astype(complex))
     same, left = np.linalg.eig(found.A.T)
-    rates = rates_of(poles, found.step)
+    rates: Any = poles.real if found.step is None else np.log(np.maximum(np.abs(poles), _NONE)) / found.step
     mode = int(rates.argmax())
     part = np.abs(left[:, np.abs(same - poles[mode]).argmin()] * right[:, mode])
     return float(rates[mode]), found.states[int(part.argmax())]
 
 
-def moving(system: LinearSystem) -> StateSpace:
-    """Return the closed loops as their master has them."""
-    return system.continuous() if system.how.continuous else system.sampled()
+def moving(system: LinearSystem, opened: Sequence[str] = ()) -> StateSpace:
+    """Return the loops as their master has them, those at some inputs opened."""
+    return system.continuous(opened) if system.how.continuous else system.sampled(opened)
 
 
-def rates_of(poles: Any, step: float | None) -> Floats:
-    """Return the growth rates [1/s] of poles, in continuous time or over a step."""
-    return poles.real if step is None else np.log(np.maximum(np.abs(poles), _NONE)) / step
+class Tied(NamedTuple):
+    """Groups of a component: states that are functions of outputs, and the states that are the rates of these outputs.
 
-
-def of_positions(parts: StateSpace) -> StateSpace:
-    """Return the system with rates of the springs' torques that follow from the rotors' positions.
-
-    The torque of a spring that stiffens, ``tau_s_dot = K(tau_s) (kappa_dot - q_dot)``, depends on itself by its scale
-    alone: while it is loaded at some speed the pole is above 0, whatever the arm does. The position kappa, of which
-    tau_s is a function, has the rate kappa_dot.
+    Such as the torque of a spring, the position of its rotor and the speed of the rotor.
     """
-    A = parts.A.copy()
-    for name in (name for name in parts.states if name.endswith("tau_s[1]")):
-        plant = name.removesuffix("tau_s[1]")  # "plant." in a system, nothing for a unit by itself
-        torques = [i for i, name in enumerate(parts.states) if name.startswith(f"{plant}tau_s[")]
-        kappa = [i for i, name in enumerate(parts.outputs) if name.startswith(f"{plant}kappa[")]
-        slopes = parts.C[kappa][:, torques]
-        if f"{plant}kappa_dot[1]" in parts.states and len(kappa) == len(torques) and np.diag(slopes).all():
-            rest = [i for i in range(len(A)) if i not in torques]
-            own = -np.linalg.solve(slopes, parts.C[kappa][:, rest] @ A[rest][:, torques])
-            for i, row in zip(torques, own, strict=True):
-                A[i, torques] = row
-    return replace(parts, A=A)
+
+    state: str
+    output: str
+    rate: str
 
 
-def modulus_margins(system: LinearSystem, opened: Sequence[str]) -> Floats:
-    """Return the modulus margin of each loop, by which a run and its sliders are judged."""
-    return system_margins(system, opened, GROWTH, _COARSE).modulus
+def with_tied(system: LinearSystem, tied: Sequence[Tied]) -> LinearSystem:
+    """Return the system with the rates of tied states that follow from the rates of their outputs.
+
+    The torque of a spring that stiffens, ``tau_dot = K(tau) (v - w)``, depends on itself by its scale alone: while it
+    is loaded at some speed its pole is above 0, whatever the system does. The position, of which it is a function, has
+    the rate v.
+    """
+    A, C = system.parts.A.copy(), system.parts.C
+    for own, outputs in _tied_places(system.parts.states, system.parts.outputs, tuple(tied)):
+        slopes = C[np.ix_(outputs, own)]
+        if np.diag(slopes).all():
+            rest: list[int] = np.delete(np.arange(len(A)), own).tolist()
+            A[np.ix_(own, own)] = -np.linalg.solve(slopes, C[np.ix_(outputs, rest)] @ A[np.ix_(rest, own)])
+    return replace(system, parts=replace(system.parts, A=A))
 
 
-def _margins(L: Any, w: Floats) -> Floats:
-    """Modulus, gain, phase and delay margin of loops L (m, n) at frequencies w (m,): (4, n).
+@lru_cache(8)
+def _tied_places(
+    states: tuple[str, ...], outputs: tuple[str, ...], tied: tuple[Tied, ...]
+) -> list[tuple[list[int], list[int]]]:
+    """Return the places of the states and outputs of each component that has them all."""
+    found: list[tuple[list[int], list[int]]] = []
+    for component in dict.fromkeys(name.partition(".")[0] for name in states):
+        for groups in tied:
+            own, positions, rates = (
+                [i for i, name in enumerate(names) if name.split("[")[0] == f"{component}.{group}"]
+                for names, group in zip((states, outputs, states), groups, strict=True)
+            )
+            if own and len(own) == len(positions) == len(rates):
+                found.append((own, positions))
+    return found
+
+
+def _separated(A: Floats, above: float) -> tuple[Complex, Complex, Complex]:
+    """Return the eigenvalues of a matrix above a size, right eigenvectors, and left ones as rows: pairs have product 1.
+
+    LinAlgError if there are not as many eigenvectors.
+    """
+    poles, right = map(np.asarray, np.linalg.eig(A))
+    kept = np.flatnonzero(np.abs(poles) > above)
+    with suppress(np.linalg.LinAlgError):
+        inverse = np.linalg.inv(right)
+        if np.linalg.norm(right) * np.linalg.norm(inverse) < _APART:
+            return poles[kept].astype(complex), right[:, kept].astype(complex), inverse[kept].astype(complex)
+    same, left = np.linalg.eig(A.T)  # delays in a row have one eigenvector
+    left, right = left[:, np.argsort(-np.abs(same))[: len(kept)]].T, right[:, kept].astype(complex)
+    return poles[kept].astype(complex), right, np.linalg.solve(left @ right, left)
+
+
+def _margins(L: Any, w: Floats, sampled: bool) -> Floats:
+    """Gain, phase and delay margin of loops L (m, n) at frequencies w (m,): (3, n).
 
     Between frequencies the logarithm of a loop is taken as linear.
     """
-    found = np.full((4, L.shape[1]), np.inf)
-    found[0] = np.abs(1.0 + L).min(axis=0)
+    found = np.full((3, L.shape[1]), np.inf)
     for i, loop in enumerate(L.T):
         if not loop.any():  # nothing comes back
             continue
         size = np.log(np.maximum(np.abs(loop), np.finfo(float).tiny))  # of none the log is -708
         left = np.angle(-loop)  # the lag left until -1
-        if loop[-1].real < 0.0:  # at half the sampling frequency a loop is real
+        if sampled and loop[-1].real < 0.0:  # at half the sampling frequency a loop is real
             left[-1] = 0.0
         change = np.angle(loop[1:] * loop[:-1].conj())
         turn = np.flatnonzero((left[1:] * left[:-1] <= 0.0) & (np.abs(left[:-1]) < np.pi / 2.0) & (change != 0.0))
         share = np.clip(-left[turn] / change[turn], 0.0, 1.0)
         gains = -(size[turn] + share * (size[turn + 1] - size[turn]))
-        found[1, i] = np.exp(gains[gains > 0.0].min(initial=np.inf))
+        found[0, i] = np.exp(gains[gains > 0.0].min(initial=np.inf))
         cross = np.flatnonzero(size[1:] * size[:-1] <= 0.0)
         share = size[cross] / (size[cross] - size[cross + 1])
         lag = np.mod(left[cross] + share * change[cross], 2.0 * np.pi)
-        found[2, i] = lag.min(initial=np.inf)
-        found[3, i] = (lag / (w[cross] + share * (w[cross + 1] - w[cross]))).min(initial=np.inf)
+        found[1, i] = lag.min(initial=np.inf)
+        found[2, i] = (lag / (w[cross] + share * (w[cross + 1] - w[cross]))).min(initial=np.inf)
     return found

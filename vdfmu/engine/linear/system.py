@@ -33,6 +33,8 @@ _BEGINS = 8
 _ROUNDING = 1e-9
 """Rounding of a product of matrices, as a share of the product of their sizes: 1e-16 for each of up to 1e6 sums."""
 
+Places = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]
+
 
 class Samples(NamedTuple):
     """Sampled states of all components: their signals, and how they enter."""
@@ -114,6 +116,10 @@ class LinearSystem:
         UsageError
             For unknown inputs.
         """
+        return self.part(self.on(opened))
+
+    def on(self, opened: Sequence[str]) -> Places:
+        """Return the places of :meth:`around`."""
         p, samples = self.parts, self.samples
         (n, m), r, k = p.B.shape, len(p.C), len(samples.signals)
         ends = np.cumsum([n, m, r])
@@ -128,6 +134,12 @@ class LinearSystem:
         on[cut] = True
         on[n + m + np.flatnonzero(self.links[cut - n].any(axis=0))] = True  # also where nothing comes back at this time
         x, u, y, s = (np.flatnonzero(part) for part in np.split(on, ends))
+        return x, u, y, s
+
+    def part(self, places: Places) -> LinearSystem:
+        """Return a part of the system: some of its states, inputs, outputs and sampled states."""
+        p, samples, (x, u, y, s) = self.parts, self.samples, places
+        n, m = p.B.shape
         whole = np.block([[p.A[np.ix_(x, x)], p.B[np.ix_(x, u)]], [p.C[np.ix_(y, x)], p.D[np.ix_(y, u)]]])
         signals = (
             [(names[i], units[i], float(values[i])) for i in places]

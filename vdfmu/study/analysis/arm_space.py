@@ -1,4 +1,4 @@
-"""An arm at rest at a pose, or a system at a time of its run, as a linear system with names and units; its feedback."""
+"""An arm at rest at a pose, or a system at a time of its run, as a linear system with names and units."""
 
 from __future__ import annotations
 
@@ -15,14 +15,12 @@ from vdfmu.arm.equations.plant import state_names
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.arm.units.plant import Plant
-from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option_types import check_type
 from vdfmu.base.state_space import StateSpace
 from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
 from vdfmu.compiler.unit.interface import interface_of
 from vdfmu.compiler.unit.unit import state_space
-from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario import Scenario
 
 
@@ -47,34 +45,6 @@ def fast_states(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
         if option.state and (option.state.slow or (option.replaces_dry_friction and not dry))
     }
     return np.array([i for i, name in enumerate(states) if name.split("[")[0] not in still], dtype=np.intp)
-
-
-def feedback(system: WiredUnits, plant: str, inputs: Sequence[str], t: float) -> Floats:
-    """Return how inputs of a unit depend on its states through all other units: K (m, n), ``u = K x``.
-
-    Differences around the states that the solver's part of the memory holds; exact to rounding for units that are
-    linear in what they measure. UsageError if another unit that the system evaluates has states.
-    """
-    others = [name for name in system.units if name != plant]
-    moving = [name for name in others if system.units[name].x.size or system.units[name].interface.is_sampled]
-    if moving:
-        raise UsageError(
-            f"{', '.join(moving)}: expected feedback without states, to linearise the loop at each time by itself."
-        )
-    run, unit = system.python(system.evaluate), system.units[plant]
-    x = system.memory[system.solver_x]
-    K = np.empty((sum(unit.argument(name).size for name in inputs), x.size))
-    for j, center in enumerate(x):
-        step = 1e-6 * (1.0 + abs(center))  # SI units: rounding and curvature are some 1e-9 of what matters
-        ends: list[Floats] = []
-        for sign in (1.0, -1.0):
-            system.memory[system.solver_x[j]] = center + sign * step
-            run(t)
-            ends.append(np.concatenate([unit.argument(name) for name in inputs]))
-        system.memory[system.solver_x[j]] = center
-        K[:, j] = (ends[0] - ends[1]) / (2.0 * step)
-    run(t)
-    return K
 
 
 _INPUTS = ("tau", "F_e")

@@ -22,8 +22,8 @@ from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.base.state_space import Linear
-from vdfmu.engine.linear.loops import GROWTH, Loop
+from vdfmu.base.state_space import Linear, held
+from vdfmu.engine.linear.loops import Loop
 
 _DAMPING = 0.5
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
@@ -56,8 +56,8 @@ def joint_gains(
         feedback = -np.array([[K_p, 0.0, 0.0, K_v]])  # on q, kappa, q_dot, kappa_dot
         least = np.inf
         for M in tries:
-            loop = Loop(0.0, _two_inertias(J, float(M), K), feedback, step, GROWTH)
-            least = min(least, *(float(loop.margins(delay=delay).modulus[0]) for delay in (0, 1)))
+            loop = Loop(held(_two_inertias(J, float(M), K), step), feedback, step)
+            least = min(least, *(float(each.modulus[0]) for each in (loop, _late(loop))))
             if least < margin:
                 break
         if least >= margin:
@@ -96,3 +96,10 @@ def _two_inertias(J: float, M: float, K: float) -> Linear:
     A[2, :2] = -K / M, K / M
     A[3, :2] = K / J, -K / J
     return Linear(A, np.array([[0.0], [0.0], [0.0], [1.0 / J]]))
+
+
+def _late(loop: Loop) -> Loop:
+    """Return a loop with one input whose feedback comes a sample later: it is a further state."""
+    (A, B), last = loop.plant, np.array([[0.0] * len(loop.plant.A) + [1.0]])
+    plant = Linear(np.vstack([np.hstack([A, B]), 0.0 * last]), last.T)
+    return Loop(plant, np.append(loop.K, [[0.0]], axis=1), loop.step)

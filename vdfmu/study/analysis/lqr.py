@@ -39,8 +39,7 @@ def state_gains(
     e is the error of the links. The arm is linearised at rest at a pose, without dry friction, and its motor torques
     tau are held over a step, with no further delay. By Bryson's rule the three arguments are the sizes of errors that
     count as equally bad. What is optimal at a pose need not be stable elsewhere: a small `rate` damps the rotors by
-    their own velocity, which is (`vdfmu.study.analysis.margins`; the verdict of a run has the margins along its
-    motion).
+    their own velocity, which is. `vdfmu margins` has the margins along a run.
 
     Parameters
     ----------

@@ -17,9 +17,8 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_text import toml_value
-from vdfmu.engine.linear.loops import GROWTH, Margins
 from vdfmu.study.analysis.gains import Gains, arm_gains
-from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.study.analysis.loops import SystemMargins, margins_along
 from vdfmu.system.scenario import Scenario, load_scenario
 
 _STEP = 1e-3
@@ -64,11 +63,11 @@ K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity
 
 
 class Reach(NamedTuple):
-    """The written file, its gains, the margins of the whole arm, and notes on the motion."""
+    """The written file, its gains, the margins of the whole arm along the motion, and notes on the motion."""
 
     path: Path
     gains: Gains
-    margins: Margins
+    margins: SystemMargins
     notes: list[str]
 
 
@@ -78,7 +77,7 @@ def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> R
     shipped = str(robot) in robot_names() and not Path(robot).exists()
     written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
     gains, notes = _write(load_robot(robot), place.stem, written, path)
-    return Reach(path, gains, ArmLoops(load_scenario(path), growth=GROWTH).margins(), notes)
+    return Reach(path, gains, margins_along(path), notes)
 
 
 def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder
-from vdfmu.base.progress import counted
-from vdfmu.engine.linear.growth import margin_rows
 from vdfmu.engine.linear.linearise import linear_system
-from vdfmu.engine.linear.loops import GROWTH, Margins, fastest_mode, of_positions, system_margins
 from vdfmu.engine.linear.system import LinearSystem
-from vdfmu.engine.run.simulator import Simulator
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.parts import cached_fmus
@@ -62,68 +55,3 @@ def linearized(
     """
     with packaged(system, settings, backend, master) as (package, options):
         return linear_system(package, at, **options)
-
-
-class SystemMargins(NamedTuple):
-    """Margins of the loops of a system: names of the inputs where they are opened, times [s], and margins at each."""
-
-    names: tuple[str, ...]
-    times: list[float]
-    margins: list[Margins]
-    algorithm: str
-    step: float
-    notes: tuple[str, ...]
-    growth: float
-    """Rate [1/s] that still counts as stable."""
-    growing: list[str]
-    """At each time the state with the largest part in the mode that grows most; empty where it is stable."""
-
-    def rate(self, k: int) -> float:
-        """Return the rate [1/s] of the mode that grows most at the k-th time, or decays least; -inf without any."""
-        radius = self.margins[k].radius
-        return math.log(radius) / self.step if radius else -math.inf
-
-
-def margins_along(
-    system: Scenario | str | os.PathLike[str],
-    opened: Sequence[str] = ("plant.tau",),
-    at: Sequence[float] | None = None,
-    *,
-    growth: float = GROWTH,
-    master: str | None = None,
-    settings: Mapping[str, Any] | None = None,
-    backend: str | None = None,
-) -> SystemMargins:
-    """Margins of stability of the sampled loops of a scenario or package, linearised at times of its run.
-
-    Parameters
-    ----------
-    system, settings, backend, master
-        See :func:`packaged`; under an algorithm that declares `substeps`.
-    opened, growth
-        See :func:`vdfmu.engine.linear.loops.system_margins`; by default the growth that the verdict of a run allows.
-    at : sequence of float, optional [s]
-        Default five, evenly spread from the start to the end, as the verdict of a run has them.
-
-    Raises
-    ------
-    UsageError, SspError, CosimError
-        See these, and :func:`vdfmu.engine.linear.linearise.linear_system`.
-    """
-    if math.isnan(growth):
-        raise UsageError("growth: expected a rate in 1/s up to which what grows counts as stable, got nan.")
-    with packaged(system, settings, backend, master) as (package, options):
-        if at is None:
-            begin, end, step, n = Simulator(package, **options).grid(None, None, None)
-            at = [begin + row * step for row in margin_rows(n)[:-1]] + [end]
-        found = (linear_system(package, t, **options) for t in counted("loops", at, len(at)))
-        systems = [replace(one, parts=of_positions(one.parts)) for one in found]
-    first = systems[0]
-    names = tuple(first.parts.inputs[i] for i in first.places(opened))
-    notes = tuple(dict.fromkeys(note for each in systems for note in each.parts.notes))
-    margins = [system_margins(each, opened, growth) for each in systems]
-    growing = [
-        "" if m.radius < math.exp(growth * s.step) else fastest_mode(s.around(opened))[1]
-        for s, m in zip(systems, margins, strict=True)
-    ]
-    return SystemMargins(names, [float(t) for t in at], margins, first.algorithm, first.step, notes, growth, growing)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -18,6 +17,7 @@ from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.linear.growth import Along
 from vdfmu.engine.results.results import Results
 from vdfmu.study.run.at_limits import ArmLimits, time_at_limits
 
@@ -65,9 +65,9 @@ class PathRun:
 
     @cached_property
     def loops(self) -> Any:
-        """The linearised loops, None where they are not known."""
+        """The loops along the run, None if they are not known."""
         poses = self.results.summary.get("loops")
-        return None if poses is None or poses.lacking or not poses.systems else poses
+        return None if poses is None or poses.lacking else poses.loops
 
 
 def crossings(commanded: Floats, attained: Floats, end: int, places: int = PLACES) -> Floats:
@@ -144,8 +144,8 @@ def overshoot(run: PathRun) -> float:
 
 
 def _margin(run: PathRun) -> float:
-    margin = None if run.loops is None else run.loops.margin()
-    return math.nan if margin is None else margin[0]
+    nearest = None if run.loops is None else run.loops.nearest()
+    return math.nan if nearest is None else nearest.modulus
 
 
 def _growth(run: PathRun) -> float:
@@ -159,10 +159,11 @@ def _required(run: PathRun, delayed: bool) -> float:
     if not delayed:
         return 0.0 if _growth(run) else _margin(run)
     late = PathRun(run.results, run.robot, run.corner)
-    late.loops = copy(run.loops)
-    late.loops.systems, late.loops.spread = (
-        [(t, replace(s, fresh=s.fresh & [not name.startswith("plant.tau") for name in s.parts.inputs])) for t, s in own]
-        for own in (run.loops.systems, run.loops.spread)
+    own = run.loops
+    late.loops = Along(
+        replace(own.system, fresh=own.system.fresh & [not n.startswith("plant.tau") for n in own.system.parts.inputs]),
+        own.opened,
+        [pose[:2] for pose in own.rows],
     )
     return _required(late, False)
 

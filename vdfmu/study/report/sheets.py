@@ -69,7 +69,9 @@ def tracking_sheet(summary: Summary, *, fit: bool = False) -> Sheet:
     notes = ["Position: desired minus actual. Torque: control minus feedforward, link side."]
     if paper:
         notes.append(f"Paper: {paper['source']}." if paper.get("source") else "Paper.")
-        differs = summary.get("plant_factors") or any(name.startswith("plant.") for name in summary.get("settings") or ())
+        differs = summary.get("plant_factors") or any(
+            name.startswith("plant.") for name in summary.get("settings") or ()
+        )
         notes.append(
             "The plant differs from the model by chosen values. The gains are chosen too."
             if differs

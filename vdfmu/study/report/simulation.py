@@ -36,10 +36,9 @@ from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import FAILED, state_of
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed
-from vdfmu.study.report.tracks import GOOD, OWN, POOR, tracks
+from vdfmu.study.report.tracks import GOOD, POOR, tracks
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
@@ -246,18 +245,18 @@ def _simulation(
     }
     begin, stop, step, steps = (summary[key] for key in ("start", "stop", "step", "steps"))
     sliders = list(knobs(checked))
-    passed = state_of(summary) not in ("", FAILED)
     values = values_of(checked)
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     why = ""
     if "unstable" in figures:  # one place of a limit cycle says little about another gain
         why = "no margins along it: the run itself is unstable"
-    elif not figures.get("margin", {}).get("value", 1.0):
-        why = f"no margins along it: the run has none at {figures['margin']['at_s']:.3g} s"
-    given = [[None]] * len(sliders) if why else tracks(checked, sliders, values, (begin, stop, step))
+    margin = figures.get("margin", {})
+    if not margin.get("value", 1.0):
+        why = f"no margins along it: the run has none at {margin['at_s']:.3g} s"
+    dry = "without_dry_friction" not in margin
+    given = [[None]] * len(sliders) if why else tracks(checked, sliders, values, (begin, stop, step), dry)
     for slider, found in zip(sliders, given, strict=True):
-        # friction that excites itself makes loops grow for moments of a run that is stable
-        slider["tracks"] = found if found[0] is None or found[0]["modulus"][OWN] or not passed else [None]
+        slider["tracks"] = found
         slider["why"] = why
     return {
         "units": [_unit(checked, name, modules, places) for name in names],

@@ -1,9 +1,9 @@
 """Tracks of a page's sliders: the modulus margin of the sampled loops along each, and where they become unstable.
 
-The run is linearised at some times. There each slider is moved alone: the components whose parameters it scales are
-linearised again with the new ones, at the states and inputs that the run had. The states of a faster or heavier arm
-would be others; what a gain or a stiffness does to the loops depends little on them. Where the run's own loops are
-unstable at one of these times, arms are taken without dry friction, which may excite itself.
+The run is linearised as for its verdict. At some of these rows each slider is moved alone: the components whose
+parameters it scales are linearised again with the new ones, at the states and inputs that the run had. The states of a
+faster or heavier arm would be others; what a gain or a stiffness does to the loops depends little on them. A run that
+is judged without dry friction is taken without it.
 
 A margin of `GOOD` is a largest sensitivity of 2, the upper end of what is recommended (Astrom and Hagglund, Advanced
 PID Control, 2006, section 4.5); of `POOR` one of 4, above which both performance and robustness are poor (Skogestad and
@@ -13,9 +13,7 @@ Postlethwaite, Multivariable Feedback Control, 2005, section 2.4.3).
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
@@ -26,17 +24,16 @@ import numpy as np
 from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
-from vdfmu.base.errors import VdfmuError
+from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.engine.linear.growth import margin_rows
-from vdfmu.engine.linear.linearise import Linearisation, can_change, changed, with_part
-from vdfmu.engine.linear.loops import GROWTH, Loop, modulus_margins, of_positions, opened_at, system_loop
-from vdfmu.engine.linear.system import LinearSystem
-from vdfmu.engine.masters.components import Components
+from vdfmu.engine.linear.growth import Poses
+from vdfmu.engine.linear.linearise import can_change
+from vdfmu.engine.linear.loops import Loop
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
+from vdfmu.study.analysis.loops import TIED
 from vdfmu.study.report.causes import Names
 
 GOOD, POOR = 0.5, 0.25
@@ -44,16 +41,13 @@ GOOD, POOR = 0.5, 0.25
 NOTCHES = 100
 """Places of a slider to either side of 0, where its factor is 1."""
 _PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)
-OWN = len(_PLACES) // 2
-"""Place of the run's own margin among these."""
 _HALVINGS = 4
 """Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
-_WORST = 2
-"""Times of the run at which each joint or the arm is tried, those of the least margins; all joints are at all."""
+_ROWS, _SPREAD, _WORST = 6, 5, 2
+"""Rows of the run at which sliders are tried: at most, first those where a loop has its least margin, then some evenly
+spread ones; and how many of them for a joint or the arm."""
 _JOINTS = 8
 """Most joints that have tracks of their own."""
-_POINTS = 30
-"""Frequencies, in addition to those around poles, where margins are least."""
 _ROUNDING = 1e-9
 """Rounding of derivatives that are in proportion, relative."""
 
@@ -73,7 +67,11 @@ def factor(knob: Mapping[str, Any], place: float) -> float:
 
 
 def tracks(
-    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
+    checked: Checked,
+    knobs: Sequence[Mapping[str, Any]],
+    parameters: Names,
+    span: tuple[float, float, float],
+    dry: bool = True,
 ) -> list[list[Track | None]]:
     """Return the tracks of each slider: of all joints, then of each joint; None where it has none.
 
@@ -84,14 +82,16 @@ def tracks(
     ----------
     span : tuple of float [s]
         Start, stop and step of the run.
+    dry : bool
+        Whether the run is judged with the dry friction of its arms.
     """
-    content = json.dumps([source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span])
-    digest = sha256(content.encode() + sha256(checked.system.path.read_bytes()).digest()).hexdigest()
+    facts = [source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span, dry]
+    digest = sha256(json.dumps(facts).encode() + sha256(checked.system.path.read_bytes()).digest()).hexdigest()
     path = cache_folder() / "tracks" / digest
     if (stored := load(path)) is not None:
         return json.loads(stored)
     try:
-        found = _tracks(checked, knobs, parameters, span)
+        found = _tracks(checked, knobs, parameters, span, dry)
     except VdfmuError:  # there are no loops, or the FMUs do not tell them
         found = [list[Track | None]([None]) for _ in knobs]
     store(path, json.dumps(found).encode())
@@ -99,143 +99,98 @@ def tracks(
 
 
 def _tracks(
-    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
+    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float], dry: bool
 ) -> list[list[Track | None]]:
     start, stop, step = span
-    poses = _LinearisedRows()
+    poses = Poses("tau", TIED, again=True)
     with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
         simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
-        if not opened_at(poses.systems[0][1], "tau"):  # no loop goes through a motor's torque
+        if poses.lacking:
             return [[None] for _ in knobs]
-        loops = _MovedLoops(poses, parameters, {})
-        if not min(loops.least):  # friction may excite itself
-            still = {unit: own for unit, values in parameters.items() if (own := least_dry_friction(values))}
-            loops = _MovedLoops(poses, parameters, still)
+        still = {} if dry else {unit: least_dry_friction(values) for unit, values in parameters.items()}
+        loops = _MovedLoops(poses, parameters, {unit: own for unit, own in still.items() if own})
         return [list(_of_knob(loops, knob)) for knob in knobs]
 
 
-class _LinearisedRows:
-    """Linearises all components of a run at the rows by which it is judged."""
-
-    def __init__(self) -> None:
-        self.systems: list[tuple[float, LinearSystem]] = []
-        self.components: Components | None = None
-        self._linearisation: Linearisation | None = None
-
-    def rows(self, n: int) -> frozenset[int]:
-        """Return the rows of a run with n steps."""
-        return frozenset(margin_rows(n))
-
-    def visit(self, components: Components, time: float, step: float) -> None:
-        """Linearise the components."""
-        if self._linearisation is None:
-            self.components, self._linearisation = components, Linearisation(components, step, loops=True)
-        self.systems.append((time, self._linearisation.at(time)))
-
-
 class _MovedLoops:
-    """The loops at all poses, with the run's parameters and with those of a slider."""
+    """The loops of a run, with the run's parameters and with those of a slider."""
 
-    def __init__(self, poses: _LinearisedRows, parameters: Names, still: Mapping[str, Mapping[str, Value]]) -> None:
+    def __init__(self, poses: Poses, parameters: Names, still: Mapping[str, Mapping[str, Value]]) -> None:
         assert poses.components is not None
-        self.components, self.parameters, self.still = poses.components, parameters, still
-        self._systems, self._opened = poses.systems, opened_at(poses.systems[0][1], "tau")
-        for unit, values in still.items():
-            if not can_change(self.components, unit):
-                continue
-            with changed(self.components, unit, values) as instance:
-                self._systems = [(time, with_part(system, instance, time)) for time, system in self._systems]
-        self.own = [self._loop(system) for _, system in self._systems]
-        self.least = [float(modulus_margins(_by_positions(each), self._opened).min()) for _, each in self._systems]
-        self.worst: list[int] = np.argsort(self.least).tolist()
-        """Poses, the one with the least margin first."""
+        self.components, self.parameters, self.still, self._poses = poses.components, parameters, still, poses
+        along = poses.changed(still) if still else poses.loops
+        nearest = along.nearest()
+        if nearest is None:
+            raise UsageError(along.lacking)
+        self.least = nearest.modulus
+        own = [pose.loop for pose in along.rows if pose.loop is not None]
+        of_loops = np.array([loop.modulus for loop in own])
+        spread = np.linspace(0, len(own) - 1, _SPREAD).astype(int)
+        rows = dict.fromkeys([*of_loops.argmin(axis=0)[of_loops.min(axis=0).argsort()].tolist(), *spread.tolist()])
+        self.own = {row: own[row] for row in [*rows][:_ROWS]}
+        """The loops at some rows, the one with the least margin first."""
 
-    def _loop(self, system: LinearSystem) -> Loop:
-        return system_loop(_by_positions(system), self._opened, GROWTH, _POINTS)
-
-    @contextmanager
-    def moved(self, knob: Mapping[str, Any], place: float, joint: int | None) -> Generator[Callable[[int], Loop]]:
-        """Yield a function of the pose: its loop with a slider at a place, of all joints or of one."""
-        changes: dict[str, dict[str, Value]] = {}
+    def moved(self, knob: Mapping[str, Any], place: float, joint: int | None, rows: Sequence[int]) -> list[Loop]:
+        """Return the loops at rows with a slider at a place, of all joints or of one."""
+        changes = {unit: dict(values) for unit, values in self.still.items()}
         for target in knob["targets"]:
             for name, value in self.parameters[target["unit"]].items():
                 group, _, index = name.partition("[")
                 if group == target["name"] and (joint is None or index.rstrip("]").split(",")[0] == str(joint + 1)):
-                    of_unit = changes.setdefault(target["unit"], dict(self.still.get(target["unit"], {})))
-                    of_unit[name] = factor(knob, place) * value
-        with ExitStack() as stack:
-            instances = [stack.enter_context(changed(self.components, unit, new)) for unit, new in changes.items()]
+                    changes.setdefault(target["unit"], {})[name] = factor(knob, place) * value
+        return [pose.loop for pose in self._poses.changed(changes, rows).rows if pose.loop is not None]
 
-            def loop(pose: int) -> Loop:
-                time, system = self._systems[pose]
-                for instance in instances:
-                    system = with_part(system, instance, time)
-                return self._loop(system)
-
-            yield loop
-
-    def open_as_own(self, pose: int, loop: Loop) -> bool:
+    def open_as_own(self, row: int, loop: Loop) -> bool:
         """Whether a loop differs from the run's in its feedback at most."""
-        return all(np.array_equal(*pair) for pair in zip(loop.plant, self.own[pose].plant, strict=True))
+        return all(np.array_equal(*pair) for pair in zip(loop.plant, self.own[row].plant, strict=True))
 
-    def feedback(self, knob: Mapping[str, Any], poses: Sequence[int], joint: int | None) -> dict[int, Floats] | None:
-        """Return by how much the feedback at poses changes if a slider adds 1 to its factor.
+    def feedback(self, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> dict[int, Floats] | None:
+        """Return by how much the feedback at rows changes if a slider adds 1 to its factor.
 
         None if the slider changes more than the feedback, or this not in proportion.
         """
         found: list[list[Floats]] = []
         for place in (-NOTCHES, NOTCHES):
-            with self.moved(knob, place, joint) as moved:
-                loops = [moved(pose) for pose in poses]
-            if not all(map(self.open_as_own, poses, loops)):
+            loops = self.moved(knob, place, joint, rows)
+            if not all(map(self.open_as_own, rows, loops)):
                 return None
             by = factor(knob, place) - 1.0
-            found.append([(loop.K - self.own[pose].K) / by for pose, loop in zip(poses, loops, strict=True)])
+            found.append([(loop.K - self.own[row].K) / by for row, loop in zip(rows, loops, strict=True)])
         if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *found)):
             return None
-        return dict(zip(poses, found[0], strict=True))
+        return dict(zip(rows, found[0], strict=True))
 
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
-    pose = loops.worst[0]
+    rows = [*loops.own]
     able = all(can_change(loops.components, target["unit"]) for target in knob["targets"])
     if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
         yield None
         return
-    with loops.moved(knob, NOTCHES, None) as moved:
-        there = moved(pose)
-    alike = loops.open_as_own(pose, there)
-    if alike and np.array_equal(there.K, loops.own[pose].K):  # none of its parameters is in a loop
+    (there,) = loops.moved(knob, NOTCHES, None, rows[:1])
+    alike = loops.open_as_own(rows[0], there)
+    if alike and np.array_equal(there.K, loops.own[rows[0]].K):  # none of its parameters is in a loop
         yield None
         return
-    yield _track(loops, knob, loops.worst if alike else loops.worst[:_WORST], None)
+    yield _track(loops, knob, rows if alike else rows[:_WORST], None)
     joints = len(knob["values"])
     if alike and 1 < joints <= _JOINTS:
         for joint in range(joints):
-            yield _track(loops, knob, loops.worst[:_WORST], joint)
+            yield _track(loops, knob, rows[:_WORST], joint)
 
 
-def _track(loops: _MovedLoops, knob: Mapping[str, Any], poses: Sequence[int], joint: int | None) -> Track:
-    feedback = loops.feedback(knob, poses, joint)
-
-    def margin(pose: int, loop: Loop | None, place: float) -> float:
-        own = loops.own[pose]
-        if feedback is not None:
-            return _modulus(own, own.K + (factor(knob, place) - 1.0) * feedback[pose])
-        assert loop is not None
-        return _modulus(own, loop.K) if loops.open_as_own(pose, loop) else _modulus(loop, loop.K)
+def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> Track:
+    feedback = loops.feedback(knob, rows, joint)
 
     def least(place: float) -> float:
-        found = math.inf
-        with nullcontext() if feedback is not None else loops.moved(knob, place, joint) as moved:
-            for pose in poses:
-                found = min(found, margin(pose, moved and moved(pose), place))
-                if not found:
-                    break
-        return found
+        if feedback is None:
+            moved = loops.moved(knob, place, joint, rows)
+        else:
+            own = [(loops.own[row], (factor(knob, place) - 1.0) * feedback[row]) for row in rows]
+            moved = [replace(loop, K=loop.K + more) for loop, more in own]
+        return min(float(loop.modulus.min()) for loop in moved)
 
-    own = min(loops.least[pose] for pose in poses)
-    margins = {place: least(place) if place else own for place in _PLACES}
+    margins = {place: least(place) if place else loops.least for place in _PLACES}
     limits: list[float | None] = []
     for side in (-1, 1):
         ordered = [side * abs(place) for place in _PLACES if place >= 0]
@@ -250,11 +205,3 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any], poses: Sequence[int], jo
         limits.append(inside)
     found = {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
     return found | {"still": True} if loops.still else found
-
-
-def _by_positions(system: LinearSystem) -> LinearSystem:
-    return replace(system, parts=of_positions(system.parts))
-
-
-def _modulus(loop: Loop, K: Floats) -> float:
-    return float(loop.margins(K, delay=0).modulus.min())

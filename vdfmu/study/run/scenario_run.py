@@ -40,6 +40,7 @@ from vdfmu.engine.results.folder import (
 )
 from vdfmu.engine.run import Interrupted, LogMessage, Results
 from vdfmu.engine.run.simulator import check_coupling
+from vdfmu.study.analysis.loops import poses_of
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import arm_of
@@ -170,7 +171,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             built = cached_fmus(scenario, fmus, backend, fmi_version)
             package = write_ssp(scenario, built, made / "system.ssp", system.values, mixed=True)
         facts = _facts(system, options, backend) | {"seal": seal(package)}
-        witness, poses = Witness(system), Poses("tau")
+        witness, poses = Witness(system), poses_of(system)
         try:
             results = simulated(
                 scenario, package, progress=partial(report, "co-simulation"), log=options["log"], about=facts,
@@ -198,7 +199,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         modules = stack.enter_context(compiling_modules(summary, package)) if simulate else None
         if options["reference"]:
             summary |= _references(system, package, results)
-        _judge(results, system, package, poses, limits)
+        _judge(results, system, poses, limits)
         if out is False:
             return results
         with doing("figures"):
@@ -251,10 +252,10 @@ def _numbers(results: Results, system: SystemDescription, limits: list[ArmLimits
     return found | {"paper": dict(scenario.paper)}
 
 
-def _judge(results: Results, system: SystemDescription, package: Path, poses: Poses, limits: list[ArmLimits]) -> None:
+def _judge(results: Results, system: SystemDescription, poses: Poses, limits: list[ArmLimits]) -> None:
     """Put key figures and verdict into the summary."""
     summary, scenario = results.summary, system.scenario
-    loops = list(loop_checks(poses, system, package))
+    loops = list(loop_checks(poses, system))
     figures: dict[str, Any] = summary.get("key_figures", {})
     if scenario.robot is not None:
         plant = robot_with(scenario.plant_robot, system.values.get("plant", {}))

@@ -18,6 +18,7 @@ from vdfmu.base.text import error_text, matching
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.run import Results, Simulator
+from vdfmu.study.analysis.loops import TIED
 from vdfmu.study.batch.engine import LANES, BatchProgram, Engine
 from vdfmu.study.sweeps.measures import Measure, measured
 
@@ -25,8 +26,6 @@ Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; for some points
 of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
 """
-FEW = 8
-"""Rows at which a run is linearised, for measures of its loops."""
 _ALIVE = 8
 """Systems that a worker keeps loaded."""
 
@@ -169,7 +168,7 @@ class Bench:
         _, number, values = task
         system, loops = self._job.systems[number], None
         if any(getattr(measure.function, "loops", False) for measure in self._job.measures):
-            loops = Poses("tau", FEW)
+            loops = Poses("tau", TIED)
         try:
             results = self._simulator(number).run(
                 parameters=system.parameters(values), record=self._job.record, visitor=loops, **system.run

@@ -14,14 +14,13 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.engine.linear.loops import Margins
 from vdfmu.study.sweeps.job import Row
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.worker import Worker
 from vdfmu.study.tuning.problem import Problem
 
-_STEEP = 100.0
-"""Excess for each unit of the spectral radius above 1, where margins are 0."""
+_STEEP = 0.1
+"""Excess for each 1/s of a growth, where margins are 0."""
 _SECONDS = 5.0
 """Time [s] between two files of runs: the most that is lost when all is killed."""
 
@@ -44,7 +43,8 @@ class Score:
     """Runs that failed."""
     excess: Floats
     """(m,): How far each constraint is missed, of the order of 1; positive if missed."""
-    margins: Margins | None
+    modulus: Floats
+    """(n,): Smallest modulus margin of each loop over the run; empty without a required one."""
     measures: dict[str, float]
     """Largest of each other measure over all robots."""
 
@@ -71,7 +71,7 @@ class Evaluations:
         """Values that were not run, since they miss the margin."""
         self._ledger, self._report = ledger, report
         self._by_values: dict[tuple[float, ...], Score] = {}
-        self._margins: dict[tuple[float, ...], Margins | None] = {}
+        self._margins: dict[tuple[float, ...], tuple[Floats, float]] = {}
         self._rows = {(tuple(row[n] for n in problem.names), int(row["robot"])): row for row in known}
         self._next = 1 + max((row["point"] for row in known), default=-1)
         self._fresh: list[Row] = []
@@ -105,10 +105,10 @@ class Evaluations:
         for key in dict.fromkeys(keys):
             if key in self._by_values and not (always and self._by_values[key].number is None):
                 continue
-            margins = self._margins[key] = self.problem.margins(np.array(key))
-            missing = margins is not None and (
-                not margins.modulus.any() or (not always and bool((margins.modulus < self.problem.margin).any()))
-            )
+            loops = self.problem.loops(np.array(key))
+            modulus, rate = self._margins[key] = (np.zeros(0), 0.0) if loops is None else (loops.modulus, loops.rate)
+            unstable = not modulus.all() and rate > self.problem.rate
+            missing = unstable or (not always and bool((modulus < self.problem.margin).any()))
             if missing and self.scores:  # the start is run in any case, to compare with
                 self.missed += key not in self._by_values
                 self._by_values[key] = self._score(key, None, [])
@@ -162,7 +162,7 @@ class Evaluations:
         self._kept_at = monotonic()
 
     def _score(self, key: tuple[float, ...], number: int | None, rows: Sequence[Row]) -> Score:
-        problem, margins = self.problem, self._margins[key]
+        problem, (modulus, rate) = self.problem, self._margins[key]
         failed = sum(row["failed"] is not None for row in rows)
         names = list(dict.fromkeys(name for row in rows if row["failed"] is None for name in row))
         of = {name: [row[name] for row in rows if row["failed"] is None] for name in names}
@@ -173,9 +173,7 @@ class Evaluations:
         for limit, (_, size) in problem.limits.items():
             worst = max((max(of[n]) for n in names if n.partition("[")[0] == limit), default=np.inf)
             excess.append(np.inf if failed else worst / size)
-        if margins is not None:
-            unstable = 0.0 if margins.modulus.any() else margins.radius - 1.0
-            excess += (problem.margin - margins.modulus + _STEEP * unstable).tolist()
+        excess += (problem.margin - modulus + _STEEP * (rate - problem.rate) * (modulus == 0.0)).tolist()
         if len(cost) > 1:
             start = self.scores[0].cost if self.scores else cost
             excess += (cost / start - 1.0).tolist()
@@ -185,5 +183,5 @@ class Evaluations:
             if name.partition("[")[0] in problem.plan.facts["measures"] and name not in columns
         }
         return Score(
-            np.array(key), number, cost, failed, np.nan_to_num(excess, nan=np.inf, posinf=np.inf), margins, measures
+            np.array(key), number, cost, failed, np.nan_to_num(excess, nan=np.inf, posinf=np.inf), modulus, measures
         )

@@ -6,7 +6,9 @@ import dataclasses
 import math
 import os
 import re
+import weakref
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, Unpack
 
@@ -17,13 +19,15 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.option_types import check_type
 from vdfmu.compiler.unit.variable import NO_LIMIT
-from vdfmu.engine.linear.loops import Margins
-from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.engine.linear.growth import Along, Poses
+from vdfmu.engine.linear.linearise import can_change
+from vdfmu.study.analysis.loops import judged, run_along
 from vdfmu.study.options import ProblemOptions, ScenarioOptions
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.study.sweeps.checks import TRACKING
 from vdfmu.study.sweeps.plan import Plan, make_plan
+from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import present_values, system_values
 
 _RANGE = "*log(0.1, 10)"
@@ -46,9 +50,12 @@ class Problem:
     """``mean`` or ``worst``: how the costs of the robots are combined."""
     plan: Plan
     """Plan of the sweep, whose points are the robots."""
-    loops: ArmLoops | None
+    poses: Poses | None
+    """The loops along the run of the start; None without a required margin."""
     margin: Floats
-    """(n,): Required modulus margin of each joint, with one sample of delay; empty without."""
+    """(n,): Required modulus margin of each loop; empty without."""
+    rate: float
+    """Rate [1/s] with which a mode may grow: 0, or with the margin of the start the start's."""
 
     @property
     def names(self) -> list[str]:
@@ -81,12 +88,16 @@ class Problem:
         """Return the parameters that values mean, ``component.variable``."""
         return self.plan.job.systems[0].parameters(dict(zip(self.names, values.tolist(), strict=True)))
 
-    def margins(self, values: Floats) -> Margins | None:
-        """Margins of the loops with one sample of delay; None without a required one."""
-        if self.loops is None:
+    def loops(self, values: Floats) -> Along | None:
+        """Return the loops along the run of the start, with other values; None without a required margin."""
+        if self.poses is None:
             return None
         parameters = self.parameters(values)
-        return self.loops.margins(parameters | self.plan.followed(0, parameters))
+        changes: dict[str, dict[str, float]] = {}
+        for name, value in (parameters | self.plan.followed(0, parameters)).items():
+            component, _, variable = name.partition(".")
+            changes.setdefault(component, {})[variable] = value
+        return self.poses.changed(changes)
 
 
 @with_options
@@ -94,7 +105,7 @@ def make_problem(
     scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[ProblemOptions]
 ) -> Problem:
     """Read and check the problem; for arguments see :func:`vdfmu.tune`. Nothing has run yet when it has faults."""
-    over, limit, margin, growth = options["combine"], options["limit"], options["margin"], options["growth"]
+    over, limit, margin = options["combine"], options["limit"], options["margin"]
     given, settings = pick(ScenarioOptions, options), options["settings"] or {}
     if over not in ("mean", "worst"):
         raise UsageError(f"combine: expected mean or worst, got {over}.")
@@ -125,16 +136,35 @@ def make_problem(
         **given,
     )  # fmt: skip
     facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": start}}
-    loops, required = None, np.zeros(0)
+    poses, required, rate = None, np.zeros(0), 0.0
     if margin is not None:
-        if any(axis.target.startswith("plant.") for axis in axes):
-            raise UsageError("margin: expected other parameters than those of the plant to vary.")
-        loops = ArmLoops(loaded, settings, growth=growth)
-        n_joints = len(loops.loops[0].K)
-        required = loops.margins().modulus if margin == "same" else np.full(n_joints, _number(margin))
-        facts["tune"] |= {"margin": required.tolist(), "growth": growth}
+        poses = _poses(loaded, settings, [axis.target.partition(".")[0] for axis in axes])
+        own = judged(poses, 0.0, loaded.stop).loops
+        required, same = own.modulus, margin == "same"
+        required, rate = (required, max(own.rate, 0.0)) if same else (np.full(len(required), _number(margin)), 0.0)
+        facts["tune"] |= {"margin": required.tolist()}
     plan = dataclasses.replace(plan, facts=facts, job=dataclasses.replace(plan.job, compared=()))
-    return Problem(tuple(axes), np.array(start), limits, over, plan, loops, required)
+    return Problem(tuple(axes), np.array(start), limits, over, plan, poses, required, rate)
+
+
+def _poses(scenario: Scenario, settings: Mapping[str, Any], varied: Sequence[str]) -> Poses:
+    """Return the loops along the run of a scenario, whose components stay until nothing refers to them."""
+    if "plant" in varied:
+        raise UsageError("margin: expected other parameters than those of the plant to vary.")
+    stack = ExitStack()
+    try:
+        poses, *_ = stack.enter_context(run_along(scenario, again=True, settings=settings))
+        assert poses.components is not None
+        if fixed := [name for name in dict.fromkeys(varied) if not can_change(poses.components, name)]:
+            raise UsageError(
+                f"margin: {', '.join(fixed)}: expected native FMUs without sampled states, whose loops are known with "
+                "other values. Tune without a margin; the verdict of a run has it."
+            )
+    except BaseException:
+        stack.close()
+        raise
+    weakref.finalize(poses, stack.close)
+    return poses
 
 
 def _elements(

@@ -19,6 +19,8 @@ from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report, with_progress
 from vdfmu.base.toml_text import toml_text
+from vdfmu.engine.linear.loops import Margins
+from vdfmu.study.analysis.loops import told
 from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOptions
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger
@@ -62,7 +64,7 @@ def search(evaluations: Evaluations, method: str, seed: int) -> tuple[Score, Sco
     def best() -> Score:
         return min(evaluations.scores, key=lambda score: objective(score, start))
 
-    kept = _PULLED if problem.loops is not None else 0
+    kept = _PULLED if problem.poses is not None else 0
     for one, part in {"both": (("global", 0.5), ("local", 1.0))}.get(method, ((method, 1.0),)):
         evaluations.budget = max(round(part * (budget - kept)), 1)
         with suppress(SpentError):
@@ -81,8 +83,8 @@ def _pull(evaluations: Evaluations, inner: Score, outer: Score) -> None:
     low, high = 0.0, 1.0
     for _ in range(8):
         share = (low + high) / 2.0
-        margins = problem.margins(problem.values(ends[0] + share * (ends[1] - ends[0])))
-        if margins is None or not (margins.modulus >= problem.margin).all():
+        loops = problem.loops(problem.values(ends[0] + share * (ends[1] - ends[0])))
+        if loops is None or not (loops.modulus >= problem.margin).all():
             high = share
         else:
             low = share
@@ -155,19 +157,21 @@ class Tuned:
     failed: int
     missed: int
     """Values that were not run, since they miss the margin."""
+    margins: tuple[Margins, ...]
+    """Smallest margins of each loop over the run, before and after; empty without a required one."""
     notes: list[str] = field(default_factory=list)
 
     def table(self) -> list[tuple[str, float, float]]:
-        """Rows of name, before, after: cost, measures, margins of each joint with one sample of delay."""
+        """Rows of name, before, after: cost, measures, margins of each loop."""
         rows: list[tuple[str, float, float]] = []
         names = [f"cost[{i}]" for i in range(1, len(self.after.cost) + 1)] if len(self.after.cost) > 1 else ["cost"]
         rows += list(zip(names, self.before.cost.tolist(), self.after.cost.tolist(), strict=True))
         rows += [(name, self.before.measures.get(name, math.nan), value) for name, value in self.after.measures.items()]
-        if self.before.margins is not None and self.after.margins is not None:
+        if self.margins:
             for name in ("modulus", "gain", "phase", "delay"):
-                pair = (getattr(margins, name).tolist() for margins in (self.before.margins, self.after.margins))
+                pair = (getattr(margins, name).tolist() for margins in self.margins)
                 rows += [(f"{name}[{i}]", *both) for i, both in enumerate(zip(*pair, strict=True), 1)]
-            rows.append(("radius", self.before.margins.radius, self.after.margins.radius))
+            rows.append(("rate", self.margins[0].rate, self.margins[1].rate))
         return rows
 
 
@@ -204,7 +208,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
     VdfmuError
         If the runs of the start fail, or nothing can be written.
     """
-    method, budget, growth = options["method"], options["evaluations"], options["growth"]
+    method, budget = options["method"], options["evaluations"]
     workers, time_limit, out = options["workers"], options["time_limit"], options["out"]
     if method not in METHODS:
         raise UsageError(f"method: expected {', '.join(METHODS)}, got {method}.")
@@ -212,8 +216,6 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
         if value < 1:
             raise UsageError(f"{name}: expected at least 1, got {value}.")
     check_workers(options)
-    if not math.isfinite(growth):
-        raise UsageError(f"growth: expected a finite rate, got {growth:g} 1/s.")
     import scipy
 
     problem = make_problem(scenario, vary, cost, **pick(ProblemOptions, options))
@@ -235,17 +237,17 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
             folder,
             {group: group_value(loaded, group, tuned) for group in groups},
             before, after, len(evaluations.scores),
-            sum(score.failed for score in evaluations.scores), evaluations.missed, list(ledger.notes),
+            sum(score.failed for score in evaluations.scores), evaluations.missed,
+            tuple(loops.margins() for score in (before, after) if (loops := problem.loops(score.values))),
+            list(ledger.notes),
         )  # fmt: skip
         if before.failed:
             found.notes.append(f"{before.failed} of the runs with the scenario's own values failed.")
-        if options["margin"] == "same" and not problem.margin.all():
-            found.notes.append(
-                "margin: with one sample of delay the loop of the start is unstable, so that same asks for stability "
-                "only; growth lets slow instability count as stable."
-            )
+        loops = problem.loops(after.values)
         if not after.feasible:
             found.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
+        if loops is not None and (growing := told(loops)):
+            found.notes.append(f"margin: {growing}.")
         with doing("picture"):
             _write(found, evaluations.scores)
     return found
