@@ -63,7 +63,7 @@ def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterat
     if share[i] > _SHOWN:
         yield (
             f"{name}: mode inverse leaves out {lacking[i]:.2g} of {largest[i]:.3g} N.m of motor {i + 1} in a step, for "
-            "its rotors are coupled and the motion is fast. docs/model.md says why, at 'Mode inverse'."
+            "its rotors are coupled and the motion is fast. See docs/model.md, 'Where the inverse is not exact'."
         )
 
 
