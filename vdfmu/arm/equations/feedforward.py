@@ -94,7 +94,8 @@ def desired_drive_motion(
 
     With `rotor_coupling` ID holds the rotors' reaction (11), in which each rotor turns as its link does: the
     deformation's own acceleration would take two more derivatives of q_d for each joint of the chain. What it adds to
-    kappa, ``D' I_m D_ddot``, is left out here; the torques of :func:`feedforward_inverse` have it.
+    kappa, ``D' I_m D_ddot``, is left out here; the torques of :func:`feedforward_inverse` have it. No inverse has all
+    of it: D'' of (3) jumps where a torque passes 0, and the rotors of the joints before would have to jump with it.
     """
     q, q_dot, q_ddot = desired_jets(desired)
     seen, base_jets = _seen_from_base(robot, base)

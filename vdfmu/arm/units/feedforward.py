@@ -34,6 +34,10 @@ class Feedforward(Unit):
     kinematic error, (2)-(3); xi_l and xi_m friction on link and rotor, (54)-(55). What counterbalances give is taken
     off ID and off z' F_B,r.
 
+    The inverse is not exact in two cases. With rotor_coupling the rotors' own accelerations would take two more
+    derivatives of q_d for each joint: left out of kappa_d, which matters in fast motions. Of options it knows backlash,
+    load loss and counterbalances. It does not know hysteresis, bristles, the winding, a temperature, or limits.
+
     For a robot with moving_base the motion of the base is an input, the derivatives of its acceleration A_S taken as 0.
     """
 

@@ -49,6 +49,7 @@ from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import compiling_modules
 from vdfmu.study.report.world import scene_of
+from vdfmu.study.run.accuracy import accuracy_notes
 from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
 from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.stability import explain, loop_checks, simulated
@@ -188,7 +189,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
-        for note in start_notes(results, scenario):
+        for note in (*start_notes(results, scenario), *accuracy_notes(results, system)):
             summary["notes"].append(note)
             say(note)
         limits = limits_of(system)

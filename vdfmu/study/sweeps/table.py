@@ -163,7 +163,7 @@ class StudyTable:
         """Raise UsageError unless the user made the study, in this folder, or trusts the files that it names."""
         if not trust and not is_own(*self._own):
             raise UsageError(
-                f"{self.path}: a study to run must be made in this folder with this cache, got one from elsewhere. "
+                f"{self.path}: a study to run must be made in this folder with this cache, got one from elsewhere.\n"
                 "It can run any code. If you trust who made it, give --trust."
             )
 

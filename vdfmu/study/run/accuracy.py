@@ -1,0 +1,99 @@
+"""Notes on a finished run: sizes of what an exact inverse leaves out, and of the phase that vibrations lose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.equations.harmonic_drive import deformation_derivative
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.units.feedforward import Feedforward
+from vdfmu.base.arrays import Floats
+from vdfmu.engine.results.results import Results
+from vdfmu.study.run.summary import has_signals
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference.reference import BLOCK
+from vdfmu.system.scenario.values import robot_with
+
+_SHOWN = 1e-4
+"""Share of the largest torque from which a note says what the inverse leaves out."""
+_LOST = 1e-3
+"""Share of the largest spring torque from which a note says that it depends on the tolerance."""
+
+
+def accuracy_notes(results: Results, system: SystemDescription) -> Iterator[str]:
+    """Yield notes on where a run is less exact than the pages of its units say."""
+    scenario = system.scenario
+    for name, unit in system.resolved.units.items():
+        values, part = system.values.get(name, {}), scenario.system.parts[name]
+        if issubclass(unit, Feedforward) and scenario.robot is not None and not values.get("mode", 0):
+            robot = robot_with(part.robot or scenario.known_robot, values)
+            sources = [source for source, targets in system.connections.items() if f"{name}.q_d_dot" in targets]
+            if robot.rotor_coupling and sources:
+                yield from _left_out(results, robot, name, sources[0])
+        if name in system.resolved.plants and "tolerance" in values and not values.get("solver", 0):
+            yield from _phases(results, robot_with(part.robot or scenario.plant_robot, values), name, values)
+
+
+def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterator[str]:
+    """Yield a note on the torque that the inverse of an arm with coupled rotors leaves out over a step.
+
+    The rotors after a joint react with at most ``sum I_m (kappa_ddot - q_ddot)`` more than the inverse knows of when it
+    works out the motion of the joint's own rotor. That lacks D' times it, and the torque I_m times its second
+    derivative. Rows near rest are left out: there the third derivative of q_d may jump.
+    """
+    if not has_signals(results, f"{name}.tau_s", f"{name}.tau_m", f"{name}.kappa_dot_d", q_d_dot):
+        return
+    lacking, largest = np.zeros(robot.n), np.zeros(robot.n)
+    for part in results.blocks(BLOCK):
+        h, motion = np.diff(part.time), part[q_d_dot]
+        largest = np.maximum(largest, np.abs(part[f"{name}.tau_m"]).max(axis=0))
+        if len(h) < 3 or np.ptp(h) > 1e-6 * h[0]:
+            continue
+        reaction = np.abs(np.diff(robot.I_m * (part[f"{name}.kappa_dot_d"] - motion), 3, axis=0)) / h[0] ** 3
+        after = np.cumsum(reaction[:, ::-1], axis=1)[:, ::-1] - reaction
+        lost = robot.I_m * deformation_derivative(robot, part[f"{name}.tau_s"][1:-2]) * after
+        moving = np.convolve(np.any(motion, axis=1), np.ones(7), "same")[1:-2] > 6.5
+        lacking = np.maximum(lacking, lost[moving].max(axis=0, initial=0.0))
+    share = lacking / np.maximum(largest, 1e-300)
+    i = int(share.argmax())
+    if share[i] > _SHOWN:
+        yield (
+            f"{name}: mode inverse leaves out {lacking[i]:.2g} of {largest[i]:.3g} N.m of motor {i + 1} in a step, for "
+            "its rotors are coupled and the motion is fast. See docs/model.md, 'Where the inverse is not exact'."
+        )
+
+
+def _phases(results: Results, robot: Robot, name: str, values: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a note on springs that swing for so many cycles that their torque at an instant depends on the tolerance.
+
+    The energy of a vibration drifts by ``2 tol^(5/4)`` a cycle: Rodas4 keeps an error of order 5, its error control one
+    of order 4 at the tolerance. On a spring that stiffens the frequency goes with the energy, by up to half of it. So
+    the phase drifts with the square of the cycles. Viscous friction forgets a vibration after ``2 I_m ell / f_v``.
+    """
+    if not has_signals(results, f"{name}.tau_s"):
+        return
+    largest, squares, rows = np.zeros(robot.n), np.zeros(robot.n), 0
+    for part in results.blocks(BLOCK):
+        tau_s = part[f"{name}.tau_s"]
+        largest = np.maximum(largest, np.abs(tau_s).max(axis=0))
+        bends = np.diff(tau_s, 2, axis=0)  # of noise of size 1 it is the root of 6
+        squares, rows = squares + np.sum(bends * bends, axis=0) / 6.0, rows + len(bends)
+    slack, taut = (deformation_derivative(robot, tau_s) for tau_s in (0.0 * largest, largest))
+    inertia = robot.I_m * robot.ell
+    frequency = np.sqrt(1.0 / (taut * inertia)) / (2.0 * math.pi)
+    kept = np.minimum(results.time[-1] - results.time[0], 2.0 * inertia / np.maximum(robot.f_v, 1e-300))
+    cycles: Floats = frequency * kept
+    swing = np.sqrt(squares / max(rows, 1))
+    phase = 0.5 * math.pi * (1.0 - taut / slack) * cycles**2 * float(values["tolerance"]) ** 1.25
+    lost = phase * swing / np.maximum(largest, 1e-300)
+    i = int(lost.argmax())
+    if lost[i] > _LOST:
+        yield (
+            f"{name}: spring {i + 1} swings by {swing[i]:.2g} of {largest[i]:.3g} N.m, over {cycles[i]:.2g} cycles of "
+            f"up to {frequency[i]:.2g} Hz. Tolerance {values['tolerance']:g} moves their phase by {phase[i]:.1g} rad "
+            f"or more, and with it tau_s and E_spring at an instant. Compare with {name}.tolerance = 1e-9."
+        )
