@@ -156,11 +156,28 @@ atexit.register(lambda: [signal.raise_signal(s) for s in (signal.SIGINT, signal.
 sys.argv = ["vdfmu", "--version"]
 main()
 """
+LATE = """
+import os, signal, sys
+from vdfmu.cli import main
+class Last:
+    def __del__(self, kill=os.kill, process=os.getpid(), number=signal.SIGINT):
+        kill(process, number)
+sys.last = Last()
+sys.argv = ["vdfmu", "--version"]
+main()
+"""
+"""While Python frees its modules, when it has given the handlers of signals back."""
 
 
 @pytest.mark.parametrize(
     ("code", "ended", "said"),
-    [(DROPPED, 130, "stopped\n"), (SLOW + DROPPED, 130, "stopped\n"), (FREED, 130, "stopped\n"), (ENDING, 0, "")],
+    [
+        (DROPPED, 130, "stopped\n"),
+        (SLOW + DROPPED, 130, "stopped\n"),
+        (FREED, 130, "stopped\n"),
+        (ENDING, 0, ""),
+        (LATE, 0, ""),
+    ],
 )
 def test_a_signal_that_a_library_drops_comes_again_and_one_at_the_end_adds_nothing(code, ended, said):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)

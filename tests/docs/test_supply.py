@@ -63,6 +63,17 @@ def test_the_files_have_all_that_the_project_and_its_extras_name() -> None:
     assert set().union(names(extras["notebook"]), *(names(locked(name)) for name in FILES)) <= constraints
 
 
+def test_the_backend_that_builds_the_project_is_the_tested_one() -> None:
+    """Of an install without make, whose build environment knows neither constraints nor hashes."""
+    constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:]
+    assert {*PROJECT["build-system"]["requires"]} <= {*constraints}
+    # make test-lowest reads it from this line
+    assert (
+        re.findall(r'^requires = \["(.*)"\]$', (ROOT / "pyproject.toml").read_text("utf-8"), re.MULTILINE)
+        == (PROJECT["build-system"]["requires"])
+    )
+
+
 def test_make_installs_nothing_without_a_hash_but_the_project() -> None:
     make = (ROOT / "Makefile").read_text(encoding="utf-8")
     installs = re.findall(r"\$\(PIP_INSTALL\) (.*)", make)

@@ -66,3 +66,60 @@ def test_a_run_waits_until_another_process_has_its_files_in_place(tmp_path):
     thread.join()
     other.wait()
     assert (tmp_path / "results.csv").read_text() == "mine"
+
+
+RUN = """
+import sys
+from pathlib import Path
+from vdfmu.engine.results.folder import replacing_results
+with replacing_results(Path(sys.argv[1]), ("results.csv", "summary.json"), False) as partial:
+    (partial / "results.csv").write_text("time\\ns\\n0\\n")
+    for name in sys.argv[2:]:
+        (partial / name).write_text("")
+    print(partial.name, flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def running(tmp_path):
+    """Return what starts a run of another process, which waits after its first rows, and its folder of rows."""
+    processes = []
+
+    def start(*names):
+        words = [sys.executable, "-c", RUN, tmp_path, *names]
+        process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        processes.append(process)
+        return process, tmp_path / process.stdout.readline().strip()
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of folders are those of POSIX")
+def test_what_a_killed_run_left_is_removed_by_the_next_and_that_of_a_living_one_is_kept(tmp_path, running):
+    (killed, orphan), (living, rows) = running("0123456789abcdef.tmp"), running()
+    killed.kill()
+    killed.wait()
+    others = tmp_path / "partial_1_notes"
+    others.mkdir()
+    assert orphan.exists() and rows.exists()
+    with replacing_results(tmp_path, OUTPUTS, False) as partial:
+        write(partial, "mine")
+    assert not orphan.exists()
+    assert (rows / "results.csv").exists() and others.exists()
+    assert living.poll() is None
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of folders are those of POSIX")
+@pytest.mark.parametrize("name", ["notes.txt", "before"])
+def test_what_no_run_wrote_or_an_earlier_one_is_not_removed(tmp_path, running, name):
+    """Of a run that is killed while it takes its place, ``before`` has the files of the earlier one."""
+    killed, orphan = running(name)
+    killed.kill()
+    killed.wait()
+    with replacing_results(tmp_path, OUTPUTS, False) as partial:
+        write(partial, "mine")
+    assert sorted(path.name for path in orphan.iterdir()) == sorted(["results.csv", name])

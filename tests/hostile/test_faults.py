@@ -4,8 +4,9 @@ import os
 
 import pytest
 
+from tests.hostile.faults import FAULTS, met
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.base.errors import SspError, StorageError
+from vdfmu.base.errors import SspError, StorageError, VdfmuError
 from vdfmu.engine.package import load_ssp
 
 
@@ -23,3 +24,11 @@ def test_a_build_looks_at_all_places_before_it_replaces_the_first(planar, tmp_pa
     with pytest.raises(StorageError, match=r"PDController\.fmu: is a folder"):
         build_fmus(planar, tmp_path, units=["trajectory", "controller"], backend="python")
     assert [path.name for path in tmp_path.iterdir()] == ["PDController.fmu"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="another system keeps a folder that is in use")
+@pytest.mark.parametrize("number", [k for k, fault in enumerate(FAULTS) if fault.name == "no working folder"])
+def test_a_working_directory_that_was_deleted_is_said(tmp_path, number):
+    with pytest.raises(VdfmuError, match="The working directory was deleted: start the command in another one") as said:
+        met(number, tmp_path)
+    assert "output" not in str(said.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import math
 import os
 import signal
@@ -70,8 +71,15 @@ def _give_back(taken: list[tuple[int, Any]]) -> None:
 def command_begins() -> None:
     """Let signals end the command that the process is for, even if a library drops what they raise."""
     global _command
-    _listen()
+    taken = _listen()
     _command = True
+    atexit.register(_ignore, taken)
+
+
+def _ignore(taken: list[tuple[int, Any]]) -> None:
+    """Ignore signals from here on: while Python frees its modules, their defaults would end it without a word."""
+    for number, _ in taken:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def command_ended() -> None:

@@ -18,7 +18,7 @@ from vdfmu.base.once import one_job
 from vdfmu.base.version import __version__
 from vdfmu.cli import analysis, cache, doctor, files, identify, robots, runs, scenarios, studies, units, view
 from vdfmu.cli.app import App, QuietOption, VerboseOption, reset_verbosity, set_verbosity
-from vdfmu.cli.terminal import console, fail, table
+from vdfmu.cli.terminal import console, fail, folder_is_gone, table
 
 app = App(
     invoke_without_command=True,
@@ -141,6 +141,8 @@ def command() -> None:
             raise
         if error.filename is not None:  # such as a name that is too long
             fail(f"{error.filename}: {error.strerror}", 2)
+        if folder_is_gone():
+            fail("", 2)
         # else of the output of a command
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):

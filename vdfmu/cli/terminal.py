@@ -277,8 +277,20 @@ def load(scenario: str, robot: str | None, settings: list[str] | None = None) ->
     return with_payload(load_scenario(scenario, robot), read_settings(settings))
 
 
+def folder_is_gone() -> bool:
+    """Whether the working directory was deleted."""
+    try:
+        os.getcwd()
+    except OSError:
+        return True
+    return False
+
+
 def fail(error: object, code: int) -> NoReturn:
     """Say what is wrong and end, with the same code where it cannot be said."""
+    if folder_is_gone():
+        text = "The working directory was deleted: start the command in another one."
+        error = ". ".join([*filter(None, [error_text(error).rstrip(".")]), text])
     with suppress(OSError):
         say_error(error)
     sys.exit(code)

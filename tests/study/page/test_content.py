@@ -118,6 +118,27 @@ def test_the_page_of_a_long_run_is_quick(calls):
     assert calls(lambda: report_page([run])) < 10_001 * 100 / 20  # seen: 25 thousand; none for each number
 
 
+@pytest.mark.parametrize(("kind", "angle", "unit"), [("revolute", 180.0 / np.pi, "deg"), ("prismatic", 1e3, "mm")])
+def test_figures_have_degrees_or_millimetres_and_torques_on_the_link(kind, angle, unit):
+    """A torque of the motor is multiplied by the reduction ratio, and by nothing else."""
+    names = ("plant.q", "trajectory.q_d", "controller.tau", "controller.tau_m", "plant.kappa")
+    signals = [Signal(f"{name}[1]", "real", "", k) for k, name in enumerate(names)]
+    robot = {"types": [kind], "ell": [100.0], "gravity": [0.0, 0.0, 9.81], "shapes": []}
+    robot |= {"rotation": [np.eye(3).tolist()] * 1, "offset": [[0.0] * 3], "tool_offset": [1.0, 0.0, 0.0]}
+    arm = robot | {"tool_rotation": np.eye(3).tolist()}
+    results = Results(np.arange(2.0), signals, {"real": np.tile([0.25, 0.5, 3.0, 2.0, 1.0], (2, 1))}, {"arm": arm})
+    found = {one["key"].partition(".")[0]: one for one in content_of(results, results.summary)["figures"]}
+    values = {key: (one["unit"], *curves(one)[1][:, 0].tolist()) for key, one in found.items()}
+    force = {"deg": "N.m", "mm": "N"}[unit]
+    assert values == {
+        "position": (unit, *np.float32([0.25 * angle, 0.5 * angle])),
+        "tracking": (unit, np.float32(0.25 * angle)),
+        "torque": (force, 300.0, 200.0),
+        "compensation": (force, 100.0),
+        "torsion": (unit, np.float32(0.75 * angle)),
+    }
+
+
 @pytest.mark.heavy
 def test_tracking_errors_keep_their_digits(planar):
     folder, results = planar

@@ -1,6 +1,7 @@
 """The verdict on the loops of a run: linearised at poses of it, against what simulations do."""
 
 import json
+import math
 import re
 
 import numpy as np
@@ -11,7 +12,7 @@ import vdfmu
 from vdfmu.base.errors import CosimError
 from vdfmu.base.state_space import Linear
 from vdfmu.cli.commands import app
-from vdfmu.engine.linear.growth import Poses
+from vdfmu.engine.linear.growth import Growth, Poses
 from vdfmu.engine.linear.loops import Loop, fastest_mode, system_margins
 from vdfmu.engine.results.verdict import line_of
 from vdfmu.engine.run import Simulator
@@ -214,3 +215,11 @@ def test_margins_counts_as_stable_what_a_run_does():
     assert done.exit_code == 0 and "unstable" not in done.output
     strict = CliRunner().invoke(app, [*loops, "--growth", "0"])
     assert strict.exit_code == 1 and "expected up to 0 1/s" in strict.output
+
+
+@pytest.mark.parametrize(
+    ("factor", "lasts", "unstable"),
+    [(49.0, False, False), (51.0, False, True), (2.71, True, False), (2.72, True, True)],
+)
+def test_disturbances_may_grow_50_fold_for_a_while_and_e_fold_until_the_end(factor, lasts, unstable):
+    assert Growth(math.log(factor), 0.0, 1.0, 1.0, "plant.q[1]", lasts).unstable is unstable

@@ -269,3 +269,10 @@ def test_parts_do_not_repeat_what_the_study_is(tmp_path):
         part = next((tmp_path / "t" / "parts").glob("*.parquet"))
         assert part.stat().st_size < 10_000  # ten rows of five columns; the axis alone is 100 kB of text
         assert vdfmu.Sweep(tmp_path / "t").facts["axes"] == found.facts["axes"]  # before the end too
+
+
+def test_the_worst_point_has_the_largest_value_and_the_best_the_smallest(tmp_path):
+    found = study(tmp_path / "study", {"f.x": [3.0, -2.0, 5.0, 9.0]}, lambda x: x, fail=(3,))
+    assert [found.row(which)["point"] for which in ("worst", "best", 0)] == [2, 1, 0]
+    assert found.row("best", "y")["y"] == -2.0
+    assert found.ranges() == [["y", "-2", "3", "5", "2"]]

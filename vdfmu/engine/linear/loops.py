@@ -215,7 +215,8 @@ def fastest_mode(system: LinearSystem) -> tuple[float, str]:
     The part is the product of the mode's two eigenvectors, which has no unit of measurement.
     """
     found = moving(system)
-    poles, right = np.linalg.eig(found.A.astype(complex))
+    eigen: Any = np.linalg.eig(found.A.astype(complex))
+    poles, right = eigen
     same, left = np.linalg.eig(found.A.T)
     rates: Any = poles.real if found.step is None else np.log(np.maximum(np.abs(poles), _NONE)) / found.step
     mode = int(rates.argmax())
@@ -277,7 +278,8 @@ def _separated(A: Floats, above: float) -> tuple[Complex, Complex, Complex]:
 
     LinAlgError if there are not as many eigenvectors.
     """
-    poles, right = map(np.asarray, np.linalg.eig(A))
+    eigen: Any = np.linalg.eig(A)
+    poles, right = eigen
     kept = np.flatnonzero(np.abs(poles) > above)
     with suppress(np.linalg.LinAlgError):
         inverse = np.linalg.inv(right)
@@ -285,7 +287,7 @@ def _separated(A: Floats, above: float) -> tuple[Complex, Complex, Complex]:
             return poles[kept].astype(complex), right[:, kept].astype(complex), inverse[kept].astype(complex)
     same, left = np.linalg.eig(A.T)  # delays in a row have one eigenvector
     left, right = left[:, np.argsort(-np.abs(same))[: len(kept)]].T, right[:, kept].astype(complex)
-    return poles[kept].astype(complex), right, np.linalg.solve(left @ right, left)
+    return poles[kept].astype(complex), right, np.linalg.solve(left @ right, left).astype(complex)
 
 
 def _margins(L: Any, w: Floats, sampled: bool) -> Floats:

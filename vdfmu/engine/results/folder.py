@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager, suppress
 from itertools import count, islice
@@ -22,6 +23,8 @@ SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES)
 """Files that a run of a package writes, and replaces in the folder of an earlier one; packages are not among them."""
 PARTIAL = "partial"
 """Folder, in that of the results, of a run that failed or was stopped."""
+_TEMPORARY = re.compile(r"[0-9a-f]{16}\.tmp")
+"""Names of files that were being written, see `vdfmu.base.files.replacing`."""
 DRAWN = 20_000
 """Rows that a picture shows at most: 8 for each of its pixels."""
 
@@ -46,8 +49,8 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
     """Give a run a folder in `folder` to write to; what it holds in the end replaces an earlier run.
 
     A run that fails or is stopped leaves its rows in ``partial``, which its error says, and the earlier run as it was.
-    Without rows it leaves nothing. One that is killed leaves ``partial_PID``. Several at once, in threads or processes,
-    do not interfere: the last to complete stays.
+    Without rows it leaves nothing. One that is killed leaves ``partial_PID``, which the next run removes. Several at
+    once, in threads or processes, do not interfere: the last to complete stays.
 
     Raises
     ------
@@ -74,8 +77,9 @@ _LOCK = Lock()
 @contextmanager
 def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> Generator[None]:
     made = not folder.exists()
+    owned = None
     try:
-        _prepare(partial, folder, outputs, overwrite)
+        owned = _prepare(partial, folder, outputs, overwrite)
         yield
         with InterruptGuard(), _LOCK, _one_process(folder):
             _publish(partial, folder, outputs)
@@ -92,26 +96,54 @@ def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: b
                 with suppress(OSError):
                     empty.rmdir()
         raise
+    finally:
+        if owned is not None:
+            os.close(owned)
 
 
 @contextmanager
 def _one_process(folder: Path) -> Generator[None]:
     """Keep other processes from publishing in a folder meanwhile, where the system has such locks."""
-    if os.name != "posix":
+    handle = _locked(folder, wait=True)
+    try:
         yield
-        return
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _locked(folder: Path, wait: bool = False) -> int | None:
+    """Return the handle of a lock on a folder, which ends with its process; None if another has it or none can."""
+    if os.name != "posix":
+        return None
     import fcntl
 
     handle = os.open(folder, os.O_RDONLY)
     try:
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:  # or a file system without locks
         os.close(handle)
+        return None
+    return handle
 
 
-def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> None:
+def _remove_orphans(folder: Path, outputs: Sequence[str]) -> None:
+    """Remove what killed runs left: folders that no process has locked, with nothing but files of a run in them."""
+    for orphan in folder.glob(f"{PARTIAL}_*"):
+        ours = re.fullmatch(rf"{PARTIAL}_\d+(_\d+)?", orphan.name) and not orphan.is_symlink()
+        handle = _locked(orphan) if ours and orphan.is_dir() else None
+        if handle is not None:
+            known = {*outputs, *result_files(orphan)}
+            if all(path.name in known or _TEMPORARY.fullmatch(path.name) for path in orphan.iterdir()):
+                with suppress(OSError):
+                    for path in orphan.iterdir():
+                        path.unlink()
+                    orphan.rmdir()
+            os.close(handle)
+
+
+def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> int | None:
+    """Make the folder of a run; return the handle of its lock."""
     try:
         found = written(folder, outputs)
         folders = [name for name in found if (folder / name).is_dir()]
@@ -126,8 +158,13 @@ def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: boo
                 f"{folder}: has {', '.join(foreign)}, which no run wrote there; expected a new folder, or one of an "
                 "earlier run. Choose another one with --out, or let them be replaced with --overwrite."
             )
-        partial.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        with _one_process(folder):  # none is made and not locked yet
+            _remove_orphans(folder, outputs)
+            partial.mkdir(exist_ok=True)
+            owned = _locked(partial)
         _remove(partial, outputs)
+        return owned
     except OSError as error:
         raise UsageError(f"{folder}: cannot hold the results: {error}. Choose another folder with --out.") from error
 
