@@ -12,7 +12,6 @@ from vdfmu.base.standards import WITHOUT_NATIVE
 
 WITHOUT = {
     "native": WITHOUT_NATIVE,
-    "wasm": "no FMUs as components of WebAssembly: none built with --platform wasm, none run in a sandbox",
     "parquet": "results are CSV, three times the size",
     "matlab": "no logs from MATLAB files of version 7.3; those of version 5 need nothing",
     "mcap": "no logs and no results in MCAP",

@@ -56,8 +56,8 @@ def build(
     platform: Annotated[
         list[str] | None,
         typer.Option(
-            help="Platform of native FMUs, such as x86_64-windows, or all; wasm is a component of WebAssembly, "
-            "wasm32 a module. Default this machine's. Repeatable."
+            help="Platform of native FMUs, such as x86_64-windows, or all; wasm32 is a module of "
+            "WebAssembly. Default this machine's. Repeatable."
         ),
     ] = None,
     sources: Annotated[bool, typer.Option(help="Carry the C of native FMUs in them.")] = True,

@@ -15,9 +15,9 @@ from vdfmu.base.cache import COMPILER, cache_folder
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.files import regular_target, require_ours, storing, temporary_folder
 from vdfmu.base.progress import warn_once
-from vdfmu.base.standards import BACKENDS, FMI_3, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
+from vdfmu.base.standards import BACKENDS, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
 from vdfmu.base.version import __version__
-from vdfmu.compiler.c.platforms import COMPONENT, native_available
+from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.efmi.production import PRECISIONS
 from vdfmu.compiler.fmu.content import CONTENT_PLACES, EFMU, Content, installed_digest, is_built, keep_record, tool_of
 from vdfmu.compiler.targets import TARGETS, BuildTarget
@@ -177,8 +177,6 @@ def _check_names(
         raise UsageError(f"{exchanged[0]} is for model exchange, which native FMUs alone have, got the backend python.")
     if backend == "python" and platforms is not None:
         raise UsageError("Platforms can be chosen for native FMUs only.")
-    if fmi_version != FMI_3.name and COMPONENT in ([platforms] if isinstance(platforms, str) else platforms or ()):
-        raise UsageError(f"Components of WebAssembly are of FMI {FMI_3.name}, got {fmi_version}.")
 
 
 def _check(content: Content) -> None:

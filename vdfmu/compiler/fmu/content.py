@@ -34,10 +34,7 @@ EFMU = "eFMU"
 """Folder of an eFMU in its FMU."""
 UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
-_DATA = {
-    "python": ("python/*.py",),
-    "native": ("c/*.[ch]", "functions/*.[ch]", "wasm/*.[ch]", "wasm/wit/*.wit", "icons/*"),
-}
+_DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "functions/*.[ch]", "icons/*")}
 """Data files that decide what the FMUs of a backend are, in addition to the modules."""
 
 
