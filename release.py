@@ -72,15 +72,6 @@ what your tool should give.
 | arm | joints | what |
 | --- | ---: | --- |
 {arms}
-
-## Is an FMU what its sources make?
-
-```sh
-pip install -c constraints.txt "vdfmu-{version}-py3-none-any.whl[native]"
-vdfmu verify ARM/fmi2.0/Plant.fmu
-```
-
-builds the FMU again, without the cache, and names each file that is not the same to the bit.
 """
 
 
