@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.base.arrays import Floats, distinct
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, StateSpace, held
 from vdfmu.engine.algorithms import choice, is_continuous
@@ -96,7 +96,7 @@ class Loop:
     def grid(self) -> tuple[Floats, Complex]:
         """Frequencies [rad/s], (m,), up to half the sampling frequency, and the response there."""
         w = np.geomspace(_SLOWEST, 1.0, self.points) * np.pi / self.step
-        w = distinct(np.concatenate([w, self.around(np.linalg.eigvals(self.sampled.A))]))
+        w = np.unique(np.concatenate([w, self.around(np.linalg.eigvals(self.sampled.A))]))
         return w, self.response(w)
 
     def around(self, poles: Any) -> Floats:
@@ -104,7 +104,7 @@ class Loop:
         s = np.log(poles[np.abs(poles) > 0.5].astype(complex)) / self.step
         s = s[(s.imag > _SLOWEST * np.pi / self.step)]
         w = s.imag[:, None] + np.abs(s.real - self.growth)[:, None] * _AROUND
-        return distinct(w[(w > 0.0) & (w < np.pi / self.step)])
+        return np.unique(w[(w > 0.0) & (w < np.pi / self.step)])
 
     def response(self, w: Floats) -> Any:
         """Response of the sampled plant's states to the motor torques at frequencies (m,) [rad/s]: (m, n_x, n)."""
