@@ -22,9 +22,9 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.once import one_job
-from vdfmu.base.standards import FMI_3, FMI_VERSIONS
+from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.base.version import __version__
-from vdfmu.compiler.c.platforms import COMPONENT, PLATFORMS
+from vdfmu.compiler.c.platforms import PLATFORMS
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.run.reference_folder import write_reference
 from vdfmu.system.scenario import Scenario
@@ -72,15 +72,6 @@ what your tool should give.
 | arm | joints | what |
 | --- | ---: | --- |
 {arms}
-
-## Is an FMU what its sources make?
-
-```sh
-pip install -c constraints.txt "vdfmu-{version}-py3-none-any.whl[native,wasm]"
-vdfmu verify ARM/fmi2.0/Plant.fmu
-```
-
-builds the FMU again, without the cache, and names each file that is not the same to the bit.
 """
 
 
@@ -132,9 +123,8 @@ def _write_arm(scenario: Scenario, folder: Path, platforms: Sequence[str]) -> No
     """Write the FMUs of an arm with the values of a motion, the packages that move it, and what comes of it."""
     values = system_values(scenario, {})
     for version in FMI_VERSIONS:
-        fitting = [name for name in platforms if name != COMPONENT or version == FMI_3.name]
         build_fmus(
-            scenario.robot, folder / f"fmi{version}", start_values=values, fmi_version=version, platforms=fitting,
+            scenario.robot, folder / f"fmi{version}", start_values=values, fmi_version=version, platforms=platforms,
             progress=True,
         )  # fmt: skip
     write_reference(scenario, folder / "reference", values)
@@ -146,7 +136,7 @@ def _write_texts(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> No
     readme = README.format(
         version=__version__,
         bill="| `sbom.cdx.json` | what is installed with the package, as CycloneDX |\n" if SBOM.exists() else "",
-        platforms=", ".join(f"`{name}`{' in FMI 3.0' if name == COMPONENT else ''}" for name in platforms),
+        platforms=", ".join(f"`{name}`" for name in platforms),
         units="\n".join(f"| {unit.__name__} | {unit.description()} |" for unit in shipped_units().values()),
         arms="\n".join(f"| {robot.name} | {robot.n} | {robot.description} |" for robot in robots),
     )

@@ -10,6 +10,7 @@ import tempfile
 from typing import Any
 
 import numpy as np
+from vdfmu.study.analysis.margins import ArmLoops
 
 import vdfmu
 from benchmarks.report import Report, Table
@@ -17,7 +18,6 @@ from benchmarks.system import packed
 from benchmarks.timing import processor_time
 from vdfmu.arm.robot import Robot, load_robot, robot_names
 from vdfmu.base.cache import COMPILER, cache_folder
-from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.analysis.modes import natural_modes
 from vdfmu.study.analysis.reach import GROWTH, reach_scenario
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from gallery import gallery_page
 from interface_pages import interface_page, robot_file_page
 from notebook_pages import NOTEBOOKS, page
-from reference_pages import command_line_page, scenario_file_page
+from reference_pages import command_line_page, rules_page, scenario_file_page
 from versions import add_version, version_name
 
 import vdfmu
@@ -30,6 +30,7 @@ PAGES = {
     "robot_file.md": robot_file_page,
     "command_line.md": command_line_page,
     "scenario_file.md": scenario_file_page,
+    "rules.md": rules_page,
 }
 """Page to what makes it; none of them is kept with the sources."""
 

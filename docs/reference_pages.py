@@ -1,4 +1,4 @@
-"""Reference pages made from the code: the command line, and the file of a scenario."""
+"""Reference pages made from the code: the command line, the file of a scenario, and the rules of the check."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import typer.main
 
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.cli.commands import app
+from vdfmu.engine.rules import RULES
 from vdfmu.system.scenario.schema import scenario_schema
 
 
@@ -111,6 +112,12 @@ def _value(schema: Mapping[str, Any]) -> str:
     return " ".join([words.get(kind, kind), *([", ".join(bounds)] if bounds else [])])
 
 
+def rules_page() -> str:
+    """Return the list of rules, in markdown."""
+    rows = [f"| {rule.number} | {rule.severity} | {rule.title} | {rule.way} |" for rule in RULES.values()]
+    return "\n".join([_RULES_HEAD, *rows, ""])
+
+
 _HUGE = 1e4
 """Bound from which it is there for broken files only."""
 _COMMANDS_HEAD = """---
@@ -156,3 +163,13 @@ A component that knows the robot takes any of [its numbers](robot_file.md) too, 
 is in `[plant]` alone is unknown to the feedforward. `[plant_factors]` multiplies them in the plant alone, `mass = 1.02`
 or a list with one for each joint. `[paper]` has the numbers printed next to the results, from joint 1 on.
 """
+
+_RULES_HEAD = """# Rules of the check
+
+[`vdfmu check`](checking.md) holds files against these rules. The reader of packages and the master refuse by the same
+rules. The number of a rule is at the end of each line of the check, and in its JSON. `PKG` are rules of zip files and
+XML, `SSP` of systems, `FMI` of FMUs, `RUN` of what a run shows, and `SRC` of robots, scenarios, systems and units. A
+note is not an error.
+
+| rule | severity | what holds | way out |
+| --- | --- | --- | --- |"""

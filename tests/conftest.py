@@ -21,11 +21,14 @@ from vdfmu.arm.robot import Robot, check_robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, section
 from vdfmu.arm.robot.structure import values
 from vdfmu.arm.units import shipped_units
+from vdfmu.base import plugins
 from vdfmu.base.cache import cache_folder
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import UnitFunctions
+from vdfmu.engine.results.formats import FORMATS
+from vdfmu.study.identify.log_files import READERS
 
 
 class NoFiles(ModuleType):
@@ -302,3 +305,14 @@ def plant_solver():
         return Integrator(Traced(Interface(shipped_units()["plant"], robot)))
 
     return solver
+
+
+@pytest.fixture
+def added(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Path], None]]:
+    """Return a function that adds the packages in a folder for one test."""
+    plugins._points.cache_clear()
+    yield lambda folder: monkeypatch.syspath_prepend(str(folder))
+    plugins._points.cache_clear()
+    for table in (FORMATS, READERS):
+        for name in {*table} - table._shipped:
+            del table[name]

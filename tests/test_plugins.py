@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.added import installed
 from tests.docs.test_tutorials import ROOT, read_blocks
 from tests.study.identify.recorded import T, motion
 from vdfmu.arm.units import find_unit, known_units
@@ -24,16 +25,6 @@ from vdfmu.engine.results.folder import known_formats
 from vdfmu.engine.results.formats import FORMATS
 
 PAGE = ROOT / "docs" / "plugins.md"
-
-
-def installed(folder: Path, name: str, points: dict[str, dict[str, str]]) -> None:
-    """Write what an installer writes of a package beside its modules."""
-    about = folder / f"{name.replace('-', '_')}-1.0.dist-info"
-    about.mkdir(parents=True)
-    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    lines = (f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in each.items())
-             for group, each in points.items())  # fmt: skip
-    (about / "entry_points.txt").write_text("\n".join(lines))
 
 
 @pytest.fixture(scope="module")
@@ -49,18 +40,6 @@ def acme(tmp_path_factory):
     (folder / "acme_arms" / "acme_2.toml").write_text(robot.replace('"planar_2dof"', '"acme_2"'))
     installed(folder, project["name"], project["entry-points"])
     return folder
-
-
-@pytest.fixture
-def added(monkeypatch):
-    """Return what installs a package for one test."""
-    plugins._points.cache_clear()
-
-    def add(folder: Path) -> None:
-        monkeypatch.syspath_prepend(str(folder))
-
-    yield add
-    plugins._points.cache_clear()
 
 
 def command(folder: Path, acme: Path, *words: str) -> subprocess.CompletedProcess[str]:

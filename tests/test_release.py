@@ -1,4 +1,4 @@
-"""A release of one arm, made twice, has the same bits, and its FMUs are those that their sources make."""
+"""A release of one arm, made twice, has the same bits; its package has its FMUs."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ import zipfile
 
 import pytest
 
-from tests.compiler.fmu.test_native_content import members
 from tests.docs.test_tutorials import ROOT
-from vdfmu.base.files import pack_zip
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import this_platform
-from vdfmu.compiler.fmu.build import verify
 
 CONDA_NAMES = {"fmpy": "fmpy-base", "matplotlib": "matplotlib-base"}
 """Packages that conda-forge has under another name: those without windows."""
@@ -116,20 +113,8 @@ def test_a_release_made_twice_has_the_same_bits(releases):
 
 
 @pytest.mark.heavy
-def test_its_fmus_are_those_that_their_sources_make(releases, tmp_path):
+def test_its_package_has_its_fmus(releases):
     arm = releases[0] / "planar_2dof"
     with zipfile.ZipFile(arm / "reference" / "planar_2dof_reach.ssp") as package:  # of this platform alone, as they are
         for name in ("Trajectory", "Feedforward", "PDController", "Plant"):
             assert package.read(f"resources/{name}.fmu") == (arm / "fmi2.0" / f"{name}.fmu").read_bytes()
-    for fmu in (arm / "fmi2.0" / "Plant.fmu", arm / "fmi3.0" / "PDController.fmu"):
-        assert verify(fmu) == []
-    found = members(arm / "fmi3.0" / "PDController.fmu")
-    library = next(name for name in found if name.endswith((".so", ".dll", ".dylib")))
-    description = found["modelDescription.xml"]
-    changed = {
-        library: found[library][:-1] + bytes([found[library][-1] ^ 1]),
-        "modelDescription.xml": description.replace(b'version="0', b'version="9', 1),
-        "resources/more.txt": b"more",
-    }
-    pack_zip(tmp_path / "changed.fmu", found | changed)
-    assert [line.partition(":")[0] for line in verify(tmp_path / "changed.fmu")] == sorted(changed)

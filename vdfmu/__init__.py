@@ -119,9 +119,6 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Import a name of the API when it is first used, so that an FMU does not load the master or the plots."""
     if name not in _WHERE:
-        words = import_module("vdfmu.base.words")
-        name = words.present_word("vdfmu", name, "vdfmu.", words.warn_python)
-    if name not in _WHERE:
         raise AttributeError(f"module 'vdfmu' has no attribute {name!r}")
     value = globals()[name] = getattr(import_module(_WHERE[name]), name)
     return value

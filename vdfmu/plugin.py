@@ -1,7 +1,5 @@
 """What a package needs that adds master algorithms and formats of results; units are written with `vdfmu.unit`."""
 
-from typing import Any
-
 from vdfmu.engine.algorithms import Algorithm
 from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.masters.steppers import Coupling
@@ -9,10 +7,3 @@ from vdfmu.engine.results.formats import Format, Stream
 from vdfmu.engine.results.recorded import Recorded, Signal
 
 __all__ = ["Algorithm", "Coupling", "Format", "Recorded", "SampledStepper", "Signal", "Stream"]
-
-
-def __getattr__(name: str) -> Any:
-    """Return what a deprecated name is now."""
-    from vdfmu.base.words import renamed
-
-    return renamed(__name__, globals(), name)

@@ -37,7 +37,6 @@ READERS = {
     "sweep",
     "tune",
     "unit",
-    "verify",
     "view",
 }
 

@@ -1,4 +1,4 @@
-"""The words of the command line: one for each thing, groups of commands, old words, one kind of error."""
+"""The words of the command line: one for each thing, groups of commands, one kind of error."""
 
 import json
 import re
@@ -12,7 +12,6 @@ import typer.main
 
 import vdfmu
 from tests.warm import command
-from vdfmu.base.words import RENAMED, new_word
 from vdfmu.cli.commands import COMMANDS, FIRST, app
 
 
@@ -75,24 +74,13 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
         assert options(ALL[name])[word].metavar == values
 
 
-def test_old_words_are_answered_with_words_that_there_are():
-    for name, words in RENAMED.items():
-        if name and name != "Simulator":
-            known = options(ALL["sweep run" if name == "sweep" else name])
-            for old in words:
-                assert f"--{old.replace('_', '-')}" not in known
-                assert new_word(name, f"--{old.replace('_', '-')}") in known
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("sweep tracking --keep plant.q", "--keep is now --record. See 'vdfmu sweep run --help'."),
-        ("sweep run tracking --over x=1", "--over is now --vary."),
-        ("tune tracking --over worst", "--over is now --combine."),
-        ("simulate x.ssp --time-limit 3", "--time-limit is now --wait-limit."),
-        ("ssp tracking --format 2.0", "--format is now --ssp."),
-        ("models list", "'models' is now robot, scenario or schema. See 'vdfmu --help'."),
+        (
+            "sweep tracking --varry x=1",
+            "No such option: --varry; did you mean --vary, --retry? See 'vdfmu sweep run --help'.",
+        ),
         ("run --mastre jacobi", "No such option: --mastre; did you mean --master"),
         ("rum", "No such command 'rum'. Did you mean 'run'?"),
         ("run --step fast", "Invalid value for '--step'"),
@@ -110,18 +98,18 @@ def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
 
 def test_a_module_that_is_run_answers_as_the_command():
     for words, said in (
-        ("models list", "'models' is now robot, scenario or schema. See 'vdfmu --help'."),
-        ("simulate x.ssp --time-limit 3", "--time-limit is now --wait-limit. See 'vdfmu simulate --help'."),
+        ("rum", "No such command 'rum'. Did you mean 'run'? See 'vdfmu --help'."),
+        ("simulate x.ssp --wait-limmit 3", "did you mean --wait-limit, --unpack-limit? See 'vdfmu simulate --help'."),
     ):
         done = subprocess.run([sys.executable, "-m", "vdfmu.cli", *words.split()], capture_output=True, text=True)
         assert said in " ".join(done.stderr.split()) and done.returncode == 2
 
 
-def test_old_words_of_functions_are_answered_too():
-    with pytest.raises(TypeError, match=r"sweep\(\) got an unexpected keyword argument 'keep'; it is now 'record'"):
-        vdfmu.sweep("tracking", keep=["plant.q"])
-    with pytest.raises(TypeError, match="'time_limit'; it is now 'wait_limit'"):
-        vdfmu.simulate("x.ssp", time_limit=1.0)
+def test_a_wrong_word_of_a_function_is_answered_with_a_close_one():
+    with pytest.raises(
+        TypeError, match=r"simulate\(\) got .* keyword argument 'wait_limmit'; did you mean wait_limit\?"
+    ):
+        vdfmu.simulate("x.ssp", wait_limmit=1.0)
 
 
 def test_the_bare_command_names_eight_commands_and_all_others(tmp_path):

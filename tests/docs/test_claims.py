@@ -58,6 +58,7 @@ def test_linked_files_exist(page):
                 "robot_file.md",
                 "command_line.md",
                 "scenario_file.md",
+                "rules.md",
                 "gallery.md",
                 "notebooks/first_run.md",
             )

@@ -14,6 +14,7 @@ from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.robot import ENDS
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.rules import RULES
 from vdfmu.system.scenario.scenario import Scenario
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -144,3 +145,10 @@ def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(mon
     assert "| `stop` | number > 0, needed | End of the run \\[s] |" in keys
     table = keys.split("## [controller]")[1].split("\n## ")[0]
     assert "| `velocity` | `kappa_dot`, `q_dot`, `mixed` |" in table
+
+
+def test_the_page_of_the_rules_has_every_rule(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    page = importlib.import_module("reference_pages").rules_page()
+    assert re.findall(r"^\| ([A-Z]{3}\d{3}) \| (?:problem|note) \|.*\|.*\|$", page, re.MULTILINE) == [*RULES]
+    assert "| FMI009 | problem | min <= start <= max | correct the value |" in page

@@ -12,6 +12,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.inspect.inspection import inspect_file
+from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 
 
@@ -58,3 +59,25 @@ def assert_same_bits(some: Results, others: Results) -> None:
     for name in some:
         assert some[name].dtype == others[name].dtype
         assert some[name].tobytes() == others[name].tobytes(), name
+
+
+def hard_results() -> Results:
+    """Return signals of all kinds, with values and names that formats may spoil, and a copy."""
+    m = 1300
+    real, numbers = hard_numbers(m, 4, 2)
+    real[1, 2] = np.inf
+    signals = [
+        Signal("a.q[1]", "real", "rad", 3),
+        Signal("a.q[2]", "real", "m", 1),
+        Signal("a.q", "integer", "", 1),
+        Signal('b"\u00e4,\n', "real", "", 0),
+        Signal("end", "real", "N.m", 2),
+        Signal("a.K_p__", "integer", "", 0),
+        Signal("a.on", "boolean", "", 0),
+        Signal("b_1.x", "real", "m", 0),
+        Signal("b1.x", "boolean", "", 0),
+        Signal("c.q", "real", "rad", 3, of="a.q[1]"),
+    ]
+    data = {"real": real, "integer": numbers, "boolean": numbers[:, :1] % 2}
+    summary = {"limit": np.inf, "path": "\u00e4", "copies": {"0": {"c.q": "a.q[1]"}}}
+    return Results(0.001 * np.arange(m) - 0.5, signals, data, summary)

@@ -114,7 +114,7 @@ def test_csv_needs_no_pyarrow(package, tmp_path):
 
 @pytest.mark.parametrize("given", ["xls", "csv;parquet", "", "csv,"])
 def test_a_format_that_there_is_not(package, given):
-    with pytest.raises(UsageError, match="format: expected csv, parquet, mat, mcap, or csv,.* for all, got "):
+    with pytest.raises(UsageError, match="format: expected csv, parquet, mat, or csv,.* for all, got "):
         run_system(package, formats=given.split(",") if given else ())
 
 

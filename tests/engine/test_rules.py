@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 import stat
 import warnings
 import zipfile
@@ -339,13 +338,6 @@ def test_json_names_rule_file_and_line(tmp_path):
         "message": "c.w: m.fmu has no such variable", "way_out": "correct the name",
     }  # fmt: skip
     assert ("FMI005", "x.ssp: m.fmu: modelDescription.xml") in {(f["rule"], f["file"]) for f in findings}
-
-
-def test_the_page_of_the_rules_is_that_of_the_list():
-    page = (Path(__file__).parents[2] / "docs" / "rules.md").read_text(encoding="utf-8")
-    rows = [f"| {r.number} | {r.severity} | {r.title} | {r.way} |" for r in RULES.values()]
-    assert "\n".join(["| rule | severity | what holds | way out |", "| --- | --- | --- | --- |", *rows]) in page
-    assert re.findall(r"^\| ((?:PKG|SSP|FMI|RUN|SRC)\d+) ", page, re.MULTILINE) == list(RULES)
 
 
 @pytest.mark.heavy

@@ -1,4 +1,4 @@
-"""Types of arrays, their distinct values, and their elements by name."""
+"""Types of arrays, and their elements by name."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,12 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
-
-
-def distinct(values: ArrayLike) -> NDArray[Any]:
-    """Return the distinct values of an array in their order, as `numpy.unique`, which imports masked arrays for it."""
-    found = np.sort(values, axis=None)
-    return found[np.append(True, found[1:] != found[:-1])[: found.size]]
 
 
 def with_named(numbers: ArrayLike, name: str, values: Mapping[str, Any]) -> Floats:

@@ -17,7 +17,6 @@ from typing import Any, ForwardRef, ParamSpec, TypeVar, cast, get_args
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option_types import type_problem
 from vdfmu.base.text import close_to
-from vdfmu.base.words import new_word, present_parameters
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -107,13 +106,11 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        given = present_parameters(name, kwargs)
-        for unknown in given.keys() - signature.parameters.keys():
-            new = new_word(name, unknown)
-            way = f"; it is now {new!r}" if new else close_to(unknown, signature.parameters)
-            raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{way}")
+        for unknown in kwargs.keys() - signature.parameters.keys():
+            close = close_to(unknown, signature.parameters)
+            raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{close}")
         try:
-            bound = signature.bind(*args, **given)
+            bound = signature.bind(*args, **kwargs)
         except TypeError as error:
             raise TypeError(f"{name}() {error}") from None
         found = [

@@ -56,15 +56,6 @@ def limit(kind: str, size: int) -> None:
             resource.setrlimit(number, (size, size))
 
 
-def is_limited(kind: str) -> bool:
-    """Whether this process has a limit of a kind, see `limit`."""
-    if sys.platform == "win32":
-        return False
-    import resource
-
-    return resource.getrlimit(getattr(resource, f"RLIMIT_{kind}"))[0] != resource.RLIM_INFINITY
-
-
 def private_pipes() -> tuple[BinaryIO, int]:
     """Take the pipes of a process that was `started`: a file of requests, and a descriptor for the replies.
 

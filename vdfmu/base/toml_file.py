@@ -13,7 +13,6 @@ from vdfmu.base.files import data_path
 from vdfmu.base.plugins import Plugins
 from vdfmu.base.text import nearest, printable
 from vdfmu.base.version import format_problem
-from vdfmu.base.words import present_word
 
 _DEEPEST = 50
 """Levels of lists and tables in a file; a robot has 7."""
@@ -58,17 +57,14 @@ def locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None
     return Path(added)
 
 
-def read_toml(path: Path, kind: str = "") -> dict[str, Any]:
-    """Return the content of a TOML file without its ``format``; ModelError if it cannot be read.
-
-    Of a `kind`, robots, scenarios or systems, deprecated keys have their present names.
-    """
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the content of a TOML file without its ``format``; ModelError if it cannot be read."""
     problem: str
     try:
         data = tomllib.loads(read_bytes(path, "a TOML file").decode("utf-8-sig"))
         problem = _TOO_DEEP if _too_deep(data) else format_problem(data.pop("format", 1))
         if not problem:
-            return _with_present_keys(data, kind, f"{path}: ") if kind else data
+            return data
     except RecursionError:
         problem = _TOO_DEEP
     except UnicodeDecodeError as error:
@@ -79,22 +75,6 @@ def read_toml(path: Path, kind: str = "") -> dict[str, Any]:
     except ValueError as error:  # of a number of more digits than Python reads
         problem = f"expected TOML, got what cannot be read: {error}. Correct it."
     raise ModelError(f"{path}: {problem}")
-
-
-def _with_present_keys(value: Any, kind: str, where: str, within: str = "") -> Any:
-    """Return tables whose deprecated keys are replaced, except for one that stands beside the new one."""
-    if isinstance(value, list):
-        return [_with_present_keys(each, kind, where, within) for each in cast("list[Any]", value)]
-    if not isinstance(value, dict):
-        return value
-    found: dict[str, Any] = {}
-    for key, inner in cast("dict[str, Any]", value).items():
-        if within == "sources.":  # its keys are those of the file, with their tables
-            new = present_word(kind, key, where)
-        else:
-            new = key if "." in key else present_word(kind, f"{within}{key}", where).rpartition(".")[2]
-        found[key if new in value else new] = _with_present_keys(inner, kind, where, f"{within}{new}.")
-    return found
 
 
 _LARGEST = 2**20

@@ -24,7 +24,6 @@ from vdfmu.base.errors import LOG
 from vdfmu.base.progress import showing
 from vdfmu.base.text import close_to
 from vdfmu.base.version import __version__
-from vdfmu.base.words import new_word, present_word
 from vdfmu.cli.terminal import console, expanded, fail
 
 _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -42,15 +41,7 @@ VerboseOption = Annotated[
 
 
 class CommandGroup(TyperGroup):
-    """All commands: wrong usage is an error as any other; old words work on or are answered with the new ones."""
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command in words; deprecated ones are replaced."""
-        path = ctx.command_path.partition(" ")[2]
-        set_verbosity(quiet=bool({"-q", "--quiet"} & {*args}))
-        name, command, rest = super().resolve_command(ctx, [present_word(path, args[0]), *args[1:]])
-        place = _place(f"{path} {name}".strip())
-        return name, command, [_present_option(place, word) if word.startswith("--") else word for word in rest]
+    """All commands: wrong usage is an error as any other."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the words before the command."""
@@ -85,26 +76,11 @@ def _usage(error: Any, path: str, context: Any) -> str:
     message = error.format_message().rstrip(".")
     option: str = getattr(error, "option_name", None) or ""
     if type(error).__name__ == "NoSuchOption":
-        new = new_word(_place(path), option)
         known = [word for one in context.command.params for word in (*one.opts, *one.secondary_opts)]
         close = re.sub(r"([\w-]+)(?=[,?])", r"--\1", close_to(option.lstrip("-"), [word.lstrip("-") for word in known]))
-        message = f"{option} is now {new}" if new else f"No such option: {option}{close}"
-    elif found := re.fullmatch(r"No such command '(.*?)'.*", message):
-        new = new_word(path, found[1])
-        message = f"'{found[1]}' is now {new}" if new else message
+        message = f"No such option: {option}{close}"
     stop = "" if message.endswith("?") else "."
     return f"{message}{stop} See '{' '.join(filter(None, ('vdfmu', path)))} --help'."
-
-
-def _present_option(place: str, word: str) -> str:
-    """Return ``--option`` or ``--option=value`` by its present name."""
-    option, sign, value = word.partition("=")
-    return present_word(place, option) + sign + value
-
-
-def _place(path: str) -> str:
-    """Return the name of a command's function: that of ``sweep run`` is ``sweep``."""
-    return path.removesuffix(" run")
 
 
 class App(typer.Typer):

@@ -55,7 +55,6 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
         (files.ssp, "vdfmu ssp two_joint --ssp 2.0 --out two_joint.ssp"),
         (files.reference, "vdfmu reference two_joint --out reference"),
         (files.check, "vdfmu check fmus/Plant.fmu"),
-        (files.verify, "vdfmu verify fmus/Plant.fmu"),
     ),
     "Models": (
         (robots.app, ""),

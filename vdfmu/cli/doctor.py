@@ -12,10 +12,8 @@ from vdfmu.base.standards import WITHOUT_NATIVE
 
 WITHOUT = {
     "native": WITHOUT_NATIVE,
-    "wasm": "no FMUs as components of WebAssembly: none built with --platform wasm, none run in a sandbox",
     "parquet": "results are CSV, three times the size",
     "matlab": "no logs from MATLAB files of version 7.3; those of version 5 need nothing",
-    "mcap": "no logs and no results in MCAP",
     "sweep": "no parameter studies (vdfmu sweep) and no tuning",
     "federate": "a system runs in one process only",
     "notebook": "no jupyter lab, no to_pandas(), no to_xarray(), no bars in a notebook",

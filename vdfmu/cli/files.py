@@ -1,4 +1,4 @@
-"""``vdfmu build``, ``container``, ``ssp``, ``reference``, ``check`` and ``verify``: FMUs and packages."""
+"""``vdfmu build``, ``container``, ``ssp``, ``reference`` and ``check``: FMUs and packages."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ def build(
     platform: Annotated[
         list[str] | None,
         typer.Option(
-            help="Platform of native FMUs, such as x86_64-windows, or all; wasm is a component of WebAssembly, "
-            "wasm32 a module. Default this machine's. Repeatable."
+            help="Platform of native FMUs, such as x86_64-windows, or all; wasm32 is a module of "
+            "WebAssembly. Default this machine's. Repeatable."
         ),
     ] = None,
     sources: Annotated[bool, typer.Option(help="Carry the C of native FMUs in them.")] = True,
@@ -242,22 +242,6 @@ def check(
     else:
         _report(file, report.kind if source else report.standard, report.problems, report.notes)
     if report.problems:
-        raise typer.Exit(1)
-
-
-def verify(
-    fmu: Annotated[Path, typer.Argument(help="An FMU of a unit that vdfmu built.")],
-    unit: Annotated[str | None, typer.Option(help="File of a unit of one's own, which its FMU does not carry.")] = None,
-) -> None:
-    """Build an FMU again from what it carries, and say whether it is the same to the bit."""
-    from vdfmu.arm.units import find_unit
-    from vdfmu.compiler.fmu.build import verify as differences
-
-    found = differences(fmu, None if unit is None else find_unit(unit))
-    for line in found:
-        say(f"problem: {line}")
-    say(f"{fmu}: {'not the same' if found else 'the same to the bit'} as built again from its unit, robot and values")
-    if found:
         raise typer.Exit(1)
 
 

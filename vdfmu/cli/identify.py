@@ -35,7 +35,8 @@ _CLOSE = 0.5
 
 def identify(
     log: Annotated[
-        Path | None, typer.Argument(help="Results of a run, CSV of any tool, Parquet, a MATLAB file, or MCAP of ROS 2.")
+        Path | None,
+        typer.Argument(help="Results of a run, CSV of any tool, Parquet, a MATLAB file, or one that a plugin reads."),
     ] = None,
     robot: Annotated[
         str | None,

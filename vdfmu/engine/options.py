@@ -119,14 +119,10 @@ class LoadedOptions(CouplingOptions, MemberOptions, total=False):
     """How components run on this machine."""
 
     isolate: Annotated[bool | None, Option("Run the components in a process of their own, which they may crash. "
-        "Default: where an FMU was not built by this project, or is a component of WebAssembly.", "bool",
+        "Default: where an FMU was not built by this project.", "bool",
         "If they crash it, end it, take too long or too much memory, that is a CosimError; otherwise they could end or "
         "block this process.",
         flag="--isolate/--no-isolate")]
-    sandbox: Annotated[bool | None, Option("Run the components of WebAssembly of FMUs, which have no rights on this "
-        "machine, instead of their libraries. Default: where they have one; with --sandbox an FMU without one is "
-        "refused.", "bool", "FMUs of FMI 3.0 may have one, see the draft FMI-LS-WASM.",
-        flag="--sandbox/--no-sandbox")]
     memory_limit: Annotated[float | None, Option(
         "Memory in MB that isolated components have; default half of the machine's.", "float [MB]")]
 

@@ -169,3 +169,26 @@ def test_robot_of_other_size_is_reported_for_every_list() -> None:
     for key, line in zip(keys, caught.value.problems, strict=True):
         name = key.partition(".")[2]
         assert f"{key}: expected one value, or 2 for {name}[1] to {name}[2], got 6." in line
+
+
+@pytest.mark.parametrize("name", ["robot.toml", "scenario.toml", "system.toml"])
+def test_a_file_says_its_format_and_one_of_a_later_version_is_refused(name: str, tmp_path: Path) -> None:
+    for file, source in (
+        ("robot.toml", SHIPPED),
+        ("scenario.toml", data_path("models") / "scenarios" / "planar_tracking.toml"),
+        ("system.toml", data_path("ssp") / "system.toml"),
+    ):
+        text = source.read_text(encoding="utf-8")
+        text = text.replace('robot = "planar_2dof"', 'robot = "./robot.toml"\nsystem = "./system.toml"')
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    scenario, file = tmp_path / "scenario.toml", tmp_path / name
+    text = file.read_text(encoding="utf-8")
+    for format in ("", "format = 1\n"):
+        file.write_text(f"{format}{text}", encoding="utf-8")
+        found = load_scenario(scenario)
+        assert (found.robot.n, found.system.path) == (2, tmp_path / "system.toml")
+    for wrong, way_out in (("2", "A later vdfmu than this .* wrote it: update vdfmu"), ('"1"', "Leave the key out")):
+        file.write_text(f"format = {wrong}\nsecrets = 1\n{text}", encoding="utf-8")
+        with pytest.raises(ModelError, match=f"{name}: format: expected 1, got .*{way_out}") as refused:
+            load_scenario(scenario)
+        assert "secrets" not in str(refused.value)  # other keys are not for this version

@@ -299,7 +299,7 @@ def test_a_machine_without_native_fmus_is_told(monkeypatch: pytest.MonkeyPatch) 
         platforms.chosen_platforms(None)
     assert not native_available()
     assert platforms.chosen_platforms("all") == platforms.ALL
-    assert platforms.chosen_platforms(["wasm", "wasm32", "all"]) == tuple(PLATFORMS)
+    assert platforms.chosen_platforms(["wasm32", "all"]) == tuple(PLATFORMS)
 
 
 def test_a_cache_that_cannot_be_written_costs_time_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from vdfmu.study.analysis.margins import ArmLoops
 
 import vdfmu
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
-from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.analysis.modes import natural_modes
 from vdfmu.system.scenario import load_scenario
 

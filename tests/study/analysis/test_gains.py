@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
+from vdfmu.study.analysis.margins import ArmLoops
 
 from tests.arm.imports.conftest import ARM
 from tests.conftest import TYPICAL
@@ -13,7 +14,6 @@ from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.base.errors import UsageError
 from vdfmu.study.analysis.gains import arm_gains, joint_gains
-from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.analysis.reach import GROWTH, reach_scenario, write_reach
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from vdfmu.study.analysis.margins import ArmLoops
 
 import vdfmu
 from tests.conftest import heavy
@@ -11,7 +12,6 @@ from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
 from vdfmu.engine.linear.loops import Loop, _margins
-from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.unit import Output, Unit
 
 STEP = 1e-3

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from typer.testing import CliRunner
+from vdfmu.study.analysis.margins import ArmLoops
 
 import vdfmu
 from tests.study.analysis.test_margins import AT_REST
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.engine.linear.loops import system_margins
-from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.analysis.system import linearized, margins_along
 
 SHORT = AT_REST | {"plant.tolerance": 1e-9}

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from vdfmu.study.analysis.margins import ArmLoops
 
 import vdfmu
 from tests.study.page.browser import number, show
@@ -14,7 +15,6 @@ from vdfmu.base.errors import UnitError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
 from vdfmu.base.option import declared
 from vdfmu.engine.linear.loops import GROWTH
-from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.compare import compare as module
 from vdfmu.study.compare.axes import LAWS, MISMATCHES, MOTIONS
 from vdfmu.study.compare.cells import STRUCTURES, ComparedArm

@@ -1,6 +1,5 @@
 """Logs in the files of other tools, joints with and without an encoder behind the gear, and the faults of logs."""
 
-import json
 import re
 import subprocess
 import sys
@@ -11,10 +10,6 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 import scipy.io
-from mcap.writer import Writer
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as RosWriter
-from rosbags.typesys import Stores, get_typestore
 from scipy.interpolate import CubicSpline
 
 import vdfmu
@@ -22,8 +17,6 @@ from tests.study.identify.recorded import STEP, M, T, motion
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.run import Results, Signal
 from vdfmu.study.identify.log import read_log
-
-NAMES = ("lift", "elbow")
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +116,7 @@ def test_a_parquet_file_of_another_tool(robot, data, tmp_path):
     assert log.notes == ("times are those of stamp, in ns",)
 
 
-@pytest.mark.parametrize("form", ["csv", "parquet", "mat", "mcap"])
+@pytest.mark.parametrize("form", ["csv", "parquet", "mat"])
 def test_results_of_a_run_are_logs_in_every_form(robot, data, tmp_path, form):
     signals = [
         Signal(f"plant.{name}", "real", "N.m" if name[0] == "t" else "rad", i) for i, name in enumerate(table(data))
@@ -133,78 +126,6 @@ def test_results_of_a_run_are_logs_in_every_form(robot, data, tmp_path, form):
     for mine, other in zip((log.t, log.kappa, log.q, log.tau), (T, *data), strict=True):
         np.testing.assert_array_equal(mine, other)
     assert log.notes == ()
-
-
-@pytest.fixture(scope="module")
-def bag(data, tmp_path_factory):
-    """Return an MCAP file by rosbags: JointState with joints in an order that changes, and links on another topic."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    State, Header, Time = (
-        store.types[name]
-        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    )
-    kappa, q, tau = data
-    effort = tau * vdfmu.load_robot("planar_2dof").ell
-    folder = tmp_path_factory.mktemp("bag") / "bag"
-    with RosWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for topic, positions, late in (("/joint_states", kappa, 0), ("/links", q, 0)):
-            connection = writer.add_connection(topic, State.__msgtype__, typestore=store)
-            for k in range(M):
-                order = [0, 1] if k % 3 else [1, 0]
-                stamp = 1_700_000_000_000_000_000 + round(T[k] * 1e9) + late
-                header = Header(Time(*divmod(stamp, 10**9)), "")
-                names, none = [NAMES[i] for i in order], np.zeros(0)
-                given = effort[k, order] if topic == "/joint_states" else none
-                message = State(header, names, positions[k, order], none, given)
-                writer.write(connection, stamp + 3_000_000, store.serialize_cdr(message, State.__msgtype__))
-    return next(folder.glob("*.mcap"))
-
-
-def test_joint_states_of_ros_in_mcap(robot, data, bag):
-    named = robot.__class__(**{**robot.__dict__, "joint_names": NAMES})
-    log = read_log(bag, named, {"q": "/links.position[{}]"})
-    same(log, data)
-    assert log.notes[0].startswith("kappa is /joint_states.position[lift] and so on: as ROS has it, behind the gears")
-    assert log.notes[1].startswith("tau_link is /joint_states.effort[lift]") and len(log.notes) == 2
-    with pytest.raises(UsageError, match=r"there are .*/joint_states.position\[lift\]"):
-        read_log(bag, robot)
-
-
-def test_json_in_mcap_at_times_of_its_own(robot, data, tmp_path):
-    kappa, q, tau = data
-    late = 0.0013
-    _, q_late, _ = motion(robot, T + late)
-    with open(tmp_path / "log.mcap", "wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema("arm", "jsonschema", b'{"type": "object"}')
-        topics = {name: writer.register_channel(name, "json", schema) for name in ("/drives", "/links")}
-        odd = writer.register_channel("/odd", "protobuf", schema)
-        writer.add_message(odd, 0, b"", 0)
-        for k in range(M):
-            stamp = round(T[k] * 1e9)
-            text = json.dumps({"pos": kappa[k].tolist(), "state": {"tau": tau[k].tolist(), "ok": True}}).encode()
-            writer.add_message(topics["/drives"], stamp, text, stamp)
-            stamp += round(late * 1e9)
-            writer.add_message(topics["/links"], stamp, json.dumps({"q": q_late[k].tolist()}).encode(), stamp)
-        writer.finish()
-    columns = {"kappa": "/drives.pos[{}]", "tau": "/drives.state.tau[{}]", "q": "/links.q[{}]"}
-    log = read_log(tmp_path / "log.mcap", robot, columns)
-    wanted = motion(robot, log.t)
-    # a spline of 4 ms on 0.9 Hz: (2 pi 0.9 h)^4 / 384 of 1.2 rad is 8e-10; ten times of it at the ends
-    np.testing.assert_allclose(log.kappa, wanted[0], atol=1e-8)
-    np.testing.assert_allclose(log.q, wanted[1], atol=1e-8)
-    assert log.t[0] == pytest.approx(late) and len(log.t) == M - 1
-    assert "/odd: not read, its encoding is protobuf" in log.notes
-    assert any("columns have times of their own" in note for note in log.notes)
-    with open(tmp_path / "odd.mcap", "wb") as file:
-        writer = Writer(file)
-        writer.start()
-        odd = writer.register_channel("/odd", "protobuf", writer.register_schema("arm", "protobuf", b""))
-        writer.add_message(odd, 0, b"", 0)
-        writer.finish()
-    with pytest.raises(UsageError, match=r"expected messages of ROS 2 .* or json, got /odd in protobuf"):
-        read_log(tmp_path / "odd.mcap", robot)
 
 
 def test_joints_without_an_encoder_behind_the_gear_have_nan(robot, data, tmp_path):

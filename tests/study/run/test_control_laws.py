@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from vdfmu.study.analysis.margins import ArmLoops
 
 import vdfmu
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.units import find_unit
 from vdfmu.study.analysis.lqr import state_gains
-from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.replace import with_units
 

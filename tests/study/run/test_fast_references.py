@@ -1,7 +1,6 @@
-"""References in seconds: one compiled function for scipy to call, and solutions that are kept by what decides them."""
+"""References in seconds: compiled functions, and solutions that are kept by what decides them."""
 
 import dataclasses
-import inspect
 import signal
 
 import numpy as np
@@ -82,23 +81,11 @@ def test_all_that_a_solver_calls_is_one_compiled_function(name):
             # The same operations in the same order, but compilers' sin and exp differ in the last bit: 1e-16 of
             # values that are differences of torques 1e3 times as large, over an inertia of 1e-3 kg m2.
             np.testing.assert_allclose(system.memory, fast, rtol=1e-10, atol=1e-10)
-    function = right_hand_side(system, run).function
-    assert inspect.isbuiltin(function)  # nothing of Python runs when a solver calls it
-    expected = right_hand_side(system, run)(0.3, x).copy()
-    np.testing.assert_array_equal(function(0.3, x), expected)
-    assert np.any(function(0.4, x) != expected)
-    assert np.any(function(0.3, 1.01 * x) != expected)
-
-
-def test_another_python_calls_what_is_in_python(monkeypatch):
-    """Its objects may have other heads, which the builtin would read as numbers."""
-    from vdfmu.system.reference import compiled
-
-    assert compiled._has_known_objects()
-    monkeypatch.setattr(compiled.sys.implementation, "name", "pypy")
-    compiled._has_known_objects.cache_clear()
-    assert compiled.builtin(None, np.zeros(1), np.zeros(1)) is None
-    compiled._has_known_objects.cache_clear()
+    rate = right_hand_side(system, run)
+    expected = rate(0.3, x).copy()
+    np.testing.assert_array_equal(rate(0.3, x), expected)
+    assert np.any(rate(0.4, x) != expected)
+    assert np.any(rate(0.3, 1.01 * x) != expected)
 
 
 def right_hand_side(system, run, feed=None):
@@ -125,7 +112,7 @@ def test_what_depends_on_the_time_alone_is_calculated_once_a_time(settings, unit
     lists = ContinuousReference(system).lists
     run = compiled.runs(system, lists, compiled.sources(system, lists))
     system.start()
-    function, x = right_hand_side(system, run).function, system.memory[system.x]
+    function, x = right_hand_side(system, run), system.memory[system.x]
     expected = [function(t, x).copy() for t in (0.3, 0.4)]
     torques = system.units["feedforward"].group("tau_m")
     function(0.3, x)
@@ -267,16 +254,23 @@ def test_ctrl_c_within_a_step_of_scipy_ends_the_solution(own_cache, monkeypatch,
 
 @pytest.mark.parametrize("name", NAMES)
 def test_ctrl_c_between_the_rows_ends_the_solution(own_cache, monkeypatch, name):
-    """Where all is compiled, Python code runs between scipy's steps, too."""
-    plain, calls = compiled.CompiledRun.__call__, []
+    """In the compiled functions of the outputs, which scipy does not call."""
+    plain, calls = compiled.runs, []
 
-    def run(self, t):
-        calls.append(t)
-        if len(calls) == 20:
-            signal.raise_signal(signal.SIGINT)
-        plain(self, t)
+    def interrupted(run):
+        def called(t):
+            calls.append(t)
+            if len(calls) == 20:
+                signal.raise_signal(signal.SIGINT)
+            run(t)
 
-    monkeypatch.setattr(compiled.CompiledRun, "__call__", run)
+        return called
+
+    def runs(*system):
+        made = plain(*system)
+        return {name: run if name.startswith("rate") else interrupted(run) for name, run in made.items()}
+
+    monkeypatch.setattr("vdfmu.system.reference.reference.runs", runs)
     with pytest.raises(KeyboardInterrupt):
         reference(name, described(), step=1e-3, stop=0.5)
     assert len(calls) == 20

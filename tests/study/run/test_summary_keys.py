@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import pytest
 
 import vdfmu
+from vdfmu.base.errors import UsageError
 from vdfmu.engine.package_run import run_system
 from vdfmu.study.report.summary_keys import KEYS, Keyed, List, Record, read_summary, typed
 
@@ -57,3 +58,10 @@ def test_a_factor_of_the_plant_may_have_a_number_for_each_joint(tmp_path, planar
     file = tmp_path / "summary.json"
     file.write_text(json.dumps(summary))
     assert read_summary(file)["plant_factors"] == {"mass": [1.1, 0.9]}
+
+
+def test_a_summary_of_a_later_version_is_refused(tmp_path, planar_run):
+    file = tmp_path / "summary.json"
+    file.write_text(json.dumps(planar_run[1].summary | {"format": 2}))
+    with pytest.raises(UsageError, match=r"summary.json: format: expected 1, got 2. A later vdfmu"):
+        read_summary(file)

@@ -8,12 +8,12 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from typer.testing import CliRunner
+from vdfmu.study.analysis.margins import ArmLoops
 
 import vdfmu
 from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
-from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.worker import KILLED
 from vdfmu.study.tuning.problem import make_problem

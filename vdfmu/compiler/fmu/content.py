@@ -6,8 +6,7 @@ import dataclasses
 import json
 import tomllib
 import uuid
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from hashlib import file_digest, sha256
 from importlib import import_module
@@ -35,10 +34,7 @@ EFMU = "eFMU"
 """Folder of an eFMU in its FMU."""
 UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
-_DATA = {
-    "python": ("python/*.py",),
-    "native": ("c/*.[ch]", "functions/*.[ch]", "wasm/*.[ch]", "wasm/wit/*.wit", "icons/*"),
-}
+_DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "functions/*.[ch]", "icons/*")}
 """Data files that decide what the FMUs of a backend are, in addition to the modules."""
 
 
@@ -157,47 +153,24 @@ class Content:
         FmuError
             If it cannot be used, or another vdfmu than the installed one built it.
         """
-        source = resources / UNIT_FILE
-        with _using(CONTENT_PLACES["python"]):
+        source, file = resources / UNIT_FILE, CONTENT_PLACES["python"]
+        try:
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
             name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
             _check_version(f"{model_name}.fmu", version, digest)
-            own = load_units(source).get(name) if source.is_file() else None
-        return Content.of(data, own, CONTENT_PLACES["python"], model_name)
-
-    @staticmethod
-    def of(data: Mapping[str, Any], unit: type[BaseUnit] | None, file: str, model_name: str) -> Content:
-        """Content of the text of a content file; `unit` is the user's own, if it is not one of the package.
-
-        Raises
-        ------
-        FmuError
-            If it cannot be used; `file` is where it stands.
-        """
-        with _using(file):
-            name = str(data["unit"])
-            unit = unit if unit is not None else _named(f"{data['module']}:{model_name}")
+            unit = load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
             if unit is None or unit_name(unit) != name or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
             robot = None if data["robot"] is None else _named(data["reader"])(data["robot"], file)
             made_by = {key: str(data["made_by"][key]) for key in ABOUT if key in data["made_by"]}
-            texts = {key: str(data[key]) for key in ("backend", "fmi_version", "version", "digest", "tool")}
-            sources = bool(data.get("sources", True))
-            content = Content(unit, robot, dict(data["start_values"]), made_by=made_by, sources=sources, **texts)
+            content = Content(unit, robot, dict(data["start_values"]), tool=str(data["tool"]), made_by=made_by)
             _ = content.interface
+        except FmuError:
+            raise
+        except (OSError, LookupError, AttributeError, TypeError, ValueError, VdfmuError) as error:
+            what = str(error) if isinstance(error, VdfmuError) else kind_text(error)
+            raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
         return content
-
-
-@contextmanager
-def _using(file: str) -> Generator[None]:
-    """Turn what a content file causes into an FmuError."""
-    try:
-        yield
-    except FmuError:
-        raise
-    except (OSError, LookupError, AttributeError, TypeError, ValueError, VdfmuError) as error:
-        what = str(error) if isinstance(error, VdfmuError) else kind_text(error)
-        raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
 
 
 def _named(place: str) -> Any:

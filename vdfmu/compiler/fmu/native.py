@@ -14,19 +14,17 @@ from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_member, source_b
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.compiler.c.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
-from vdfmu.compiler.c.platforms import COMPONENT, binaries, chosen_platforms
+from vdfmu.compiler.c.platforms import binaries, chosen_platforms
 from vdfmu.compiler.fmu.content import CONTENT_PLACES, Content, is_built, keep_record, terms
 from vdfmu.compiler.fmu.description import document, model_description
 from vdfmu.compiler.fmu.description3 import build_description, model_description_3
 from vdfmu.compiler.fmu.documentation import documentation_files
-from vdfmu.compiler.fmu.reference_results import manifest, reference_files
+from vdfmu.compiler.fmu.reference_results import reference_files
 from vdfmu.compiler.fmu.terminals import icon_files
 
 _RARE = ("derivative.c", "instance.c", "message.c", "state.c")
 """Files of `fmu_src/c` whose functions a step does not call: to optimise them takes a third of the time of all."""
 _CONTENT = CONTENT_PLACES["native"]
-_WASM = "org.modelica.fmi-ls-wasm", "0.1.0", "FMI Layered Standard for WebAssembly"
-"""Name, version and description of the layered standard of components."""
 THIRD_PARTY = """
 The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
 LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
@@ -45,8 +43,7 @@ def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str]
             sources[path] = unit_sources(content)
             files = _as_compiled(sources[path], content.fmi_version)
             for name in names:
-                added, world = component_sources(content.interface.has_states) if name == COMPONENT else ({}, "")
-                yield Compilation(content.model_name, files | added, name, world=world)
+                yield Compilation(content.model_name, files, name)
 
     made = iter(compile_libraries(jobs()))
     for path, content in stale.items():
@@ -92,17 +89,6 @@ def _as_compiled(sources: Mapping[str, bytes], fmi_version: str) -> dict[str, by
 
 
 @lru_cache
-def component_sources(exchange: bool) -> tuple[dict[str, bytes], str]:
-    """Return what makes a component of WebAssembly of a unit, with model exchange or without: files, and its world."""
-    folder = data_path("fmu_src") / "wasm"
-    paths = sorted([*folder.glob("*.[ch]"), *folder.glob("wit/*.wit")])
-    files = {path.name: source_bytes(path) for path in paths}
-    if not exchange:
-        return files, "co-simulation-fmu"
-    return files | {"component.c": b"#define EXCHANGE\n" + files["component.c"]}, "co-simulation-and-model-exchange-fmu"
-
-
-@lru_cache
 def fmi_headers(fmi_version: str) -> dict[str, bytes]:
     """Return file name to content of the headers of FMI, as fmpy has them.
 
@@ -145,8 +131,6 @@ def _members(content: Content, sources: Mapping[str, bytes], libraries: Mapping[
         members["sources/buildDescription.xml"] = document(build)
     members["modelDescription.xml"] = document(root)
     members |= binaries(content.model_name, libraries, content.fmi_version)
-    if COMPONENT in libraries:
-        members[f"extra/{_WASM[0]}/manifest.xml"] = document(manifest("fmiManifest", *_WASM))
     members |= icon_files(interface, fmi)
     members |= documentation_files(content)
     members |= reference_files(content)

@@ -169,16 +169,14 @@ def _csv(listed: Sequence[Column], times: Sequence[float], rows: Mapping[str, Se
     return ("\n".join(lines) + "\n").encode()
 
 
-def manifest(tag: str, name: str, version: str, description: str) -> Element:
-    """Return the root of the manifest of a layered standard."""
-    register_namespace("fmi-ls", _NAMESPACE)
-    stated = {"name": name, "version": version, "description": description}
-    return Element(tag, {f"{{{_NAMESPACE}}}fmi-ls-{key}": text for key, text in stated.items()})
-
-
 def _manifest(name: str, stop: float, has_inputs: bool) -> Element:
-    about = "Layered Standard providing information on related files included in an FMU."
-    root = manifest("fmiReferences", "org.fmi-standard.fmi-ls-ref", "1.0.0-alpha.1", about)
+    register_namespace("fmi-ls", _NAMESPACE)
+    stated = {
+        "name": "org.fmi-standard.fmi-ls-ref",
+        "version": "1.0.0-alpha.1",
+        "description": "Layered Standard providing information on related files included in an FMU.",
+    }
+    root = Element("fmiReferences", {f"{{{_NAMESPACE}}}fmi-ls-{key}": text for key, text in stated.items()})
 
     def add(source: str, kind: str, role: str, description: str) -> None:
         attributes = {"type": kind, "source": source, "role": role, "description": description}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import fmpy
@@ -21,8 +21,6 @@ from vdfmu.engine.package.system import Value
 from vdfmu.engine.rules import Finding, breach, finding, fmpy_found
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
-COMPONENTS = "wasm32-wasip2"
-"""Folder of ``binaries`` with components of WebAssembly."""
 _OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
 """Members of which an FMU has one if this project built it; see `vdfmu.compiler.fmu.content`."""
 _UNIT = "resources/unit.py"
@@ -75,13 +73,6 @@ class Description:
     period: str = ""
     """Parameter with the time between samples of its discrete outputs, as an annotation of this project names it. They
     are states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
-    sandboxed: bool = False
-    """Whether its component of WebAssembly runs, in a sandbox, not its library for this platform."""
-
-    @property
-    def binary(self) -> str:
-        """The member that holds the binary that runs."""
-        return component_name(self.identifier) if self.sandboxed else library_name(self.identifier, self.version)
 
     @property
     def sampled(self) -> list[FmuVariable]:
@@ -118,32 +109,22 @@ def library_name(identifier: str, version: FmiVersion) -> str:
     return f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
 
 
-def component_name(identifier: str) -> str:
-    """Return the member of an FMU that holds a component of WebAssembly, as the draft FMI-LS-WASM has it."""
-    return f"binaries/{COMPONENTS}/{identifier}.wasm"
-
-
 def inspect_description(
-    unit: Archive,
-    source: str,
-    implementation: str = "any",
-    sizes: Mapping[str, Value] | None = None,
-    sandbox: bool | None = None,
+    unit: Archive, source: str, implementation: str = "any", sizes: Mapping[str, Value] | None = None
 ) -> tuple[Description | None, list[Finding]]:
     """Read an FMU as far as it goes, with all problems; None when the model description cannot be understood.
 
     `source` is its name in messages, `implementation` the one that the SSD asks for; `sizes` are values of structural
-    parameters, which decide the shapes of arrays, instead of their start values; `sandbox` whether its component of
-    WebAssembly runs, default: where it has one.
+    parameters, which decide the shapes of arrays, instead of their start values.
     """
     try:
-        return _inspect(unit, source, implementation, sizes or {}, sandbox)
+        return _inspect(unit, source, implementation, sizes or {})
     except SspError as error:
         return None, error.problems
 
 
 def _inspect(
-    unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value], sandbox: bool | None
+    unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value]
 ) -> tuple[Description | None, list[Finding]]:
     xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
@@ -177,30 +158,16 @@ def _inspect(
     part = parts[wanted[0]] if wanted else None
     identifier = "" if part is None else str(part.modelIdentifier)
     library = library_name(identifier, version)
-    component = version.arrays and component_name(identifier) in names
-    sandboxed = component and sandbox is not False
-    if sandbox and not component:
-        text = f"{source}: has no component of WebAssembly ({component_name(identifier)}) to run in a sandbox"
-        problems.append(finding("FMI017", text))
-    elif identifier and library not in names and not sandboxed:
+    if identifier and library not in names:
         has = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
         text = f"{source}: has no binary for this platform ({library}); it has {', '.join(has) or 'none'}"
         problems.append(finding("FMI017", text))
     try:
-        description = _describe(model, root, source, wanted[:1] == ["ModelExchange"])
-        return (in_sandbox(description) if sandboxed else description), problems
+        return _describe(model, root, source, wanted[:1] == ["ModelExchange"]), problems
     except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
         if not problems:
             raise
         return None, problems
-
-
-def in_sandbox(description: Description) -> Description:
-    """Return an FMU whose component runs, which does not offer all that its library would.
-
-    A component cannot be called from its callbacks, so nothing is set in intermediate updates.
-    """
-    return replace(description, sandboxed=True, updates_inputs=False, derives_outputs=False, event_mode=False)
 
 
 def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:

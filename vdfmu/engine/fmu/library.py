@@ -20,7 +20,7 @@ from fmpy.fmi1 import _FMU  # pyright: ignore[reportPrivateUsage]
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
-from vdfmu.engine.fmu.description import Description
+from vdfmu.engine.fmu.description import Description, library_name
 from vdfmu.engine.fmu.messages import STATUS, LogMessage, MessageBox
 from vdfmu.engine.fmu.python_slaves import taken_error
 
@@ -60,25 +60,21 @@ class Library:
         self._functions: dict[str, Any] = {}
         self.token = next(_tokens)
         self._watch = watch or (lambda unit, call, function: function)
+        try:
+            path = str(folder / library_name(description.identifier, description.version))
+            self._library: CDLL = self._watch(name, "load", CDLL)(path)
+        except OSError as error:
+            raise CosimError(name, "load", box.time, str(error)) from None
         self.python = (folder / "resources" / "slavemodule.txt").is_file()
         self._kind = self.kinds[description.exchange]
-        self.fmu = self.loaded(folder / description.binary)
-        self.argument: Any = None
-        """The instance as an argument, prepared once: ctypes would convert it in each call."""
-
-    def loaded(self, path: Path) -> Any:
-        """Load the library; return fmpy's instance."""
-        try:
-            self._library: CDLL = self._watch(self.name, "load", CDLL)(str(path))
-        except OSError as error:
-            raise CosimError(self.name, "load", self.box.time, str(error)) from None
-        fmu = self._kind.__new__(self._kind)
-        free = self._watch(self.name, "freeLibrary", fmpy.freeLibrary)
-        vars(fmu).update(
-            guid=self.description.guid, unzipDirectory=str(self.folder), instanceName=self.name, component=None,
+        self.fmu: Any = self._kind.__new__(self._kind)
+        free = self._watch(name, "freeLibrary", fmpy.freeLibrary)
+        vars(self.fmu).update(
+            guid=description.guid, unzipDirectory=str(folder), instanceName=name, component=None,
             _call=self._judged, freeLibrary=partial(free, self._library._handle),
         )  # fmt: skip
-        return fmu
+        self.argument: Any = None
+        """The instance as an argument, prepared once: ctypes would convert it in each call."""
 
     def _found(self, name: str, arguments: list[Any] | None, result: Any) -> Any:
         """Return an FMI function as a ctypes object; CosimError if the library has none."""

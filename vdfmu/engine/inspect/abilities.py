@@ -60,24 +60,6 @@ def described(path: Path) -> Description | None:
         return inspect_description(archive, path.name)[0]
 
 
-def try_sandboxed(path: Path, start: float, step: float, steps: int) -> bool:
-    """Make steps of an FMU if it runs as a component of WebAssembly, which FMPy does not run; return whether it does.
-
-    CosimError if they fail.
-    """
-    description = described(path)
-    if description is None or not description.sandboxed:
-        return False
-
-    def stepped(instance: Instance, start: float, step: float) -> str:
-        for k in range(steps):
-            make_step(instance, start + k * step, step)
-        return ""
-
-    tried(description, Path(fmpy.extract(str(path))), stepped, start, step)
-    return True
-
-
 def tried(
     description: Description,
     folder: Path,

@@ -14,7 +14,6 @@ from typing import Any
 import fmpy
 
 from vdfmu.base.errors import SspError, StorageError
-from vdfmu.engine.fmu.description import COMPONENTS, component_name
 from vdfmu.engine.inspect.description import DESCRIPTION, description_faults
 from vdfmu.engine.inspect.fmi import (
     BUILD,
@@ -212,7 +211,7 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
     """Check that there is a binary for this platform."""
     names = unit.names
     folders = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
-    here = [p for p in (fmpy.platform, fmpy.platform_tuple, COMPONENTS) if p in folders]
+    here = [p for p in (fmpy.platform, fmpy.platform_tuple) if p in folders]
     if not here:
         has_sources = any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)
         sources = "; it has sources, which must be compiled first" if has_sources else ""
@@ -220,10 +219,7 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
         findings.problem("FMI017", text)
         return
     for identifier in sorted({str(getattr(description, kind).modelIdentifier) for kind in kinds}):
-        libraries = [
-            component_name(identifier) if p == COMPONENTS else f"binaries/{p}/{identifier}{fmpy.sharedLibraryExtension}"
-            for p in here
-        ]
+        libraries = [f"binaries/{p}/{identifier}{fmpy.sharedLibraryExtension}" for p in here]
         here_too = [name for name in libraries if name in names]
         if not here_too:
             folder, library = posixpath.split(libraries[0])

@@ -16,7 +16,7 @@ import fmpy
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.arrays import Floats, distinct
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import SspError
 from vdfmu.engine.fmu.access import DTYPES
 from vdfmu.engine.fmu.description import Description
@@ -292,12 +292,12 @@ def _elements(description: Description, name: str, column: Floats) -> list[FmuVa
 def _points(description: Description, expected: ReferenceTable, signals: ReferenceTable | None) -> Floats:
     """Return the communication points: the times of both tables, or even steps for a unit that takes no others."""
     start, stop = expected.time[0], expected.time[-1]
-    points = distinct(expected.time if signals is None else np.concatenate([expected.time, signals.time]))
+    points = np.unique(expected.time if signals is None else np.concatenate([expected.time, signals.time]))
     points = points[(points >= start) & (points <= stop)]
     steps = np.diff(points)
     if description.varies_steps or not steps.size or steps.max() - steps.min() <= _EVEN * np.abs(points).max():
         return points
-    step = float(np.diff(distinct(expected.time)).min())
+    step = float(np.diff(np.unique(expected.time)).min())
     count = (stop - start) / step
     if count > max(_MANY, 2 * len(expected.time)):
         raise _NotComparedError(

@@ -195,7 +195,7 @@ class _Linearised:
 def can_change(components: Components, name: str) -> bool:
     """Whether :func:`changed` can be called for a component: it has derivatives, and no sampled states."""
     description = components.instances[name].description
-    return description.derives_unknowns and not description.sandboxed and not description.sampled
+    return description.derives_unknowns and not description.sampled
 
 
 @contextmanager

@@ -61,7 +61,6 @@ def check_system(
     repeats: bool = False,
     strict: bool = False,
     ignore_unmatched: bool = False,
-    sandbox: bool | None = None,
 ) -> Checked:
     """Check a system against its FMUs and prepare its run.
 
@@ -82,8 +81,6 @@ def check_system(
     ignore_unmatched : bool
         Makes a bound parameter that no variable matches a note, following SSP 1.0. By default it is a
         problem, because it is nearly always a misspelling.
-    sandbox : bool, optional
-        Whether components of WebAssembly run instead of libraries; default: in FMUs that have one.
 
     Returns
     -------
@@ -99,7 +96,7 @@ def check_system(
     """
     if algorithm is not None and algorithm not in ALGORITHMS:
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS.names())}")
-    checker = Checker(system, strict, ignore_unmatched, parameters or {}, sandbox)
+    checker = Checker(system, strict, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
     known = {c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions}

@@ -81,15 +81,8 @@ class Checker:
     For parameters see `vdfmu.engine.plan.check.check_system`.
     """
 
-    def __init__(
-        self,
-        system: System,
-        strict: bool,
-        ignore_unmatched: bool,
-        parameters: Mapping[str, Value],
-        sandbox: bool | None = None,
-    ) -> None:
-        self.system, self.parameters, self.sandbox = system, parameters, sandbox
+    def __init__(self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]) -> None:
+        self.system, self.parameters = system, parameters
         self.strict = strict
         self.problems = list(system.problems)
         self.notes: list[str] = [*system.notes]
@@ -143,7 +136,7 @@ class Checker:
         if key not in read:
             try:
                 with archive.opened(component.source, component.source) as unit:
-                    read[key], problems = inspect_description(unit, *key[:2], sizes, self.sandbox)
+                    read[key], problems = inspect_description(unit, *key[:2], sizes)
             except SspError as error:
                 read[key], problems = None, error.problems
             self.problems += [problem.within(component.name) for problem in problems]

@@ -49,7 +49,7 @@ def _of(module: str) -> Callable[[], Format]:
     return lambda: import_module(f"vdfmu.engine.results.{module}").FORMAT
 
 
-_SHIPPED = {".csv": _of("csv_file"), ".parquet": _of("parquet"), ".mat": _of("mat_file"), ".mcap": _of("mcap_file")}
+_SHIPPED = {".csv": _of("csv_file"), ".parquet": _of("parquet"), ".mat": _of("mat_file")}
 PLUGINS = Plugins("formats", "format of results", "a function that returns a Format", callable)
 FORMATS: PluginTable[Callable[[], Format]] = PluginTable(PLUGINS, _SHIPPED, prefix=".")
 """Formats by suffix; where a folder has several, the last is read. Each is imported when used."""

@@ -224,12 +224,11 @@ def from_facts(text: str) -> tuple[list[Signal], Any]:
     return [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]], facts["summary"]
 
 
-def legal_names(names: Sequence[str], taken: Sequence[str], most: int, *, ros: bool = False) -> list[str]:
-    """Return a name for each that is legal in MATLAB, of at most `most` letters, or in ROS; each differs."""
+def legal_names(names: Sequence[str], taken: Sequence[str], most: int) -> list[str]:
+    """Return a name for each that is legal in MATLAB, of at most `most` letters; each differs."""
     used, found = {name.lower() for name in taken}, list[str]()
     for name in names:
-        legal = re.sub(r"[^A-Za-z0-9]+" if ros else r"[^A-Za-z0-9_]", "_", name)
-        legal = re.sub(r"_+", "_", legal.lower()).strip("_") if ros else legal
+        legal = re.sub(r"[^A-Za-z0-9_]", "_", name)
         legal = (legal if re.match("[A-Za-z]", legal) else f"x{legal}")[: most - 4]
         k, base = 1, legal
         while legal.lower() in used:

@@ -244,14 +244,14 @@ class Results(Recorded):
 
         The first line of CSV has the names, the second the units (``integer`` and ``boolean`` for these kinds), then
         follows a line a communication point. Numbers have the shortest form that reads back to the same bits. The file
-        appears under its name only when it is complete. Parquet, MATLAB and MCAP files have the same bits in a third of
-        the room, the units and the summary, and no signal that copies another; see `vdfmu.engine.results.parquet`,
-        `mat_file` and `mcap_file`.
+        appears under its name only when it is complete. Parquet and MATLAB files have the same bits in a third of
+        the room, the units and the summary, and no signal that copies another; see `vdfmu.engine.results.parquet`
+        and `mat_file`.
 
         Raises
         ------
         UsageError
-            A package is missing: ``pip install vdfmu[parquet]`` or ``vdfmu[mcap]``.
+            A package is missing: ``pip install vdfmu[parquet]``.
         VdfmuError
             The file cannot be written.
         """

@@ -17,7 +17,7 @@ import fmpy
 
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import temporary_folder
-from vdfmu.engine.fmu.description import COMPONENTS, is_ours
+from vdfmu.engine.fmu.description import is_ours
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components, failure_message
@@ -133,13 +133,12 @@ class Session:
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
     """Unpack the FMUs of a system; return the folder of each by source, and whether to isolate them by default.
 
-    That is for FMUs that this project did not build, by a mark that can be forged, and for components of WebAssembly,
-    whose time and memory the sandbox leaves to isolation.
+    That is for FMUs that this project did not build, by a mark that can be forged.
 
     VdfmuError if there is no room, or the folder's name keeps a Python FMU from running.
     """
     unpacked: dict[str, Path] = {}
-    path, isolated = checked.system.path, any(d.sandboxed for d in checked.descriptions.values())
+    path, isolated = checked.system.path, False
     with Archive(path, path.name) as package:
         for source in dict.fromkeys(d.source for d in checked.descriptions.values()):
             unpacked[source] = folder / f"{len(unpacked)}"
@@ -172,7 +171,7 @@ def no_room(folder: str, error: OSError) -> VdfmuError:
 
 def _needed(member: str) -> bool:
     """Whether a member of an FMU is needed to run it."""
-    places = "resources/", *(f"binaries/{name}/" for name in (fmpy.platform, fmpy.platform_tuple, COMPONENTS))
+    places = "resources/", f"binaries/{fmpy.platform}/", f"binaries/{fmpy.platform_tuple}/"
     return member == "modelDescription.xml" or member.startswith(places)
 
 

@@ -128,7 +128,7 @@ class Simulator:
         self._checked = check_system(
             self._system, options["parameters"], inputs=self._tables, algorithm=options["algorithm"],
             repeats=options["adaptive"] is not None, strict=options["strict"],
-            ignore_unmatched=options["ignore_unmatched"], sandbox=options["sandbox"],
+            ignore_unmatched=options["ignore_unmatched"],
         )  # fmt: skip
         self._apart = None
         if options["federation"] is not None:

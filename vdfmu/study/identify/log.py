@@ -78,8 +78,8 @@ def read_log(
     Parameters
     ----------
     path : path
-        Results of a run in any form; a CSV of any tool, Parquet, a MATLAB file, or MCAP with messages of ROS 2 or JSON,
-        with units in brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi. The forms of the KUKA
+        Results of a run in any form; a CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads, with
+        units in brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi. The forms of the KUKA
         KR300 R2500 files (Weigand et al. 2020, 2022) need no `columns`.
     robot : Robot
         Its joints, ratios and limits count; its inertias where torques are compared with the motion.

@@ -1,11 +1,10 @@
-"""Columns of the files that logs come in: CSV of any tool, MATLAB, Parquet, MCAP, and results of a run in any form."""
+"""Columns of the files that logs come in: CSV of any tool, MATLAB, Parquet, and results of a run in any form."""
 
 from __future__ import annotations
 
 import csv
-import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +15,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_text
 from vdfmu.base.mat import mat_variables
 from vdfmu.base.plugins import Plugins, PluginTable
-from vdfmu.engine.results import mcap_file, parquet
+from vdfmu.engine.results import parquet
 from vdfmu.engine.results.results import Results
 
 _HEADING = re.compile(r"(.*?)(?:\s+[\[(](.+)[\])])?\s*")
@@ -42,11 +41,16 @@ def split_unit(heading: str) -> tuple[str, str]:
 def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn]:
     """Return the columns of a file, of which `time` names that of the times; what was assumed is noted."""
     suffix = path.suffix.lower()
-    if suffix == ".mcap":
-        return _mcap(path, notes)
     found = READERS[suffix](path) if suffix in READERS else _csv(path)
     if isinstance(found, Results):
-        return _of_results(found)
+        return {name: LogColumn(found.time, np.asarray(found[name], float), found.units[name]) for name in found}
+    if found and all(len(column) == 3 for column in found.values()):
+        times: dict[bytes, Floats] = {}  # columns with the same times share them
+        timed: dict[str, LogColumn] = {}
+        for name, (t, values, unit) in found.items():
+            t = np.asarray(t, float)
+            timed[name] = LogColumn(times.setdefault(t.tobytes(), t), np.asarray(values, float), unit)
+        return timed
     name, unit = split_unit(time)
     name = name or next((each for each in found if _TIME.fullmatch(each)), "")
     if name not in found:
@@ -69,11 +73,7 @@ def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn
     }
 
 
-def _of_results(found: Results) -> dict[str, LogColumn]:
-    return {name: LogColumn(found.time, np.asarray(found[name], float), found.units[name]) for name in found}
-
-
-_Found = Mapping[str, tuple[Any, str]]
+_Found = Mapping[str, tuple[Any, ...]]
 
 
 def _csv(path: Path) -> Results | _Found:
@@ -84,7 +84,9 @@ def _csv(path: Path) -> Results | _Found:
         rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter) if any(row)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
-        raise UsageError(f"{path}: expected a CSV file, got what cannot be read: {why}") from None
+        known = ", ".join(READERS.names())
+        text = f"{path}: expected a CSV file, got what cannot be read: {why}. Readers: {known}; a package can add one."
+        raise UsageError(text) from None
     if len(rows) > 1 and rows[0][0] == "time" and rows[1][0] == "s":
         return Results.read(path)
     headings = [split_unit(cell) for cell in rows[0]] if rows else []
@@ -143,63 +145,9 @@ def _parquet(path: Path) -> Results | _Found:
     return found
 
 
-def _mcap(path: Path, notes: list[str]) -> dict[str, LogColumn]:
-    """Read messages of ROS 2 and JSON by their header's time, if they have one, else by the log's."""
-    reader, _, decoder = mcap_file.needed()
-    factory = decoder.DecoderFactory()
-    rows: dict[str, list[tuple[int, float]]] = {}
-    unread: dict[str, str] = {}
-    try:
-        with open(path, "rb") as file:
-            opened = reader.make_reader(file, validate_crcs=True)
-            if any(each.name == "vdfmu" for each in opened.iter_metadata()):
-                return _of_results(Results.read(path))
-            for schema, channel, message in opened.iter_messages():
-                decode: Callable[[bytes], Any] | None = factory.decoder_for(channel.message_encoding, schema)
-                if channel.message_encoding == "json":
-                    decode = json.loads
-                if decode is None:
-                    unread[channel.topic] = channel.message_encoding
-                    continue
-                fields = dict(_fields("", decode(message.data)))
-                stamp = 10**9 * int(fields.get("header.stamp.sec", 0))
-                stamp += int(fields.get("header.stamp.nanosec", fields.get("header.stamp.nsec", 0)))
-                for name, value in fields.items():
-                    rows.setdefault(f"{channel.topic}.{name}", []).append((stamp or message.log_time, value))
-    except UsageError:
-        raise
-    except Exception as error:  # mcap has many kinds for a file that is damaged
-        raise UsageError(f"{path}: expected an MCAP file, got what cannot be read: {error}") from None
-    notes += [f"{topic}: not read, its encoding is {encoding}" for topic, encoding in unread.items()]
-    if not rows:
-        got = ", ".join(f"{topic} in {encoding}" for topic, encoding in unread.items()) or "none"
-        raise UsageError(f"{path}: expected messages of ROS 2 (cdr, ros2msg) or json, got {got}.")
-    first = min(each[0][0] for each in rows.values())
-    times: dict[bytes, Floats] = {}
-    found: dict[str, LogColumn] = {}
-    for name, each in rows.items():
-        t = np.array([stamp - first for stamp, _ in each]) * 1e-9
-        found[name] = LogColumn(times.setdefault(t.tobytes(), t), np.array([value for _, value in each], float), "")
-    return found
-
-
-def _fields(name: str, value: Any, labels: Any = ()) -> Iterator[tuple[str, float]]:
-    """Yield the numbers in a message: elements of arrays by the names that it has for them, else from 1."""
-    members = value if isinstance(value, Mapping) else {k: getattr(value, k) for k in getattr(value, "__slots__", ())}
-    if members:
-        labels = members.get("name", ())
-        for key, member in members.items():
-            yield from _fields(f"{name}.{key}" if name else str(key), member, labels)
-    elif isinstance(value, (int, float)):
-        yield name, value
-    elif hasattr(value, "__len__") and not isinstance(value, (str, bytes)):
-        named = labels if len(labels) == len(value) and not isinstance(labels, str) else range(1, len(value) + 1)
-        for label, each in zip(named, value, strict=True):
-            yield from _fields(f"{name}[{label}]", each)
-
-
 PLUGINS = Plugins("logs", "reader of logs", "a function of the path of a log", callable)
 READERS: PluginTable[Callable[[Path], Results | _Found]] = PluginTable(
     PLUGINS, {".csv": _csv, ".txt": _csv, ".mat": _mat, ".parquet": _parquet}, prefix="."
 )
-"""Readers by suffix; each returns results, or columns of one length: name to numbers and unit, "" for none."""
+"""Readers by suffix. Each returns results, or columns: name to numbers and unit, "" for none. Columns have one length,
+or each has times of its own [s] before its numbers."""

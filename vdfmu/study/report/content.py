@@ -16,7 +16,7 @@ import numpy as np
 
 from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
-from vdfmu.base.arrays import distinct, with_named
+from vdfmu.base.arrays import with_named
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.thinning import extremes
 from vdfmu.engine.package.read import load_ssp
@@ -134,12 +134,12 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             each.add(part, k * _BLOCK)
         even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
         if k == parts - 1:
-            even = distinct(np.append(even, len(part) - 1))
+            even = np.unique(np.append(even, len(part) - 1))
         for table in itertools.chain(*tables.values()):
             values = values_of(table.curves, part)
             buckets = max(1, EXTREMES // (len(values) * parts))
             rows = [even, *(extremes(row, buckets) for row in values)]
-            table.add(part.time, [values], distinct(np.concatenate(rows)))
+            table.add(part.time, [values], np.unique(np.concatenate(rows)))
     first, *more = [each.packed(copies) for each in moving]
     return {
         **first,

@@ -206,7 +206,7 @@ def _written(scenario: str) -> tuple[dict[str, Any] | None, str | None]:
     """Return the content of a scenario's file, None if there is none to read, and the name of its robot."""
     try:
         path = locate(scenario, "scenarios")
-        written = read_toml(path, "scenarios")
+        written = read_toml(path)
         robot = written.get("robot")
         return written, robot and _robot_name(robot, path.parent)
     except VdfmuError:
@@ -215,6 +215,6 @@ def _written(scenario: str) -> tuple[dict[str, Any] | None, str | None]:
 
 def _robot_name(robot: str, start: Path) -> str | None:
     try:
-        return read_toml(locate(robot, "robots", start), "robots").get("name")
+        return read_toml(locate(robot, "robots", start)).get("name")
     except VdfmuError:
         return None

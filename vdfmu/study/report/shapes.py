@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.arm.equations.kinematics import joint_placements, poses
 from vdfmu.arm.robot import Robot
-from vdfmu.base.arrays import Floats, distinct
+from vdfmu.base.arrays import Floats
 from vdfmu.base.thinning import bends
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
@@ -270,7 +270,7 @@ class ArmFrames:
         """Add a stretch of the run that begins with row `first`."""
         last = len(part) - 1
         ends = [0, last] if self._arm else [last] if first + last == self._m - 1 else []
-        even = distinct(np.array([*np.arange(-first % self._stride, last + 1, self._stride), *ends], dtype=int))
+        even = np.unique(np.array([*np.arange(-first % self._stride, last + 1, self._stride), *ends], dtype=int))
         moved = {name: values_of(curves, part) for name, curves in self.motion.items()}
         rows, distances = even, np.full(len(even), np.inf)
         if self._arm:

@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.base.arrays import distinct
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import data_path, source_bytes
 from vdfmu.base.seal import is_own
@@ -362,7 +361,7 @@ def _recorded(results: Results, summary: Mapping[str, Any], names: Sequence[str]
     known = set(results.names)
     kept = [name for name in names if name in known]
     judged = [name for name in kept if name.startswith("plant.q[")] or kept
-    rows = distinct(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
+    rows = np.unique(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
     values = np.array([results[name][rows] for name in kept]).T
     separation = (summary.get("separation") or {}).get("max_position_difference_rad", 0.0)
     return {

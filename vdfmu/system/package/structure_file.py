@@ -66,6 +66,8 @@ def _text(value: Any) -> str:
 
 
 _SIDES = {"input": 0.0, "output": 1.0}
+_MARGIN = 12.0
+"""Distance of the edge of the canvas from the boxes [mm]; twice of it above, for the note."""
 
 
 def structure_file(description: SystemDescription) -> Any:
@@ -80,14 +82,12 @@ def structure_file(description: SystemDescription) -> Any:
     top = root("ssd:SystemStructureDescription", attributes, ("ssd", "ssc", *FOREIGN))
     system = add(top, "ssd:System", name=description.name, description=description.description)
     elements = add(system, "ssd:Elements")
-    heights: dict[tuple[str, str], float] = {}
     for component in description.corners:
-        _add_component(elements, description, component, heights)
-    paths, (x1, y1, x2, y2) = route(description, heights)
+        _add_component(elements, description, component)
     connections = add(system, "ssd:Connections") if description.links else None
-    for link, path in zip(description.links, paths, strict=True):
+    for link in description.links:
         (start_unit, start), (end_unit, end) = link.start, link.end
-        connection = add(
+        add(
             connections,
             "ssd:Connection",
             startElement=start_unit,
@@ -97,12 +97,8 @@ def structure_file(description: SystemDescription) -> Any:
             endConnector=end.name,
             endIndices=" ".join(map(str, link.end_index)) or None,
         )
-        add(
-            connection,
-            "ssd:ConnectionGeometry",
-            pointsX=" ".join(f"{x:g}" for x, _ in path),
-            pointsY=" ".join(f"{y:g}" for _, y in path),
-        )
+    left, low, right, high = zip(*description.corners.values(), strict=True)
+    x1, y1, x2, y2 = min(left) - _MARGIN, min(low) - _MARGIN, max(right) + _MARGIN, max(high) + 2 * _MARGIN
     add(system, "ssd:SystemGeometry", x1=x1, y1=y1, x2=x2, y2=y2)
     note = f"{description.description}.\n{scenario.description}."
     add(
@@ -114,9 +110,7 @@ def structure_file(description: SystemDescription) -> Any:
     return top
 
 
-def _add_component(
-    elements: Any, description: SystemDescription, component: str, heights: dict[tuple[str, str], float]
-) -> None:
+def _add_component(elements: Any, description: SystemDescription, component: str) -> None:
     x1, y1, x2, y2 = description.corners[component]
     table = description.tables[component]
     element = add(
@@ -132,7 +126,6 @@ def _add_component(
     for kind, x in _SIDES.items():
         signals = description.signals(component, kind)
         for signal, y in zip(signals, positions(signals), strict=True):
-            heights[component, signal.name] = y1 + y * (y2 - y1)
             _add_connector(connectors, signal, x, y)
     add(
         element,
@@ -181,50 +174,6 @@ def _add_experiment(top: Any, description: SystemDescription) -> None:
     osp = add(annotations, "ssc:Annotation", type=OSP_TYPE)
     algorithm = add(osp, "osp:Algorithm")
     add(algorithm, "osp:FixedStepAlgorithm", baseStepSize=float(scenario.step))
-
-
-_LANE = 5.0
-"""Distance of two lanes [mm]."""
-_MARGIN = 12.0
-"""Distance of the outermost lane from a box, and of the canvas from what is on it [mm]."""
-
-Bends = list[tuple[float, float]]
-
-
-def route(
-    description: SystemDescription, heights: Mapping[tuple[str, str], float]
-) -> tuple[list[Bends], tuple[float, float, float, float]]:
-    """Return the bends of every connection [mm], without its ends, and the corners of the canvas.
-
-    The boxes stand in columns. All signals of a group leave their box to the right into one lane. To the next column it
-    leads to the connectors, at `heights` [mm] by component and connector; to others by a lane below all boxes and one
-    in front of the target.
-    """
-    corners, columns = description.corners, list(description.corners)
-    bottom = min(corner[1] for corner in corners.values())
-    behind: dict[tuple[str, str], float] = {}  # component and group to the lane
-    below: dict[tuple[str, str], float] = {}
-    before: dict[tuple[str, str, str], float] = {}
-    for (source, start), (target, _) in reversed([(link.start, link.end) for link in description.links]):
-        if columns.index(target) != columns.index(source) + 1:
-            taken = sum(component == target for component, *_ in before)
-            x_end = corners[target][0] - _MARGIN - taken * _LANE
-            before.setdefault((target, source, start.group), x_end)
-    paths: list[Bends] = []
-    for link in description.links:
-        (source, start), (target, end) = link.start, link.end
-        taken = sum(component == source for component, _ in behind)
-        x = behind.setdefault((source, start.group), corners[source][2] + _MARGIN + taken * _LANE)
-        y, y_end = heights[source, start.name], heights[target, end.name]
-        x_end = before.get((target, source, start.group))
-        if x_end is None:
-            paths.append([(x, y), (x, y_end)])
-        else:
-            low = below.setdefault((source, start.group), bottom - _MARGIN - len(below) * _LANE)
-            paths.append([(x, y), (x, low), (x_end, low), (x_end, y_end)])
-    points = [(c[k], c[k + 1]) for c in corners.values() for k in (0, 2)] + [p for path in paths for p in path]
-    xs, ys = zip(*points, strict=True)
-    return paths, (min(xs) - _MARGIN, min(ys) - _MARGIN, max(xs) + _MARGIN, max(ys) + 2 * _MARGIN)
 
 
 def parameter_file(parameters: ParameterSet, version: str) -> Any:

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from ctypes import PYFUNCTYPE, PyDLL, addressof, c_char, c_double, c_size_t, c_void_p, cast, py_object, pythonapi
-from functools import cache
+from collections.abc import Iterator, Mapping, Sequence
+from ctypes import PyDLL, c_double, c_void_p
+from functools import partial
+from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import LOG, FmuError, KernelError
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN, loaded
 from vdfmu.compiler.c.platforms import native_available
-from vdfmu.compiler.c.text import source_text
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.program import Call
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits
@@ -42,53 +39,14 @@ def runs(
         except FmuError:  # such as when there is no room
             pass
         else:
-            return {name: CompiledRun(library, name, system.memory.ctypes.data) for name in lists}
+            return {name: _run(library[name], system.memory.ctypes.data) for name in lists}
     return {name: system.python(actions) for name, actions in lists.items()}
 
 
-class CompiledRun:
-    """A list of actions as a compiled function of a library, on the memory at an address."""
-
-    def __init__(self, library: PyDLL, name: str, memory: int) -> None:
-        self.library, self.function, self.memory = library, library[name], memory
-        self.function.argtypes, self.function.restype = (c_void_p, c_double), None
-
-    def __call__(self, t: float) -> None:
-        """Run it at a time [s]."""
-        self.function(self.memory, t)
-
-
-class _RateRecord(np.ndarray):
-    """``Rate`` of the C text; `held`: arrays that it points to."""
-
-    held: tuple[Floats, ...]
-
-
-@cache
-def _has_known_objects() -> bool:
-    """Whether the objects of this Python are laid out as the builtin reads them."""
-    if sys.implementation.name != "cpython":
-        return False
-    number, array, head = 0.3, np.arange(3.0), object.__basicsize__
-    value = c_double.from_address(id(number) + head).value
-    return value == number and c_size_t.from_address(id(array) + head).value == array.ctypes.data
-
-
-def builtin(run: CompiledRun, x: Floats, x_dot: Floats) -> Callable[[float, Floats], Floats] | None:
-    """Return a builtin function f(t, x) of Python that sets `x`, runs actions and returns `x_dot`.
-
-    Nothing of Python runs while a solver calls it, with a number of Python and a contiguous array: that takes a quarter
-    of the time. None for a Python whose objects are others.
-    """
-    if not _has_known_objects():
-        return None
-    method = addressof(c_char.in_dll(run.library, "rate_method"))
-    run_at, hold = (cast(function, c_void_p).value for function in (run.function, pythonapi.Py_IncRef))
-    numbers = np.array([run_at, run.memory, x.ctypes.data, x.nbytes, id(x_dot), hold], dtype=np.uintp)
-    rate = numbers.view(_RateRecord)
-    rate.held = x, x_dot
-    new = PYFUNCTYPE(py_object, c_void_p, py_object, c_void_p)(("PyCFunction_NewEx", pythonapi))
-    return new(method, rate, None)
+def _run(function: Any, memory: int) -> Run:
+    """Return what calls a compiled function with the memory at an address and a time [s]."""
+    function.argtypes, function.restype = (c_void_p, c_double), None
+    return partial(function, c_void_p(memory))
 
 
 def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
@@ -103,8 +61,7 @@ def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[s
         LOG.info("the references run in Python: %s", error)
         return None
     prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
-    rate = "\n" + source_text("rate.c").replace("OBJECT_HEAD", str(object.__basicsize__))  # what a solver calls
-    text = "\n".join(["#include <stddef.h>\n#include <string.h>\n", SHOWN, prototypes, *functions, rate])
+    text = "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions])
     return {**files, "system.c": text.encode()}
 
 

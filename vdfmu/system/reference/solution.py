@@ -21,7 +21,6 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.scipy_parts import odeint, scipy_part
 from vdfmu.compiler.unit.solver import samples, switchings
-from vdfmu.system.reference.compiled import CompiledRun, builtin
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
@@ -48,17 +47,10 @@ class _RightHandSide:
     run : calculates the derivatives
     x, x_dot : (n_x,) where it reads the states and sets the derivatives
     feed : sets the inputs of a time, where some change with it
-
-    Attributes
-    ----------
-    function : callable
-        What scipy calls: a builtin where the actions are compiled and no input changes, else itself.
     """
 
     def __init__(self, run: Run, x: Floats, x_dot: Floats, feed: Callable[[float], None] | None = None) -> None:
         self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
-        compiled = builtin(run, x, x_dot) if feed is None and isinstance(run, CompiledRun) else None
-        self.function: Callable[[float, Floats], Floats] = compiled or self
         self.error: BaseException | None = None
         """Error that a call raised: not every solver of scipy passes it on, and some end as if nothing were."""
 
@@ -102,10 +94,9 @@ class _Mover:
         """Return a solver that begins with a step of the part of the duration that the last way took."""
         steps = min(max(self._steps, 1), _PARTS)
         if steps not in self._solvers:
-            system = scipy_part("scipy.integrate._ode").ode(self._rate.function)
+            system = scipy_part("scipy.integrate._ode").ode(self._rate)
             system.set_integrator("dop853", **SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
-            if self._rate.function is self._rate:  # else it calls on after what the right-hand side raises
-                system.set_solout(lambda t, x: None)
+            system.set_solout(lambda t, x: None)  # without it the solver calls on after an error
             self._solvers[steps] = system._integrator
             self._solvers[steps].reset(self._unit.x.size, False)
         return self._solvers[steps]
@@ -116,7 +107,7 @@ class _Mover:
         # side this solver would make a number or a ValueError
         with InterruptGuard(), suppress(ValueError, UserWarning):
             try:
-                x[:] = solver.run(self._rate.function, None, x.copy(), t, to, (), ())[0]
+                x[:] = solver.run(self._rate, None, x.copy(), t, to, (), ())[0]
             except SystemError:  # it calls on after what the right-hand side raises
                 if self._rate.error is None:
                     raise
@@ -293,7 +284,7 @@ def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, po
         return np.tile(x, (len(points) + 1, 1))
     times = np.concatenate([[begin], np.minimum(points, end), [end]])
     options: Any = {"tcrit": [end], "hmax": _LONGEST, "mxstep": _MOST_STEPS, **_LONG}
-    states, fault = odeint(rate.function, x, times, **options)
+    states, fault = odeint(rate, x, times, **options)
     if fault:
         raise VdfmuError(f"The continuous reference failed after t = {begin:.9g} s: {fault}")
     return states[1:]

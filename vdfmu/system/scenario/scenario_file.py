@@ -59,7 +59,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
         If the scenario or its robot has problems; it lists every one of both files.
     """
     path = locate(path_or_name, "scenarios")
-    data = read_toml(path, "scenarios")
+    data = read_toml(path)
     problems = Problems(str(path))
     written = data.get("robot")
     if isinstance(robot, str):
@@ -69,7 +69,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     if (robot is None or "paper" in data) and isinstance(written, str) and written:
         try:
             located = locate(written, "robots", path.parent)
-            named = robot_from_dict(read_toml(located, "robots"), str(located))
+            named = robot_from_dict(read_toml(located), str(located))
         except (ModelError, UsageError) as error:
             if robot is None:
                 others.take(error, "robot")
@@ -119,7 +119,7 @@ def load_system(
         If the file cannot be used; it lists every problem.
     """
     path = locate(path_or_name, "systems", start)
-    data = read_toml(path, "systems")
+    data = read_toml(path)
     problems = Problems(str(path))
     base: SystemFile | None = None
     if "extends" in data:

@@ -13,7 +13,6 @@ from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import nearest
-from vdfmu.base.words import present_word
 from vdfmu.compiler.unit.declaration import Derivative
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.requirements import unmet
@@ -244,9 +243,6 @@ def _set(resolved: ResolvedSystem, component: str, name: str, key: str, value: A
 
 def _named(table: Variables, name: str, key: str) -> list[Variable]:
     """Variables of a name, with or without an index."""
-    if isinstance(table, Interface):
-        group, bracket, index = name.partition("[")
-        name = present_word(table.unit.__name__, group, f"{key}: ") + bracket + index
     found = [v for v in table if name in (v.group, v.name)]
     if not found:
         groups = list(dict.fromkeys(v.group for v in table if v.causality != "output"))

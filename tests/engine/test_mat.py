@@ -1,0 +1,90 @@
+"""Results as MATLAB files: the bits of the CSV, and what scipy reads of them."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+import scipy.io
+
+from tests.engine.files import assert_same_bits, hard_results
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.engine.package_run import run_system
+from vdfmu.engine.run import Results, Signal
+
+
+@pytest.fixture
+def results() -> Results:
+    """Return signals that are hard to write."""
+    return hard_results()
+
+
+def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path):
+    path = tmp_path / "r.mat"
+    results.write(path)
+    again = Results.read(path)
+    assert_same_bits(again, results)
+    assert again.signals[-1].of == "a.q[1]"
+    assert again.summary == {**results.summary, "limit": "inf"}
+    text = path.read_bytes()
+    results.write(path)
+    assert path.read_bytes() == text
+
+
+@pytest.mark.parametrize("form", ["mat", "parquet"])
+def test_results_without_rows_or_signals_read_back(tmp_path, form):
+    empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
+    bare = Results(np.arange(3.0), [], {"real": np.empty((3, 0))})
+    for some in (empty, bare):
+        some.write(tmp_path / f"r.{form}")
+        assert_same_bits(Results.read(tmp_path / f"r.{form}"), some)
+
+
+def test_a_run_writes_all_forms_alike(arm_package, tmp_path):
+    run = run_system(arm_package(), out=tmp_path, formats=("csv", "mat"), stop=0.05)
+    assert_same_bits(Results.read(tmp_path / "results.mat"), run)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert {"results.csv", "results.mat"} < set(summary["files"])
+
+
+def test_names_are_legal_in_matlab_and_units_are_kept(results, tmp_path):
+    results.write(tmp_path / "r.mat")
+    found = scipy.io.loadmat(tmp_path / "r.mat", squeeze_me=True, struct_as_record=False)
+    names = [name for name in found if not name.startswith("__")]
+    assert names == ["time", "units", "a_q", "a_q_2", "b____", "end_2", "a_K_p__", "a_on", "b_1_x", "b1_x", "vdfmu"]
+    assert all(re.fullmatch(r"[A-Za-z]\w{0,62}", name, re.ASCII) for name in names)
+    np.testing.assert_array_equal(found["a_q"][:, 0], results["a.q[1]"])
+    np.testing.assert_array_equal(found["time"], results.time)
+    assert found["units"].a_q.tolist() == ["rad", "m"] and found["units"].end_2 == "N.m"
+    assert found["a_q_2"].dtype == np.int32
+    assert [each[:3:2] for each in json.loads(str(found["vdfmu"]))["signals"]][:2] == [
+        ["a.q[1]", "rad"],
+        ["a.q[2]", "m"],
+    ]
+
+
+def test_files_of_another_form_and_damaged_ones_are_named(results, tmp_path):
+    path = tmp_path / "r.mat"
+    results.write(path)
+    path.write_bytes(path.read_bytes()[:3000])
+    for content in (path.read_bytes(), b"time,a\n", b""):
+        path.write_bytes(content)
+        with pytest.raises(UsageError, match="r.mat"):
+            Results.read(path)
+    with pytest.raises(UsageError, match="No such file"):
+        Results.read(tmp_path / "none.mat")
+
+
+def test_a_matlab_file_of_another_tool_is_no_file_of_results(tmp_path):
+    scipy.io.savemat(tmp_path / "r.mat", {"x": np.arange(3.0)})
+    with pytest.raises(UsageError, match="expected results that vdfmu wrote, with the variable vdfmu; there are x"):
+        Results.read(tmp_path / "r.mat")
+
+
+def test_an_array_beyond_two_gigabytes_is_refused(results, tmp_path, monkeypatch):
+    monkeypatch.setattr("vdfmu.engine.results.mat_file._MOST", 1000)
+    with pytest.raises(VdfmuError, match="a_q: expected at most 2 GB.*--format parquet"):
+        results.write(tmp_path / "r.mat")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,217 @@
+"""The example of a plugin for MCAP: results of runs, and logs of ROS 2 and JSON, as other tools read and write them."""
+
+from __future__ import annotations
+
+import json
+import logging
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosWriter
+from rosbags.typesys import Stores, get_typestore
+
+import vdfmu
+from tests.added import installed
+from tests.engine.files import assert_same_bits, hard_results
+from tests.study.identify.recorded import M, T, motion
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.package_run import run_system
+from vdfmu.engine.run import Results, Signal
+from vdfmu.study.identify.log import read_log
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "mcap"
+NAMES = ("lift", "elbow")
+
+
+@pytest.fixture(autouse=True)
+def plugin(added: Callable[[Path], None], tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Add the example, with the entry points of its project."""
+    folder = tmp_path_factory.mktemp("installed")
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    installed(folder, project["name"], project["entry-points"])
+    added(folder)
+    added(EXAMPLE)
+
+
+@pytest.fixture
+def results() -> Results:
+    """Return signals that are hard to write, among them one that copies another a row later."""
+    found = hard_results()
+    late = np.concatenate([found["a.q[1]"][:1], found["a.q[1]"][:-1]])
+    signals = [*found.signals, Signal("d.q", "real", "rad", 4, of="a.q[1]", late=1)]
+    data = found.data | {"real": np.column_stack([found.data["real"], late])}
+    return Results(found.time, signals, data, found.summary)
+
+
+def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path):
+    path = tmp_path / "r.mcap"
+    results.write(path)
+    again = Results.read(path)
+    assert_same_bits(again, results)
+    assert (again.signals, again.summary) == (results.signals, results.summary)
+    text = path.read_bytes()
+    results.write(path)
+    assert path.read_bytes() == text and list(tmp_path.iterdir()) == [path]
+
+
+def test_results_without_rows_or_signals_read_back(tmp_path):
+    empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
+    bare = Results(np.arange(3.0), [], {"real": np.empty((3, 0))})
+    for some in (empty, bare):
+        some.write(tmp_path / "r.mcap")
+        assert_same_bits(Results.read(tmp_path / "r.mcap"), some)
+
+
+def test_a_run_writes_it_beside_others(arm_package, tmp_path):
+    run = run_system(arm_package(), out=tmp_path, formats=("csv", "mcap"), stop=0.05)
+    assert_same_bits(Results.read(tmp_path / "results.mcap"), run)
+    assert "results.mcap" in json.loads((tmp_path / "summary.json").read_text())["files"]
+
+
+def test_other_readers_have_the_numbers_of_the_file(results, tmp_path):
+    """The decoder of the MCAP project, and rosbags with definitions from the file, as Foxglove and PlotJuggler do."""
+    path = tmp_path / "r.mcap"
+    results.write(path)
+    with open(path, "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        kinds = [s.name for s in reader.get_summary().schemas.values()]
+        assert kinds == [f"vdfmu/msg/{name}" for name in ("A", "B", "End", "B1", "B1X")]
+        definition = next(s.data.decode() for s in reader.get_summary().schemas.values() if s.name == "vdfmu/msg/A")
+        assert "float64[2] q  # rad, m\nint32[1] q_2  # \n" in definition
+        decoded = [(m.log_time, d) for _, c, m, d in reader.iter_decoded_messages() if c.topic == "/a"]
+    assert [stamp for stamp, _ in decoded[:3]] == [0, 1_000_000, 2_000_000]
+    with AnyReader([path]) as reader:
+        assert {c.topic for c in reader.connections} == {"/a", "/b", "/end", "/b_1", "/b1"}
+        one = [c for c in reader.connections if c.topic == "/a"]
+        others = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(one)]
+    for mine in ([d for _, d in decoded], others):
+        for name, column in (("q", [results["a.q[1]"], results["a.q[2]"]]), ("k_p", [results["a.K_p__"]])):
+            np.testing.assert_array_equal(np.array([getattr(d, name) for d in mine]).T, column)
+        np.testing.assert_array_equal([d.time for d in mine], results.time)
+        np.testing.assert_array_equal([bool(d.on[0]) for d in mine], results["a.on"])
+
+
+def test_files_of_another_form_and_damaged_ones_are_named(results, tmp_path):
+    path = tmp_path / "r.mcap"
+    results.write(path)
+    text = path.read_bytes()
+    for content in (text[:3000], b"time,a\n", b""):
+        path.write_bytes(content)
+        with pytest.raises(vdfmu.VdfmuError, match="r.mcap"):
+            Results.read(path)
+    for place in range(2500, 20_000, 2000):  # in the chunk of the messages, which has a checksum
+        path.write_bytes(text[:place] + bytes([text[place] ^ 1]) + text[place + 1 :])
+        with pytest.raises(vdfmu.VdfmuError, match="cannot read"):
+            Results.read(path)
+    with pytest.raises(vdfmu.VdfmuError, match="No such file"):
+        Results.read(tmp_path / "none.mcap")
+
+
+# ------------------------------------------------------------------ logs
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return vdfmu.load_robot("planar_2dof")
+
+
+@pytest.fixture(scope="module")
+def data(robot):
+    return motion(robot, T)
+
+
+def same(log, data):
+    for mine, other in zip((log.kappa, log.q, log.tau), data, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=1e-14, atol=1e-14)  # a factor that is taken off again
+    np.testing.assert_allclose(log.t - log.t[0], T, atol=1e-9)  # stamps are whole nanoseconds
+
+
+def test_results_of_a_run_are_a_log(robot, data, tmp_path):
+    names = [f"plant.{name}[{i}]" for name in ("kappa", "q", "tau") for i in (1, 2)]
+    signals = [Signal(name, "real", "N.m" if "tau" in name else "rad", i) for i, name in enumerate(names)]
+    Results(T, signals, {"real": np.hstack(data)}).write(tmp_path / "log.mcap")
+    log = read_log(tmp_path / "log.mcap", robot)
+    for mine, other in zip((log.t, log.kappa, log.q, log.tau), (T, *data), strict=True):
+        np.testing.assert_array_equal(mine, other)
+    assert log.notes == ()
+
+
+@pytest.fixture(scope="module")
+def bag(data, tmp_path_factory):
+    """Return an MCAP file by rosbags: JointState with joints in an order that changes, and links on another topic."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    State, Header, Time = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    kappa, q, tau = data
+    effort = tau * vdfmu.load_robot("planar_2dof").ell
+    folder = tmp_path_factory.mktemp("bag") / "bag"
+    with RosWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, positions, late in (("/joint_states", kappa, 0), ("/links", q, 0)):
+            connection = writer.add_connection(topic, State.__msgtype__, typestore=store)
+            for k in range(M):
+                order = [0, 1] if k % 3 else [1, 0]
+                stamp = 1_700_000_000_000_000_000 + round(T[k] * 1e9) + late
+                header = Header(Time(*divmod(stamp, 10**9)), "")
+                names, none = [NAMES[i] for i in order], np.zeros(0)
+                given = effort[k, order] if topic == "/joint_states" else none
+                message = State(header, names, positions[k, order], none, given)
+                writer.write(connection, stamp + 3_000_000, store.serialize_cdr(message, State.__msgtype__))
+    return next(folder.glob("*.mcap"))
+
+
+def test_joint_states_of_ros(robot, data, bag):
+    named = robot.__class__(**{**robot.__dict__, "joint_names": NAMES})
+    log = read_log(bag, named, {"q": "/links.position[{}]"})
+    same(log, data)
+    assert log.notes[0].startswith("kappa is /joint_states.position[lift] and so on: as ROS has it, behind the gears")
+    assert log.notes[1].startswith("tau_link is /joint_states.effort[lift]") and len(log.notes) == 2
+    with pytest.raises(UsageError, match=r"there are .*/joint_states.position\[lift\]"):
+        read_log(bag, robot)
+
+
+def test_json_at_times_of_its_own(robot, data, tmp_path, caplog):
+    kappa, q, tau = data
+    late = 0.0013
+    _, q_late, _ = motion(robot, T + late)
+    with open(tmp_path / "log.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("arm", "jsonschema", b'{"type": "object"}')
+        topics = {name: writer.register_channel(name, "json", schema) for name in ("/drives", "/links")}
+        odd = writer.register_channel("/odd", "protobuf", schema)
+        writer.add_message(odd, 0, b"", 0)
+        for k in range(M):
+            stamp = round(T[k] * 1e9)
+            text = json.dumps({"pos": kappa[k].tolist(), "state": {"tau": tau[k].tolist(), "ok": True}}).encode()
+            writer.add_message(topics["/drives"], stamp, text, stamp)
+            stamp += round(late * 1e9)
+            writer.add_message(topics["/links"], stamp, json.dumps({"q": q_late[k].tolist()}).encode(), stamp)
+        writer.finish()
+    columns = {"kappa": "/drives.pos[{}]", "tau": "/drives.state.tau[{}]", "q": "/links.q[{}]"}
+    with caplog.at_level(logging.WARNING, "vdfmu"):
+        log = read_log(tmp_path / "log.mcap", robot, columns)
+    wanted = motion(robot, log.t)
+    # a spline of 4 ms on 0.9 Hz: (2 pi 0.9 h)^4 / 384 of 1.2 rad is 8e-10; ten times of it at the ends
+    np.testing.assert_allclose(log.kappa, wanted[0], atol=1e-8)
+    np.testing.assert_allclose(log.q, wanted[1], atol=1e-8)
+    assert log.t[0] == pytest.approx(late) and len(log.t) == M - 1
+    assert "/odd: not read, its encoding is protobuf" in caplog.text
+    assert any("columns have times of their own" in note for note in log.notes)
+    with open(tmp_path / "odd.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        odd = writer.register_channel("/odd", "protobuf", writer.register_schema("arm", "protobuf", b""))
+        writer.add_message(odd, 0, b"", 0)
+        writer.finish()
+    with pytest.raises(vdfmu.VdfmuError, match=r"expected messages of ROS 2 .* or json, got /odd in protobuf"):
+        read_log(tmp_path / "odd.mcap", robot)
