@@ -18,7 +18,6 @@ from vdfmu.base.progress import warn_once
 from vdfmu.base.standards import BACKENDS, FMI_3, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import COMPONENT, native_available
-from vdfmu.compiler.efmi.production import PRECISIONS
 from vdfmu.compiler.fmu.content import CONTENT_PLACES, EFMU, Content, installed_digest, is_built, keep_record, tool_of
 from vdfmu.compiler.targets import TARGETS, BuildTarget
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
@@ -127,7 +126,7 @@ def build_units(
             keep_record(path, content.guid)
     if further is not None:
         for path, content in contents.items():
-            further.finish(path, content, precision, step)
+            further.load().finish(path, content, precision, step)
     return dict(zip(named, contents, strict=True))
 
 
@@ -137,18 +136,18 @@ def _checked_target(
     """Return a target; UsageError if there is none of the name, or a unit or the options do not go with it."""
     if name not in TARGETS:
         raise UsageError(f"There is no target {name!r}. There are: {', '.join(TARGETS)}.")
-    if precision not in PRECISIONS:
-        raise UsageError(f"There is no precision {precision!r}. There are: {', '.join(PRECISIONS)}.")
     if not 0.0 < step < math.inf:
         raise UsageError(f"step: expected a finite number above 0 s, got {step}.")
     target = TARGETS[name]
     if target is None:
         if precision != "double":
-            raise UsageError(f"FMUs have numbers of double precision, got {precision!r}. It is for --target efmi.")
+            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Use --target efmi for another.")
         return None
+    if precision not in target.precisions:
+        raise UsageError(f"precision: must be {' or '.join(target.precisions)}, got {precision!r}.")
     if backend == "python":
         raise UsageError(f"target {name}: expected the backend native, got python.")
-    reasons = {unit_name(unit): target.reason_against(unit) for unit in units}
+    reasons = {unit_name(unit): target.load().reason_against(unit) for unit in units}
     if problems := [f"{unit}: {reason}." for unit, reason in reasons.items() if reason]:
         raise UsageError(f"target {name}: {' '.join(problems)}")
     return target
@@ -213,7 +212,7 @@ def verify(path: Path, unit: type[BaseUnit] | None = None) -> list[str]:
         name, backend, made = str(data["unit"]), str(data["backend"]), (str(data["digest"]), str(data["tool"]))
         model = ElementTree.fromstring(members["modelDescription.xml"]).find(".//*[@modelIdentifier]")
         model_name = model.attrib["modelIdentifier"] if model is not None else ""
-        here = installed_digest(backend), tool_of(backend)
+        here = installed_digest(backend, data.get("module"), data.get("reader")), tool_of(backend)
     except (ValueError, LookupError, TypeError, ElementTree.ParseError):
         raise FmuError(
             f"{path}: not an FMU of a unit that vdfmu built: {CONTENT_PLACES['native']} does not say which unit it is "
