@@ -86,7 +86,7 @@ class Problem:
         if self.loops is None:
             return None
         parameters = self.parameters(values)
-        return self.loops.margins(parameters | self.plan.followed(0, parameters))
+        return self.loops.margins(parameters)
 
 
 @with_options
