@@ -29,7 +29,6 @@ RENAMED: dict[str, dict[str, str]] = {
     "sweep plot": {"measure": "by"},
     "sweep indices": {"measure": "by"},
     "tune": {"over": "combine", "spread_n": "spread_points", "budget": "evaluations"},
-    "compare": {"budget": "evaluations"},
     "margins": {"open": "loop"},
     "modes": {"path": "scenario"},
     "identify": {"start": "pose"},

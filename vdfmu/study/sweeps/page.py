@@ -274,7 +274,7 @@ def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]
     from vdfmu.study.run.scenario_run import run
 
     facts, best = study.facts, study.row("best")
-    if str(facts["source"]).endswith(".ssp") or "run" in best:
+    if str(facts["source"]).endswith(".ssp"):
         raise UsageError("Only scenarios are simulated in a page.")
     switched = {axis: best[axis] for axis in study.axes if is_option(axis)}
     own = [axis for axis in read_axes(facts["axes"]) if not is_option(axis.target)]
