@@ -308,7 +308,7 @@ def test_vendored_files_are_those_of_the_pinned_build():
 @pytest.mark.parametrize(
     "modules",
     [(*MODULES, *STUDY), WORKER, STUDY_ALONE, GALLERY, ROBOT],
-    ids=["page", "worker", "study", "gallery", "laws", "robot"],
+    ids=["page", "worker", "study", "gallery", "robot"],
 )
 def test_modules_join_into_one_script(modules):
     exported: dict[str, set[str]] = {}
