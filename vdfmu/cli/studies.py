@@ -103,10 +103,7 @@ def plot(
     study: StudyArgument,
     by: ByOption = None,
     kind: Annotated[
-        str | None,
-        typer.Option(
-            **choice("scatter", "surface", "parallel", "tornado", "indices"), help="Figure; default all that fit."
-        ),
+        str | None, typer.Option(**choice("curve", "tornado", "indices"), help="Figure; default all that fit.")
     ] = None,
     out: Annotated[Path | None, out_option("Folder; default the study's.")] = None,
 ) -> None:

@@ -90,10 +90,6 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
         "but not in Python.", flag="--simulate/--no-simulate")]
 
 
-class ErrorBudgetOptions(ScenarioOptions, ProgressOptions, total=False):
-    """Options of `vdfmu.error_budget`."""
-
-
 class SeedOptions(TypedDict, total=False):
     """What is drawn by chance."""
 
