@@ -153,6 +153,10 @@ def _indices(shown: View) -> Figure:
     return figure
 
 
+def _no_curve(shown: View) -> str:
+    return "" if len(shown.sides) == 1 and not shown.sides[0].words else "one axis of numbers"
+
+
 def _no_indices(shown: View) -> str:
     if shown.study.facts["sample"] not in ("saltelli", "morris"):
         return f"a study with --sample saltelli or morris, got {shown.study.facts['sample']}"
