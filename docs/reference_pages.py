@@ -139,7 +139,7 @@ else to standard error.
 | `--quiet`, `-q` | no tables that are in the files written: a line `Written to` | errors |
 | `--verbose`, `-v` | as without | also what is done, how long it took, and where an error is from |
 
-With `--quiet`, `run`, `simulate`, `federate`, `sweep`, `tune` and `compare` print that one line, of `sweep` points that
+With `--quiet`, `run`, `simulate`, `federate`, `sweep` and `tune` print that one line, of `sweep` points that
 failed too; all other commands print what they do without it. `--verbose` names versions, stages, what came from the
 cache, calls of the compiler, and files.
 

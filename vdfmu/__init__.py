@@ -16,8 +16,6 @@ Python API
     The four units as FMUs, the system that wires them as a package or for libcosim, and the system as one FMU.
 ``run``
     A whole scenario: co-simulation, references, comparison, files.
-``error_budget``
-    The error of a scenario with one cause of it changed at a time.
 ``animate``
     The arm of a run, moving, in a notebook or a file.
 ``simulate``, ``load_ssp``
@@ -67,7 +65,6 @@ if TYPE_CHECKING:
     from vdfmu.study.analysis.modes import Modes, natural_modes
     from vdfmu.study.environment.arm import ArmEnv, ArmVectorEnv
     from vdfmu.study.report.animation import Animation, animate
-    from vdfmu.study.run.error_budget import error_budget
     from vdfmu.study.run.scenario_run import run
     from vdfmu.study.sweeps.sweep import Sweep, sweep
     from vdfmu.study.tuning.tune import tune
@@ -80,7 +77,6 @@ _NAMES = {
     "vdfmu.study.analysis.modes": ("Modes", "natural_modes"),
     "vdfmu.study.analysis.arm_space": ("linearize",),
     "vdfmu.study.run.scenario_run": ("run",),
-    "vdfmu.study.run.error_budget": ("error_budget",),
     "vdfmu.arm.dynamics": (
         "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
     ),
@@ -108,7 +104,7 @@ _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
     "Animation", "ArmEnv", "ArmVectorEnv", "LiveView", "Modes", "Results", "Robot", "RobotView", "Scenario",
-    "Simulator", "StateSpace", "Sweep", "VdfmuError", "__version__", "animate", "build_fmus", "error_budget",
+    "Simulator", "StateSpace", "Sweep", "VdfmuError", "__version__", "animate", "build_fmus",
     "federate", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian",
     "linearize", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
     "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",

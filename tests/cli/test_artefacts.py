@@ -22,7 +22,6 @@ WRITERS = [
 READERS = {
     "cache",
     "check",
-    "compare",
     "doctor",
     "federate",
     "identify",

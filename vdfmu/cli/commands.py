@@ -37,7 +37,6 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
             "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
             "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
         ),
-        (studies.compare, "vdfmu compare --arms ur5e_6dof --laws controller,pd_gravity --mismatch none,payload"),
     ),
     "Look": (
         (runs.report, "vdfmu report results/tracking results/soft"),

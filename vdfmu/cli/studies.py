@@ -1,4 +1,4 @@
-"""``vdfmu sweep`` and its subcommands, ``vdfmu compare`` and ``vdfmu tune``."""
+"""``vdfmu sweep`` and its subcommands, and ``vdfmu tune``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vdfmu.cli.terminal import (
     table,
     tell,
 )
-from vdfmu.study.options import CompareOptions, SweepOptions, TuneOptions
+from vdfmu.study.options import SweepOptions, TuneOptions
 
 _SHOWN = 5
 """Failed points that are listed."""
@@ -103,10 +103,7 @@ def plot(
     study: StudyArgument,
     by: ByOption = None,
     kind: Annotated[
-        str | None,
-        typer.Option(
-            **choice("scatter", "surface", "parallel", "tornado", "indices"), help="Figure; default all that fit."
-        ),
+        str | None, typer.Option(**choice("curve", "tornado", "indices"), help="Figure; default all that fit.")
     ] = None,
     out: Annotated[Path | None, out_option("Folder; default the study's.")] = None,
 ) -> None:
@@ -161,25 +158,6 @@ def _say_measures(found: Any) -> None:
         say(f"point {point} failed: {words}")
     if len(failed) > _SHOWN:
         say(f"and {len(failed) - _SHOWN} more points failed: column 'failed'")
-
-
-def compare(**options: Unpack[CompareOptions]) -> None:
-    """Tune control laws alike, run them on arms, along motions, with mismatches, and say which to take when.
-
-    What is done stays done: after Ctrl-C or a kill the same command continues where it stopped.
-    """
-    from vdfmu.study.compare.compare import compare as run_compare
-    from vdfmu.study.compare.page import in_words
-
-    try:
-        found = run_compare(**options)
-    except KeyboardInterrupt as error:
-        error.add_note("What was done is kept: give the same command again to go on.")
-        raise
-    say_notes(found.notes)
-    tell(in_words(found).rstrip())
-    names = ("report.html", "summary.md", "sweep.parquet", "sweep.csv")
-    say_written(*(found.folder / name for name in names), more=f"; {len(found)} cells")
 
 
 def tune(

@@ -1,28 +1,28 @@
-"""What a unit is built for in addition to its FMU. A new target is a folder of the compiler and a row of `TARGETS`."""
+"""Build targets beside the plain FMU. A new target is a folder of the compiler and a row of `TARGETS`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-
-from vdfmu.compiler.efmi.block import reason_against
-from vdfmu.compiler.efmi.build import make_efmu
-from vdfmu.compiler.fmu.content import Content
-from vdfmu.compiler.unit.base import BaseUnit
+from importlib import import_module
+from typing import Any
 
 
 @dataclass(frozen=True)
 class BuildTarget:
-    """A target."""
+    """A target, imported only when it is built."""
 
-    reason_against: Callable[[type[BaseUnit]], str | None]
-    """Returns why a unit cannot be built for it; None if it can."""
-    finish: Callable[[Path, Content, str, float], None]
-    """Makes of an FMU what the target is: file, content, precision of numbers, time between steps [s]."""
+    module: str
+    """Module with ``reason_against(unit)``, the reason why a unit cannot be built for it or None, and
+    ``finish(path, content, precision, step)``, which turns an FMU into the target."""
+    precisions: tuple[str, ...]
+    """Floating-point types of its code, the default first."""
+
+    def load(self) -> Any:
+        """Return the module."""
+        return import_module(self.module)
 
 
 FMI = "fmi"
 """The target of all units: an FMU alone."""
-TARGETS = {FMI: None, "efmi": BuildTarget(reason_against, make_efmu)}
+TARGETS = {FMI: None, "efmi": BuildTarget("vdfmu.compiler.efmi.build", ("double", "float32"))}
 """Name to target."""

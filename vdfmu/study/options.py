@@ -33,10 +33,6 @@ def known_robots() -> Iterable[str]:
     return robot_names()
 
 
-def _names(text: str | None) -> list[str] | None:
-    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
-
-
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
 """Ways to draw the points of a study; the last two for indices of sensitivity."""
 METHODS = ("both", "global", "local")
@@ -92,10 +88,6 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
     simulate: Annotated[bool | None, Option("Let report.html run the scenario again, with sliders.",
         more="Its units are compiled for WebAssembly for that, once for each structure; default on the command line, "
         "but not in Python.", flag="--simulate/--no-simulate")]
-
-
-class ErrorBudgetOptions(ScenarioOptions, ProgressOptions, total=False):
-    """Options of `vdfmu.error_budget`."""
 
 
 class SeedOptions(TypedDict, total=False):
@@ -177,24 +169,4 @@ class TuneOptions(ProblemOptions, WorkerOptions, total=False):
         default="both", choices=METHODS)]
     evaluations: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/tune_SCENARIO.", "path",
-        typed=Path | None)]
-
-
-class CompareOptions(SeedOptions, WorkerOptions, total=False):
-    """Options of `vdfmu.study.compare.compare.compare`."""
-
-    laws: Annotated[Sequence[str] | None, Option("Control laws, separated by commas; default all.", "sequence of str",
-        typed=str | None, read=_names)]
-    arms: Annotated[Sequence[str] | None, Option("Robots, names or paths, separated by commas; default five arms.",
-        "sequence of str", typed=str | None, read=_names, names=known_robots)]
-    mismatches: Annotated[Sequence[str] | None, Option("Differences unknown to the laws; default all, and none.",
-        "sequence of str", flag="--mismatch", typed=str | None, read=_names)]
-    motions: Annotated[Sequence[str] | None, Option("point_to_point, circle, time_optimal; default all.",
-        "sequence of str", typed=str | None, read=_names)]
-    evaluations: Annotated[int, Option("Evaluations of the search of each law on each arm.", default=24)]
-    margin: Annotated[float, Option("Modulus margin that every tuned law has at least on the plant that it knows.",
-        default=0.5)]
-    delayed: Annotated[bool, Option("Take this margin with one more sample of delay.", default=False)]
-    repeats: Annotated[int, Option("Runs of a cell with noise, each with a seed of its own.", default=5)]
-    out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/compare.", "path",
         typed=Path | None)]

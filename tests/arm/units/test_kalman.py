@@ -6,8 +6,10 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 
 import vdfmu
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.units import find_unit
+from vdfmu.base.errors import UsageError
 
 PERIOD, POSE = 1e-3, 0.4
 SIGMAS = {"sigma_tau": 0.02, "sigma_q": 0.5, "sigma_kappa": 1e-5}
@@ -38,10 +40,16 @@ def by_hand():
     return whole[:4, :4], whole[:4, 4], whole[:4, 4:] * [SIGMAS["sigma_tau"], SIGMAS["sigma_q"]]
 
 
+def designed(robot):
+    """Return a filter at the pose."""
+    unit = find_unit("kalman_filter")
+    return unit(robot, **unit.design(robot, POSE, period=PERIOD, **SIGMAS))
+
+
 def test_model_and_gain_are_those_of_a_joint_written_by_hand(pendulum, by_hand):
     A, B, G = by_hand
     C = np.array([[0.0, 0.0, 1.0, 0.0]])
-    unit = find_unit("kalman_filter")(pendulum, q_pose=POSE, period=PERIOD, **SIGMAS)
+    unit = designed(pendulum)
     # the spring is softer by K (c_f G)^2 and by K / (ell^2 K_w0): 1e-10 of it
     np.testing.assert_allclose(unit.joint[0, :, :4], A, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(unit.joint[0, :, 4], B, rtol=1e-8)
@@ -49,12 +57,12 @@ def test_model_and_gain_are_those_of_a_joint_written_by_hand(pendulum, by_hand):
     gain = (A @ P @ C.T)[:, 0] / (C @ P @ C.T + SIGMAS["sigma_kappa"] ** 2)[0, 0]
     np.testing.assert_allclose(unit.L[0], gain, rtol=1e-6)  # a Riccati equation takes away some two digits of these
     held = 2.0 * 9.81 * 0.25 * np.cos(POSE)
-    np.testing.assert_allclose(unit.held[0], [POSE + held / 5e3, held / 100.0], rtol=1e-9)
+    np.testing.assert_allclose(unit.rest[0], [POSE, POSE + held / 5e3, held / 100.0], rtol=1e-9)
 
 
 def test_gain_is_that_of_python_control(pendulum, by_hand):
     """The continuous model, sampled and filtered by python-control."""
-    unit = find_unit("kalman_filter")(pendulum, q_pose=POSE, period=PERIOD, **SIGMAS)
+    unit = designed(pendulum)
     M, J, K, b, ell = 0.04 + 2.0 * 0.25**2, 0.001 * 100.0, 5e3, 0.5, 100.0
     K_g = -2.0 * 9.81 * 0.25 * np.sin(POSE)
     A = [[0.0, 1.0, 0.0, 0.0], [-(K + K_g) / M, 0.0, K / M, 0.0], [0.0, 0.0, 0.0, 1.0], [K / J, 0.0, -K / J, -b / J]]
@@ -69,23 +77,23 @@ def test_gain_is_that_of_python_control(pendulum, by_hand):
 def follow(unit, by_hand, steps, x, noise=None):
     """Return the errors of the estimate, (steps, 4), of a joint that is the model, under a torque that changes."""
     A, B, G = by_hand
-    rest = np.array([POSE, 0.0, unit.held[0, 0], 0.0])
+    rest = np.array([POSE, 0.0, unit.rest[0, 1], 0.0])
     random, errors = np.random.default_rng(7), []
-    unit.kappa = [unit.held[0, 0]]
+    unit.kappa = [unit.rest[0, 1]]
     unit.start()
     for k in range(steps):
         estimate = np.concatenate([unit.q_hat, unit.q_dot_hat, unit.kappa_hat, unit.kappa_dot_hat])
         errors.append(rest + x - estimate)
         torque = 0.05 * np.sin(0.02 * k)
         w, v = (random.normal(size=2), random.normal() * SIGMAS["sigma_kappa"]) if noise else (np.zeros(2), 0.0)
-        unit.kappa, unit.tau = [rest[2] + x[2] + v], [unit.held[0, 1] + torque]
+        unit.kappa, unit.tau = [rest[2] + x[2] + v], [unit.rest[0, 2] + torque]
         unit.update()
         x = A @ x + B * torque + G @ w
     return np.array(errors)
 
 
 def test_an_error_at_the_start_fades_by_the_poles_of_the_filter(pendulum, by_hand):
-    unit = find_unit("kalman_filter")(pendulum, q_pose=POSE, period=PERIOD, **SIGMAS)
+    unit = designed(pendulum)
     x = np.array([1e-3, 0.0, 0.0, 0.0])
     errors = follow(unit, by_hand, 300, x)
     closed = by_hand[0] - np.outer(unit.L[0], [0.0, 0.0, 1.0, 0.0])
@@ -100,7 +108,7 @@ def test_an_error_at_the_start_fades_by_the_poles_of_the_filter(pendulum, by_han
 def test_errors_under_noise_have_the_variance_of_the_riccati_equation(pendulum, by_hand):
     A, _, G = by_hand
     C = np.array([[0.0, 0.0, 1.0, 0.0]])
-    unit = find_unit("kalman_filter")(pendulum, q_pose=POSE, period=PERIOD, **SIGMAS)
+    unit = designed(pendulum)
     errors = follow(unit, by_hand, 10_000, np.zeros(4), noise=True)[500:]
     P = solve_discrete_are(A.T, C.T, G @ G.T, np.array([[SIGMAS["sigma_kappa"] ** 2]]))
     # Of m samples that are alike by l^k, l the slowest pole, a variance is known to sqrt(2 / m (1 + l^2) / (1 - l^2))
@@ -145,8 +153,6 @@ T = 2.0
 [controller]
 K_p = [1500.0, 500.0]
 K_v = [40.0, 20.0]
-[filter]
-q_pose = [-0.75, 0.35]
 """
 
 
@@ -154,9 +160,19 @@ q_pose = [-0.75, 0.35]
 def test_links_are_known_in_the_loop(tmp_path):
     (tmp_path / "filtered.toml").write_text(SYSTEM)
     (tmp_path / "scenario.toml").write_text(SCENARIO)
-    results = vdfmu.run(tmp_path / "scenario.toml", reference=False, out=False)
+    values = find_unit("kalman_filter").design(vdfmu.load_robot("planar_2dof"), [-0.75, 0.35])
+    settings = {f"filter.{name}": value for name, value in values.items()}
+    results = vdfmu.run(tmp_path / "scenario.toml", settings=settings, reference=False, out=False)
     wound = np.abs(results["plant.kappa"] - results["plant.q"]).max()
     error = np.abs(results["filter.q_hat"] - results["plant.q"]).max()
     # 0.19 of 0.86 mrad: the pose is 0.35 rad away, and friction is not in the model
     assert error < 0.3 * wound
     assert np.abs(results["trajectory.q_d"] - results["plant.q"]).max() < 2.0 * error  # as good as what is measured
+
+
+def test_a_filter_refuses_a_period_for_which_it_is_not_designed():
+    robot = vdfmu.load_robot("planar_2dof")
+    with pytest.raises(UsageError, match="period: expected design_period, for which joint and L are designed"):
+        build_fmus(
+            robot, "unused", units=[find_unit("kalman_filter")], start_values={"kalman_filter": {"period": 2e-3}}
+        )

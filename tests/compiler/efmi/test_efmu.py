@@ -151,7 +151,7 @@ def test_words_of_refusal(planar: Robot, tmp_path: Path):
         ({"target": "efmi", "units": ["plant", "controller"]}, "target efmi: plant: it has continuous states"),
         ({"target": "efmi", "backend": "python"}, "expected the backend native, got python"),
         ({"target": "c"}, "There is no target 'c'. There are: fmi, efmi."),
-        ({"target": "efmi", "precision": "half"}, "There is no precision 'half'. There are: double, float32."),
+        ({"target": "efmi", "precision": "half"}, "precision: must be double or float32, got 'half'."),
         *(
             (
                 {"target": "efmi", "precision": "float32", "start_values": {"controller": {"K_p[1]": value}}},
@@ -165,7 +165,7 @@ def test_words_of_refusal(planar: Robot, tmp_path: Path):
             {"target": "efmi", "precision": "float32", "units": ["torque_sensor"]},
             "torque_sensor: .* odd number 2147483647",
         ),
-        ({"precision": "float32"}, "FMUs have numbers of double precision, got 'float32'"),
+        ({"precision": "float32"}, "precision: must be double for FMUs, got 'float32'. Use --target efmi"),
     ]
     for options, words in cases:
         with pytest.raises(UsageError, match=words):

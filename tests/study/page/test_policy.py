@@ -17,7 +17,6 @@ from vdfmu.engine.results.recorded import Signal
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.page import StudyPart, report_page, study_page
-from vdfmu.study.report.scripts import COMPARED, scripts_of
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.view.live_server import live_page, words_page
 
@@ -73,7 +72,6 @@ def pages(tmp_path):
         "sweep": report_page([shown], study=study),
         "study": study_page(study),
         "gallery": write_gallery(tmp_path).read_bytes(),
-        "laws": frame.page("laws", "", "", 76, scripts=scripts_of(COMPARED)),
         "robot": view._server.content,
         "live": live_page("live", about, ["plant.q[1]", "plant.q[2]"], 0.0, 1.0),
         "words": words_page("words", "none"),

@@ -117,11 +117,11 @@ def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
 @pytest.mark.parametrize(
     ("over", "sample", "n", "kinds"),
     [
-        ({"f.a": "log(1, 100, 7)", "f.b": "lin(0, 5, 6)"}, "grid", None, {"scatter", "surface", "parallel", "tornado"}),
-        ({f"f.x{i}": "lin(1, 2)" for i in range(11)}, "lhs", 120, {"scatter", "surface", "parallel", "tornado"}),
-        ({"f.a": "lin(0, 1, 9)"}, "grid", None, {"scatter", "surface"}),
-        ({"f.a": "lin(0, 1, 9)", "f.m": "one, two"}, "grid", None, {"scatter", "parallel", "tornado"}),
-        ({"f.a": "lin(0, 1)", "f.b": "lin(0, 1)"}, "morris", 8, {"scatter", "parallel", "tornado", "surface"}),
+        ({"f.a": "log(1, 100, 7)", "f.b": "lin(0, 5, 6)"}, "grid", None, {"tornado"}),
+        ({f"f.x{i}": "lin(1, 2)" for i in range(11)}, "lhs", 120, {"tornado"}),
+        ({"f.a": "lin(0, 1, 9)"}, "grid", None, {"curve"}),
+        ({"f.a": "lin(0, 1, 9)", "f.m": "one, two"}, "grid", None, {"tornado"}),
+        ({"f.a": "lin(0, 1)", "f.b": "lin(0, 1)"}, "morris", 8, {"tornado"}),
     ],
 )  # fmt: skip
 def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, over, sample, n, kinds):
@@ -176,7 +176,7 @@ def test_what_cannot_be_drawn_is_said(tmp_path):
     failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
     one = study(tmp_path / "u", {"f.a": "1"}, lambda a: a * 1.0)
     for each, options, words in (
-        (found, {"kind": "pie"}, "kind: expected scatter, surface, .* got pie"),
+        (found, {"kind": "pie"}, "kind: expected curve, tornado, indices, got pie"),
         (found, {"kind": "tornado"}, "kind: tornado needs two axes that vary"),
         (found, {"measure": "z"}, "expected y, got 'z'"),
         (failed, {}, "all failed"),

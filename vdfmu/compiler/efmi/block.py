@@ -16,8 +16,6 @@ import casadi as ca
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
-from vdfmu.compiler.unit.base import BaseUnit
-from vdfmu.compiler.unit.declaration import State
 from vdfmu.compiler.unit.interface import Interface, general_description
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.trace import argument_name
@@ -33,17 +31,6 @@ _WORDS = set(
     "enumeration min max sign absolute integer real fractional ln lg pi euler nan interpolation1D interpolation2D "
     "interpolation3D".split()
 )
-
-
-def reason_against(unit: type[BaseUnit]) -> str | None:
-    """Return why a unit has no eFMU; None if it has one."""
-    if unit.backend == "python":
-        return "it runs in Python"
-    if unit.exchange:
-        return "it is for model exchange"
-    if any(type(declared) is State for declared in unit.declared.values()):
-        return "it has continuous states; an eFMU is a sampled or memoryless unit"
-    return None
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,22 @@ from vdfmu.compiler.efmi.production import (
 )
 from vdfmu.compiler.fmu.content import EFMU, Content
 from vdfmu.compiler.fmu.description import TIME_STAMP, boolean, document, number
+from vdfmu.compiler.unit.base import BaseUnit
+from vdfmu.compiler.unit.declaration import State
 
 
-def make_efmu(path: Path, fmu: Content, precision: str, step: float) -> None:
+def reason_against(unit: type[BaseUnit]) -> str | None:
+    """Return why a unit has no eFMU; None if it has one."""
+    if unit.backend == "python":
+        return "it runs in Python"
+    if unit.exchange:
+        return "it is for model exchange"
+    if any(type(declared) is State for declared in unit.declared.values()):
+        return "it has continuous states; an eFMU is a sampled or memoryless unit"
+    return None
+
+
+def finish(path: Path, fmu: Content, precision: str, step: float) -> None:
     """Add the folder ``eFMU`` to a native FMU.
 
     Parameters

@@ -13,7 +13,6 @@ from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.progress import warn_once
 from vdfmu.base.standards import BACKENDS, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
 from vdfmu.compiler.c.platforms import native_available
-from vdfmu.compiler.efmi.production import PRECISIONS
 from vdfmu.compiler.fmu.content import Content, is_built, keep_record
 from vdfmu.compiler.targets import TARGETS, BuildTarget
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
@@ -122,7 +121,7 @@ def build_units(
             keep_record(path, content.guid)
     if further is not None:
         for path, content in contents.items():
-            further.finish(path, content, precision, step)
+            further.load().finish(path, content, precision, step)
     return dict(zip(named, contents, strict=True))
 
 
@@ -132,18 +131,18 @@ def _checked_target(
     """Return a target; UsageError if there is none of the name, or a unit or the options do not go with it."""
     if name not in TARGETS:
         raise UsageError(f"There is no target {name!r}. There are: {', '.join(TARGETS)}.")
-    if precision not in PRECISIONS:
-        raise UsageError(f"There is no precision {precision!r}. There are: {', '.join(PRECISIONS)}.")
     if not 0.0 < step < math.inf:
         raise UsageError(f"step: expected a finite number above 0 s, got {step}.")
     target = TARGETS[name]
     if target is None:
         if precision != "double":
-            raise UsageError(f"FMUs have numbers of double precision, got {precision!r}. It is for --target efmi.")
+            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Use --target efmi for another.")
         return None
+    if precision not in target.precisions:
+        raise UsageError(f"precision: must be {' or '.join(target.precisions)}, got {precision!r}.")
     if backend == "python":
         raise UsageError(f"target {name}: expected the backend native, got python.")
-    reasons = {unit_name(unit): target.reason_against(unit) for unit in units}
+    reasons = {unit_name(unit): target.load().reason_against(unit) for unit in units}
     if problems := [f"{unit}: {reason}." for unit, reason in reasons.items() if reason]:
         raise UsageError(f"target {name}: {' '.join(problems)}")
     return target

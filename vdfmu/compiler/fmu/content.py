@@ -39,9 +39,19 @@ _DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "functions/*.[ch]", 
 
 
 @lru_cache
-def installed_digest(backend: str = "python") -> str:
-    """Digest of all that decides what FMUs compute: vdfmu's sources, scripts or C files, CasADi's version."""
-    digest = sha256(source_digest("compiler", "arm").encode())
+def installed_digest(backend: str, module: str | None, reader: str | None) -> str:
+    """Digest of everything installed that decides what an FMU computes, CasADi's version included.
+
+    Parameters
+    ----------
+    backend : str
+    module : str or None
+        Module of a unit of this package.
+    reader : str or None
+        ``module:function`` that reads its robot.
+    """
+    modules = [each.partition(":")[0].partition(".")[2] for each in (module, reader) if each]
+    digest = sha256(source_digest("compiler", *modules).encode())
     for pattern in _DATA[backend]:
         for file in sorted(data_path("fmu_src").glob(pattern)):
             digest.update(f"{file.name}\n".encode())
@@ -82,11 +92,19 @@ class Content:
 
     def __post_init__(self) -> None:
         if not self.digest:
-            object.__setattr__(self, "digest", installed_digest(self.backend))
+            object.__setattr__(self, "digest", installed_digest(self.backend, self._module, self._reader))
         if not self.tool:
             object.__setattr__(self, "tool", tool_of(self.backend))
         if self.made_by is None:
             object.__setattr__(self, "made_by", about(self.unit))
+
+    @property
+    def _module(self) -> str | None:
+        return self.unit.__module__ if is_shipped(self.unit) else None
+
+    @property
+    def _reader(self) -> str | None:
+        return None if self.robot is None else self.robot.reader
 
     @property
     def generation_tool(self) -> str:
@@ -129,8 +147,8 @@ class Content:
             | ({} if self.sources else {"sources": False})
             | {
                 "unit": unit_name(self.unit),
-                "module": self.unit.__module__ if is_shipped(self.unit) else None,
-                "reader": None if self.robot is None else self.robot.reader,
+                "module": self._module,
+                "reader": self._reader,
                 "backend": self.backend,
                 "fmi_version": self.fmi_version,
                 "version": self.version,
@@ -156,8 +174,8 @@ class Content:
         source, file = resources / UNIT_FILE, CONTENT_PLACES["python"]
         try:
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
-            name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
-            _check_version(f"{model_name}.fmu", version, digest)
+            name, here = str(data["unit"]), installed_digest("python", data["module"], data["reader"])
+            _check_version(f"{model_name}.fmu", str(data["version"]), str(data["digest"]), here)
             unit = load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
             if unit is None or unit_name(unit) != name or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
@@ -181,9 +199,8 @@ def _named(place: str) -> Any:
     return getattr(import_module(module), name, None)
 
 
-def _check_version(fmu: str, version: str, digest: str) -> None:
+def _check_version(fmu: str, version: str, digest: str, here: str) -> None:
     """Raise if the installed vdfmu is not the one that built the FMU."""
-    here = installed_digest()
     if version != __version__:
         raise FmuError(
             f"{fmu} was built with vdfmu {version}, but this Python has vdfmu {__version__}. "

@@ -29,7 +29,6 @@ from vdfmu.compiler.unit.declaration import (
     Terminal,
     constant,
 )
-from vdfmu.compiler.unit.follow import MARK, followers, mark_parameter, roots, start_arrays, with_mark
 from vdfmu.compiler.unit.machine import Machine
 
 ABOUT = ("version", "author", "copyright", "license")
@@ -85,8 +84,6 @@ class BaseUnit:
     """End of the experiment of the FMU's reference results [s]."""
     declared: Mapping[str, Declared] = {}
     """Variables by name: of the class all, of an instance those that it has for its robot."""
-    follows: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Parameters whose start value is a function of others, to these; see :mod:`vdfmu.compiler.unit.follow`."""
     robot_fields: ClassVar[tuple[str, ...] | None] = None
     """Fields of the :class:`RobotParameters`; empty: all; None: the unit has none."""
     _watch: Watch | None = None
@@ -116,11 +113,6 @@ class BaseUnit:
         elif "tolerance" in found and "solver" not in found:
             found["solver"] = _added("solver", Choice(*SOLVERS, text=_SOLVER), cls)
         cls.declared = found
-        cls.follows = follows = followers(found)
-        if follows:
-            found[MARK] = _added(MARK, mark_parameter(follows), cls)
-            cls.follows = {**follows, MARK: roots(follows)}
-            cls.requirements = with_mark(cls.requirements)  # pyright: ignore[reportAttributeAccessIssue]
 
     def __init__(self, robot: Machine | None = None, **values: Any) -> None:
         if robot is None and self.needs_robot():
@@ -129,16 +121,14 @@ class BaseUnit:
         self.declared = self.declared_for(robot)
         self.store: dict[str, Any] = {}
         self.t = 0.0
-        self._given: set[str] = set()
         for name, declared in self.declared.items():
-            if declared.set_by is None and name not in self.follows:
+            if declared.set_by is None:
                 start = declared.start_value(robot)[()]
                 self.store[name] = declared.choices[int(start)] if declared.choices else start
         for name, value in values.items():
-            if name not in self.store and name not in self.follows:
+            if name not in self.store:
                 raise UsageError(f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}.")
             setattr(self, name, value)
-        self._follow()
 
     @classmethod
     def needs_robot(cls) -> bool:
@@ -228,17 +218,6 @@ class BaseUnit:
             self._watch.write(declared, value)
             return
         self.store[declared.name] = self.fitting(declared, value)
-        if declared.name in self.follows:
-            self._given.add(declared.name)
-        if MARK in self.store and declared.causality == "parameter":
-            self._follow()
-
-    def _follow(self) -> None:
-        """Calculate the parameters that follow from others, without those that were set."""
-        if self.follows:
-            known = {k: v for k, v in self.store.items() if k not in self.follows or k in self._given}
-            found = start_arrays(type(self), self.of_robot, known)
-            self.store.update({name: found[name][()] for name in self.follows if name not in self._given})
 
     def _check_there(self, declared: Declared) -> None:
         if declared.name not in self.declared:

@@ -148,7 +148,7 @@ def _of_variable(unit: type[BaseUnit], declared: Declared, robot: Machine | None
             unit_of(one, "revolute")
         except UsageError as error:
             yield f"{name}: {str(error).rstrip('.')}"
-    if declared.set_by is None and name not in unit.follows:  # which are checked where they are calculated
+    if declared.set_by is None:
         yield from (f"{name}: {problem}" for problem in _of_start(declared, robot, sizes))
 
 

@@ -23,7 +23,6 @@ from vdfmu.base.once import cached_per_command
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration_check import check_unit
 from vdfmu.compiler.unit.dependencies import Rows, patterns
-from vdfmu.compiler.unit.follow import start_arrays
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.program import Program, UnitFunctions
 from vdfmu.compiler.unit.trace import argument_name
@@ -103,9 +102,6 @@ class Interface:
         self.states = slice(first, first + n_x) if n_x else slice(N, N)
         self.derivatives = slice(N, N + n_x)
         self.memory = (*self.variables, *derivatives, _TIME)
-        if start and unit.follows:
-            self.variables = self._started(self.followed(start))
-            self.memory = (*self.variables, *derivatives, _TIME)
 
     def _started(self, start: Mapping[str, float]) -> tuple[Variable, ...]:
         known: dict[str, Any] = {}
@@ -266,28 +262,6 @@ class Interface:
         for name, value in values.items():
             memory[self.reference[name]] = float(value)
         return memory
-
-    def followed(self, values: Mapping[str, Any]) -> dict[str, float]:
-        """Values of the parameters that follow from others, for some values by variable, without those in it.
-
-        Raises
-        ------
-        UnitError
-            For a function that fails, or gives what does not fit.
-        """
-        if not self.unit.follows:
-            return {}
-        memory, n = self.memory_of(values), self.joints
-        given = {
-            group: memory[where].reshape(self.unit.declared[group].sizes(n))[()]
-            for group in self.unit.declared
-            if (where := self.groups.get(group)) is not None
-            and self.memory[where.start].causality == "parameter"
-            and (group not in self.unit.follows or all(v.name in values for v in self.memory[where]))
-        }
-        found = start_arrays(self.unit, self.robot, given)
-        listed = [v for v in self if v.group in self.unit.follows and v.name not in values]
-        return {v.name: float(found[v.group][v.index]) for v in listed}
 
     # ---------------------------------------------------------------- dependencies
 

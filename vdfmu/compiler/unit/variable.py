@@ -15,7 +15,6 @@ import numpy as np
 from vdfmu.base.measure import POSITIVE, derivative_of, measure, unit_of
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State
-from vdfmu.compiler.unit.follow import start_arrays
 from vdfmu.compiler.unit.machine import Entry, Machine
 
 NO_LIMIT = 1e12
@@ -109,8 +108,7 @@ def scalar_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Variab
     """
     groups = [d for d in unit.declared_for(robot).values() if not isinstance(d, Derivative)]
     groups.sort(key=lambda d: _ORDER.index(type(d)) if type(d) in _ORDER else len(_ORDER))
-    start = start_arrays(unit, robot, {})
-    found = [v for declared in groups for v in _scalars(declared, robot, start.get(declared.name))]
+    found = [v for declared in groups for v in _scalars(declared, robot)]
     if unit.robot_fields is not None:
         assert robot is not None
         found += _robot_parameters(robot, unit.robot_fields)
@@ -125,7 +123,8 @@ def derivative_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Va
     return [v for state in states for v in _scalars(by_state[state], robot)]
 
 
-def _scalars(declared: Declared, robot: Machine | None, start: Any = None) -> Iterator[Variable]:
+def _scalars(declared: Declared, robot: Machine | None) -> Iterator[Variable]:
+    start = declared.start_value(robot) if declared.set_by is None else None
     shape = declared.sizes(robot.n if robot is not None else 0)
     for position, index in enumerate(np.ndindex(shape)):
         joint = robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"

@@ -217,7 +217,8 @@ def _sources(unit: Archive, source: str) -> dict[str, bytes]:
     names = [name for name in unit.names if name.startswith("sources/") and name.endswith((".c", ".h"))]
     files = {name.removeprefix("sources/"): unit.read(name) for name in names}
     if "fmi2.c" not in files:  # an FMU of FMI 3.0
-        if json.loads(unit.read("extra/vdfmu/vdfmu.json")).get("digest") != installed_digest("native"):
+        built = json.loads(unit.read("extra/vdfmu/vdfmu.json"))
+        if built.get("digest") != installed_digest("native", built.get("module"), built.get("reader")):
             raise _CannotError(f"{source} was built by another version of vdfmu")
         files["fmi2.c"] = source_bytes(data_path("fmu_src") / "c" / "fmi2.c")
     absent = _DERIVATIVE.findall(files["kernel.h"].decode())

@@ -61,11 +61,9 @@ class WiredSystem:
     input_hold: bool
     bindings: Mapping[str, AxisBinding]
     program: BatchProgram | None = None
-    follow: Callable[[Mapping[str, Any]], dict[str, Any]] | None = None
-    """Values by ``component.variable`` to the values that follow from them; it stays with the plan."""
 
     def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Values by ``component.variable`` of the axes' variables, and of variables that follow from them."""
+        """Values by ``component.variable`` of the axes' variables."""
         return {
             name: one
             for target, value in values.items()

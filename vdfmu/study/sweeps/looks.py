@@ -6,12 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
@@ -35,14 +32,6 @@ def new_figure(shown: View, title: str, words: str, height: float, width: float 
         f"{f', of which {failed} without a value' if failed else ''}. {name} = {shown.text}"
     )
     return style.new_figure(title, caption.strip(), height=height, width=width, **more)
-
-
-def colours_of(shown: View) -> ScalarMappable:
-    """Return the colours of the measure."""
-    values = shown.value.values
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    kind = LogNorm if shown.value.log else Normalize
-    return ScalarMappable(kind(low, high), mpl.colormaps[COLOUR_MAP])
 
 
 def dress(axes: Axes, side: Side, which: str, label: bool = True) -> None:

@@ -275,7 +275,7 @@ def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]
 
     study.require_own()
     facts, best = study.facts, study.row("best")
-    if str(facts["source"]).endswith(".ssp") or "run" in best:
+    if str(facts["source"]).endswith(".ssp"):
         raise UsageError("Only scenarios are simulated in a page.")
     switched = {axis: best[axis] for axis in study.axes if is_option(axis)}
     own = [axis for axis in read_axes(facts["axes"]) if not is_option(axis.target)]
@@ -283,10 +283,7 @@ def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]
     system = of_scenario(facts["source"], own, switched, given)
     table = study.table(study.axes).to_pylist()
     rows = [k for k, row in enumerate(table) if all(row[axis] == value for axis, value in switched.items())]
-    changes: list[dict[str, Any]] = []
-    for k in rows:
-        values = system.parameters({axis.target: table[k][axis.target] for axis in own})
-        changes.append(values | (system.follow(values) if system.follow else {}))
+    changes = [system.parameters({axis.target: table[k][axis.target] for axis in own}) for k in rows]
     names = list(changes[0]) if changes else []
     if len(names) * len(rows) > MOST_VALUES:
         raise UsageError(f"The study has {len(rows)} points with {len(names)} parameters, too much for a page.")

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
-import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
 
-from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted
@@ -44,8 +42,6 @@ class Plan:
     job: Job
     facts: dict[str, Any]
     """Facts of it, for the ledger; the same for the same study."""
-    follow: Sequence[Callable[[Mapping[str, Any]], dict[str, Any]] | None]
-    """For each system, see `WiredSystem.follow`."""
 
     def __len__(self) -> int:
         return len(self.chosen)
@@ -54,12 +50,7 @@ class Plan:
         """Return a worker's task for a point."""
         own = {t: column[point].item() for t, column in self.points.items() if not is_option(t)}
         number = int(self.chosen[point])
-        return point, number, own | self.followed(number, own)
-
-    def followed(self, number: int, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values that follow from the axes' values in a system, by ``component.variable``."""
-        follow = self.follow[number]
-        return {} if follow is None else follow(self.job.systems[number].parameters(values))
+        return point, number, own
 
     @property
     def key(self) -> str:
@@ -137,12 +128,7 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
         facts["functions"] = functions
     chosen = np.array([combinations[row] for row in rows])
     compared = tuple(sorted({0, count // 2, count - 1}))
-    follow = [system.follow for system in systems]
-    sent = tuple(dataclasses.replace(system, follow=None) for system in systems)
-    plan = Plan(points, chosen, Job(sent, tuple(measures), tuple(record), tuple(keep), compared), facts, follow)
-    if any(one is not None for one in follow):  # code that is not in a package decides what follows
-        facts["followed"] = digest(*(repr(plan.task(point)[2]).encode() for point in compared))
-    return plan
+    return Plan(points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep), compared), facts)
 
 
 def _plain(value: Any) -> Any:
@@ -220,7 +206,6 @@ def of_scenario(
     values = system_values(loaded, settings)
     bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
     bound = [name for one in bindings.values() for name in one.names]
-    following, follow = _following(loaded, settings, bound)
     with temporary_folder("vdfmu_sweep_") as folder:
         fmus = cached_fmus(loaded, folder, options.get("backend"))
         package = write_ssp(loaded, fmus, Path(folder, "system.ssp"), values, mixed=True)
@@ -232,40 +217,8 @@ def of_scenario(
         read_inputs(loaded.inputs, loaded.input_hold),
         loaded.input_hold,
         bindings,
-        None if engine == "fmu" else _program(loaded, values, [*bound, *following], needed=engine == "batch"),
-        follow,
+        None if engine == "fmu" else _program(loaded, values, bound, needed=engine == "batch"),
     )
-
-
-def _following(
-    scenario: Any, settings: Mapping[str, Any], bound: Iterable[str]
-) -> tuple[list[str], Callable[[Mapping[str, Any]], dict[str, Any]] | None]:
-    """Return the variables that follow from the axes' variables, and their values for values of these."""
-    from vdfmu.compiler.unit.interface import Interface
-    from vdfmu.system.scenario.values import followed, given_values
-
-    given, tables = given_values(scenario, settings), scenario.resolved.tables
-    reached: set[str] = set()
-    for name in bound:
-        component, _, variable = name.partition(".")
-        table = tables[component]
-        follows = table.unit.follows if isinstance(table, Interface) else {}
-        if any(variable.partition("[")[0] in sources for sources in follows.values()):
-            reached.add(component)
-
-    def follow(changed: Mapping[str, Any]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for component in reached:
-            own = {n.partition(".")[2]: v for n, v in changed.items() if n.partition(".")[0] == component}
-            try:
-                values = followed(tables[component], given[component] | own)
-            except UnitError:  # at one point, which the FMU then refuses
-                values = dict.fromkeys(followed(tables[component], given[component]).keys() - own.keys(), math.nan)
-            found |= {f"{component}.{name}": value for name, value in values.items()}
-        return found
-
-    names = list(follow({}))
-    return names, follow if names else None
 
 
 def _program(scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, needed: bool) -> BatchProgram | None:

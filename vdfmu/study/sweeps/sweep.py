@@ -54,7 +54,7 @@ class Sweep(StudyTable):
     ) -> list[Path]:
         """Draw figures of a measure, see `vdfmu.study.sweeps.plots.plot`; return their files.
 
-        Kinds are scatter, surface, parallel, tornado and indices.
+        Kinds are curve, tornado and indices.
         """
         return plot(self, kind, measure, None if out is None else Path(out))
 

@@ -181,9 +181,6 @@ class StudyTable:
 
         self.require_own(trust)
         row = self.row(which, by)
-        if "run" in row:  # each point has options of its own
-            run = json.loads(row["run"])
-            return {**run, "scenario": str(self.folder / run["scenario"])}
         options = {"scenario": self.facts["source"], **self.facts["options"]}
         settings: dict[str, Any] = dict(self.facts["settings"])
         if options["scenario"].endswith(".ssp"):

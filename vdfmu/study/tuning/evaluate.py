@@ -130,8 +130,7 @@ class Evaluations:
             | dict(zip(self.problem.names, key, strict=True))
             for key, robot in wanted
         ]
-        followed = self.problem.plan.followed
-        tasks = [(point, 0, own | followed(0, own)) for point, own in enumerate(columns, self._next)]
+        tasks = [(point, 0, own) for point, own in enumerate(columns, self._next)]
         self._next += len(tasks)
         together = self.problem.plan.job.together[0]
         groups = [tasks[first : first + together] for first in range(0, len(tasks), together)]

@@ -92,9 +92,8 @@ class Problem:
         """Return the loops along the run of the start, with other values; None without a required margin."""
         if self.poses is None:
             return None
-        parameters = self.parameters(values)
         changes: dict[str, dict[str, float]] = {}
-        for name, value in (parameters | self.plan.followed(0, parameters)).items():
+        for name, value in self.parameters(values).items():
             component, _, variable = name.partition(".")
             changes.setdefault(component, {})[variable] = value
         return self.poses.changed(changes)

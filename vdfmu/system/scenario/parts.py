@@ -57,13 +57,13 @@ def build_parts(
 def _units_for(scenario: Scenario, target: str) -> Mapping[str, type[Unit]]:
     """Return the units of a scenario's components that can be built for a target, or all for one that there is not."""
     units, known = scenario.resolved.units, TARGETS.get(target)
-    return {name: unit for name, unit in units.items() if known is None or not known.reason_against(unit)}
+    return {name: unit for name, unit in units.items() if known is None or not known.load().reason_against(unit)}
 
 
 def left_out(scenario: Scenario, target: str) -> list[str]:
     """Return why components are not built for a target, a sentence each."""
     known = TARGETS.get(target)
-    reasons = {name: known and known.reason_against(unit) for name, unit in scenario.resolved.units.items()}
+    reasons = {name: known and known.load().reason_against(unit) for name, unit in scenario.resolved.units.items()}
     return [f"{name}: not for {target}: {reason}." for name, reason in reasons.items() if reason]
 
 

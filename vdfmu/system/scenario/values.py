@@ -37,22 +37,13 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
     UsageError
         See :func:`override`; also for positions beyond the robot's end stops.
     """
-    tables = scenario.resolved.tables
-    values = given_values(scenario, settings)
-    values = {name: {**followed(tables[name], each), **each} for name, each in values.items()}
-    _check(tables, values)
-    return values
-
-
-def given_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
-    """Return the values of :func:`system_values` without parameters that follow from others; nothing is checked."""
     resolved = scenario.resolved
     # any other unit, or FMU of another tool, may call what it likes a tolerance
     solvers = [n for n, u in resolved.units.items() if any(isinstance(d, Derivative) for d in u.declared.values())]
     tolerances = _set_all(resolved, {f"{name}.tolerance": scenario.tolerance for name in solvers})
     written = _set_all(resolved, _sections(resolved, scenario.sections))
     changed = _set_all(resolved, settings or {})
-    return {
+    values = {
         name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(resolved.system, name, v)}
         | tolerances.get(name, {})
         | robot_parameters(name, table, scenario)
@@ -60,11 +51,8 @@ def given_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) 
         | changed.get(name, {})
         for name, table in resolved.tables.items()
     }
-
-
-def followed(table: Variables, values: Values) -> Values:
-    """Return the values of a component's parameters that follow from others, without those in `values`."""
-    return table.followed(values) if isinstance(table, Interface) else {}
+    _check(resolved.tables, values)
+    return values
 
 
 def section_values(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Values]:
@@ -314,7 +302,7 @@ def _check(tables: Mapping[str, Variables], values: Mapping[str, Values]) -> Non
         for component, table in tables.items()
         if isinstance(table, Interface) and table.unit.requirements is not Unit.requirements
         for known in [values.get(component, {})]
-        for problem in unmet(table, table.memory_of({**table.followed(known), **known}))
+        for problem in unmet(table, table.memory_of(known))
     ]
     problems += [
         f"{component}.{v.name}: expected a position of joint {i + 1} between its end stops, {low:g} and {high:g}, "
