@@ -123,7 +123,8 @@ def margins_along(
     notes = tuple(dict.fromkeys(note for each in systems for note in each.parts.notes))
     margins = [system_margins(each, opened, growth) for each in systems]
     growing = [
-        "" if m.radius < math.exp(growth * s.step) else fastest_mode(s.around(opened))[1]
-        for s, m in zip(systems, margins, strict=True)
+        "" if m.radius < math.exp(growth * s.period) else fastest_mode(s)[1]
+        for s, m in zip((each.around(opened) for each in systems), margins, strict=True)
     ]
-    return SystemMargins(names, [float(t) for t in at], margins, first.algorithm, first.step, notes, growth, growing)
+    period = first.around(opened).period
+    return SystemMargins(names, [float(t) for t in at], margins, first.algorithm, period, notes, growth, growing)
