@@ -80,7 +80,7 @@ def test_units_of_both_versions_in_one_system(system):
     assert results["back.Int32_output"].tolist() == [-128] * 3
     assert results["back.Boolean_output"].all()
     # what does not fit is no other number
-    with pytest.raises(CosimError, match=r"three: setInt8 .*: expected a value of type Int8, got 128"):
+    with pytest.raises(CosimError, match=r"three failed .* in setInt8: expected a value of type Int8, got 128"):
         simulate(path, stop=0.2, step=0.1, parameters=values | {"two.Int32_input": 128}, isolate=False)
 
 

@@ -116,6 +116,8 @@ def test_an_input_whose_signal_changes_within_the_period_has_growth_and_no_margi
     assert math.isfinite(fastest_mode(system)[0])
     with pytest.raises(UsageError, match=r"p\.c: expected a signal that changes once in 0\.02 s"):
         system_margins(system, ["p.c"])
+    with pytest.raises(UsageError, match=r"c, d: expected a common period .* at most 2000 steps, got 2991"):
+        loop({"c": 997, "d": 3}, fresh=True).sampled()
     two = loop({"c": 2, "d": 3}, fresh=True)
     with pytest.raises(UsageError, match=r"p\.c: expected a signal that changes once in 0\.06 s"):
         system_margins(two, ["p.c"])

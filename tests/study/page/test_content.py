@@ -301,7 +301,11 @@ def test_a_chaotic_loop_is_held_against_statistics():
 def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
     run = read_run(planar[0])
     assert run.summary["verdict"]["state"] == "good" and run.summary["verdict"]["checks"]
-    found = [("First", "good", "as it should"), ("Second <b>", "failed", "2 > 1"), ("Third", "doubtful", "3")]
+    found = [
+        ("First", "good", "as it should"),
+        ("Second <b>", "failed", "2 > 1"),
+        ("Third", "doubtful", "3, of which there is more to say"),
+    ]
     verdict = verdict_of([Check(*one) for one in found])
     changed = run._replace(summary=dict(run.summary) | {"verdict": verdict})
     text = write_report([changed], tmp_path / "page.html").read_text()
@@ -315,7 +319,7 @@ def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
         "1 of 3 checks pass, 1 doubtful, 1 failed",
         "✓ good     First: as it should",
         "✗ failed   Second <b>: 2 > 1",
-        "! doubtful Third: 3",
+        "! doubtful Third: 3, of which there is more to say",
     ]
     assert checks_of({}) == []
 

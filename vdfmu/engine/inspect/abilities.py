@@ -48,7 +48,7 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
             try:
                 problem = tried(description, folder, attempt, start, step)
             except CosimError as error:
-                problem = str(error).removeprefix("FMU: ")
+                problem = str(error)
             if problem:
                 findings.problem("RUN009", f"{what}: {problem}")
     return findings

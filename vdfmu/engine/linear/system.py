@@ -28,6 +28,8 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, Signal, StateSpace, held
 from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
 
+_MOST_STEPS = 2000
+"""Most steps of a common period: products of so many matrices take 0.1 s for six joints, at each pose of a run."""
 _BEGINS = 8
 """Begins of a period that are tried for opened inputs: a sample acts some steps late, one for each unit on its way."""
 _ROUNDING = 1e-9
@@ -261,7 +263,13 @@ def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:
     those of its steps. d is constant over it. Inputs that are opened need a begin of the period from which on their
     signal is constant too: closed by it, the loop is then the one that runs.
     """
-    n, steps = round(system.period / system.step), _steps_of(system, opened)
+    n = round(system.period / system.step)
+    if n > _MOST_STEPS:
+        raise UsageError(
+            f"{', '.join(system.every)}: expected a common period of all samples of at most {_MOST_STEPS} steps, got "
+            f"{n}. Choose periods with a common divisor."
+        )
+    steps = _steps_of(system, opened)
     if not opened:
         return replace(steps[0], **_product(steps), step=system.period)
     closed, m = _steps_of(system, ()), len(system.places(opened))

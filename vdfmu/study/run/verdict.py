@@ -36,7 +36,8 @@ def verdict(summary: Summary, loops: Sequence[Check]) -> dict[str, Any]:
     if limits and loop and figures["saturated"]["at_s"] < loop["at_s"]:
         first.reverse()  # a joint at its limit has no feedback, so its loop is no fault of the gains
     path = list(_path(figures))
-    numbers = _numbers(figures, all(check.state == GOOD for check in path))
+    stable = bool(first) and all(check.state == GOOD for check in first)
+    numbers = _numbers(figures, all(check.state == GOOD for check in path), stable)
     return verdict_of([*first, *path, *run_checks(summary)], "; ".join(numbers))
 
 
@@ -73,11 +74,9 @@ def _path(figures: Summary) -> Iterator[Check]:
     yield Check(name, state, f"{text}; limit {100.0 * most:g} %", f"off its path, {text}, {_at(figure)}")
 
 
-def _numbers(figures: Summary, follows: bool) -> Iterator[str]:
+def _numbers(figures: Summary, follows: bool, stable: bool) -> Iterator[str]:
     """Yield the words of a good run; without the tool's error if it is told already, since the arm does not follow."""
-    margin: Summary | None = figures.get("margin")
-    margin = {"value": 0.0} if margin is None or "saturated" in figures else margin
-    if margin["value"]:
+    if stable:
         yield "stable"
     if "contact" in figures:
         contact = figures["contact"]
@@ -87,8 +86,8 @@ def _numbers(figures: Summary, follows: bool) -> Iterator[str]:
     if "joint_error" in figures:
         worst = figures["joint_error"]
         yield f"joint {worst['joint']} worst, {quantity(worst['value'], worst['unit'])}"
-    if margin["value"]:
-        yield f"modulus margin {margin['value']:.2g}"
+    if stable and "margin" in figures:
+        yield f"modulus margin {figures['margin']['value']:.2g}"
 
 
 def _at(figure: Summary) -> str:
