@@ -165,7 +165,7 @@ def test_a_package_of_another_tool_is_replaced_on_request_only(tmp_path):
 def test_margins_and_modes_as_json(tmp_path):
     found = json.loads(command("margins", "planar_tracking", "--at", "0.5", "--json", cwd=tmp_path).stdout)
     assert [row["opened_at"] for row in found["margins"]] == ["plant.tau[1]", "plant.tau[2]"]
-    assert all(row["stable"] and 0.0 < row["modulus"] < 1.0 for row in found["margins"])
+    assert found["state"] == "good" and all(0.0 < row["modulus"] < 1.0 for row in found["margins"])
     found = json.loads(command("modes", "planar_2dof", "--json", cwd=tmp_path).stdout)
     assert found["pose"] == [0.0, 0.0]
     assert len(found["motors_free"]["frequency"]) == len(found["motors_held"]["frequency"]) == 2

@@ -14,7 +14,7 @@ from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.files import data_path
-from vdfmu.study.analysis.system import margins_along
+from vdfmu.study.analysis.loops import margins_along
 
 EPS = np.finfo(float).eps
 

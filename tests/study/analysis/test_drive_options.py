@@ -5,9 +5,11 @@ import pytest
 
 import vdfmu
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
-from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.study.analysis.arm_space import least_dry_friction
+from vdfmu.study.analysis.loops import run_along
 from vdfmu.study.analysis.modes import natural_modes
 from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.values import system_values
 
 POSE = (0.3, -0.5)
 
@@ -48,12 +50,15 @@ def test_modes_without_dry_friction_are_those_of_the_bare_arm(with_options, opti
 
 
 @pytest.mark.heavy
-def test_margins_know_the_delay_of_the_current_loop_and_nothing_of_dry_friction(with_options):
+def test_margins_know_the_delay_of_the_current_loop_and_without_dry_friction_nothing_of_it(with_options):
     def modulus(*options, **changes):
-        return ArmLoops(load_scenario("planar_tracking", with_options(*options, **changes))).margins().modulus
+        scenario = load_scenario("planar_tracking", with_options(*options, **changes))
+        with run_along(scenario, again=True) as (poses, _, _):
+            return poses.changed({"plant": least_dry_friction(system_values(scenario)["plant"])}).modulus
 
     bare = modulus("backlash", w_gap=0.0)
-    np.testing.assert_allclose(modulus("load_loss", "bristles"), bare, rtol=1e-5)  # slopes of some 1e-12 are left
-    np.testing.assert_allclose(modulus("thermal", T_ref=300.0), bare, rtol=1e-6)
+    # at the states of runs with other friction: errors of 1e-5 rad
+    np.testing.assert_allclose(modulus("load_loss", "bristles"), bare, rtol=0.02)
+    np.testing.assert_allclose(modulus("thermal", T_ref=300.0), bare, rtol=0.02)
     late = modulus("winding")
     assert (late < bare - 0.02).all() and (late > 0.0).all()

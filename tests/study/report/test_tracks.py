@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.linear.linearise import Linearisation, changed, with_part
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
-from vdfmu.study.analysis.system import margins_along
+from vdfmu.study.analysis.loops import TIED
 from vdfmu.study.report.causes import LESS, causes
 from vdfmu.study.report.simulation import knobs, values_of
-from vdfmu.study.report.tracks import NOTCHES, OWN, factor, tracks
+from vdfmu.study.report.tracks import NOTCHES, factor, tracks
 
 STOP, STEP = 0.4, 1e-3
 GAIN = {
@@ -38,19 +39,17 @@ def found(checked: Checked, chosen: list[dict[str, Any]]) -> list[list[Any]]:
 
 
 def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
-    at = [round(k * STOP / 4 / STEP) * STEP for k in range(5)]
-    along = margins_along(planar.system.path, at=at)
     (own,) = found(planar, [GAIN])
+    with Simulator(planar.system, isolate=False, algorithm="gauss-seidel") as simulator:
+        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), visitor=(poses := Poses("tau", TIED)))
+    margins, least = poses.loops.margins(), poses.loops.nearest().modulus
     # a track ends at the last place that is found stable, 1 / 16 of 25 notches before one that is not; margins
     # lie between frequencies 10^(4 / 400) apart, which is below that
     notches = NOTCHES / 4 / 16
     for joint in range(2):
-        margin = min(float(each.gain[joint]) for each in along.margins)
-        place = NOTCHES * np.log10(margin)
+        place = NOTCHES * np.log10(float(margins.gain[joint]))
         assert own[1 + joint]["limits"][1] == pytest.approx(place - notches / 2.0, abs=notches)
-    least = min(float(each.modulus.min()) for each in along.margins)
-    # rounded to 1e-3; four times as many frequencies: a smooth minimum between points a factor of 10**(4/100) apart
-    assert own[0]["modulus"][OWN] == pytest.approx(least, rel=2e-3, abs=5e-4)
+    assert dict(zip(own[0]["places"], own[0]["modulus"], strict=True))[0] == round(least, 3)
 
 
 def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_none(planar):
@@ -60,7 +59,7 @@ def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_non
     assert of["plant.f_c"] == of["trajectory.T"] == [None]
     for tracked in of.values():
         for track in filter(None, tracked):
-            assert track["modulus"][OWN] == of["controller.K_v"][0]["modulus"][OWN] > 0.0
+            assert track["modulus"][4] == of["controller.K_v"][0]["modulus"][4] > 0.0 == track["places"][4]
             assert all(0.0 <= each <= 1.0 for each in track["modulus"])
     assert found(planar, chosen) == list(of.values())  # from the cache
 

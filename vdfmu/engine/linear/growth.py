@@ -70,17 +70,17 @@ class Growth(NamedTuple):
     @property
     def unstable(self) -> bool:
         """Whether disturbances grow by a factor of `_HARM`; e-fold if they last."""
-        return self.exponent > (1.0 if self.lasts else math.log(_HARM))
+        return bool(self.exponent > (1.0 if self.lasts else math.log(_HARM)))
 
     @property
     def told(self) -> bool:
         """Whether they grow enough to be told."""
-        return self.exponent > math.log(_TOLD)
+        return bool(self.exponent > math.log(_TOLD))
 
     @property
     def doubtful(self) -> bool:
         """Whether they grow enough to make the run doubtful."""
-        return self.exponent > math.log(_DOUBTFUL)
+        return bool(self.exponent > math.log(_DOUBTFUL))
 
 
 class Nearest(NamedTuple):

@@ -100,6 +100,8 @@ class Loop:
     step: float
     """Time [s] of a step."""
     sampled: bool = True
+    slow: float = SLOW
+    """Rate [1/s] up to which a mode may be slow."""
 
     @cached_property
     def _modes(self) -> _Modes:
@@ -120,7 +122,7 @@ class Loop:
                 power = others @ (closed @ power)
         s: Any = np.log(poles) / self.step if self.sampled else poles
         moved = np.abs(parts / poles) / self.step if self.sampled else np.abs(parts)
-        slow = (moved <= SLOW) & (s.real <= SLOW) & (s.real > -moved)
+        slow = (moved <= self.slow) & (s.real <= self.slow) & (s.real > -moved)
         return _Modes(poles, s, parts, slow, s.real > _STILL, np.array(rest).reshape(-1, n))
 
     @property
@@ -216,9 +218,9 @@ def fastest_mode(system: LinearSystem) -> tuple[float, str]:
     The part is the product of the mode's two eigenvectors, which has no unit of measurement.
     """
     found = moving(system)
-    poles, right = np.linalg.eig(found.A.astype(complex))
+    poles, right = np.linalg.eig(found.A)
     same, left = np.linalg.eig(found.A.T)
-    rates = poles.real if found.step is None else np.log(np.maximum(np.abs(poles), _NONE)) / found.step
+    rates: Any = np.real(poles) if found.step is None else np.log(np.maximum(np.abs(poles), _NONE)) / found.step
     mode = int(rates.argmax())
     part = np.abs(left[:, np.abs(same - poles[mode]).argmin()] * right[:, mode])
     return float(rates[mode]), found.states[int(part.argmax())]
@@ -273,7 +275,7 @@ def _tied_places(
     return found
 
 
-def _separated(A: Floats, above: float) -> tuple[Complex, Complex, Complex]:
+def _separated(A: Floats, above: float) -> tuple[Any, Any, Any]:
     """Return the eigenvalues of a matrix above a size, right eigenvectors, and left ones as rows: pairs have product 1.
 
     LinAlgError if there are not as many eigenvectors.
@@ -283,9 +285,9 @@ def _separated(A: Floats, above: float) -> tuple[Complex, Complex, Complex]:
     with suppress(np.linalg.LinAlgError):
         inverse = np.linalg.inv(right)
         if np.linalg.norm(right) * np.linalg.norm(inverse) < _APART:
-            return poles[kept].astype(complex), right[:, kept].astype(complex), inverse[kept].astype(complex)
+            return poles[kept].astype(complex), right[:, kept], inverse[kept]
     same, left = np.linalg.eig(A.T)  # delays in a row have one eigenvector
-    left, right = left[:, np.argsort(-np.abs(same))[: len(kept)]].T, right[:, kept].astype(complex)
+    left, right = left[:, np.argsort(-np.abs(same))[: len(kept)]].T, right[:, kept]
     return poles[kept].astype(complex), right, np.linalg.solve(left @ right, left)
 
 

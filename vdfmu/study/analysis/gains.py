@@ -12,6 +12,7 @@ the joint's sampled loop, with and without a sample of delay, has the required m
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,9 @@ from vdfmu.base.state_space import Linear, held
 from vdfmu.engine.linear.loops import Loop
 
 _DAMPING = 0.5
+_DAMPED = 2.0
+"""Rate [1/s] with which all that a joint does decays by itself, beside what the controller does: friction of the drive,
+without which no gains keep a delayed loop from driving the spring's mode."""
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
 """N of the first try, the factor from one try to the next, and N where the search ends."""
 _INERTIAS = 5
@@ -56,7 +60,8 @@ def joint_gains(
         feedback = -np.array([[K_p, 0.0, 0.0, K_v]])  # on q, kappa, q_dot, kappa_dot
         least = np.inf
         for M in tries:
-            loop = Loop(held(_two_inertias(J, float(M), K), step), feedback, step)
+            A, B = _two_inertias(J, float(M), K)
+            loop = Loop(held(Linear(A - _DAMPED * np.eye(len(A)), B), step), feedback, step, slow=0.0)
             least = min(least, *(float(each.modulus[0]) for each in (loop, _late(loop))))
             if least < margin:
                 break
@@ -102,4 +107,4 @@ def _late(loop: Loop) -> Loop:
     """Return a loop with one input whose feedback comes a sample later: it is a further state."""
     (A, B), last = loop.plant, np.array([[0.0] * len(loop.plant.A) + [1.0]])
     plant = Linear(np.vstack([np.hstack([A, B]), 0.0 * last]), last.T)
-    return Loop(plant, np.append(loop.K, [[0.0]], axis=1), loop.step)
+    return replace(loop, plant=plant, K=np.append(loop.K, [[0.0]], axis=1))

@@ -67,8 +67,10 @@ def grown(loops: Along) -> Growth:
 def told(loops: Along) -> str:
     """Return how a mode grows for a while, in the words of all commands; empty if none does."""
     growth = grown(loops)
+    if not growth.told:
+        return ""
     slow = f", slower than {SLOW:g} 1/s" if growth.rate <= SLOW else ""
-    return growth.told * (
+    return (
         f"a mode grows by {growth.rate:.2g} 1/s at {place_of(growth.state, loops)}{slow}, from {growth.begin:.3g} s to "
         f"{growth.end:.3g} s, by a factor of {math.exp(growth.exponent):.3g} at most"
     )

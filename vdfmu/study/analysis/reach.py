@@ -14,6 +14,7 @@ from vdfmu.arm.dynamics import inverse_dynamics
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot import Robot, load_robot, robot_names
 from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_text import toml_value
@@ -67,7 +68,8 @@ class Reach(NamedTuple):
 
     path: Path
     gains: Gains
-    margins: SystemMargins
+    margins: SystemMargins | None
+    """None if they are not known: the last note says why."""
     notes: list[str]
 
 
@@ -77,7 +79,10 @@ def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> R
     shipped = str(robot) in robot_names() and not Path(robot).exists()
     written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
     gains, notes = _write(load_robot(robot), place.stem, written, path)
-    return Reach(path, gains, margins_along(path), notes)
+    try:
+        return Reach(path, gains, margins_along(path), notes)
+    except UsageError as error:
+        return Reach(path, gains, None, [*notes, f"margins of the whole arm: {error}"])
 
 
 def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:
