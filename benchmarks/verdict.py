@@ -14,8 +14,9 @@ import numpy as np
 from benchmarks.report import Report, Table
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.linear.growth import Poses
-from vdfmu.engine.linear.loops import GROWTH
+from vdfmu.engine.linear.loops import SLOW
 from vdfmu.engine.run import Simulator
+from vdfmu.study.analysis.loops import TIED
 from vdfmu.study.analysis.system import packaged
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
@@ -50,7 +51,7 @@ def grows(simulator: Simulator, n: int, end: float, parameters: dict[str, Any]) 
         return "fails"
     parts = np.array_split(np.abs(other - run), WINDOWS)
     largest = np.maximum([float(part.max()) for part in parts], FLOOR)
-    grown = np.log(largest) - GROWTH * end / WINDOWS * np.arange(WINDOWS)
+    grown = np.log(largest) - SLOW * end / WINDOWS * np.arange(WINDOWS)
     if largest[-1] > NUDGE or (grown - np.minimum.accumulate(grown)).max() > np.log(50.0):
         return "grows"
     turns = np.abs(np.diff(run, 2, axis=0))  # of the desired motion they are 1e-5 rad/s at most
@@ -80,9 +81,8 @@ def count(name: str, master: str, motion: float, end: float, factors: tuple[floa
                 found[truth] += 1
 
                 try:
-                    simulator.run(stop=motion, parameters=chosen, record=(), visitor=(poses := Poses("tau")))
-                    growth = poses.growth(0.0, motion)
-                    unstable = growth.unstable
+                    simulator.run(stop=motion, parameters=chosen, record=(), visitor=(poses := Poses("tau", TIED)))
+                    unstable = poses.loops.growth(0.0, motion).unstable
                 except CosimError:  # the run fails, which is its verdict
                     unstable = True
                 missed += bool(truth) and not unstable

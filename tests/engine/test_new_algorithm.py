@@ -18,7 +18,7 @@ from tests.engine.files import assert_same_bits
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
 from vdfmu.engine.linear.linearise import linear_system
-from vdfmu.engine.linear.loops import moving, system_margins
+from vdfmu.engine.linear.loops import moving, system_loop
 from vdfmu.engine.run import Results, simulate
 from vdfmu.study.batch.make import make_program
 from vdfmu.system.package.description import SystemDescription
@@ -122,7 +122,7 @@ def test_the_loop_is_the_one_that_it_samples(toy, arm_package, ordered):
     system = linear_system(arm_package(), 0.1, step=1e-3, algorithm="halving")
     fine = linear_system(arm_package(), 0.1, step=5e-4, algorithm="gauss-seidel" if ordered else "jacobi")
     coarse = linear_system(arm_package(), 0.1, step=1e-3, algorithm=fine.algorithm)
-    mine, other, wrong = (system_margins(each, ["plant.tau"]) for each in (system, fine, coarse))
+    mine, other, wrong = (system_loop(each, ["plant.tau"]).margins() for each in (system, fine, coarse))
     # the same matrices but for times of 0.1 s that differ by 1e-17 s: rounding
     np.testing.assert_allclose(mine.modulus, other.modulus, rtol=1e-12)
     assert np.abs(mine.modulus - wrong.modulus).max() > 0.05

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
-from vdfmu.engine.linear.loops import fastest_mode, system_margins
+from vdfmu.engine.linear.loops import fastest_mode, system_loop
 from vdfmu.engine.linear.system import LinearSystem, Samples
 
 H = 0.01
@@ -96,8 +96,8 @@ def test_a_slow_sample_makes_a_stable_loop_grow():
 @pytest.mark.parametrize("n", [2, 5])
 def test_margins_of_a_slow_controller_are_those_at_its_period(n):
     """Under gauss-seidel nothing else is sampled, so a longer communication step gives the same loop."""
-    slow = system_margins(loop({"c": n}, fresh=True), ["p.c"])
-    long = system_margins(loop({"c": 1}, fresh=True, step=n * H), ["p.c"])
+    slow = system_loop(loop({"c": n}, fresh=True), ["p.c"]).margins()
+    long = system_loop(loop({"c": 1}, fresh=True, step=n * H), ["p.c"]).margins()
     for one, other in zip(slow, long, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9)  # of the same matrices: rounding, as of eigenvalues
 
@@ -105,8 +105,10 @@ def test_margins_of_a_slow_controller_are_those_at_its_period(n):
 def test_a_signal_that_acts_a_step_later_has_less_margin_than_one_that_acts_at_once():
     """Under jacobi the same loop has a delay of one step more: that much less of it is left."""
     short = H / 10.0
-    at_once, later = (system_margins(loop({"c": 4}, fresh=fresh, step=short), ["p.c"]) for fresh in (True, False))
-    assert later.modulus[0] < at_once.modulus[0] and later.radius < 1.0
+    at_once, later = (
+        system_loop(loop({"c": 4}, fresh=fresh, step=short), ["p.c"]).margins() for fresh in (True, False)
+    )
+    assert later.modulus[0] < at_once.modulus[0] and later.rate < 0.0
     # the sample of the loop's crossing is read off straight lines between frequencies 4 % apart: to 1 % of the delay
     assert at_once.delay[0] - later.delay[0] == pytest.approx(short, abs=0.01 * at_once.delay[0])
 
@@ -115,12 +117,12 @@ def test_an_input_whose_signal_changes_within_the_period_has_growth_and_no_margi
     system = loop({"c": 2}, fresh=False, sets=True)
     assert math.isfinite(fastest_mode(system)[0])
     with pytest.raises(UsageError, match=r"p\.c: expected a signal that changes once in 0\.02 s"):
-        system_margins(system, ["p.c"])
+        system_loop(system, ["p.c"]).margins()
     with pytest.raises(UsageError, match=r"c, d: expected a common period .* at most 2000 steps, got 2991"):
         loop({"c": 997, "d": 3}, fresh=True).sampled()
     two = loop({"c": 2, "d": 3}, fresh=True)
     with pytest.raises(UsageError, match=r"p\.c: expected a signal that changes once in 0\.06 s"):
-        system_margins(two, ["p.c"])
+        system_loop(two, ["p.c"]).margins()
 
 
 def test_a_slow_component_beside_the_loop_does_not_count():

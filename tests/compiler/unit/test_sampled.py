@@ -17,7 +17,7 @@ from tests.conftest import heavy
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Simulator
-from vdfmu.study.analysis.system import margins_along
+from vdfmu.study.analysis.loops import margins_along
 
 STEP, STOP, K, D, START = 0.01, 0.6, 30.0, 4.0, 0.2
 UNITS = '''
@@ -319,7 +319,7 @@ def test_the_matrix_is_that_of_differences_of_a_whole_step(scenario, run, tmp_pa
 def test_margins_are_those_of_the_sampled_loop(scenario, n):
     """By the transfer function of cart and controller, on a grid of its own; samples come at every n-th point."""
     settings, T = {"control.period": n * STEP}, n * STEP
-    (found,) = margins_along(scenario("plain"), ("cart.u",), at=[2 * STEP], growth=0.0, settings=settings).margins
+    (found,) = margins_along(scenario("plain"), ("cart.u",), at=[2 * STEP], settings=settings).margins
     E = expm(T * np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]]))
     z = np.exp(1j * np.linspace(1e-4, np.pi, 200_001))
     cart = [(np.linalg.inv(each * np.eye(2) - E[:2, :2]) @ E[:2, 2])[0] for each in z[::100]]
@@ -327,7 +327,7 @@ def test_margins_are_those_of_the_sampled_loop(scenario, n):
     # the smallest distance is flat around its place: squares of the grids' distances, 1e-2 of it
     assert found.modulus[0] == pytest.approx(np.abs(1 + loop).min(), rel=1e-3)
     if n == 1:
-        assert found.radius == pytest.approx(np.abs(np.linalg.eigvals(matrix())).max(), abs=1e-11)
+        assert np.exp(found.rate * STEP) == pytest.approx(np.abs(np.linalg.eigvals(matrix())).max(), abs=1e-11)
 
 
 def test_derivatives_of_samples_are_declared_and_transposed(scenario, tmp_path):

@@ -82,8 +82,9 @@ def words_of(found: Judged) -> tuple[str, str]:
     before = f"friction 'split' excites itself, most at {found.excited}; without dry friction " if found.excited else ""
     if growth.unstable:
         factor = math.exp(growth.rate * loops.system.step)
+        since = f"since {growth.begin:.3g} s" if growth.begin else "from the start"
         return "failed", (
-            f"{before}unstable since {growth.begin:.3g} s, {place_of(growth.state, loops)}: disturbances grow by a "
+            f"{before}unstable {since}, {place_of(growth.state, loops)}: disturbances grow by a "
             f"factor of {factor:.3g} a step; its gains are too high, or too low, for this step"
         )
     growing, nearest = told(loops), loops.nearest()
