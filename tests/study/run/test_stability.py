@@ -164,8 +164,9 @@ def test_springs_that_are_loaded_fast_are_not_a_growth():
     # the loop's rates K_p / K_v are 37 1/s and 25 1/s: e**-5 is left after 0.2 s; a growth would leave more than all
     assert apart[-1] < 0.1 * apart[0]
     assert np.abs(runs[0]["plant.tau_s"]).max() > 100.0
-    growth = poses.loops.growth(0.0, 0.2)
-    assert not growth.unstable and growth.rate < 0.0
+    # but for some milliseconds, in which the springs turn faster than the loop
+    growth = poses.loops.growth(0.0, 0.2, 0.0)
+    assert growth.exponent < np.log(1.05) and growth.end < 0.005
     times = [0.005, 0.02, 0.05]  # margins says the same of the same loop
     start = {"plant.q_0[1]": -1.0, "plant.q_0[2]": 0.0}
     along = margins_along("planar_tracking", at=times, settings=start)

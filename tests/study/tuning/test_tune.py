@@ -24,17 +24,18 @@ SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
 SHORT = {"stop": 0.3, "spread": SPREAD, "spread_points": 2, "workers": 2}
 SEARCH = {"method": "local", "evaluations": 30}
 GAINS = ["controller.K_p", "controller.K_v"]
+MARGIN = 0.7
 
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
-    """Gains of the planar arm, each joint's margin kept."""
+    """Gains of the planar arm with a margin, which is 0.8 at its own."""
     folder = tmp_path_factory.mktemp("tuned") / "search"
-    return vdfmu.tune("planar_tracking", GAINS, ERRORS, margin="same", out=folder, **SEARCH, **SHORT)
+    return vdfmu.tune("planar_tracking", GAINS, ERRORS, margin=MARGIN, out=folder, **SEARCH, **SHORT)
 
 
 @pytest.mark.heavy
-def test_each_joint_is_better_at_its_own_margin(tuned):
+def test_each_joint_is_better_with_the_margin(tuned):
     assert tuned.after.feasible
     # less by far more than the accuracy of a run, 1e-7 of 1 rad or N.m at errors of 1e-5 rad
     assert (tuned.after.cost < 0.95 * tuned.before.cost).all()
@@ -44,7 +45,7 @@ def test_each_joint_is_better_at_its_own_margin(tuned):
         with run_along(scenario, settings=own) as (poses, _, _):
             # at the states of a run with these gains instead of the first ones: errors are some 1e-5 rad in either
             np.testing.assert_allclose(found.modulus, poses.loops.modulus, rtol=0.02)
-    assert (tuned.after.modulus >= tuned.before.modulus).all()
+    assert (tuned.after.modulus >= MARGIN).all()
     assert tuned.margins[1].rate < 0.0
 
 
@@ -106,7 +107,7 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, m
             raise KeyboardInterrupt
 
     folder = tmp_path / "search"
-    options = {**SHORT, **SEARCH, "margin": "same", "out": folder}
+    options = {**SHORT, **SEARCH, "margin": MARGIN, "out": folder}
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(Evaluations, "_run", stopping)
         vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
@@ -166,9 +167,13 @@ def test_a_larger_budget_goes_on(tmp_path):
 
 @pytest.mark.heavy
 def test_a_start_without_margin_is_noted(tmp_path):
-    """The loop of tracking grows by 1.1 1/s with one sample of delay."""
-    found = vdfmu.tune("tracking", ["controller.K_p[1]"], ERRORS, stop=0.01, margin="same", evaluations=1, out=tmp_path)
-    assert "the loop of the start is unstable" in found.notes[0]
+    """The loops of tracking have modes that grow with one sample of delay."""
+    found = vdfmu.tune(
+        "tracking", ["controller.K_p[1]"], ERRORS, stop=2.6, margin="same", master="jacobi", evaluations=1, out=tmp_path
+    )
+    first, second = found.notes
+    assert first == "margin: a mode grows at the start, so that same asks of its loops that none grows faster."
+    assert second.startswith("margin: a mode grows by 2.2 1/s at joint 3, from 0.3") and found.after.feasible
 
 
 @pytest.mark.heavy
