@@ -79,8 +79,8 @@ class Plant(Unit):
 
     The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
     state alone. Friction is regularised by tanh(v / eps), so the equations are smooth and there are no events; sticking
-    is a creep slower than eps. At a tolerance of 1e-7 stiff springs that swing for thousands of cycles lose their phase:
-    compare with 1e-9. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops and
+    is a creep slower than eps. Stiff springs that swing for thousands of cycles lose their phase at a tolerance of
+    1e-7: compare with 1e-9. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops and
     counterbalances.
 
     A robot with moving_base stands on a frame {S} whose motion is an input; the wrench of the base on the arm depends
