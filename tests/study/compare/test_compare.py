@@ -248,7 +248,9 @@ def test_the_table_has_all_cells_and_the_laws_had_the_same_number_of_evaluations
     cells = [(row["law"], row["mismatch"]) for row in small.rows]
     assert sorted(cells) == sorted((law, one) for law in SMALL["laws"] for one in SMALL["mismatches"])
     for row in small.rows:
-        assert row["verdict"] == "stable" and row["failed"] is None
+        assert row["failed"] is None
+        # with the delay of encoders a mode of one law grows by 0.3 1/s for a moment
+        assert row["verdict"] == "stable" or (row["mismatch"], row["verdict"]) == ("encoder_delay", "no margin")
         assert (row["RT"] > 0.0) == (row["mismatch"] == "torque_noise")  # else runs are the same to the bit
         assert row["modulus"] < 1.0 or row["mismatch"] != "none"
         if row["mismatch"] == "none":
@@ -297,8 +299,9 @@ def test_a_cell_equals_a_plain_run_to_the_bit(small, mismatch):
 def test_a_cell_behind_encoders_has_the_verdict_of_its_run(small, mismatch):
     for row in (row for row in small.rows if row["mismatch"] == mismatch):
         loops = vdfmu.run(**small.options(row["point"]), reference=False, out=False).summary["verdict"]["checks"][0]
-        assert loops["name"] == "Sampled loops" and "modulus margin" in loops["text"]
-        assert loops["passed"] == (row["verdict"] == "stable") and 0.0 < row["modulus"] < 1.0
+        assert loops["name"] == "Sampled loops" and loops["passed"]
+        words = f"stable with a modulus margin of {row['modulus']:.2g} " if row["modulus"] else "but without a margin"
+        assert words in loops["text"] and row["verdict"] == ("stable" if row["modulus"] else "no margin")
 
 
 @pytest.mark.heavy
