@@ -39,7 +39,7 @@ _WEAK_MOTOR, _STRONG_MOTOR = 1e3, 2e6
 3e5. A torque of the link side makes it ell times as high, an inertia with ell twice ell times as low."""
 
 
-class Check(NamedTuple):
+class Plausibility(NamedTuple):
     """A size that each joint has, the limits of arms, and what to say beyond them."""
 
     size: Callable[[Robot], Floats]
@@ -70,22 +70,22 @@ def _acceleration(robot: Robot) -> Floats:
 _DRIVES = "Drives have 10 to 100 Hz: check K_f0, K_w0 and I_m."
 _MOTORS = "Motors reach 5e3 to 3e5: check tau_stall and I_m."
 CHECKS = (
-    Check(lambda robot: robot.mass, 0.0, _HEAVY, "a mass of {:g} kg", "", "looks like grams. Give it in kg."),
-    Check(_length, 0.0, FAR, "a length of {:g} m", "", "looks like mm. Give offset and centroid in m."),
-    Check(
+    Plausibility(lambda robot: robot.mass, 0.0, _HEAVY, "a mass of {:g} kg", "", "looks like grams. Give it in kg."),
+    Plausibility(_length, 0.0, FAR, "a length of {:g} m", "", "looks like mm. Give offset and centroid in m."),
+    Plausibility(
         _width, 0.0, _LARGE, "the inertia of a body {:.3g} m wide", "", "looks like kg.cm2 or kg.mm2. Give it in kg.m2."
     ),
-    Check(
+    Plausibility(
         lambda robot: _frequency(robot, 1.0 / deformation_derivative(robot, np.zeros(robot.n))), _SOFT, math.inf,
         "a rotor that swings on its spring with {:.3g} Hz",
         f"looks like a stiffness per arc minute, or I_m in another unit. {_DRIVES}", "",
     ),
-    Check(
+    Plausibility(
         lambda robot: _frequency(robot, robot.K_f0), 0.0, _STIFF,
         "a rotor that swings on its flexspline with {:.4g} Hz",
         "", f"looks like K_f0 in N.mm/rad, I_m without its factor ell, or a simulator's armature. {_DRIVES}",
     ),
-    Check(
+    Plausibility(
         _acceleration, _WEAK_MOTOR, _STRONG_MOTOR, "a motor that accelerates its rotor by {:.3g} rad/s2",
         f"looks like I_m with ell twice. {_MOTORS}",
         f"looks like tau_stall of the link side, or I_m without its factor ell. {_MOTORS}",

@@ -256,7 +256,7 @@ def _ix(system: LinearSystem, places: Places) -> Any:
     return np.ix_(np.concatenate([x, n + y, n + p + s]), np.concatenate([x, n + u, n + m + s]))
 
 
-class _Rows:
+class _ChosenRows:
     """Rows of a run of n steps, chosen as it goes: closer together where its loops change."""
 
     def __init__(self, n: int, more: Collection[int]) -> None:
@@ -335,13 +335,13 @@ class Poses:
         self.components: Components | None = None
         self._linearisation: Linearisation | None = None
         self._systems: list[tuple[float, LinearSystem]] = []
-        self._rows = _Rows(0, ())
+        self._rows = _ChosenRows(0, ())
         self._loops: Along | None = None
         self._linked: Any = None
 
     def rows(self, n: int) -> Container[int]:
         """Return the rows of a run with n steps, which are chosen as it goes."""
-        self._rows = _Rows(n, self._more)
+        self._rows = _ChosenRows(n, self._more)
         return self._rows
 
     def visit(self, components: Components, time: float, step: float) -> None:

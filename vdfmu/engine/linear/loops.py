@@ -71,7 +71,7 @@ class Margins(NamedTuple):
     """Rate [1/s] of the mode that grows most, or decays least; -inf without any."""
 
 
-class _Modes(NamedTuple):
+class _LoopModes(NamedTuple):
     """Modes of closed loops: of n loops, k modes."""
 
     poles: Complex
@@ -103,11 +103,11 @@ class Loop:
     """Rate [1/s] up to which a mode may be slow."""
 
     @cached_property
-    def _modes(self) -> _Modes:
+    def _modes(self) -> _LoopModes:
         (A, B), K, n = self.plant, self.K, len(self.K)
         if not len(A):  # nothing comes back, as between an emergency stop and its brakes
             none, never = np.zeros((n, 0), complex), np.zeros((n, 0), bool)
-            return _Modes(none[0], none[0], none, never, never[0], np.zeros((0, n)))
+            return _LoopModes(none[0], none[0], none, never, never[0], np.zeros((0, n)))
         closed = A + B @ K
         closed *= 1.0 + _NUDGE * np.random.default_rng(0).uniform(-1.0, 1.0, closed.shape)
         poles, right, left = _separated(closed, _FAST if self.sampled else -1.0)
@@ -122,7 +122,7 @@ class Loop:
         s: Any = np.log(poles) / self.step if self.sampled else poles
         moved = np.abs(parts / poles) / self.step if self.sampled else np.abs(parts)
         slow = (moved <= self.slow) & (s.real <= self.slow) & (s.real > -moved)
-        return _Modes(poles, s, parts, slow, s.real > _STILL, np.array(rest).reshape(-1, n))
+        return _LoopModes(poles, s, parts, slow, s.real > _STILL, np.array(rest).reshape(-1, n))
 
     @property
     def rate(self) -> float:

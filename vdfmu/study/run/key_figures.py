@@ -61,10 +61,12 @@ def key_figures(
         units = [UNITS[kind] for kind in robot.joint_types]
         scale = np.array([unit.factor for unit in units])
         peaks, reached = _Peaks(robot.n + 1), _Peaks(2 * robot.n + 1)
-        first = forward_kinematics(robot, results["trajectory.q_d"][0])[0]
+        first = None
         for part in results.blocks(BLOCK):
             q_d = part["trajectory.q_d"]
-            away = np.linalg.norm(forward_kinematics(robot, q_d)[0] - first, axis=1)
+            place = forward_kinematics(robot, q_d)[0]
+            first = place[0] if first is None else first
+            away = np.linalg.norm(place - first, axis=1)
             peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - part["plant.q"])), tool_errors(robot, part)]))
             reached.add(part.time, np.column_stack([scale * q_d, -scale * q_d, away]))
         known = same_frames(robot, plant)

@@ -13,7 +13,7 @@ from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.results.verdict import DOUBTFUL, GOOD, Check
 from vdfmu.engine.run import Interrupted, Results, Simulator
-from vdfmu.study.analysis.loops import Judged, judged, place_of, words_of
+from vdfmu.study.analysis.loops import Judged, judged, place_of, told, words_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
 
@@ -72,5 +72,5 @@ def _check(found: Judged) -> LoopCheck:
         figures["margin"] = {
             "value": nearest.modulus, "place": place_of(nearest.name, loops), "at_s": nearest.time,
         } | ({"without_dry_friction": True} if excited else {})  # fmt: skip
-    words = "" if state == GOOD else text.partition(": ")[0]
+    words = "" if state == GOOD else (told(loops) if state == DOUBTFUL else "") or text.partition(": ")[0]
     return LoopCheck(Check(_NAME, state, text, words), figures)
