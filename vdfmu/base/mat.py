@@ -6,6 +6,7 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,8 @@ _CODECS = {2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16"}
 _DEFLATE = 1
 _FILTERS = ([], [_DEFLATE], [2, _DEFLATE], [_DEFLATE, 3], [2, _DEFLATE, 3])
 """Filters of HDF5 that are read, in their order; 2 shuffles bytes, and 3 adds a check sum."""
-_CHUNK = 1024
-"""Bytes that HDF5 takes for each chunk."""
+_CHUNK, _ELEMENT = 1024, 64
+"""Bytes that HDF5 takes for each chunk, and what an element of version 5 counts beside its content."""
 
 
 def mat_variables(path: Path) -> dict[str, Any]:
@@ -63,7 +64,7 @@ def mat_variables(path: Path) -> dict[str, Any]:
     except UsageError:
         raise
     except Exception as error:  # damage shows in a dozen kinds
-        why = getattr(error, "strerror", None) or error or type(error).__name__
+        why = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise UsageError(f"{path}: expected a MATLAB file, got what cannot be read: {why}") from None
     return found
 
@@ -72,6 +73,7 @@ def _elements(data: memoryview, order: str, budget: UnpackBudget) -> Iterator[tu
     """Yield type and content of each element of version 5, unpacked."""
     place = 0
     while place < len(data):
+        budget.spend(_ELEMENT)
         kind, size = struct.unpack_from(f"{order}II", data, place)
         start = place + 8
         if kind >> 16:  # a small element, in its own head
@@ -98,7 +100,7 @@ def _variable(data: memoryview, order: str, budget: UnpackBudget) -> tuple[str, 
     kind = np.frombuffer(flags, f"{order}u4")[0] & 0xFF if flags else 0
     dims, value = np.frombuffer(shape, f"{order}i4"), None
     if kind in _CLASSES:
-        numbers = [np.frombuffer(content, order + _TYPES[stored]) for stored, content in parts]
+        numbers = [np.frombuffer(content, order + _TYPES[stored]) for stored, content in islice(parts, 2)]
         budget.spend(8 * sum(map(len, numbers)))
         real, *imaginary = (each.astype(_CLASSES[kind]).reshape(dims, order="F") for each in numbers)
         value = real + 1j * imaginary[0] if imaginary else real
