@@ -6,6 +6,7 @@ BIN := $(VENV)/bin
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check --no-compile
 # Each process begins with an equal part of the tests, in their order: what the tests of a file share is made once.
 PYTEST := -m pytest --dist worksteal
+MARKS := not heavy
 
 # Hundreds of tests start a Python, which compiles 400 modules, 0.8 s, where it may not keep them. Threads of OpenBLAS
 # would wait for each other, as each core has a test.
@@ -18,7 +19,7 @@ demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
 
 test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
-	$(BIN)/python $(PYTEST) -n 2 -m "not heavy" $(PYTEST_ARGS)
+	$(BIN)/python $(PYTEST) -n 2 -m "$(MARKS)" $(PYTEST_ARGS)
 
 test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
 	$(BIN)/python $(PYTEST) -n 3 -m heavy $(PYTEST_ARGS)

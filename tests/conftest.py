@@ -61,6 +61,18 @@ def hangups_end_commands() -> None:
         signal.signal(signal.SIGHUP, lambda *_: None)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the first cases of the heavy tests in ``smoke.txt``, one of each kind, which CI runs too."""
+    lines = (line.split() for line in Path(__file__).with_name("smoke.txt").read_text().splitlines())
+    left = {name: int(more[0]) if more else 1 for name, *more in lines}
+    for item in items:
+        name = item.nodeid.partition("[")[0]
+        if left.get(name, 0) > 0 and item.get_closest_marker("heavy"):
+            left[name] -= 1
+            item.add_marker(pytest.mark.smoke)
+
+
 TYPICAL = ("manipulator_6dof", "planar_2dof", "slider_3dof")
 """Shipped robots with all that the shipped robots have: what holds for them is not tested with the others again."""
 

@@ -88,3 +88,9 @@ def test_algorithms_are_named_in_their_rows_alone():
                 assert not names.search(node.value), f"{place}, line {node.lineno}: {node.value}"
     for path in (ROOT / "study" / "report" / "web").glob("*.js"):
         assert not names.search(path.read_text(encoding="utf-8")), path.name
+
+
+def test_ci_runs_heavy_tests_that_exist():
+    for line in (ROOT.parent / "tests" / "smoke.txt").read_text().splitlines():
+        file, _, name = line.split()[0].partition("::")
+        assert f"def {name}(" in (ROOT.parent / file).read_text(encoding="utf-8"), line
