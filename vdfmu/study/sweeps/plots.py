@@ -165,10 +165,7 @@ def _no_indices(shown: View) -> str:
 
 
 KINDS: dict[str, tuple[Callable[[View], Figure], Callable[[View], str]]] = {
-    "curve": (
-        _curve,
-        lambda shown: "" if len(shown.sides) == 1 and not shown.sides[0].words else "one axis of numbers",
-    ),
+    "curve": (_curve, _no_curve),
     "tornado": (_tornado, lambda shown: "" if len(shown.sides) > 1 else "two axes that vary"),
     "indices": (_indices, _no_indices),
 }
