@@ -1,8 +1,8 @@
-"""The gains of `tracking_tuned` against those of `tracking`: smaller errors on every joint at the same margin."""
+"""The gains of `tracking_tuned` against those of `tracking`: smaller errors on every joint, a larger margin."""
 
 import numpy as np
 import pytest
-from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.study.analysis.loops import margins_along
 
 import vdfmu
 
@@ -11,21 +11,10 @@ ROBOTS = [{"mass": 0.9, "f_s": 1.1, "K_f0": 1.1}, {"mass": 1.1, "f_s": 0.9, "K_f
 
 
 @pytest.mark.heavy
-def test_each_joint_keeps_its_margin_with_one_sample_of_delay():
-    before, after = (
-        ArmLoops(vdfmu.load_scenario(name), growth=2.0).margins() for name in ("tracking", "tracking_tuned")
-    )
-    assert (before.modulus > 0.25).all()
-    assert (after.modulus >= before.modulus).all()
-    # the wrist's mode grows more slowly than with the gains of `tracking`
-    assert 1.0 < after.radius < before.radius
-
-
-@pytest.mark.heavy
-def test_the_loop_of_tracking_is_stable_without_delay():
-    for name in ("tracking", "tracking_tuned"):
-        loops = ArmLoops(vdfmu.load_scenario(name))
-        assert loops.margins(delay=0).radius < 1.0
+def test_each_joint_has_the_margin_that_was_asked_for():
+    before, after = (margins_along(name).judged.loops.modulus for name in ("tracking", "tracking_tuned"))
+    assert before.min() < 0.15
+    assert (after >= 0.3).all()
 
 
 @pytest.mark.heavy
