@@ -1,7 +1,8 @@
-"""The gains of `tracking_tuned` against those of `tracking`: smaller errors on every joint, stable loops."""
+"""The gains of `tracking_tuned` against those of `tracking`: smaller errors on every joint, a larger margin."""
 
 import numpy as np
 import pytest
+from vdfmu.study.analysis.loops import margins_along
 
 import vdfmu
 from vdfmu.study.analysis.loops import margins_along
@@ -11,12 +12,10 @@ ROBOTS = [{"mass": 0.9, "f_s": 1.1, "K_f0": 1.1}, {"mass": 1.1, "f_s": 0.9, "K_f
 
 
 @pytest.mark.heavy
-def test_both_loops_are_stable_and_the_tuned_one_grows_more_slowly_with_a_sample_of_delay():
-    names = ("tracking", "tracking_tuned")
-    alone, late = ([margins_along(n, master=m).judged for n in names] for m in ("gauss-seidel", "jacobi"))
-    assert all((each.loops.modulus > 0.0).all() and each.loops.rate < 0.0 for each in alone)
-    assert not any(each.growth.unstable for each in late)
-    assert 0.0 < late[1].loops.rate < late[0].loops.rate  # of the wrist
+def test_each_joint_has_the_margin_that_was_asked_for():
+    before, after = (margins_along(name).judged.loops.modulus for name in ("tracking", "tracking_tuned"))
+    assert before.min() < 0.15
+    assert (after >= 0.3).all()
 
 
 @pytest.mark.heavy
