@@ -191,7 +191,7 @@ class Along:
         bounds = np.union1d(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
         rate = np.interp(bounds, times, np.maximum(rates, -1e9))
         steps = np.diff(bounds) * ((rate[1:] + rate[:-1]) / 2.0 - above)
-        most, run, first, place = -np.inf, 0.0, 0, (0, 1)
+        most, run, first, place = -np.inf, 0.0, 0, (0, len(steps))  # a run that fails at once has no steps
         for k, step in enumerate(steps.tolist()):
             if run < 0.0 or not k:
                 run, first = 0.0, k
