@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from vdfmu.study.analysis.loops import margins_along
 
 import vdfmu
+from vdfmu.study.analysis.loops import margins_along
 
 ROBOTS = [{"mass": 0.9, "f_s": 1.1, "K_f0": 1.1}, {"mass": 1.1, "f_s": 0.9, "K_f0": 0.9}, {"f_c": 1.1, "f_v": 1.1}]
 """Factors of the plant's parameters, which the feedforward does not know: within the spread of the tuning."""
