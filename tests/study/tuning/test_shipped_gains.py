@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from vdfmu.study.analysis.loops import margins_along
 
 import vdfmu
 from vdfmu.study.analysis.loops import margins_along
