@@ -46,12 +46,12 @@ class Of:
     def __call__(self, results: Any) -> float:
         """Return the measure; `missing` is how much the modulus margin lacks."""
         if self.loops:
-            loops = results.summary["loops"]
-            if loops.lacking or not loops.systems:
+            poses = results.summary["loops"]
+            if poses.lacking or not poses.seconds:
                 return np.nan
             if self.name == "unstable":
-                return float(loops.growth(0.0, float(results.time[-1])).unstable)
-            modulus = loops.margin()[0]
+                return float(poses.loops.growth(0.0, float(results.time[-1])).unstable)
+            modulus = float(poses.loops.modulus.min())
             return self.least - modulus if self.name == "missing" else modulus
         wanted = vdfmu.forward_kinematics(self.robot, results["trajectory.q_d"])[0]
         error = np.linalg.norm(results["plant.p_O"] - wanted, axis=1)
