@@ -5,7 +5,7 @@ import importlib
 import json
 import math
 import pkgutil
-import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -121,7 +121,7 @@ def test_jacobi_is_compared_with_the_delayed_reference():
 def with_references(monkeypatch, folder, change):
     """Put a co-simulation with other parameters in the place of scipy's references, which take minutes of split."""
 
-    def reference(name, description, *, step, stop, groups, progress):
+    def reference(name, description, *, step, stop, groups, progress, substeps):
         scenario, values = description.scenario, description.values
         package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "reference.ssp", values)
         parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}
@@ -131,7 +131,7 @@ def with_references(monkeypatch, folder, change):
             rows = slice(first, first + BLOCK)
             yield Reference(name, r.time[rows], {key: array[rows] for key, array in signals.items()})
 
-    monkeypatch.setattr(sys.modules["vdfmu.study.run.scenario_run"], "reference_blocks", reference)
+    monkeypatch.setattr(import_module("vdfmu.study.run.scenario_run"), "reference_blocks", reference)
 
 
 @pytest.mark.heavy
@@ -219,7 +219,7 @@ def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(
         rows = len(Results.read(tmp_path / "partial" / "results.csv"))
         assert rows == len(caught.value.results)
         unstable, kept = caught.value.__notes__
-        assert unstable.startswith("Sampled loops: unstable since 0 s, joint")
+        assert unstable.startswith("Sampled loops: unstable from the start, joint")
         assert kept.endswith(f" are in {tmp_path / 'partial' / 'results.csv'}.")
     vdfmu.run("planar_tracking", **options)
     assert len(Results.read(tmp_path / "partial" / "results.csv")) == rows
