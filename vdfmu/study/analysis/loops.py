@@ -82,9 +82,8 @@ def words_of(found: Judged) -> tuple[str, str]:
     before = f"friction 'split' excites itself, most at {found.excited}; without dry friction " if found.excited else ""
     if growth.unstable:
         factor = math.exp(growth.rate * loops.system.step)
-        since = f"since {growth.begin:.3g} s" if growth.begin else "from the start"
         return "failed", (
-            f"{before}unstable {since}, {place_of(growth.state, loops)}: disturbances grow by a "
+            f"{before}unstable {since(growth.begin)}, {place_of(growth.state, loops)}: disturbances grow by a "
             f"factor of {factor:.3g} a step; its gains are too high, or too low, for this step"
         )
     growing, nearest = told(loops), loops.nearest()
@@ -96,6 +95,11 @@ def words_of(found: Judged) -> tuple[str, str]:
             text = f"stable over the run, but without a margin {where}"
     doubtful = grown(loops).doubtful or (nearest is not None and not nearest.modulus)
     return "doubtful" if doubtful else "good", before + "; ".join(filter(None, (text, growing)))
+
+
+def since(time: float) -> str:
+    """Return the words for a time [s] from which something holds."""
+    return f"since {time:.3g} s" if time else "from the start"
 
 
 def place_of(name: str, loops: Along) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from vdfmu.base.measure import quantity
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check, verdict_of
+from vdfmu.study.analysis.loops import since
 from vdfmu.study.report.sheets import energies, number
 from vdfmu.study.report.summary_keys import Summary
 from vdfmu.study.run.key_figures import STANDING, off_from
@@ -48,16 +49,11 @@ def run_checks(summary: Summary) -> Iterator[Check]:
     yield from _energy(summary)
 
 
-def since(figure: Summary) -> str:
-    """Return since when something is so."""
-    return f"since {figure['at_s']:.3g} s" if figure["at_s"] else "from the start"
-
-
 def _limits(figures: Summary) -> Iterator[Check]:
     """Yield the check of the joint that was at a limit of its motor, or at its end stop, for most of the time."""
     figure: Summary | None = figures.get("saturated")
     if figure is not None:
-        text = f"at the {figure['place']} for {100.0 * figure['value']:.3g} % of the time, {since(figure)}"
+        text = f"at the {figure['place']} for {100.0 * figure['value']:.3g} % of the time, {since(figure['at_s'])}"
         yield Check("Limits of the joints", DOUBTFUL, f"{text}; there the joint has no feedback", f"saturated, {text}")
 
 
@@ -80,7 +76,7 @@ def _numbers(figures: Summary, follows: bool, stable: bool) -> Iterator[str]:
         yield "stable"
     if "contact" in figures:
         contact = figures["contact"]
-        yield f"in contact as meant {since(contact)}, {quantity(contact['value'], contact['unit'])} at most"
+        yield f"in contact as meant {since(contact['at_s'])}, {quantity(contact['value'], contact['unit'])} at most"
     if follows and "tool_error" in figures:
         yield f"tool error {quantity(figures['tool_error']['value'], 'm')} at most, {_at(figures['tool_error'])}"
     if "joint_error" in figures:
