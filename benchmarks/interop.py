@@ -42,7 +42,7 @@ PACKAGES = importers.PACKAGES | {
 }
 """Tool to the Python packages that install it."""
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "importers.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "interop.md"
 SSP_OF_FMI = {"2.0": "1.0", "3.0": "2.0"}
 UNITS = tuple(load_scenario("tracking").system.parts)
 EXACT_STEP = 2.0**-10

@@ -1,7 +1,7 @@
 """The tracking system in masters of Python that have an environment of their own.
 
 ``python -m benchmarks.masters TOOL PYTHON``, with TOOL of :data:`benchmarks.masters_worker.RUNNERS`, PYTHON the
-interpreter of the environment that it is installed in. Prints what docs/importers.md says of the tool.
+interpreter of the environment that it is installed in. Prints what docs/interop.md says of the tool.
 """
 
 from __future__ import annotations

@@ -34,13 +34,13 @@ def gallery_page() -> str:
     ]
     scenarios = [(name, vdfmu.load_scenario(name).description, f"vdfmu run {name}") for name in vdfmu.scenario_names()]
     return "\n".join([
-        "# Arms and scenarios\n",
-        "Everything that is shipped, drawn by the page that each run writes. The line below a picture runs it; where "
-        "the numbers of an arm are from is in [The shipped arms](arms.md).\n",
+        "# Gallery\n",
+        "All shipped arms and scenarios. The line below a picture runs it. "
+        "[Arms and scenarios](scenarios.md) has the sources of their numbers.\n",
         "## Arms\n", *_cards("robot", robots),
-        "An arm of yours comes [from a URDF or MJCF](importing.md), or is [written by hand](robot_file.md).\n",
+        "[Your own arm](tutorials/own_arm.md) comes from a URDF, an MJCF or [a file](robot_file.md).\n",
         "## Scenarios\n", *_cards("scenario", scenarios),
-        "A scenario of yours is [one TOML file](scenario_file.md).",
+        "Your own scenario is [one TOML file](scenario_file.md).",
         "",
     ])  # fmt: skip
 

@@ -166,20 +166,19 @@ hide: [toc]
 # FMU interface
 
 All variables of the FMUs: names, units, start values, bounds, dependencies. The page is made from the declarations of
-the units, `vdfmu/arm/units/`, from which the FMUs, their model descriptions and the SSP come too.
+the units, `vdfmu/arm/units/`, as the FMUs are.
 
 It shows the interface for the paper's arm, `manipulator_6dof`. Another robot has the same groups with its own number
-of joints. Names count from 1. Start values of the robot's parameters are those of its file. What is zero by
-construction (offsets, products of inertia) is folded into the equations and is not in the interface; the kinematic
-error is in it when its amplitude is not zero, `f_ck` when the friction is `split`.
+of joints. Names count from 1. Start values of the robot's parameters are those of its file. Zeros by construction,
+such as offsets, are folded into the equations. The kinematic error is a variable if its amplitude is not zero, `f_ck`
+if the friction is `split`.
 
 A *fixed* parameter can be set until the initialization ends, a *tunable* one at every communication point. A minimum
-of 1e-12 stands for "positive": FMI has no strict bounds. `1e+12` at `tau_max` stands for "no limit".
+of 1e-12 stands for "positive", because FMI has no strict bounds. `1e+12` at `tau_max` stands for "no limit".
 
-The column *FMI 3.0* says whether the variables of a row are one array there; an array has the value reference of its
-first element. Native FMUs of FMI 3.0 also have `time`, with the last value reference. Derivatives of the states are
-variables of native FMUs only. See [Native FMUs](native.md#variables).
-The [capability flags](#capability-flags) are at the end.
+The column *FMI 3.0* names the arrays of FMI 3.0. An array has the value reference of its first element. Native FMUs
+of FMI 3.0 also have `time`, with the last value reference. Only native FMUs have derivatives of states. See
+[FMUs](native.md#variables). The [capability flags](#capability-flags) are at the end.
 
 """
 
@@ -189,32 +188,32 @@ hide: [toc]
 
 # Robot file
 
-Every key of a robot file, with its unit, bounds and default. The page is made from the table of a robot's parameters,
-`vdfmu/arm/robot/parameters.py`, by which files are checked and FMUs get their parameters.
+Every key of a robot file, with its unit, bounds and default. The page is made from the table by which files are
+checked, `vdfmu/arm/robot/parameters.py`.
 
-A robot is one TOML file: [Write a robot](tutorials/own_robot.md#write-a-robot) has an example,
-[`vdfmu robot import`](importing.md) writes one from a URDF or MJCF. Every problem of a file is reported at once. Beside
-the numbers below it has
+A robot is one TOML file. [Your own arm](tutorials/own_arm.md) has examples, from a URDF and by hand. Every problem of
+a file is reported at once. Beside the numbers below it has
 
 | key | value |
 | --- | --- |
 | `name`, `description` | text |
-| `friction` | `"lumped"` (default) or `"split"`, [where friction acts](model.md#friction) |
-| `rotor_coupling` | `true` (default) or `false`, [the rotor as a body](model.md#the-rotor-as-a-body) |
-| `moving_base`, `coupled_tool` | `false` (default) or `true`, [what is around an arm](world.md) |
+| `friction` | `"lumped"` (default) or `"split"`: [friction](model.md#friction) |
+| `rotor_coupling` | `true` (default) or `false`: [the rotor as a body](model.md#the-rotor-as-a-body) |
+| `moving_base`, `coupled_tool` | `false` (default) or `true`: [coupled ends](world.md) |
 | `type` of a joint | `"revolute"` or `"prismatic"` |
 | `gear`, `motor` of a joint | [a name in the catalogue](drives.md#the-catalogue) |
-| `[sources]` | where numbers are from: `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one |
-| `[[visuals]]` | what links look like; nothing calculates with it: `joint` (0 for what stands still), `shape` (mesh, \
-box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and \
-length along z; radius), `rotation` and `offset` in the link frame, `color` (red, green, blue, opacity) |
+| `[sources]` | `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one |
+| `[[visuals]]` | shapes of the links, for views only |
 
-`[payload]` can be missing, tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all
+A visual has `joint` (0 for the base), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh,
+`size`, `rotation` and `offset` in the link frame, and `color` (red, green, blue, opacity). `size` is the scale of a
+mesh, the sides, the half-axes, radius and length along z, or the radius.
+
+`[payload]` can be missing. So can tables of [options](drives.md#options) such as `[joints.limits]`, but then of all
 joints.
 
-SI units, angles in rad; a unit in brackets is that of a prismatic joint. Symbols are on the page
-[Notation](notation.md). An inertia can also be one number, of a body with the same moment about all axes, or three
-principal moments; that of a payload can be 0.
+Units are SI, angles in rad. A unit in brackets belongs to a prismatic joint. [Notation](reference/notation.md) has the
+symbols. An inertia can be one number for all axes, or three principal moments. The inertia of a payload can be 0.
 """
 
 _FLAGS = """## Capability flags

@@ -44,8 +44,7 @@ def _names(parameter: Any) -> str:
     if parameter.param_type_name == "argument":
         return f"`{parameter.metavar or parameter.name.upper()}`"
     names = ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts))
-    metavar = (parameter.metavar or "").replace("|", r"\|")
-    return names + (f" `{metavar}`" if metavar else "")
+    return names + (f" `{parameter.metavar}`" if parameter.metavar else "")
 
 
 def _default(parameter: Any) -> str:
@@ -126,26 +125,27 @@ hide: [toc]
 
 # Command line
 
-Every command and option, made from the commands themselves; `vdfmu COMMAND --help` says the same.
-`vdfmu --install-completion` lets the shell complete commands and options. Exit codes: 0 done, 1 a check or a unit
-failed, 2 wrong usage or input, 130 stopped with Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
+Every command and option, made from the commands themselves. `vdfmu COMMAND --help` says the same.
+`vdfmu --install-completion` lets the shell complete commands and options.
 
-Every command takes `--quiet` and `--verbose`, before its name or behind it. The result goes to standard output, all
-else to standard error.
+| exit code | meaning |
+| --- | --- |
+| 0 | done |
+| 1 | a check or a unit failed |
+| 2 | wrong usage or input |
+| 130, 143, 129 | Ctrl-C, SIGTERM, SIGHUP |
+
+Every command takes `--quiet` and `--verbose`, before or after its name. Results go to standard output, all else to
+standard error.
 
 | option | standard output | standard error |
 | --- | --- | --- |
-| none | tables, and the files written | notes, warnings, errors; bars on a terminal |
-| `--quiet`, `-q` | no tables that are in the files written: a line `Written to` | errors |
-| `--verbose`, `-v` | as without | also what is done, how long it took, and where an error is from |
+| none | tables, files written | notes, warnings, errors, bars |
+| `--quiet`, `-q` | a line `Written to` | errors |
+| `--verbose`, `-v` | as without | also stages, times, sources of errors |
 
-With `--quiet`, `run`, `simulate`, `federate`, `sweep` and `tune` print that one line, of `sweep` points that
-failed too; all other commands print what they do without it. `--verbose` names versions, stages, what came from the
-cache, calls of the compiler, and files.
-
-On a terminal a line moves from half a second on, as long as a command works, and each stage has a bar. None of it
-goes to a pipe or a file. The bars are ASCII where the terminal is not UTF-8, have no colours under `NO_COLOR`, and
-fewer columns below a width of 80.
+With `--quiet`, `run`, `simulate`, `federate`, `sweep` and `tune` print that one line. `sweep` adds its failed points.
+Bars appear on a terminal only. They are ASCII without UTF-8, and have no colours under `NO_COLOR`.
 """
 
 _SCENARIO_HEAD = """---
@@ -155,21 +155,20 @@ hide: [toc]
 # Scenario file
 
 Every key of a scenario file, made from its schema, `vdfmu schema scenario`. A scenario is one TOML file: robot,
-system, values, duration and master of a run. [The scenarios](scenarios.md) has those that are shipped. Beside the
-keys below it has a table for each component of its system, here those of the shipped one, with the component's
-parameters; one value stands for all joints. SI units, angles in rad.
+system, values, duration and master of a run. [Arms and scenarios](scenarios.md) has the shipped ones. A scenario also
+has a table for each component of its system, with the component's parameters. One value stands for all joints. Units
+are SI, angles in rad.
 
-A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`, for itself: one that
-is in `[plant]` alone is unknown to the feedforward. `[plant_factors]` multiplies them in the plant alone, `mass = 1.02`
-or a list with one for each joint. `[paper]` has the numbers printed next to the results, from joint 1 on.
+A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`. A number in `[plant]`
+alone is unknown to the feedforward. `[plant_factors]` multiplies numbers in the plant alone, `mass = 1.02` or a list
+for the joints. `[paper]` has the numbers printed next to the results, from joint 1 on.
 """
 
 _RULES_HEAD = """# Rules of the check
 
-[`vdfmu check`](checking.md) holds files against these rules. The reader of packages and the master refuse by the same
-rules. The number of a rule is at the end of each line of the check, and in its JSON. `PKG` are rules of zip files and
-XML, `SSP` of systems, `FMI` of FMUs, `RUN` of what a run shows, and `SRC` of robots, scenarios, systems and units. A
-note is not an error.
+[`vdfmu check`](checking.md) checks files by these rules, and the reader and the master refuse by the same rules. The
+number of a rule ends each line of the check. `PKG` are rules of zip files and XML, `SSP` of systems, `FMI` of FMUs,
+`RUN` of runs, and `SRC` of robots, scenarios, systems and units. A note is not an error.
 
 | rule | severity | what holds | way out |
 | --- | --- | --- | --- |"""

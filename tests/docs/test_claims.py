@@ -10,8 +10,8 @@ import pytest
 import vdfmu
 from tests.docs import claims
 from tests.docs.quantities import END, N, plant_jacobian
-from tests.docs.test_tutorials import GUIDES, README
 from tests.docs.test_tutorials import PAGES as TUTORIALS_RUN
+from tests.docs.test_tutorials import README, TOOLS
 from vdfmu.arm.equations.flexible_joint import rotor_transform
 from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix, velocity_mapping
 from vdfmu.arm.equations.plant import equilibrium_torque
@@ -77,7 +77,7 @@ def test_the_wrench_of_the_page_acts_on_the_arm_of_the_page():
 @pytest.mark.heavy
 @pytest.mark.parametrize("coupling", [False, True])
 def test_pivots_stay_positive(arm, coupling):
-    # docs/solver.md: elimination in the solver's order, without row swaps, at 200 random states.
+    # docs/internals.md: elimination in the solver's order, without row swaps, at 200 random states.
     arm = dataclasses.replace(arm, rotor_coupling=coupling)
     jacobian = plant_jacobian(arm)
     random = np.random.default_rng(0)
@@ -108,7 +108,7 @@ def test_pivots_stay_positive(arm, coupling):
 
 @pytest.mark.heavy
 def test_stick_slip_amplifies_the_tolerance(tmp_path):
-    # docs/solver.md: tracking without gravity, K_p = 100 and K_v = 5: below the falling branch of the friction
+    # docs/internals.md: tracking without gravity, K_p = 100 and K_v = 5: below the falling branch of the friction
     scenario = load_scenario("tracking")
     scenario = dataclasses.replace(scenario, robot=scenario.robot.with_parameters(gravity=0.0))
     settings = system_values(scenario, {"controller.K_p": "100", "controller.K_v": "5"})
@@ -193,7 +193,7 @@ def unclaimed(path, text):
                 text = text[: place.start(i + 1)] + text[place.end(i + 1) :]
     if path not in ("README.md", "docs/index.md"):
         text = text.partition("\n## ")[0]
-    kinds = "(?!text)" if ROOT / path not in [README, *TUTORIALS_RUN, *GUIDES] else ""
+    kinds = "(?!text)" if ROOT / path not in [README, TOOLS, *TUTORIALS_RUN] else ""
     text = re.sub(rf"^```{kinds}.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
     for pattern in NOT_MEASURED:
         text = re.sub(pattern, " ", text)

@@ -22,7 +22,7 @@ COLUMNS = ("symbol", "code", "fmi", "unit", "shape", "equation", "meaning")
 
 
 def read_rows():
-    text = (DOCS / "notation.md").read_text(encoding="utf-8")
+    text = (DOCS / "reference" / "notation.md").read_text(encoding="utf-8")
     rows = []
     for line in text.splitlines():
         if line.startswith("| ") and not line.startswith(("| ---", "| symbol")):
@@ -137,7 +137,7 @@ def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(mon
         assert f"# vdfmu {name}\n" in commands
     for option in (
         "`--set` `COMPONENT.VARIABLE=VALUE`",
-        "`--pictures` `png\\|svg\\|pdf` | `png`",
+        "`--pictures` `png|svg|pdf` | `png`",
         "`--isolate`, `--no-isolate`",
         "| `PACKAGE` |",
     ):

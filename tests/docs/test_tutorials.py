@@ -24,17 +24,21 @@ from tests.warm import command
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-RUN_TOO = "modes identification world motions systems view observers laws devices environments reference/units".split()
+RUN_TOO = "runs native modes identification world motions systems observers laws sweeps tuning reference/units".split()
 PAGES = [*TUTORIALS, *(ROOT / "docs" / f"{name}.md" for name in RUN_TOO)]
-GUIDES = sorted((ROOT / "docs" / "guides").glob("*.md"))
+TOOLS = ROOT / "docs" / "importers.md"
+"""Each section of it is about a tool, and runs by itself."""
 BLOCK = re.compile(r"^```(?P<kind>\w+)(?P<options>[^\n]*)\n(?P<body>.*?)^```", re.DOTALL | re.MULTILINE)
 SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
 VARIES = re.compile(r"^│ (Wall time|Real-time factor) .*$", re.MULTILINE)
 INSTALLS = re.compile(r"^make |pip install", re.MULTILINE)  # what is done in a clone
 
 
-def read_blocks(path):
+def read_blocks(path, section=""):
+    """Return the blocks of a page, or of a section of it."""
     text = path.read_text(encoding="utf-8")
+    if section:
+        text = re.split(r"^## ", text.partition(f"\n## {section}\n")[2], maxsplit=1, flags=re.MULTILINE)[0]
     blocks, end = [], None
     for match in BLOCK.finditer(text):
         follows = end is not None and not text[end : match.start()].strip()
@@ -75,7 +79,7 @@ def plain_commands(body):
 
 def run_shell(body, fails=False):
     """Run a block of commands, which all succeed unless they show how something fails."""
-    if __name__ != "__main__" and (plain := plain_commands(body)):  # a guide has too few of them
+    if __name__ != "__main__" and (plain := plain_commands(body)):  # a section of a tool has too few of them
         done = [command(*words, env=environment(), merged=True) for words in plain]
     else:
         done = [run_process("sh", body if fails else f"set -e\n{body}")]
@@ -96,10 +100,10 @@ def same(shown, output):
     return re.fullmatch(pattern, got, re.DOTALL) is not None
 
 
-def run_page(path):
+def run_page(path, section=""):
     namespace = {"__name__": "__main__"}
     output, checked = None, 0
-    blocks = read_blocks(path)
+    blocks = read_blocks(path, section)
     for (kind, options, body, follows, skipped), after in zip(blocks, [*blocks[1:], None], strict=True):
         title = re.search(r'title="([^"]+)"', options)
         if skipped:
@@ -170,29 +174,27 @@ def test_git_ignores_what_the_commands_of_the_readme_write():
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("page", [page for page in GUIDES if page.stem != "omsimulator"], ids=lambda page: page.stem)
-def test_guide_runs_and_shows_its_output(page, tmp_path):
-    """In a process of its own: a tool that crashes must not take this one with it."""
+@pytest.mark.parametrize("tool", ["FMPy", "ecos", "libcosim", "Modelica tools", "Simulink"])
+def test_section_of_a_tool_runs_and_shows_its_output(tool, tmp_path):
+    """In a separate process: a tool that crashes must not take this one with it."""
     here = (platform.system(), platform.machine())
-    if page.stem in ("ecos", "libcosim") and here not in {("Linux", "x86_64"), ("Windows", "AMD64")}:
-        pytest.skip(f"{page.stem} has no binaries for {' '.join(here)}")
+    if tool in ("ecos", "libcosim") and here not in {("Linux", "x86_64"), ("Windows", "AMD64")}:
+        pytest.skip(f"{tool} has no binaries for {' '.join(here)}")
     done = subprocess.run(
-        [sys.executable, "-m", "tests.docs.test_tutorials", str(page)], cwd=tmp_path, text=True, check=False,
+        [sys.executable, "-m", "tests.docs.test_tutorials", str(TOOLS), tool], cwd=tmp_path, text=True, check=False,
         timeout=300, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment(),
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
     assert int(done.stdout.splitlines()[-1]) >= 3  # blocks run or compared
 
 
-def test_there_is_a_guide_for_each_tool():
-    assert [page.stem for page in GUIDES] == ["ecos", "fmpy", "libcosim", "modelica", "omsimulator", "simulink"]
+def test_there_is_a_section_for_each_tool():
+    tools = re.findall(r"^## (.+)$", TOOLS.read_text(encoding="utf-8"), re.MULTILINE)
+    assert tools[1:] == ["FMPy", "ecos", "libcosim", "OMSimulator", "Modelica tools", "Simulink"]
 
 
 def test_there_are_these_tutorials():
-    names = [
-        "dynamics", "fmpy", "native", "own-controller", "own_arm", "own_robot", "python-to-fmu",
-        "results", "sweep", "ten_minutes",
-    ]  # fmt: skip
+    names = ["own-controller", "own_arm", "python-to-fmu", "ten_minutes"]
     assert [page.stem for page in TUTORIALS] == names
 
 
@@ -202,5 +204,5 @@ def test_outputs_compare_with_gaps():
     assert not same("a\n", "b\n")
 
 
-if __name__ == "__main__":  # run a page in the current folder, see test_guide_runs_and_shows_its_output
-    print(run_page(Path(sys.argv[1])))
+if __name__ == "__main__":  # run a page in the current folder, see test_section_of_a_tool_runs_and_shows_its_output
+    print(run_page(Path(sys.argv[1]), *sys.argv[2:]))

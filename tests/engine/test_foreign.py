@@ -105,7 +105,7 @@ def packages(pack, xml, fmus, tmp_path):
 TABLE = dict(
     re.findall(
         r"^\| (\w+: [\w-]+) \| (runs|[A-Z]{3}\d{3}) \|",
-        (Path(__file__).parents[2] / "docs" / "importers.md").read_text(encoding="utf-8"),
+        (Path(__file__).parents[2] / "docs" / "interop.md").read_text(encoding="utf-8"),
         re.MULTILINE,
     )
 )

@@ -13,7 +13,7 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 
 VERSION = tuple(int(number) for number in ca.CasadiMeta.version().split("."))
-SEEN = pytest.mark.skipif(VERSION < (3, 8, 2), reason="docs/importers.md has the importer of CasADi 3.8.2")
+SEEN = pytest.mark.skipif(VERSION < (3, 8, 2), reason="docs/interop.md has the importer of CasADi 3.8.2")
 
 SWING = """
 import numpy as np
@@ -90,7 +90,7 @@ def test_scalars_of_both_versions(tmp_path: Path, version: str) -> None:
 
 @SEEN
 def test_what_the_importer_does_not_do(tmp_path: Path) -> None:
-    """The rows of docs/importers.md: a change of CasADi shows here."""
+    """The rows of docs/interop.md: a change of CasADi shows here."""
     fmu = build_fmus(load_robot(ROBOT), tmp_path, units=["plant"], backend="native", fmi_version="3.0")["plant"]
     with pytest.raises(RuntimeError, match="get_in failed"):  # arrays
         imported_rate(fmu)

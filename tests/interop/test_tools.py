@@ -1,7 +1,7 @@
 """The whole tracking scenario, 10 s at 1 kHz, in importers that are not of this project.
 
 Each is held against scipy's sampled-delayed reference and against our own ``jacobi`` run, in every row and joint, and
-against what docs/importers.md says of it.
+against what docs/interop.md says of it.
 """
 
 import re
@@ -17,7 +17,7 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.engine.container import write_container
 from vdfmu.system.package.write import write_ssp
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "importers.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "interop.md"
 TESTED = [case for case in CASES if case.tool in ("ecos", "libcosim", "fmpy.simulate_fmu")]
 
 # What must run whatever the page says

@@ -54,7 +54,7 @@ def plant_jacobian(robot, x, tau, F_e):
 
 
 def plant_step(robot, x, tau, F_e, rate_tau, rate_F_e, h, tolerance):
-    """Return one step of the plant by the stage equations of docs/solver.md, with numpy's solver."""
+    """Return one step of the plant by the stage equations of docs/internals.md, with numpy's solver."""
 
     def residual(x, x_dot, t):
         now = tau + t * rate_tau, F_e + t * rate_F_e

@@ -1,6 +1,6 @@
-"""The robots of example-robot-data, imported arm by arm and held against Pinocchio: a table of the documentation.
+"""The robots of example-robot-data, imported arm by arm and held against Pinocchio: a table.
 
-``python -m tests.arm.imports.table`` writes it into docs/importing.md.
+``python -m tests.arm.imports.table`` writes it into example_robots.md.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vdfmu.arm.imports.imported import parse_file
 from vdfmu.arm.imports.urdf import read_urdf
 from vdfmu.base.toml_tables import Problems
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "importing.md"
+PAGE = Path(__file__).with_name("example_robots.md")
 BEGIN, END = "<!-- begin: made by tests/arm/imports/table.py -->\n", "<!-- end -->\n"
 BOUND = 1e-10
 """Largest relative difference that is allowed: inverse dynamics agree to some 1e-15, forward ones to that times the

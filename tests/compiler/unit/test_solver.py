@@ -293,7 +293,7 @@ def test_elimination_along_the_chain_gives_the_step_of_the_dense_block(name, cou
         given = {one: random.uniform(-0.5, 0.5, dense.numel_in(one)) for one in dense.name_in()}
         given |= {"p": values(robot), "h": h, "tolerance": 1e-7}
         one, other = (f.call([given[k] for k in f.name_in()])[0].full() for f in (along, dense))
-        # Two elimination orders of one matrix, pivots of both as in docs/solver.md: 1e4 roundings.
+        # Two elimination orders of one matrix, pivots of both as in docs/internals.md: 1e4 roundings.
         np.testing.assert_allclose(one, other, rtol=0, atol=1e4 * EPS * np.abs(other).max())
 
 

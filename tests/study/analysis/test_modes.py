@@ -196,7 +196,7 @@ def test_the_plant_near_rest_moves_by_the_matrix_exponential():
 
 @pytest.mark.heavy
 def test_frequencies_of_the_papers_arm_along_its_motion():
-    """Those of docs/solver.md, which the plant's Jacobian gives, and the fastest one in the wrist."""
+    """Those of docs/internals.md, which the plant's Jacobian gives, and the fastest one in the wrist."""
     times, along = modes_along(vdfmu.load_scenario("tracking"))
     assert len(times) == 101 and times[-1] == 10.0
     found = {motors: ranges(along[motors], 6) for motors in MOTORS}

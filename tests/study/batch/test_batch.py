@@ -17,7 +17,7 @@ from vdfmu.system.scenario import load_scenario
 
 POSITION = 1e-9
 """[rad] What is asked for. Rounding alone gives 1e-15 in the runs here; where it decides whether an internal step is
-taken, the local errors of two ways to go on remain, 4.5e-10 rad over 10 s of the paper's arm (docs/solver.md)."""
+taken, the local errors of two ways to go on remain, 4.5e-10 rad over 10 s of the paper's arm (docs/internals.md)."""
 REST = 1e-7
 """Of the largest value of any other signal, which follow the positions by gains of a hundred 1/s and more."""
 

@@ -34,7 +34,7 @@ def test_statistics_of_split_converge_where_single_solutions_do_not():
         for tolerance in (1e-6, 1e-7, 1e-8)
     ]
     q = np.array([run["plant.q"] for run in runs])
-    # With lumped friction 1e-6 and 1e-8 differ by 1.3e-8 rad (docs/solver.md); here they have separated.
+    # With lumped friction 1e-6 and 1e-8 differ by 1.3e-8 rad (docs/internals.md); here they have separated.
     assert np.ptp(q, axis=0).max() > 1e-4
     for key in ("rms_position_error_deg", "rms_torque_compensation_error_nm"):
         rms = np.array([run.summary[key] for run in runs])

@@ -12,7 +12,7 @@ from vdfmu.compiler.unit.declaration import SOLVERS
 
 @pytest.mark.heavy
 def test_the_error_of_fixed_steps_is_that_of_the_page():
-    """The first 0.5 s, while friction turns on, have the largest errors of the 10 s of docs/realtime.md.
+    """The first 0.5 s, while friction turns on, have the largest errors of the 10 s of docs/efmi.md.
 
     It has 1.3e-8 rad for one step and 1.8e-10 rad for four. Rounding of sin and tanh on other machines is 1e-15.
     """

@@ -1,6 +1,6 @@
 """Steps for continuous coupling: inputs run linearly over a step, steps are repeated until the units agree.
 
-With or without repetitions and error control; `docs/cosimulation.md` derives them.
+With or without repetitions and error control; `docs/internals.md` derives them.
 """
 
 from __future__ import annotations
