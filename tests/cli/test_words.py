@@ -166,11 +166,11 @@ def test_the_motion_of_a_shipped_scenario_by_its_name(tmp_path):
     assert joint["speed"] == pytest.approx(2.0 * (joint["to"] - joint["from"]) / 2.0, rel=1e-12)
 
 
-LINES = re.findall(r"`vdfmu ([^`]+)`", (ROOT / "docs/cheatsheet.md").read_text(encoding="utf-8"))
+LINES = re.findall(r"`vdfmu ([^`]+)`", (ROOT / "docs/index.md").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("line", LINES)
-def test_the_cheat_sheet_has_commands_that_there_are(line):
+def test_the_start_page_has_commands_that_there_are(line):
     found, words, name = typer.main.get_command(app), shlex.split(line), "vdfmu"
     while inner := getattr(found, "commands", {}):
         name = words.pop(0)

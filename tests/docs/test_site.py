@@ -216,7 +216,7 @@ SEARCHES = {
 
 
 QUESTIONS = {
-    "change a gain": "cheatsheet.html",  # How do I try other gains?
+    "change a gain": "index.html",  # How do I try other gains?
     "URDF": "tutorials/own_arm.html",  # My robot is a URDF. What now?
     "PID controller": "tutorials/own-controller.html",  # Can I use my own controller?
     "which master": "cosimulation.html",  # Which algorithm and step should I take?
