@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tests.arm.laws.ends import rounded_ends
 from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
@@ -84,20 +85,6 @@ def test_trajectory_jerk_jumps_at_both_ends():
         # cos(0) is 1, cos(2 pi - 6e-8) too but for 2e-15: a few roundings.
         np.testing.assert_allclose(motion(t).q_d_dddot, jump, rtol=1e-14)
         np.testing.assert_array_equal(motion(outside).q_d_dddot, np.zeros(2))
-
-
-def rounded_ends(draws=500, seed=11):
-    """Yield T, t_start and times of both ends that differ by rounding: the nearest floats, multiples, sums of steps."""
-    random = np.random.default_rng(seed)
-    for _ in range(draws):
-        step = 10.0 ** random.integers(-4, -1)
-        first, count = random.integers(0, 3000), random.integers(1, 3000)
-        T, t_start = count * step, first * step
-        pairs = [(t_start, t_start + T), (t_start, (first + count) * step)]
-        pairs += [(np.nextafter(a, side), np.nextafter(b, side)) for a, b in pairs for side in (-1.0, 1e9)]
-        sums = np.add.accumulate(np.full(first + count, step))
-        pairs.append((sums[first - 1] if first else 0.0, sums[-1]))
-        yield T, t_start, pairs
 
 
 def test_trajectory_at_its_ends_does_not_depend_on_rounding():

@@ -1,14 +1,10 @@
 """A unit that is wrong gets one message, which says file, line and what was expected."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UnitError
 from vdfmu.compiler.unit.load import load_units
 
@@ -94,7 +90,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_message_says_where_and_what(planar: Robot, tmp_path: Path, case: str) -> None:
+def test_the_message_says_where_and_what(planar, tmp_path, case):
     body, words = CASES[case]
     file = tmp_path / "bad.py"
     file.write_text(HEAD + body, encoding="utf-8")
@@ -107,14 +103,14 @@ def test_the_message_says_where_and_what(planar: Robot, tmp_path: Path, case: st
     assert not (tmp_path / "out").exists()
 
 
-def test_a_file_without_a_unit_says_what_is_missing(tmp_path: Path) -> None:
+def test_a_file_without_a_unit_says_what_is_missing(tmp_path):
     file = tmp_path / "bad.py"
     file.write_text("x = 1\n")
     with pytest.raises(UnitError, match=re.escape(f"{file} declares no unit: a class that is derived from")):
         build_fmus(None, tmp_path, units=[file])
 
 
-def test_a_base_of_units_with_an_underscore_is_not_a_unit(tmp_path: Path) -> None:
+def test_a_base_of_units_with_an_underscore_is_not_a_unit(tmp_path):
     file = tmp_path / "gains.py"
     file.write_text(
         "from vdfmu.unit import Unit\n\n\nclass _Common(Unit):\n    pass\n\n\nclass Gain(_Common):\n    pass\n"
@@ -122,7 +118,7 @@ def test_a_base_of_units_with_an_underscore_is_not_a_unit(tmp_path: Path) -> Non
     assert list(load_units(file)) == ["gain"]
 
 
-def test_all_that_is_wrong_with_a_declaration_is_in_one_message(tmp_path: Path) -> None:
+def test_all_that_is_wrong_with_a_declaration_is_in_one_message(tmp_path):
     file = tmp_path / "bad.py"
     file.write_text(HEAD + '    a = Parameter("Nm")\n    x = State("m")\n    b = Parameter("1", minimum=1.0)\n')
     with pytest.raises(UnitError) as caught:
@@ -130,7 +126,7 @@ def test_all_that_is_wrong_with_a_declaration_is_in_one_message(tmp_path: Path) 
     assert sorted(re.findall(r"line (\d)", str(caught.value))) == ["5", "6", "7"]
 
 
-def test_what_python_raises_in_a_python_fmu_is_told_at_build(tmp_path: Path) -> None:
+def test_what_python_raises_in_a_python_fmu_is_told_at_build(tmp_path):
     file = tmp_path / "bad.py"
     file.write_text(HEAD + '    backend = "python"\n' + GOOD.replace("self.u[0]", "np.linalg.inv(self.u)"))
     with pytest.raises(UnitError, match=r"line 9: outputs\(\) of Bad fails: LinAlgError"):

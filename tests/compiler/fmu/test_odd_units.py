@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import fmpy
 import numpy as np
 import pytest
@@ -46,7 +44,7 @@ class Rate(Unit):
 
 @pytest.mark.parametrize("form", ["native 2.0", pytest.param("native 3.0", marks=pytest.mark.heavy), "python 2.0"])
 @pytest.mark.parametrize("unit", [OnlyParameter, Tensor, Rate])
-def test_an_odd_unit_has_a_valid_fmu(unit: type[Unit], form: str, tmp_path: Path) -> None:
+def test_an_odd_unit_has_a_valid_fmu(unit, form, tmp_path):
     backend, version = form.split()
     (path,) = build_fmus(None, tmp_path, units=[unit], backend=backend, fmi_version=version).values()
     assert validate_fmu(str(path)) == [] and check_file(path) == []
@@ -56,6 +54,6 @@ def test_an_odd_unit_has_a_valid_fmu(unit: type[Unit], form: str, tmp_path: Path
         np.testing.assert_allclose(np.concatenate([np.ravel(x) for x in row])[1:], [0.0, 0.02], rtol=1e-14)
 
 
-def test_a_unit_without_variables_is_refused() -> None:
+def test_a_unit_without_variables_is_refused():
     with pytest.raises(UnitError, match=r"Empty: a unit needs variables: u = Input\(\.\.\)"):
         Interface(type("Empty", (Unit,), {}), None)

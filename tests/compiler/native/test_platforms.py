@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import struct
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
 
+from tests.compiler.conftest import alone
 from tests.compiler.native.binding import Model
-from tests.compiler.native.conftest import HERE, alone, bits, driver_arguments, program, run, version_flags
+from tests.compiler.native.conftest import HERE, bits, driver_arguments, program, run, version_flags
 from tests.compiler.native.fmi_types import HEADERS, signatures
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
 from vdfmu.compiler.c.platforms import PLATFORMS
 
 pytestmark = pytest.mark.heavy
@@ -24,9 +23,7 @@ UNITS = [("plant", "2.0"), ("feedforward", "2.0"), ("plant", "3.0")]
 
 
 @pytest.fixture(scope="module")
-def everywhere(
-    planar: Robot, tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path
-) -> Callable[[str], dict[str, Path]]:
+def everywhere(planar, tmp_path_factory, kernel_cache):
     """Unpacked FMUs with the libraries of all platforms."""
     found: dict[str, dict[str, Path]] = {}
 
@@ -50,7 +47,7 @@ def library(folder: Path, version: str, platform: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def cross_driver(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+def cross_driver(tmp_path_factory):
     """Compile driver.c for another platform with the project's compiler."""
     found: dict[tuple[str, str], Path] = {}
 
@@ -86,10 +83,7 @@ def assert_same_motion(found: str, expected: str) -> None:
 
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)
-def test_the_library_for_linux_on_arm_computes_the_same(
-    everywhere: Callable[[str], dict[str, Path]], cross_driver: Callable[[str, str], Path],
-    driver: Callable[[str], Path], unit: str, version: str,
-) -> None:  # fmt: skip
+def test_the_library_for_linux_on_arm_computes_the_same(everywhere, cross_driver, driver, unit, version):
     emulator = program("qemu-aarch64", "qemu-user", "qemu-aarch64-static")
     root = Path("/usr/aarch64-linux-gnu")
     if not root.is_dir():
@@ -103,7 +97,7 @@ def test_the_library_for_linux_on_arm_computes_the_same(
 
 
 @pytest.fixture(scope="module")
-def wine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[str, str]]]:
+def wine(tmp_path_factory):
     """Wine with a prefix of its own."""
     found = program("wine64", "wine64", "/usr/lib/wine/wine64", "wine")
     environment = {"WINEPREFIX": str(tmp_path_factory.mktemp("wine")), "WINEDEBUG": "-all", "DISPLAY": ""}
@@ -111,10 +105,7 @@ def wine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[s
 
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)
-def test_the_library_for_windows_computes_the_same(
-    everywhere: Callable[[str], dict[str, Path]], cross_driver: Callable[[str, str], Path],
-    driver: Callable[[str], Path], wine: tuple[str, dict[str, str]], unit: str, version: str,
-) -> None:  # fmt: skip
+def test_the_library_for_windows_computes_the_same(everywhere, cross_driver, driver, wine, unit, version):
     folder = everywhere(version)[unit]
     model = Model(folder)
     arguments = driver_arguments(model)
@@ -160,9 +151,7 @@ def exported(data: bytes) -> set[str]:
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)
 @pytest.mark.parametrize("platform", _CPU)
-def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(
-    everywhere: Callable[[str], dict[str, Path]], unit: str, version: str, platform: str
-) -> None:
+def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(everywhere, unit, version, platform):
     folder = everywhere(version)[unit]
     found = parts(library(folder, version, platform).read_bytes())
     if version == "3.0" or platform == "aarch64-darwin":
