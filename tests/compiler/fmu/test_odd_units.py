@@ -11,8 +11,6 @@ from fmpy.validation import validate_fmu
 
 from tests.engine.files import check_file
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.base.errors import UnitError
-from vdfmu.compiler.unit.interface import Interface
 from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
 
 
@@ -52,8 +50,3 @@ def test_an_odd_unit_has_a_valid_fmu(unit, form, tmp_path):
         row = fmpy.simulate_fmu(str(path), stop_time=0.01, output_interval=1e-3)[-1]
         # a state of 0.02 is the sum of some tens of steps, each with its rounding
         np.testing.assert_allclose(np.concatenate([np.ravel(x) for x in row])[1:], [0.0, 0.02], rtol=1e-14)
-
-
-def test_a_unit_without_variables_is_refused():
-    with pytest.raises(UnitError, match=r"Empty: a unit needs variables: u = Input\(\.\.\)"):
-        Interface(type("Empty", (Unit,), {}), None)
