@@ -1,7 +1,5 @@
 """A release of one arm, made twice, has the same bits; its package has its FMUs."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import subprocess

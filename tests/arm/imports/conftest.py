@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +52,7 @@ ARM = (
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> Callable[[str], Path]:
+def urdf(tmp_path):
     """Return the function that writes a URDF with some content."""
 
     def write(content: str, name: str = "arm.urdf") -> Path:

@@ -28,7 +28,7 @@ PAIR = '<body name="{0}"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{1}
 
 
 @pytest.fixture
-def mjcf(tmp_path: Path):
+def mjcf(tmp_path):
     """Return the function that writes a MuJoCo file."""
 
     def write(text: str) -> Path:
@@ -61,21 +61,21 @@ def largest_difference(path: Path, robot: vdfmu.Robot, joints: list[str], states
     return worst
 
 
-def test_inverse_dynamics_are_those_of_mujoco(mjcf) -> None:
+def test_inverse_dynamics_are_those_of_mujoco(mjcf):
     path = mjcf(ARM)
     robot = vdfmu.robot_from_mjcf(path)
     assert robot.joint_types == ("revolute", "prismatic", "revolute")
     assert largest_difference(path, robot, ["turn", "slide", "last"]) < 1e-12  # some 100 n roundings
 
 
-def test_a_base_and_a_tip_are_bodies(mjcf) -> None:
+def test_a_base_and_a_tip_are_bodies(mjcf):
     path = mjcf(ARM)
     found = import_robot(path, tip="two")
     assert largest_difference(path, found.robot, ["turn", "slide"]) < 1e-12  # as above
     assert "held at 0, beside the arm: last." in found.notes
 
 
-def test_what_the_file_says_of_drives_is_taken_over(mjcf) -> None:
+def test_what_the_file_says_of_drives_is_taken_over(mjcf):
     robot = vdfmu.robot_from_mjcf(mjcf(ARM))
     first, second, _ = robot.to_dict()["joints"]
     assert (first["limits"]["q_min"], first["limits"]["q_max"]) == (-1.0, 1.0)
@@ -88,7 +88,7 @@ def test_what_the_file_says_of_drives_is_taken_over(mjcf) -> None:
     assert second["limits"]["q_max"] == 1e6
 
 
-def test_shapes_are_kept_where_mujoco_shows_them(mjcf) -> None:
+def test_shapes_are_kept_where_mujoco_shows_them(mjcf):
     robot = vdfmu.robot_from_mjcf(mjcf(ARM))
     looks = [(visual.joint, visual.shape, visual.size.tolist()) for visual in robot.visuals]
     assert looks[:2] == [(0, "box", [0.2, 0.2, 0.2]), (1, "box", [0.2, 0.4, 0.6])]
@@ -112,7 +112,7 @@ def test_shapes_are_kept_where_mujoco_shows_them(mjcf) -> None:
         ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
     ],
 )  # fmt: skip
-def test_what_is_no_arm_is_refused(mjcf, inside: str, further: str, expected: str) -> None:
+def test_what_is_no_arm_is_refused(mjcf, inside, further, expected):
     path = mjcf(f"<mujoco><worldbody>{inside}</worldbody>{further}</mujoco>")
     with pytest.raises(vdfmu.VdfmuError) as error:
         tip = "b" if 'name="b"' in inside else None
@@ -120,7 +120,7 @@ def test_what_is_no_arm_is_refused(mjcf, inside: str, further: str, expected: st
     assert expected in str(error.value)
 
 
-def test_without_mujoco_the_package_is_named(mjcf, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_mujoco_the_package_is_named(mjcf, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(vdfmu.VdfmuError, match=r"Install it: pip install 'vdfmu\[robots\]'"):
         vdfmu.robot_from_mjcf(mjcf(ARM))

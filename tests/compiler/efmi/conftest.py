@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -37,7 +36,7 @@ def build(unit: str, robot: str, precision: str, folder: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def efmu(tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path) -> Callable[..., Path]:
+def efmu(tmp_path_factory, kernel_cache):
     """Return the eFMU of a unit: ``efmu(unit, robot, precision)``."""
 
     @cache
@@ -49,7 +48,7 @@ def efmu(tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path) -> Callab
 
 
 @pytest.fixture(scope="session")
-def short_efmu(efmu: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def short_efmu(efmu, tmp_path_factory):
     """Return the same, with the text of 5 harmonics where a unit has 20: its statements are the same, a third as many.
 
     Programs that look at texts take as much less time.
