@@ -110,12 +110,6 @@ def test_display_units_convert_as_their_names_say(root):
             assert display.get("offset") is None
 
 
-def test_every_unit_is_defined_once_and_used(root):
-    defined = [unit.get("name") for unit in root.findall("UnitDefinitions/Unit")]
-    used = {value.get("unit") for value in root.findall("ModelVariables/ScalarVariable/Real")}
-    assert sorted(defined) == sorted(used)
-
-
 def test_quantities_of_a_prismatic_joint_are_linear(robots):
     robot = robots["slider_3dof"]
     (i,) = (i for i, kind in enumerate(robot.joint_types) if kind == "prismatic")
@@ -140,12 +134,6 @@ def test_capabilities_are_declared(root, unit_name):
         "canSerializeFMUstate",
     }
     assert unit["modelIdentifier"] == root.get("modelName")
-
-
-def test_log_categories_are_those_of_the_standard_and_what_units_send(root):
-    found = {category.get("name") for category in root.findall("LogCategories/Category")}
-    standard = {f"logStatus{status}" for status in ("Warning", "Discard", "Error", "Fatal")}
-    assert found == standard | {"logAll", "logEvents"}
 
 
 def test_the_default_experiment_has_the_tolerance_of_the_plant(root, unit_name):

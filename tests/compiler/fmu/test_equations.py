@@ -210,6 +210,7 @@ def test_the_plant_moves_by_its_differential_equation(open_unit, robot_name, rob
     assert moved.max() > 1e-3  # far above the tolerance
 
 
+@BOTH
 def test_one_step_or_many_is_the_same_motion(open_unit):
     """The communication step does not change the solution, only where it is shown; errors as above."""
     once = open_unit("plant").start(tolerance=1e-10, q_0=[0.4, -0.3]).step(0.02)
@@ -220,6 +221,7 @@ def test_one_step_or_many_is_the_same_motion(open_unit):
     np.testing.assert_allclose(often.outputs(), once.outputs(), rtol=1e-8, atol=1e-8)
 
 
+@BOTH
 def test_time_may_start_anywhere(open_unit):
     """The plant does not depend on time: started at 1e4 s it moves to the same bits."""
     early, late = open_unit("plant").start(0.0, q_0=0.3), open_unit("plant").start(1e4, q_0=0.3)

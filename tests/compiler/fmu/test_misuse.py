@@ -304,28 +304,22 @@ def test_after_the_end_values_can_be_read_but_nothing_moves(open_unit):
     assert np.array_equal(unit.outputs(), last)
 
 
-@pytest.mark.parametrize("size", [0.0, -1e-3, NAN, INF, -INF])
-def test_a_step_that_is_not_positive_and_finite_is_refused(open_unit, unit_name, size):
+@pytest.mark.parametrize(
+    ("point", "size", "words"),
+    [
+        *((1e-3, size, rf"a finite positive communication step, got {size} s\.")
+          for size in (0.0, -1e-3, NAN, INF, -INF)),
+        *((point, 1e-3, rf"the communication point t = 0.001 s, where the last step ended, got t = {point!r} s\.")
+          for point in (0.0, 2e-3, 1e-3 + 2e-9, -1e-3, NAN, INF)),
+    ],
+)  # fmt: skip
+def test_a_step_of_no_length_or_from_elsewhere_is_refused(open_unit, unit_name, point, size, words):
     unit = open_unit(unit_name).start()
     before = unit.step().outputs()
-    with unit.refuses(
-        rf"unit: doStep at t = 0.001 s failed: expected a finite positive communication step, got {size} s\."
-    ):
-        unit.fmu.doStep(1e-3, size)
+    with unit.refuses(f"unit: doStep at t = 0.001 s failed: expected {words}"):
+        unit.fmu.doStep(point, size)
     assert np.array_equal(unit.outputs(), before)
     unit.step()
-
-
-@pytest.mark.parametrize("point", [0.0, 2e-3, 1e-3 + 2e-9, -1e-3, NAN, INF])
-def test_a_step_from_elsewhere_than_the_end_of_the_last_is_refused(open_unit, unit_name, point):
-    unit = open_unit(unit_name).start()
-    before = unit.step().outputs()
-    with unit.refuses(
-        rf"unit: doStep at t = 0.001 s failed: expected the communication point t = 0.001 s, where the last step "
-        rf"ended, got t = {point!r} s\."
-    ):
-        unit.fmu.doStep(point, 1e-3)
-    assert np.array_equal(unit.outputs(), before)
 
 
 @BOTH
@@ -342,18 +336,17 @@ def test_rounding_of_the_communication_point_is_no_error(open_unit):
     assert added != 20_000 * 1e-4
 
 
-@pytest.mark.parametrize("time", [NAN, INF])
-def test_a_start_time_that_is_not_finite_is_refused(open_unit, unit_name, time):
+@pytest.mark.parametrize(
+    ("experiment", "words"),
+    [
+        *(({"time": x}, rf"start time, got {x} s\.") for x in (NAN, INF)),
+        *(({"tolerance": x}, rf"positive tolerance, got {x}\.") for x in (0.0, -1e-6, NAN, INF)),
+    ],
+)
+def test_a_start_time_and_a_tolerance_that_make_no_sense_are_refused(open_unit, unit_name, experiment, words):
     unit = open_unit(unit_name)
-    with unit.refuses(rf"unit: setupExperiment failed: expected a finite start time, got {time} s\."):
-        unit.setup(time)
-
-
-@pytest.mark.parametrize("tolerance", [0.0, -1e-6, NAN, INF])
-def test_a_tolerance_that_is_not_positive_and_finite_is_refused(open_unit, unit_name, tolerance):
-    unit = open_unit(unit_name)
-    with unit.refuses(rf"unit: setupExperiment failed: expected a finite positive tolerance, got {tolerance}\."):
-        unit.setup(tolerance=tolerance)
+    with unit.refuses(f"unit: setupExperiment failed: expected a finite {words}"):
+        unit.setup(**experiment)
 
 
 # ------------------------------------------------------------------ the solver

@@ -95,17 +95,6 @@ def test_a_filter_follows_its_closed_form(own, form):
         assert np.ravel(unit.get("y")) == pytest.approx(2.0 - 1.5 * np.exp(-unit.time / 0.02), abs=1e-8)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_filter_in_the_solver_of_an_importer(own_fmu, version):
-    """CVODE at a relative tolerance of 1e-8 keeps a decaying solution of order 1 to well below 1e-6."""
-    rows = fmpy.simulate_fmu(
-        str(own_fmu("LowPass", f"native {version}")), fmi_type="ModelExchange", solver="CVode", stop_time=0.3,
-        output_interval=0.01, relative_tolerance=1e-8, start_values={"y_0": 1.0},
-    )  # fmt: skip
-    assert len(rows) == 31
-    np.testing.assert_allclose(rows["y"], np.exp(-rows["time"] / 0.1), rtol=0.0, atol=1e-6)
-
-
 @pytest.mark.parametrize("size", [1e-3, 3e-4, 2.5e-3, 7e-3 / 3.0])
 @pytest.mark.parametrize("start", [0.0, 0.4137])
 def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(own, form, size, start):

@@ -50,6 +50,7 @@ def test_two_robots_in_one_process_do_not_meet(open_unit):
         assert np.array_equal(stepped(units[robot], 3), alone[robot])
 
 
+@BOTH
 def test_parameters_of_one_copy_do_not_reach_the_other(open_unit):
     light, heavy = open_unit("plant").setup(), open_unit("plant").setup()
     heavy.set(mass=[4.0, 2.0])

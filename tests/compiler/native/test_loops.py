@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.cc import CC
+from tests.conftest import heavy
 from vdfmu.compiler.c.counterparts import Trace
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
 from vdfmu.compiler.c.functions import c_texts
@@ -110,17 +111,8 @@ def test_the_text_does_not_grow_with_the_joints():
         assert len(text(long)) < 1.1 * len(text(short))  # more digits
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [*range(12), *heavy(*range(100, 116))])
 def test_joints_that_are_unlike_the_others_keep_their_operations(seed, tmp_path):
-    chain = recursion(seed=seed)
-    loops = find_loops(chain, N)
-    check_bits(chain, loops, tmp_path)
-    check_derivatives(chain, loops, tmp_path)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("seed", range(100, 116))
-def test_many_chains_keep_their_bits(seed, tmp_path):
     chain = recursion(seed=seed)
     loops = find_loops(chain, N)
     check_bits(chain, loops, tmp_path)

@@ -1,6 +1,6 @@
 """The numbers: both versions of FMI, co-simulation and model exchange, and the Python FMU agree.
 
-tests/compiler/native/test_as_python.py holds the native units against the numpy equations.
+tests/compiler/fmu/test_equations.py holds the native units against the numpy equations.
 """
 
 from __future__ import annotations
@@ -140,27 +140,3 @@ def test_the_derivatives_are_those_of_the_outputs_of_co_simulation(native, versi
     found = (-3.0 * rows[0] + 4.0 * rows[1] - rows[2]) / (2.0 * h)
     # rounding of tau_s of 20 N.m: 4e-15 / 1e-6 s = 1e-8, far below
     assert np.all(np.abs(found - slope) <= 1e-4 * (1.0 + np.abs(slope)))
-
-
-# ------------------------------------------------------------------ steps of any size
-
-
-def test_the_communication_step_may_change_at_every_step(native, version):
-    """It shows the motion, and does not change it: both runs err by some 1e-10 a step, of states up to 20 N.m."""
-    sizes = (1e-3, 5e-3, 1e-6, 4e-3, 1e-7, 1e-2 - 1e-6 - 1e-7)
-    often, once = (native("plant", version).start(tolerance=1e-10, q_0=[0.4, -0.3]) for _ in range(2))
-    for size in sizes:
-        often.step(size)
-    once.step(sum(sizes))
-    np.testing.assert_allclose(often.outputs(), once.outputs(), rtol=1e-8, atol=1e-8)
-
-
-def test_the_start_time_moves_the_trajectory_and_not_the_plant(native, version):
-    early, late = (native("plant", version).start(time, q_0=[0.3, 0.3]) for time in (0.0, 1024.0))
-    for _ in range(5):
-        assert same_bits(early.step(2.0**-10).outputs(), late.step(2.0**-10).outputs())
-    trajectory = native("trajectory", version).start(3.0, q_end=[1.0, 1.0], T=4.0)
-    assert same_bits(
-        trajectory.get("q_d"),
-        native("trajectory", version).start(0.0, q_end=[1.0, 1.0], T=4.0, t_start=-3.0).get("q_d"),
-    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import sys
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.compiler.conftest import alone
+from tests.compiler.exports import macho_exports, macho_parts
 from tests.compiler.native.binding import Model
 from tests.compiler.native.conftest import HERE, bits, driver_arguments, program, run, version_flags
 from tests.compiler.native.fmi_types import HEADERS, signatures
@@ -121,41 +121,13 @@ def test_the_library_for_windows_computes_the_same(everywhere, cross_driver, dri
 _CPU = {"x86_64-darwin": 0x01000007, "aarch64-darwin": 0x0100000C}
 
 
-def parts(data: bytes) -> dict[int, bytes]:
-    """Processor to library; a universal binary of macOS has several."""
-    if data[:4] != b"\xca\xfe\xba\xbe":
-        return {struct.unpack_from("<I", data, 4)[0]: data}
-    (count,) = struct.unpack_from(">I", data, 4)
-    rows = [struct.unpack_from(">5I", data, 8 + 20 * k) for k in range(count)]
-    assert all(offset % (1 << align) == 0 for _, _, offset, _, align in rows)
-    return {cpu: data[offset : offset + size] for cpu, _, offset, size, _ in rows}
-
-
-def exported(data: bytes) -> set[str]:
-    """Names that a Mach-O library defines for others."""
-    magic, _, _, filetype, n_commands = struct.unpack_from("<5I", data, 0)
-    assert (magic, filetype) == (0xFEEDFACF, 6)  # 64 bits, shared library
-    place, found = 32, set()
-    for _ in range(n_commands):
-        command, size = struct.unpack_from("<2I", data, place)
-        if command == 2:  # LC_SYMTAB
-            symbols, count, strings, _ = struct.unpack_from("<4I", data, place + 8)
-            for k in range(count):
-                name, kind, section, _, _ = struct.unpack_from("<IBBHQ", data, symbols + 16 * k)
-                if kind & 1 and not kind & 0x10 and section:  # external, not private, defined
-                    end = data.index(b"\0", strings + name)
-                    found.add(data[strings + name : end].decode())
-        place += size
-    return found
-
-
 @pytest.mark.parametrize(("unit", "version"), UNITS)
 @pytest.mark.parametrize("platform", _CPU)
 def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(everywhere, unit, version, platform):
     folder = everywhere(version)[unit]
-    found = parts(library(folder, version, platform).read_bytes())
+    found = macho_parts(library(folder, version, platform).read_bytes())
     if version == "3.0" or platform == "aarch64-darwin":
         assert set(found) == {_CPU[platform]}
-    names = exported(found[_CPU[platform]])
+    names = macho_exports(found[_CPU[platform]])
     names -= {"__mh_dylib_header", "___dso_handle"}  # the linker's own, of every library
     assert names == {f"_fmi{version[0]}{name}" for name in signatures(version)}

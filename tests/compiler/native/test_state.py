@@ -1,6 +1,6 @@
 """Saved states: every run continues to the bit, in another instance and another process too; many runs leave nothing.
 
-tests/compiler/native/test_as_python.py repeats the tests of the Python units' states.
+tests/compiler/fmu/test_state.py has the states of Python and native units.
 """
 
 from __future__ import annotations
@@ -361,16 +361,3 @@ def test_instances_in_threads_compute_what_they_compute_in_turn(native, version)
         thread.join(60.0)
     assert [found.get(seed) for seed in range(8)] == expected
     assert len(set(expected)) == 8
-
-
-def test_an_instance_does_not_see_another(native, version):
-    light, heavy = native("plant", version), native("plant", version, name="heavy")
-    heavy.set(mass=[4.0, 2.0])
-    light.start()
-    heavy.start()
-    # planar arm at q = 0: tau_s is proportional to the masses, doubled here
-    np.testing.assert_allclose(heavy.get("tau_s"), 2.0 * light.get("tau_s"), rtol=1e-15)
-    before = light.complete()
-    drive(heavy, 0, 3)
-    heavy.free()
-    assert light.complete() == before

@@ -12,9 +12,8 @@ import pytest
 from fmpy.build import build_platform_binary
 from fmpy.util import read_csv
 from fmpy.validation import validate_fmu
-from lxml import etree
 
-from tests.compiler.fmu.test_native_content import REFERENCE, elf_exports
+from tests.compiler.exports import REFERENCE, elf_exports
 from tests.compiler.native.binding import Instance, Model
 from tests.compiler.native.conftest import program, run
 from tests.compiler.native.fmi_types import HEADERS, signatures
@@ -22,23 +21,9 @@ from tests.conftest import heavy
 from vdfmu.engine.fmu.description import inspect_description
 from vdfmu.engine.package.archive import Archive
 
-SCHEMAS = Path(fmpy.__file__).parent / "schema"
-
 
 def test_the_validator_of_fmpy_has_nothing_to_say(native_fmu, unit_name, version, robot_name):
     assert validate_fmu(str(native_fmu(unit_name, version, robot_name))) == []
-
-
-def test_every_xml_file_follows_its_schema(model, unit_name, version, robot_name):
-    folder = model(unit_name, version, robot_name).folder
-    major = f"fmi{version[0]}"
-    files = {"modelDescription.xml": "fmi2ModelDescription.xsd" if version == "2.0" else "fmi3ModelDescription.xsd"}
-    if version == "3.0":
-        files["sources/buildDescription.xml"] = "fmi3BuildDescription.xsd"
-        files["terminalsAndIcons/terminalsAndIcons.xml"] = "fmi3TerminalsAndIcons.xsd"
-    for name, schema in files.items():
-        rules = etree.XMLSchema(etree.parse(SCHEMAS / major / schema))
-        rules.assertValid(etree.parse(folder / name))
 
 
 def test_an_fmu_holds_what_the_standard_says(native_fmu, unit_name, version):
@@ -154,13 +139,6 @@ def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, 
 def _made(folder: Path) -> Path:
     folder.mkdir()
     return folder
-
-
-def test_builds_of_the_same_sources_are_the_same_bytes(native_fmu, planar, tmp_path, version):
-    from vdfmu.arm.fmus import build_fmus
-
-    again = build_fmus(planar, tmp_path, units=["controller"], backend="native", fmi_version=version)["controller"]
-    assert again.read_bytes() == native_fmu("controller", version).read_bytes()
 
 
 # ------------------------------------------------------------------ reference results
