@@ -202,12 +202,6 @@ def general():
     return make_general_chain()
 
 
-@pytest.fixture(scope="session", params=(*TYPICAL, "general"))
-def chain(request):
-    """Return each typical robot and the random general chain."""
-    return make_general_chain() if request.param == "general" else load_robot(request.param)
-
-
 OPTIONS: dict[str, dict[str, float]] = {
     "hysteresis": {"K_h": 5e3, "f_h": 3.0},
     "load_loss": {"mu_l": 0.2},

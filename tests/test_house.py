@@ -94,3 +94,12 @@ def test_ci_runs_heavy_tests_that_exist():
     for line in (ROOT.parent / "tests" / "smoke.txt").read_text().splitlines():
         file, _, name = line.split()[0].partition("::")
         assert f"def {name}(" in (ROOT.parent / file).read_text(encoding="utf-8"), line
+
+
+def test_no_test_file_imports_from_another():
+    """What two files of tests share is a fixture, or in a module of its own."""
+    for path in (ROOT.parent / "tests").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("tests"):
+                names = [f".{node.module}", *(f".{alias.name}" for alias in node.names)]
+                assert not [name for name in names if ".test_" in name], f"{path}, line {node.lineno}"

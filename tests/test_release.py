@@ -9,7 +9,7 @@ import zipfile
 
 import pytest
 
-from tests.docs.test_tutorials import ROOT
+from tests.docs.pages import ROOT
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import this_platform
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import heavy, make_general_chain
+from tests.system.torso import scenario_of, torso
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.forward_dynamics import Rotors, apparent_load
 from vdfmu.arm.equations.kinematics import joint_placement
@@ -21,8 +22,7 @@ from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.units import package_units
 from vdfmu.arm.world.attachment import Ends, moving_base
 from vdfmu.base.errors import UsageError
-from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.decomposed import cutting_point, decomposed
+from vdfmu.system.scenario.decomposed import decomposed
 from vdfmu.system.scenario.system_file import SystemFile
 
 
@@ -58,11 +58,6 @@ class Wired:
             for (start, output), (end, variable) in self.links:
                 if start == name and end in self.parts:
                     setattr(self.parts[end], variable, getattr(self.parts[start], output))
-
-
-def scenario_of(robot: Robot) -> Scenario:
-    """Return the tracking scenario for another robot."""
-    return replace(load_scenario("tracking"), robot=robot, sections={})
 
 
 def wired(robot: Robot, settings: Mapping[str, Any] | None = None) -> tuple[Wired, SystemFile]:
@@ -170,24 +165,6 @@ def test_springs_start_with_what_hangs_on_them(general):
     for joint in joints:
         joint.derivatives()
         assert abs(joint.der_q_dot) < 1e-10  # forces of some 100 N cancel, over inertias of some 1e-2
-
-
-def torso(robot: Robot) -> tuple[dict[str, str], dict[str, list[str]], dict[str, Any]]:
-    """Return units, connections and values of a body on a joint, with a planar arm at each of its cutting points."""
-    units = package_units()
-    parts = {"base": "arm_base", "torso_joint": "plant_joint", "torso": "plant_link"}
-    connections: dict[str, list[str]] = {}
-    chains = [("base", "torso_joint", "C"), ("torso_joint", "torso", "C")]
-    for side in "CD":
-        named = [f"{side}_joint_1", f"{side}_link_1", f"{side}_joint_2", f"{side}_link_2"]
-        parts |= dict(zip(named, ("plant_joint", "plant_link") * 2, strict=True))
-        chains += [("torso", named[0], side), *((a, b, "C") for a, b in zip(named, named[1:], strict=False))]
-    for before, after, side in chains:
-        for start, end in cutting_point(before, units[parts[before]], after, units[parts[after]], side):
-            connections.setdefault(start, []).append(end)
-    values = decomposed(scenario_of(robot))[1]
-    pieces = [f"{kind}_{i}" for kind in ("joint", "link") for i in (1, 2)]
-    return parts, connections, {f"{side}_{piece}": values[f"plant_{piece}"] for side in "CD" for piece in pieces}
 
 
 def test_two_arms_on_one_body_are_a_wiring(planar, draw):

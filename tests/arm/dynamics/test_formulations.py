@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from tests.arm.balanced import EVERY_CHAIN
 from vdfmu.arm.drive.counterbalance import counterbalance_torque
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
@@ -18,6 +19,7 @@ from vdfmu.arm.robot import load_robot, robot_names
 EPS = np.finfo(float).eps
 
 
+@EVERY_CHAIN
 def test_virtual_decomposition_agrees_with_newton_euler(chain, draw):
     for state in draw(chain, 20, seed=60):
         arguments = (chain, state.q, state.q_dot, state.q_ddot, state.F_e)

@@ -8,7 +8,8 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tests.arm.dynamics.test_rotor_bodies import RotorBodies
+from tests.arm.balanced import EVERY_CHAIN
+from tests.arm.dynamics.rotor_bodies import RotorBodies
 from tests.conftest import random_inertia, random_rotation
 from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.forward_dynamics import apparent_load, forward_dynamics
@@ -112,6 +113,7 @@ def test_rotors_on_a_moving_base_agree_with_bodies_on_a_free_root(chain, draw):
         close(M_S @ ride.A_S + F_S0, F_S)
 
 
+@EVERY_CHAIN
 def test_the_balance_of_forces_is_that_of_the_derivative(chain, draw):
     random = np.random.default_rng(15)
     for state, ride in zip(draw(chain, 5, seed=16), rides(5, 17), strict=True):
@@ -216,6 +218,7 @@ def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled
             close(a, b)
 
 
+@EVERY_CHAIN
 def test_energy_changes_by_the_power_of_motors_tool_and_base(chain, draw):
     """Without friction: dE/dt = tau ell kappa_dot - F_e V_O + F_S V_S."""
     robot = dataclasses.replace(chain, rotor_coupling=True).with_parameters(
@@ -240,6 +243,7 @@ def test_energy_changes_by_the_power_of_motors_tool_and_base(chain, draw):
         np.testing.assert_allclose(sum(rates), sum(powers), rtol=0, atol=1000 * EPS * flow)
 
 
+@EVERY_CHAIN
 def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chain):
     chain = chain.with_parameters(theta_err_amplitude=0)  # too quick for the differences
     n = chain.n

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tests.arm.balanced import ONE
 from tests.conftest import TYPICAL
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.flexible_joint import rotor_position
@@ -31,9 +32,11 @@ NAMES = [*FUNCTIONS, *(name for unit in shipped_units().values() for name in Uni
 """Traced functions of the kernel and of the units."""
 
 
-@pytest.fixture(scope="module", params=[*TYPICAL, "general", "single"])
+@pytest.fixture(scope="module", params=[*TYPICAL, "general", "single", "balanced"])
 def traced_robot(request, general):
-    """Return each shipped robot, the general chain, and an arm of one joint."""
+    """Return each shipped robot, the general chain, an arm of one joint, and one with a counterbalance."""
+    if request.param == "balanced":
+        return ONE
     if request.param == "general":
         return general
     if request.param == "single":

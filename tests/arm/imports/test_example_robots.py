@@ -4,8 +4,8 @@ import mujoco
 import pytest
 from lxml import etree
 
+from tests.arm.imports.conftest import largest_difference
 from tests.arm.imports.table import folder, parts, table
-from tests.arm.imports.test_mjcf import largest_difference
 from vdfmu.arm.imports import import_robot
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.arm.balanced import EVERY_CHAIN
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics, forward_dynamics_by_mapping
 from vdfmu.arm.equations.inverse_dynamics import (
     gravity_in_links,
@@ -240,6 +241,7 @@ def test_virtual_power_flows_at_cutting_points_cancel(chain, draw):
         np.testing.assert_allclose(net, outer, rtol=0, atol=100 * chain.n * EPS * size)
 
 
+@EVERY_CHAIN
 def test_inverse_after_forward_is_the_identity(chain, draw):
     for state in draw(chain, 20, seed=15):
         q_ddot = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)
@@ -250,6 +252,7 @@ def test_inverse_after_forward_is_the_identity(chain, draw):
         np.testing.assert_allclose(tau, state.tau_s, rtol=0, atol=100 * chain.n * EPS * size)
 
 
+@EVERY_CHAIN
 def test_forward_dynamics_by_recursion_equals_that_by_mapping_matrices(chain, draw):
     for state in draw(chain, 20, seed=16):
         a = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)

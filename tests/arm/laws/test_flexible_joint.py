@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
+from tests.arm.balanced import EVERY_CHAIN
 from vdfmu.arm.equations.flexible_joint import (
     rotor_acceleration,
     rotor_position,
@@ -192,6 +193,7 @@ def test_stiff_joints_move_as_the_rigid_arm(robot, plant_solver):
     assert distance[2] < 1e-5
 
 
+@EVERY_CHAIN
 def test_plant_without_springs_between_is_the_rigid_arm(chain, draw):
     # The links' rows of the plant are the forward dynamics under the spring torque, whatever rotors in pure rotation
     # do.

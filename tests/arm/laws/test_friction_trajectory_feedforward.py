@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tests.arm.balanced import EVERY_CHAIN
 from tests.arm.laws.ends import rounded_ends
 from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, stribeck_friction
@@ -118,6 +119,7 @@ def inside(robot, t=4.0):
     return desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
 
 
+@EVERY_CHAIN
 def test_desired_rotor_motion_agrees_with_central_differences_in_time(chain):
     h, t = 1e-3, 4.0
     middle = desired_drive_motion(chain, inside(chain, t))
@@ -138,6 +140,7 @@ def gains(robot):
 
 
 @pytest.mark.parametrize("coupling", [False, True])
+@EVERY_CHAIN
 def test_vdc_without_errors_is_the_exact_inverse(chain, coupling):
     chain = dataclasses.replace(chain, rotor_coupling=coupling)
     desired = inside(chain)

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tests.arm.balanced import EVERY_CHAIN
 from tests.conftest import OPTIONS, draw_states, make_general_chain
 from vdfmu.arm.drive.option import Array, row
 from vdfmu.arm.drive.options import options_of
@@ -161,6 +162,7 @@ def test_the_inverse_and_the_balance_know_each_parameter_that_moves_the_plant(na
     check(walker(PARAMETERS[name].section, friction), PARAMETERS[name])
 
 
+@EVERY_CHAIN
 def test_the_plant_driven_by_the_inverse_follows_the_desired_motion(chain):
     assert deviation(dataclasses.replace(chain, rotor_coupling=False)) < WITHIN
 

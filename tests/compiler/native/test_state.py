@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tests.compiler.native.binding import ERROR, Instance, same_bits
+from tests.compiler.native.driven import drive
 
 Native = Callable[..., Instance]
 H = 1e-3
@@ -28,22 +29,6 @@ def started(native: Native, kind: str, version: str, unit: str = "plant", **opti
         instance.continuous()
     drive(instance, 0, 5)
     return instance
-
-
-def drive(instance: Instance, first: int, count: int) -> np.ndarray:
-    """Move with inputs that change; Euler's method in model exchange. Returns the outputs after each step."""
-    n = sum(len(v.names) for v in instance.model.of("input"))
-    rows = []
-    for k in range(first, first + count):
-        if n:
-            instance.inputs(0.02 * np.sin(0.9 * k + 0.1 * np.arange(n)))
-        if instance.kind == "CoSimulation":
-            instance.step(H)
-        else:
-            instance.time += 1e-5
-            instance.do("SetTime", instance.time).states(instance.get_states() + 1e-5 * instance.derivatives())
-        rows.append(instance.outputs())
-    return np.array(rows)
 
 
 # ------------------------------------------------------------------ save, restore, serialize
@@ -97,7 +82,7 @@ from tests.compiler.native.binding import Instance, Model
 instance = Instance(Model(Path(sys.argv[2])), kind=sys.argv[4], name="moved")
 instance.restore(instance.deserialize(Path(sys.argv[3]).read_bytes()))
 instance.time = float.fromhex(sys.argv[5])
-from tests.compiler.native.test_state import drive
+from tests.compiler.native.driven import drive
 for row in drive(instance, 5, 20):
     print(*(value.hex() for value in row.tolist()))
 instance.free()

@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 import vdfmu
-from tests.study.identify.test_identify import noisy, thinned
+from tests.study.identify.recorded import noisy, thinned
 from vdfmu.arm import motion
 from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.equations.feedforward import desired_drive_motion, feedforward_inverse

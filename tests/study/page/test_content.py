@@ -1,6 +1,5 @@
 """What the page of a run is made of: numbers, checks, files; without a browser."""
 
-import base64
 import hashlib
 import io
 import json
@@ -14,6 +13,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import vdfmu
+from tests.study.page.shown import numbers
 from vdfmu.base.errors import UsageError
 from vdfmu.base.thinning import extremes
 from vdfmu.cli.commands import app
@@ -39,10 +39,6 @@ DATA = re.compile('<script id="data" type="application/json">(.*)</script>')
 
 def data_of(path: Path) -> dict:
     return json.loads(DATA.findall(path.read_text())[0])
-
-
-def numbers(text: str, kind: str = "<f4") -> np.ndarray:
-    return np.frombuffer(base64.b64decode(text), kind)
 
 
 def curves(figure: dict) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import pytest
 
 import vdfmu
 from tests.study.page.browser import show
-from tests.study.page.test_frames import still_and_quick
+from tests.study.page.shown import still_and_quick
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.content import arm_of
