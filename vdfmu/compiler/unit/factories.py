@@ -71,7 +71,7 @@ def linear_unit(
     elif n:
         variables["x_dot"] = Derivative(variables["x"])
 
-    class Linear(Unit):
+    class LinearEquations(Unit):
         u: Any
 
         def outputs(self) -> None:
@@ -88,7 +88,7 @@ def linear_unit(
 
     states_text = "x[k+1] = A x[k] + B u[k]" if period else "x_dot = A x + B u"
     text = f"{states_text}\n    y = C x + D u" if n else "y = D u"
-    return _made(Linear, name, variables, f"Linear system.\n\n::\n\n    {text}\n")
+    return _made(LinearEquations, name, variables, f"Linear system.\n\n::\n\n    {text}\n")
 
 
 def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name: str = "CasadiUnit") -> type[Unit]:
@@ -182,7 +182,7 @@ def table_unit(table: Mapping[str, npt.ArrayLike] | str | Path, *, name: str = "
     rows = np.hstack([numbers[:-1], np.diff(y, axis=0) / np.diff(x)[:, None]])
     timed = first == "t" or first.lower() == "time"
 
-    class Table(Unit):
+    class Interpolated(Unit):
         def outputs(self) -> None:
             at = clip(self.t if timed else getattr(self, first), x[0], x[-1])
             begin, *rest = lookup(at, x, rows)
@@ -192,7 +192,7 @@ def table_unit(table: Mapping[str, npt.ArrayLike] | str | Path, *, name: str = "
     variables: dict[str, Declared] = {} if timed else {first: Input(units[0], text=first)}
     variables |= {key: Output(unit, text=key) for key, unit in zip(names, units[1:], strict=True)}
     between = "linear between its rows, with the first and last values beyond them"
-    return _made(Table, name, variables, f"Table over {'t' if timed else first}: {between}.")
+    return _made(Interpolated, name, variables, f"Table over {'t' if timed else first}: {between}.")
 
 
 def _made(base: type[Unit], name: str, variables: Mapping[str, Declared], doc: str) -> type[Unit]:
