@@ -260,10 +260,7 @@ _SOLVER = "Internal steps of the solver: as many as the tolerance needs, or that
 def _start_parameter(state: State) -> Parameter:
     text = state.text if isinstance(state.text, str) else list(state.text)
     text = f"start of {text or state.name}" if isinstance(text, str) else [f"start of {one}" for one in text]
-    return Parameter(
-        state.unit, state.shape, text, start=state.start, minimum=state.minimum, maximum=state.maximum,
-        when=state.when,
-    )  # fmt: skip
+    return Parameter(state.unit, state.shape, text, start=state.start, when=state.when, **state.attributes())
 
 
 def _tolerance() -> Parameter:
