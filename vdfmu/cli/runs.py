@@ -212,8 +212,8 @@ def report(
         list[Path] | None,
         typer.Argument(
             metavar="[DIR ...]",
-            help="Folders of runs; several are compared on one page. Of a folder of runs: index.html, a card for each. "
-            "Default: the newest in results.",
+            help="Folders of runs; several are compared on one page. Of a folder of runs: index.html, a list of links "
+            "with verdicts. Default: the newest in results.",
             show_default=False,
         ),
     ] = None,

@@ -23,7 +23,7 @@ from vdfmu.engine.results.verdict import Check, checks_of, verdict_of
 from vdfmu.study.report import content, page
 from vdfmu.study.report.content import EXTREMES, FRAMES, arm_of, content_of
 from vdfmu.study.report.page import report_page, write_report
-from vdfmu.study.report.scripts import GALLERY, MODULES, ROBOT, STUDY, STUDY_ALONE, WORDS, WORKER, script
+from vdfmu.study.report.scripts import MODULES, ROBOT, STUDY, STUDY_ALONE, WORDS, WORKER, script
 from vdfmu.study.report.shown_run import ShownRun, newest_run, read_run
 from vdfmu.study.report.tables import verdict_table
 from vdfmu.study.run.verdict import run_checks
@@ -335,8 +335,8 @@ def test_vendored_files_are_those_of_the_pinned_build():
 
 @pytest.mark.parametrize(
     "modules",
-    [(*MODULES, *STUDY), WORKER, STUDY_ALONE, GALLERY, ROBOT, WORDS],
-    ids=["page", "worker", "study", "gallery", "robot", "words"],
+    [(*MODULES, *STUDY), WORKER, STUDY_ALONE, ROBOT, WORDS],
+    ids=["page", "worker", "study", "robot", "words"],
 )
 def test_modules_join_into_one_script(modules):
     exported: dict[str, set[str]] = {}
@@ -354,7 +354,7 @@ def test_modules_join_into_one_script(modules):
 
 def test_the_pages_own_modules_are_all_used_and_few():
     listed = {path.name for path in WEB.glob("*.js")} - {"three_uplot.min.js"}
-    assert {*MODULES, *WORKER, *STUDY_ALONE, *GALLERY, *ROBOT, *WORDS} == listed
+    assert {*MODULES, *WORKER, *STUDY_ALONE, *ROBOT, *WORDS} == listed
     own = [*WEB.glob("*.css"), *(WEB / name for name in listed)]
     assert sum(len(p.read_text().splitlines()) for p in own if not p.name.endswith("min.css")) < 4000
 
