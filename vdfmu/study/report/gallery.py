@@ -31,7 +31,7 @@ from vdfmu.study.report.page import NAME
 from vdfmu.study.report.scripts import GALLERY, look, scripts_of
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import run_folders
-from vdfmu.study.report.summary_keys import read_summary
+from vdfmu.study.run.summary_keys import read_summary
 
 INDEX = "index.html"
 _TIMES = 40
