@@ -137,7 +137,7 @@ class ScenarioRun:
         try:
             results = simulated(
                 self.scenario, self.package, progress=partial(report, "co-simulation"), log=options["log"],
-                about=self._facts, observer=options["observer"], probe=witness.probe, visitor=self._poses,
+                about=self._facts, observer=options["observer"], taps=[witness.probe, self._poses],
                 pace=options["pace"],
                 stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
