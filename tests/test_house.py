@@ -68,6 +68,13 @@ def test_each_class_has_a_name_of_its_own():
     assert not {name: files for name, files in places.items() if len(files) > 1}
 
 
+def test_a_run_knows_no_page():
+    """The page shows runs, and pictures and page are made of a run that is over."""
+    for module, imported in _imports().items():
+        if module.startswith("vdfmu.study.run."):
+            assert not [one for one in imported if one.startswith("vdfmu.study.report")], module
+
+
 def test_the_equations_know_numbers_and_nothing_else():
     for module, imported in _imports().items():
         if module.startswith(EQUATIONS):

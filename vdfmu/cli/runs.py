@@ -95,8 +95,8 @@ def run(
     from vdfmu.study.report import tables
     from vdfmu.study.report.page import NAME
     from vdfmu.study.report.sheets import sheets
-    from vdfmu.study.run.scenario_run import RUN_OUTPUTS
-    from vdfmu.study.run.scenario_run import run as run_study
+    from vdfmu.study.runs import RUN_OUTPUTS
+    from vdfmu.study.runs import run as run_study
 
     with live_view(live, port) as observer:
         try:

@@ -80,7 +80,7 @@ def live_view(wanted: bool, port: int | None, robot: str | None = None) -> Gener
     arm: dict[str, Any] | None = None
     if robot is not None:
         from vdfmu.arm.robot import load_robot
-        from vdfmu.study.report.content import arm_of
+        from vdfmu.study.run.scene import arm_of
 
         arm = arm_of(load_robot(robot), {})
 

@@ -21,11 +21,12 @@ from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import Check, checks_of, verdict_of
 from vdfmu.study.report import content, page
-from vdfmu.study.report.content import EXTREMES, FRAMES, arm_of, content_of
+from vdfmu.study.report.content import EXTREMES, FRAMES, content_of
 from vdfmu.study.report.page import report_page, write_report
 from vdfmu.study.report.scripts import MODULES, ROBOT, STUDY, STUDY_ALONE, WORDS, WORKER, script
 from vdfmu.study.report.shown_run import ShownRun, newest_run, read_run
 from vdfmu.study.report.tables import verdict_table
+from vdfmu.study.run.scene import arm_of
 from vdfmu.study.run.verdict import run_checks
 
 ROOT = Path(vdfmu.__file__).resolve().parents[1]

@@ -13,10 +13,10 @@ from vdfmu.base.thinning import bends
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report import content
-from vdfmu.study.report.content import arm_of, content_of
+from vdfmu.study.report.content import content_of
 from vdfmu.study.report.shapes import FRAMES, Chain, drawing_of
-from vdfmu.study.report.summary_keys import read_summary
-from vdfmu.study.report.world import carriers_first, scene_of
+from vdfmu.study.run.scene import arm_of, carriers_first, scene_of
+from vdfmu.study.run.summary_keys import read_summary
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 

@@ -23,8 +23,8 @@ from vdfmu.cli.terminal import console
 from vdfmu.cli.view import live_view
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.shapes import mesh_parts
+from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.live import HEAD, LiveView
 from vdfmu.study.view.live_server import ViewServer
 from vdfmu.study.view.robot import RobotView

@@ -40,7 +40,7 @@ class Judged(NamedTuple):
 
 
 def poses_of(system: SystemDescription, **options: Any) -> Poses:
-    """Return the visitor of a run of a scenario, see :class:`~vdfmu.engine.linear.growth.Poses`."""
+    """Return the tap of the loops of a scenario, see :class:`~vdfmu.engine.linear.growth.Poses`."""
     robots = system.resolved.robots
     split = [p for p in system.resolved.plants if (robot := robots[p]) and robot.friction == "split"]
     return Poses("tau", TIED, without={p: least_dry_friction(system.values[p]) for p in split}, **options)
@@ -147,7 +147,7 @@ def run_along(
                 poses = Poses("tau", TIED, **known)
             failed = ""
             try:
-                simulator.run(record=(), visitor=poses)
+                simulator.run(record=(), taps=[poses])
             except CosimError as error:
                 if poses.lacking:
                     raise

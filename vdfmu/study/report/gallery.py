@@ -22,7 +22,7 @@ from vdfmu.engine.results.verdict import STATES, line_of, state_of
 from vdfmu.study.report.page import NAME
 from vdfmu.study.report.scripts import look
 from vdfmu.study.report.shown_run import run_folders
-from vdfmu.study.report.summary_keys import read_summary
+from vdfmu.study.run.summary_keys import read_summary
 
 INDEX = "index.html"
 
