@@ -7,22 +7,23 @@ import subprocess
 import sys
 
 import pytest
-import typer.main
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from tests.cli.terminals import on_terminal
 from vdfmu.cli.commands import app
 
 WORKS = """
 import sys, time
+from typing import Annotated
 from vdfmu.cli.app import App
+from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_notes
 from vdfmu.base.progress import doing
 
-app = App()
+app = App("vdfmu")
 
-@app.command("works")
-def works(how: str):
+@app.command("works", example="")
+def works(how: Annotated[str, Positional("How.")]):
     if how == "prints":
         say("first")
     if how == "waits":
@@ -34,10 +35,6 @@ def works(how: str):
         raise SystemExit("error: failed")
     say_notes(["a note"])
     say("last")
-
-@app.command("other")
-def other():
-    pass
 
 import vdfmu.cli.commands
 vdfmu.cli.commands.app = app
@@ -115,7 +112,7 @@ def test_every_command_takes_quiet_and_verbose():
         inner = getattr(command, "commands", {})
         return [leaf for below in inner.values() for leaf in leaves(below)] if inner else [command]
 
-    top = typer.main.get_command(app)
+    top = app
     found = leaves(top)
     assert len(found) > 20
     for command in (top, *found):

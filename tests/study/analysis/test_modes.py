@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh, expm
-from typer.testing import CliRunner
 
 import vdfmu
 from tests.study.analysis.lift import MASS, ONE_JOINT, POSES, roots

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.io
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
 from tests.study.identify.recorded import noisy, thinned
