@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from vdfmu.arm.equations.flexible_joint import split_state
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.harmonic_drive import kinematic_error
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import jacobian
-from vdfmu.arm.equations.plant import plant_derivative, plant_outputs, split_state
+from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
