@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from vdfmu.arm.equations.plant import state_names
+from vdfmu.arm.equations.flexible_joint import state_names
 from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, check_robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, section

@@ -82,6 +82,14 @@ def test_the_equations_know_numbers_and_nothing_else():
             assert all(one.startswith(known) for one in imported), module
 
 
+def test_a_reader_with_the_paper_opens_few_files():
+    """The paper's algorithms import at most four modules of the package, in one statement each."""
+    for name in ("inverse_dynamics", "forward_dynamics", "plant", "feedforward"):
+        tree = _trees()[ROOT / "arm" / "equations" / f"{name}.py"]
+        imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and "vdfmu" in str(node.module)]
+        assert len(imports) <= 4, [node.module for node in imports]
+
+
 def test_algorithms_are_named_in_their_rows_alone():
     """Elsewhere code reads the row; docstrings, the table of rules and examples of commands are for readers."""
     names = re.compile(rf"(?<!\w)({'|'.join(ALGORITHMS)})(?!\w)")

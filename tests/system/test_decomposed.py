@@ -12,15 +12,15 @@ import pytest
 from tests.conftest import heavy, make_general_chain
 from tests.system.torso import scenario_of, torso
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
-from vdfmu.arm.equations.forward_dynamics import Rotors, apparent_load
+from vdfmu.arm.equations.forward_dynamics import articulated
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.plant import plant_derivative
-from vdfmu.arm.equations.rigid_body import bias_force, link_body, mass_matrix
+from vdfmu.arm.equations.rigid_body import bias_force, mass_matrix
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.units import package_units
-from vdfmu.arm.world.attachment import Ends, moving_base
+from vdfmu.arm.world.attachment import moving_base
 from vdfmu.base.errors import UsageError
 from vdfmu.system.scenario.decomposed import decomposed
 from vdfmu.system.scenario.system_file import SystemFile
@@ -142,7 +142,7 @@ def test_the_plant_of_joints_and_links_is_the_arm(name, draw):
             z, size = joint_axis(joint.joint_type), np.abs(joint.V_B) @ np.abs(joint.F_B) + abs(joint.P_A)
             rotor = joint.P_A - joint.V_A @ (force_transform(*joint_placement(robot, i, joint.q)) @ joint.F_B)
             assert abs(joint.P_B - joint.P_A - z @ joint.F_B * joint.q_dot + rotor) < 1e-12 * size  # some ten products
-            body = link_body(robot, i)
+            body = robot.body(i)
             net = mass_matrix(*body) @ joint.V_B_dot + bias_force(*body, joint.g_B, joint.V_B)
             leaves = joint.V_B @ tool.p_B if after is None else after.P_A
             assert abs(joint.P_B - leaves - joint.V_B @ net) < 1e-11 * size
@@ -184,11 +184,8 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
     g = body.g_C
     # arms that know that their base moves, as in the second-arm interface; friction is lumped, on the rotors
     turned = replace(robot, gravity=g)
-    loads = [
-        apparent_load(turned, s.q, s.q_dot, s.tau_s, rotors=Rotors(s.kappa_dot, s.tau_s), ends=Ends(base))
-        for s in states
-    ]
-    own = link_body(body.one(), 0)
+    loads = [articulated(turned, s.q, s.q_dot, s.tau_s, np.zeros(6), None, base, None).arm for s in states]
+    own = body.one().body(0)
     np.testing.assert_array_equal(body.V_C[:3], 0.0)  # its joint's axis passes through its origin
     M = mass_matrix(*own) + sum(M_S for M_S, _ in loads)
     p = bias_force(*own, g, body.V_B) + sum(F_S0 for _, F_S0 in loads)

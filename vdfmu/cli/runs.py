@@ -189,7 +189,7 @@ def report(
         Positional(
             "Folders of runs (default the newest in results).",
             metavar="[DIR]...",
-            more="Several runs are compared on one page. A folder of runs gets index.html, a list of links with verdicts.",
+            more="Several runs are compared on one page. A folder of runs gets index.html, links with verdicts.",
         ),
     ] = None,
     out: Annotated[

@@ -12,8 +12,9 @@ from vdfmu.arm.drive.load_loss import efficiency, mesh_friction
 from vdfmu.arm.drive.options import OPTION_STATES
 from vdfmu.arm.drive.thermal import THERMAL, temperature_rate, warm_viscosity
 from vdfmu.arm.drive.winding import current_rate, winding_voltage
+from vdfmu.arm.equations.flexible_joint import state_names
 from vdfmu.arm.equations.friction import friction_level, joint_friction, stribeck_friction
-from vdfmu.arm.equations.plant import plant_outputs, state_names
+from vdfmu.arm.equations.plant import plant_outputs
 from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.robot.parameters import section
 from vdfmu.arm.robot.structure import parameters

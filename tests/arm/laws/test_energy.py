@@ -8,11 +8,12 @@ from scipy.integrate import solve_ivp
 
 from tests.arm.balanced import EVERY_CHAIN
 from tests.arm.laws.energies import ENERGIES, energy
+from vdfmu.arm.equations.flexible_joint import split_state
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.harmonic_drive import kinematic_error
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import jacobian
-from vdfmu.arm.equations.plant import plant_derivative, plant_outputs, split_state
+from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps

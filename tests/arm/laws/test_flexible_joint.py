@@ -8,6 +8,7 @@ from scipy.integrate import quad, solve_ivp
 
 from tests.arm.balanced import EVERY_CHAIN
 from vdfmu.arm.equations.flexible_joint import (
+    link_torques,
     rotor_acceleration,
     rotor_position,
     rotor_torque,
@@ -200,5 +201,6 @@ def test_plant_without_springs_between_is_the_rigid_arm(chain, draw):
     for state in draw(chain, 5, seed=25):
         rigid = in_pure_rotation(chain.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0))
         x_dot = plant_derivative(rigid, state.x, state.tau, state.F_e)
-        q_ddot = forward_dynamics(rigid, state.q, state.q_dot, state.tau_s, state.F_e)
+        tau = state.tau_s + link_torques(rigid, state.q)
+        q_ddot = forward_dynamics(rigid, state.q, state.q_dot, tau, state.F_e)
         np.testing.assert_array_equal(x_dot[chain.n : 2 * chain.n], q_ddot)

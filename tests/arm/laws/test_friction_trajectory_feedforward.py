@@ -7,12 +7,13 @@ import pytest
 
 from tests.arm.balanced import EVERY_CHAIN
 from tests.arm.laws.ends import rounded_ends
-from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.desired_drive import desired_drive_motion
+from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import velocity_mapping
 from vdfmu.arm.equations.pd import pd_control
-from vdfmu.arm.equations.rigid_body import coriolis_matrix, link_body, mass_matrix
+from vdfmu.arm.equations.rigid_body import coriolis_matrix, mass_matrix
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.compiler.scalar.jet import Jet, derivative, jets
 
@@ -192,7 +193,7 @@ def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
         tau = inverse_dynamics(chain, q, zero, zero, F_E)
         for i in range(chain.n):
             J_i, J_i_dot = J[6 * (i + 1) : 6 * (i + 2)], J_dot[6 * (i + 1) : 6 * (i + 2)]
-            body = link_body(chain, i)
+            body = chain.body(i)
             net = mass_matrix(*body) @ (J_i @ q_ddot_r + J_i_dot @ q_dot_r)
             net = net + coriolis_matrix(*body, J_i[3:] @ q_dot) @ (J_i @ q_dot_r)
             tau = tau + J_i.T @ (net + g.K_V[i] * (J_i @ (q_dot_r - q_dot)))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.arm.equations.feedforward import desired_drive_motion, feedforward_inverse
+from vdfmu.arm.equations.desired_drive import desired_drive_motion
+from vdfmu.arm.equations.feedforward import feedforward_inverse
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.system.scenario import load_scenario
