@@ -7,7 +7,7 @@ import numpy as np
 import vdfmu
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.content import arm_of
+from vdfmu.study.run.scene import arm_of
 
 
 def numbers(text: str, kind: str = "<f4") -> np.ndarray:
