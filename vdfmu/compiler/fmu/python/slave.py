@@ -63,26 +63,6 @@ def _words(error: BaseException) -> str:
     return str(error) if isinstance(error, VdfmuError) else kind_text(error)
 
 
-def _getter(kind: str, cast: Callable[[float], Any] = float) -> Callable[..., Any]:
-    """Return the method that gets the values of variables of a type."""
-
-    @_call(f"get{kind}")
-    def get(self: UnitSlave, vrs: list[int]) -> list[Any]:
-        return [cast(value) for value in self.values(kind, vrs)]
-
-    return get
-
-
-def _setter(kind: str) -> Callable[..., Any]:
-    """Return the method that sets inputs or parameters of a type: all of a call, or none."""
-
-    @_call(f"set{kind}")
-    def put(self: UnitSlave, vrs: list[int], values: list[Any]) -> None:
-        self.take(kind, vrs, values)
-
-    return put
-
-
 class UnitSlave(Fmi2Slave):
     """The slave of all units; the subclasses of :func:`slave_class` have the model name in `unit`."""
 
@@ -120,12 +100,6 @@ class UnitSlave(Fmi2Slave):
         content = self._content
         return model_description(content.interface, content.guid, content.generation_tool, content.made_by or {})
 
-    def log(
-        self, msg: str, status: Fmi2Status = Fmi2Status.ok, category: str | None = None, debug: bool | None = None
-    ) -> None:
-        """Send a message to the importer's logger."""
-        super().log(plain(msg), status, category)
-
     # ---------------------------------------------------------------- life cycle
 
     @_call("setupExperiment")
@@ -158,7 +132,7 @@ class UnitSlave(Fmi2Slave):
         self._require("initialization")
         self._refresh()
         self.phase = "step"
-        self.log(f"{self.instance_name}: starts at t = {self.time:g} s", Fmi2Status.ok, "logEvents")
+        self.log(plain(f"{self.instance_name}: starts at t = {self.time:g} s"), Fmi2Status.ok, "logEvents")
 
     @_call("doStep")
     def do_step(self, current_time: float, step_size: float) -> bool:
@@ -214,10 +188,6 @@ class UnitSlave(Fmi2Slave):
 
     # ---------------------------------------------------------------- values
 
-    get_real, get_integer, get_boolean = _getter("Real"), _getter("Integer", int), _getter("Boolean", bool)
-    set_real, set_integer, set_boolean = map(_setter, ("Real", "Integer", "Boolean"))
-    get_string, set_string = _getter("String"), _setter("String")  # there are no string variables
-
     def values(self, kind: str, vrs: list[int]) -> list[float]:
         """Return the values of variables of a type."""
         for variable in self._variables(kind, *vrs):
@@ -228,7 +198,7 @@ class UnitSlave(Fmi2Slave):
         return self._unit.memory[vrs].tolist()
 
     def take(self, kind: str, vrs: list[int], values: list[Any]) -> None:
-        """Set inputs and parameters of a type."""
+        """Set inputs and parameters of a type: all of a call, or none."""
         for variable, value in zip(self._variables(kind, *vrs), values, strict=True):
             if variable.causality == "output":
                 raise FmuError(f"{variable.name} is an output and cannot be set.")
@@ -293,6 +263,25 @@ class UnitSlave(Fmi2Slave):
         except (TypeError, ValueError):
             text = f"deSerializeFMUstate failed: expected the bytes of a state, got {len(state)} other bytes."
             raise refusal(text) from None
+
+
+def _accessors(kind: str, cast: Callable[[float], Any]) -> None:
+    """Add the calls that get and set variables of a type."""
+
+    @_call(f"get{kind}")
+    def get(self: UnitSlave, vrs: list[int]) -> list[Any]:
+        return list(map(cast, self.values(kind, vrs)))
+
+    @_call(f"set{kind}")
+    def put(self: UnitSlave, vrs: list[int], values: list[Any]) -> None:
+        self.take(kind, vrs, values)
+
+    setattr(UnitSlave, f"get_{kind.lower()}", get)
+    setattr(UnitSlave, f"set_{kind.lower()}", put)
+
+
+for _kind, _cast in {"Real": float, "Integer": int, "Boolean": bool, "String": str}.items():  # no unit has a string
+    _accessors(_kind, _cast)
 
 
 def _found(known: Sequence[Variable], kind: str, *vrs: int) -> list[Variable]:
