@@ -202,8 +202,8 @@ def test_a_state_of_the_same_unit_for_another_robot_is_refused(open_unit):
         (lambda state: {"guid": state["guid"]}, r"the state is damaged: KeyError: 'phase'"),
         (lambda state: [1, 2, 3], r"expected a state of Plant with GUID .*, got something else"),
         (lambda state: state | {"guid": 3}, r"expected a state of Plant .*, got one with GUID 3"),
-        (lambda state: state | {"phase": 4}, r"the state is damaged: IndexError"),
-        (lambda state: state | {"behaviour": {}}, r"the state is damaged: KeyError: 'h'"),
+        (lambda state: state | {"phase": "ended"}, r"the state is damaged: KeyError"),
+        (lambda state: state | {"solver": {}}, r"the state is damaged: KeyError: 'h'"),
     ],
 )
 def test_a_damaged_state_is_refused_and_changes_nothing(open_unit, change, words):
