@@ -81,7 +81,7 @@ def count(name: str, master: str, motion: float, end: float, factors: tuple[floa
                 found[truth] += 1
 
                 try:
-                    simulator.run(stop=motion, parameters=chosen, record=(), visitor=(poses := Poses("tau", TIED)))
+                    simulator.run(stop=motion, parameters=chosen, record=(), taps=[poses := Poses("tau", TIED)])
                     unstable = poses.loops.growth(0.0, motion).unstable
                 except CosimError:  # the run fails, which is its verdict
                     unstable = True

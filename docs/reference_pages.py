@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
-
-import typer.main
 
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.cli.commands import app
@@ -16,7 +15,7 @@ from vdfmu.system.scenario.schema import scenario_schema
 
 def command_line_page() -> str:
     """Return the reference of all commands and options, in markdown."""
-    return "\n".join([_COMMANDS_HEAD, *_command("vdfmu", typer.main.get_command(app)), ""])
+    return "\n".join([_COMMANDS_HEAD, *_command("vdfmu", app), ""])
 
 
 def _command(name: str, command: Any) -> Iterator[str]:
@@ -24,9 +23,8 @@ def _command(name: str, command: Any) -> Iterator[str]:
     if name != "vdfmu":
         yield f"\n{'#' * min(len(name.split()), 3)} {name}\n"
         yield _plain(command.help or "")
-        example = re.search(r"\[bold\](.*)\[/bold\]", command.epilog or "")
-        if example:
-            yield f"\n```sh\n{example[1]}\n```"
+        if command.example:
+            yield f"\n```sh\n{command.example}\n```"
     arguments = [p for p in command.params if p.param_type_name == "argument"]
     known = {"--help"} if name == "vdfmu" else {"--help", "--quiet", "--verbose"}
     options = [p for p in command.params if p.param_type_name == "option" and not known & {*p.opts}]
@@ -34,7 +32,7 @@ def _command(name: str, command: Any) -> Iterator[str]:
         if parameters:
             yield f"\n| {kind} | default | what it is |\n| --- | --- | --- |"
             for parameter in parameters:
-                text = _plain(getattr(parameter, "help", "") or "")
+                text = _plain(f"{parameter.help} {_ROLE.sub('', getattr(parameter, 'more', ''))}")
                 yield f"| {_names(parameter)} | {_default(parameter)} | {text} |"
     for word, below in inner.items():
         yield from _command(f"{name} {word}", below)
@@ -49,12 +47,11 @@ def _names(parameter: Any) -> str:
 
 def _default(parameter: Any) -> str:
     value = parameter.default
-    return "" if value in (None, False, "", ()) or callable(value) else f"`{value}`"
+    return f"`{value}`" if isinstance(value, (str, int, float, Path)) and value not in (False, "") else ""
 
 
 def _plain(text: str) -> str:
     """Return a text for a cell of a table."""
-    text = re.sub(r"\[/?bold\]", "", text)
     return (
         " ".join(text.split())
         .replace("|", r"\|")
@@ -117,6 +114,8 @@ def rules_page() -> str:
     return "\n".join([_RULES_HEAD, *rows, ""])
 
 
+_ROLE = re.compile(r":[a-z]+:|(?<=`)`|`(?=`)")
+"""Marks of docstrings: roles, and doubled quotes."""
 _HUGE = 1e4
 """Bound from which it is there for broken files only."""
 _COMMANDS_HEAD = """---
@@ -126,7 +125,7 @@ hide: [toc]
 # Command line
 
 Every command and option, made from the commands themselves. `vdfmu COMMAND --help` says the same.
-`vdfmu --install-completion` lets the shell complete commands and options.
+`vdfmu --completion bash >> ~/.bashrc` lets the shell complete commands and options.
 
 | exit code | meaning |
 | --- | --- |

@@ -6,7 +6,7 @@ import cProfile
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from vdfmu.arm.equations.plant import state_names
+from vdfmu.arm.equations.flexible_joint import state_names
 from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, check_robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, section
@@ -52,7 +52,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what 
 
 
 @pytest.fixture(scope="session", autouse=True)
-def hangups_end_commands() -> None:
+def hangups_end_commands():
     """Let commands that tests start have SIGHUP again where it is ignored, as under nohup; the tests go on after one.
 
     A signal with a handler, unlike one that is ignored, has its default in programs that are started.
@@ -84,7 +84,7 @@ def heavy(*values: object) -> list[Any]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def kernel_cache(tmp_path_factory):
     """Cache of this test session, shared by its processes; the user's own is neither read nor written.
 
     Except for what the compiler makes for itself of its own sources, once for each platform: minutes for Windows.
@@ -100,7 +100,7 @@ def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture
-def calls() -> Callable[[Callable[[], object]], int]:
+def calls():
     """Return what counts the calls that a function makes, of Python and of C: a cost that no busy machine changes."""
 
     def count(function: Callable[[], object]) -> int:
@@ -179,33 +179,27 @@ def make_general_chain() -> Robot:
 
 
 @pytest.fixture(scope="session")
-def arm() -> Robot:
+def arm():
     """Return the paper's arm."""
     return load_robot("manipulator_6dof")
 
 
 @pytest.fixture(scope="session")
-def planar() -> Robot:
+def planar():
     """Return the planar arm of two joints."""
     return load_robot("planar_2dof")
 
 
 @pytest.fixture(scope="session", params=TYPICAL)
-def robot(request: pytest.FixtureRequest) -> Robot:
+def robot(request):
     """Return each typical robot."""
     return load_robot(request.param)
 
 
 @pytest.fixture(scope="session")
-def general() -> Robot:
+def general():
     """Return the random general chain."""
     return make_general_chain()
-
-
-@pytest.fixture(scope="session", params=(*TYPICAL, "general"))
-def chain(request: pytest.FixtureRequest) -> Robot:
-    """Return each typical robot and the random general chain."""
-    return make_general_chain() if request.param == "general" else load_robot(request.param)
 
 
 OPTIONS: dict[str, dict[str, float]] = {
@@ -277,7 +271,7 @@ def draw():
 
 
 @pytest.fixture(scope="session")
-def kernel_of(kernel_cache: Path):
+def kernel_of(kernel_cache):
     """Return a function that gives a robot's kernel, traced once a session."""
 
     def kernel(robot: Robot) -> Kernel:
@@ -287,7 +281,7 @@ def kernel_of(kernel_cache: Path):
 
 
 @pytest.fixture(scope="session")
-def functions_of(kernel_cache: Path):
+def functions_of(kernel_cache):
     """Return the function ``functions_of(unit, robot)``: traced functions of a shipped unit."""
 
     def functions(unit: str, robot: Robot) -> UnitFunctions:
@@ -320,7 +314,7 @@ def plant_solver():
 
 
 @pytest.fixture
-def added(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Path], None]]:
+def added(monkeypatch):
     """Return a function that adds the packages in a folder for one test."""
     plugins._points.cache_clear()
     yield lambda folder: monkeypatch.syspath_prepend(str(folder))

@@ -68,11 +68,26 @@ def test_each_class_has_a_name_of_its_own():
     assert not {name: files for name, files in places.items() if len(files) > 1}
 
 
+def test_a_run_knows_no_page():
+    """The page shows runs, and pictures and page are made of a run that is over."""
+    for module, imported in _imports().items():
+        if module.startswith("vdfmu.study.run."):
+            assert not [one for one in imported if one.startswith("vdfmu.study.report")], module
+
+
 def test_the_equations_know_numbers_and_nothing_else():
     for module, imported in _imports().items():
         if module.startswith(EQUATIONS):
             known = (*EQUATIONS, "vdfmu.compiler.scalar", "vdfmu.base.measure")  # scalars, and bounds of numbers
             assert all(one.startswith(known) for one in imported), module
+
+
+def test_a_reader_with_the_paper_opens_few_files():
+    """The paper's algorithms import at most four modules of the package, in one statement each."""
+    for name in ("inverse_dynamics", "forward_dynamics", "plant", "feedforward"):
+        tree = _trees()[ROOT / "arm" / "equations" / f"{name}.py"]
+        imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and "vdfmu" in str(node.module)]
+        assert len(imports) <= 4, [node.module for node in imports]
 
 
 def test_algorithms_are_named_in_their_rows_alone():
@@ -94,3 +109,12 @@ def test_ci_runs_heavy_tests_that_exist():
     for line in (ROOT.parent / "tests" / "smoke.txt").read_text().splitlines():
         file, _, name = line.split()[0].partition("::")
         assert f"def {name}(" in (ROOT.parent / file).read_text(encoding="utf-8"), line
+
+
+def test_no_test_file_imports_from_another():
+    """What two files of tests share is a fixture, or in a module of its own."""
+    for path in (ROOT.parent / "tests").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("tests"):
+                names = [f".{node.module}", *(f".{alias.name}" for alias in node.names)]
+                assert not [name for name in names if ".test_" in name], f"{path}, line {node.lineno}"

@@ -1,7 +1,5 @@
 """A release of one arm, made twice, has the same bits; its package has its FMUs."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import subprocess
@@ -11,7 +9,7 @@ import zipfile
 
 import pytest
 
-from tests.docs.test_tutorials import ROOT
+from tests.docs.pages import ROOT
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import this_platform
 

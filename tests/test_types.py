@@ -1,7 +1,5 @@
 """Types of the API, as a checker sees them in a folder outside of the project."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

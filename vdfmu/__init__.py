@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from vdfmu.study.analysis.modes import Modes, natural_modes
     from vdfmu.study.environment.arm import ArmEnv, ArmVectorEnv
     from vdfmu.study.report.animation import Animation, animate
-    from vdfmu.study.run.scenario_run import run
+    from vdfmu.study.runs import run
     from vdfmu.study.sweeps.sweep import Sweep, sweep
     from vdfmu.study.tuning.tune import tune
     from vdfmu.study.view.live import LiveView
@@ -76,7 +76,7 @@ if TYPE_CHECKING:
 _NAMES = {
     "vdfmu.study.analysis.modes": ("Modes", "natural_modes"),
     "vdfmu.study.analysis.arm_space": ("linearize",),
-    "vdfmu.study.run.scenario_run": ("run",),
+    "vdfmu.study.runs": ("run",),
     "vdfmu.arm.dynamics": (
         "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
     ),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,11 +25,11 @@ needs_compiler = pytest.mark.skipif(not native_available(), reason="the compiler
 
 
 @pytest.fixture
-def report(tmp_path: Path) -> Report:
+def report(tmp_path):
     return Report("sample", "Sample", tmp_path, Console(file=io.StringIO(), width=120))
 
 
-def test_every_case_gets_samples() -> None:
+def test_every_case_gets_samples():
     calls = {"a": 0, "b": 0}
 
     def run(name: str) -> None:
@@ -44,13 +43,13 @@ def test_every_case_gets_samples() -> None:
         assert 0.0 < case.best < np.inf
 
 
-def test_slow_case_gets_one_sample() -> None:
+def test_slow_case_gets_one_sample():
     slow = Case("slow", lambda: sum(range(10_000)))
     measure([slow], 5, batch=0.0, limit=0.0)
     assert slow.samples == 1
 
 
-def test_table_in_all_forms(tmp_path: Path) -> None:
+def test_table_in_all_forms(tmp_path):
     table = Table("t", "Title [us]", [("name", ""), ("time [us]", ".1f")], notes=["a note"])
     table.add("x", 1.25)
     table.add("y", None)
@@ -66,12 +65,12 @@ def test_table_in_all_forms(tmp_path: Path) -> None:
     assert "time [us]" in stream.getvalue()
 
 
-def test_row_of_wrong_length() -> None:
+def test_row_of_wrong_length():
     with pytest.raises(ValueError, match="t: expected 1 values, got 2"):
         Table("t", "", [("a", "")]).add(1, 2)
 
 
-def test_repeated_link_is_a_valid_chain_of_equal_links() -> None:
+def test_repeated_link_is_a_valid_chain_of_equal_links():
     chain = check_robot(repeated_link(5))
     assert chain.n == 5
     assert np.all(chain.inertia == chain.inertia[0])
@@ -79,7 +78,7 @@ def test_repeated_link_is_a_valid_chain_of_equal_links() -> None:
 
 
 @pytest.mark.heavy
-def test_arms_are_measured_and_run_by_their_names(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arms_are_measured_and_run_by_their_names(report, monkeypatch):
     asked = []
     ran = {"build": 1.0, "second": 0.1, "largest": 1e-5, "final": 1e-6}
     monkeypatch.setattr(arms, "_child", lambda name: asked.append(name) or ran)
@@ -91,7 +90,7 @@ def test_arms_are_measured_and_run_by_their_names(report: Report, monkeypatch: p
 
 
 @pytest.mark.heavy
-def test_growth_of_the_fmus(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_growth_of_the_fmus(report, monkeypatch):
     monkeypatch.setattr(fmu_growth, "_JOINTS", (1, 2, 7))
     fmu_growth.run(report, quick=True)
     table, sizes = report.tables
@@ -101,13 +100,13 @@ def test_growth_of_the_fmus(report: Report, monkeypatch: pytest.MonkeyPatch) -> 
     assert table.rows[0][5] < table.rows[1][5]
 
 
-def test_least_of_blocks_leaves_out_what_disturbed_a_round() -> None:
+def test_least_of_blocks_leaves_out_what_disturbed_a_round():
     rounds = [np.array([1.0, 9.0, 2.0]), np.array([5.0, 1.0, 2.0]), np.array([1.0, 1.0, 3.0])]
     assert least(rounds) == 4.0
     assert median(rounds) == 8.0
 
 
-def test_clock_divides_by_the_steps() -> None:
+def test_clock_divides_by_the_steps():
     clock = Clock()
     for done in (0, 50, 100):
         clock.progress(done, 100)
@@ -117,7 +116,7 @@ def test_clock_divides_by_the_steps() -> None:
 
 @needs_compiler
 @pytest.mark.heavy
-def test_native(report: Report) -> None:
+def test_native(report):
     found = native.study(
         load_scenario("planar_tracking"), stop=0.2, stop_python=0.1, rounds=2, say=report.say,
         others=[name for name in PACKAGES if not missing(name)],
@@ -138,7 +137,7 @@ def test_native(report: Report) -> None:
 
 @needs_compiler
 @pytest.mark.heavy
-def test_work_precision(report: Report) -> None:
+def test_work_precision(report):
     found = work_precision.study(load_robot("planar_2dof"), 0.02, [1e-5, 1e-7], 1)
     for method in (work_precision.COSIM, work_precision.CVODE):
         loose, tight = found.of(method)
@@ -150,7 +149,7 @@ def test_work_precision(report: Report) -> None:
 
 @needs_compiler
 @pytest.mark.heavy
-def test_engines(report: Report) -> None:
+def test_engines(report):
     found = engines.study(load_robot("planar_2dof"), 0.02, 1, report.say)
     for integrator, order in (("RK4", 4), ("implicit", 1)):
         first, *_, last = found.of(f"mujoco {integrator}")
@@ -161,7 +160,7 @@ def test_engines(report: Report) -> None:
 
 @needs_compiler
 @pytest.mark.heavy
-def test_whole(report: Report) -> None:
+def test_whole(report):
     whole.run(report, quick=True)
     commands = report.facts["commands_s"]
     assert set(commands) > {"vdfmu --help", "vdfmu run, references and pictures kept"} and min(commands.values()) > 0.0
@@ -169,7 +168,7 @@ def test_whole(report: Report) -> None:
     assert report.facts["a state of a batch, compiled"] > 0.0
 
 
-def test_time_at_an_error_is_interpolated() -> None:
+def test_time_at_an_error_is_interpolated():
     points = [work_precision.Point("A", 1e-4, 1.0, 1e-4), work_precision.Point("A", 1e-8, 100.0, 1e-8)]
     found = work_precision.WorkPrecision("", 1.0, points)
     assert found.time_at("A", 1e-6) == pytest.approx(10.0, rel=1e-12)
@@ -178,7 +177,7 @@ def test_time_at_an_error_is_interpolated() -> None:
 
 
 @pytest.mark.heavy
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_line(tmp_path, capsys, monkeypatch):
     with pytest.raises(SystemExit) as exit_:
         main(["nothing"])
     assert exit_.value.code == 2
@@ -198,7 +197,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
     assert {"bench.json", "bench.md", "coupling.md", "coupling_equal.csv"} <= names
 
 
-def test_work_at_an_error_is_the_least_of_the_points_and_between_them() -> None:
+def test_work_at_an_error_is_the_least_of_the_points_and_between_them():
     points = [(1e-5, 100), (1e-7, 10_000), (1e-8, 20_000)]
     assert coupling.work_at(points, 1e-6) == pytest.approx(1000.0, rel=1e-12)
     assert coupling.work_at(points, 1e-3) == 100  # the longest step is more precise than that
@@ -207,7 +206,7 @@ def test_work_at_an_error_is_the_least_of_the_points_and_between_them() -> None:
 
 @needs_compiler
 @pytest.mark.heavy
-def test_sweeps_and_verdict(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sweeps_and_verdict(report, monkeypatch):
     sweeps.run(report, quick=True)
     assert [table.name for table in report.tables] == ["sweep_points", "sweep_engines"]
     assert report.facts["batch_2"]["points_per_s"] > 0.0

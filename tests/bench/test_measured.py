@@ -28,7 +28,7 @@ pytestmark = [
 
 
 @pytest.fixture
-def report(tmp_path: Path) -> Report:
+def report(tmp_path):
     return Report("measured", "Measured", tmp_path, Console(file=io.StringIO(), width=120))
 
 
@@ -62,7 +62,7 @@ def _lossy_gear() -> dict[str, Floats]:
     return {"time": t, "Inertia2.phi": np.asarray(angle), "Inertia2.w": speed, "gear.mode": mode}
 
 
-def test_the_gear_follows_the_law_by_hand_in_each_mode(report: Report, tmp_path: Path) -> None:
+def test_the_gear_follows_the_law_by_hand_in_each_mode(report, tmp_path):
     for model in ("LossyGearDemo1", "LossyGearDemo2"):
         _write(tmp_path, f"Rotational.Examples.{model}", _lossy_gear())
     measured.lossy_gears(report, tmp_path)
@@ -75,7 +75,7 @@ def test_the_gear_follows_the_law_by_hand_in_each_mode(report: Report, tmp_path:
     assert all(row[7] > 50.0 for row in rows[:4])  # no one mu_l does for both directions
 
 
-def test_an_axis_follows_its_path(report: Report, tmp_path: Path) -> None:
+def test_an_axis_follows_its_path(report, tmp_path):
     t = np.linspace(0.0, 0.998, 2000)  # 120 degrees at 3 rad/s and 10 rad/s2, till it comes to rest
     speed = np.interp(t, [0.0, 0.3, 0.69813, 0.99813], [0.0, 3.0, 3.0, 0.0])
     names = ("axis.initializeFlange.phi_flange", "axis.initializeFlange.w_flange", "axis.motor.La.i",
@@ -109,7 +109,7 @@ def _sines(t: Floats, n: int, seed: int) -> tuple[Floats, Floats, Floats]:
     return each[0].sum(axis=2), each[1].sum(axis=2), each[2].sum(axis=2)
 
 
-def test_a_panda_of_the_authors_files_is_theirs_and_ours(report: Report, tmp_path: Path) -> None:
+def test_a_panda_of_the_authors_files_is_theirs_and_ours(report, tmp_path):
     robot = vdfmu.load_robot("panda_7dof").with_parameters(I_m=np.full(7, 1e-9))
     random = np.random.default_rng(1)
     t = np.arange(0.0, 21.0, 1.4e-3) + random.uniform(0.0, 5e-4, 15000)
@@ -137,9 +137,7 @@ def test_a_panda_of_the_authors_files_is_theirs_and_ours(report: Report, tmp_pat
 _ORIGINS = ("0 0 0.18", "0 0.18 0", "0 -0.14 0.61", "0 0 0.57", "0 0.14 0", "0 0 0.12")
 
 
-def test_a_ur10e_of_the_authors_parameters_is_theirs_and_ours_and_its_load_is_found(
-    report: Report, tmp_path: Path
-) -> None:
+def test_a_ur10e_of_the_authors_parameters_is_theirs_and_ours_and_its_load_is_found(report, tmp_path):
     random, links, bodies = np.random.default_rng(3), ['<link name="base_link"/>'], []
     for i, origin in enumerate(_ORIGINS):
         m, c = 8.0 / (i + 1), random.uniform(-0.1, 0.1, 3)
@@ -187,7 +185,7 @@ def test_a_ur10e_of_the_authors_parameters_is_theirs_and_ours_and_its_load_is_fo
     assert mass == pytest.approx(2.8, rel=0.02)  # 0.1 N.m of 28 N at arms of 0.3 m and more
 
 
-def test_folders_are_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_folders_are_asked_for(capsys):
     with pytest.raises(SystemExit) as exit_:
         measured.main([])
     assert exit_.value.code == 2

@@ -7,7 +7,7 @@ import tomllib
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from vdfmu.base.progress import warn_once
 from vdfmu.cli import doctor, extras
@@ -50,12 +50,16 @@ def test_what_is_missing_is_said_with_its_price_and_the_way_to_it(monkeypatch, t
 
 def test_the_shell_completes_names(monkeypatch):
     def completed(words: str) -> list[str]:
-        variables = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1), "_VDFMU_COMPLETE": "complete_bash"}
-        return CliRunner().invoke(app, [], prog_name="vdfmu", env=variables).output.split()
+        variables = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1), "_VDFMU_COMPLETE": "bash_complete"}
+        offered = CliRunner().invoke(app, [], env=variables).output.split()
+        return [word.removeprefix("plain,") for word in offered]
 
     assert completed("vdfmu run two_joint") == ["two_joint", "two_joint_table5"]
     assert completed("vdfmu run tracking --robot planar") == ["planar_2dof"]
+    assert completed("vdfmu run tracking --master j") == ["jacobi"]
+    assert completed("vdfmu run tracking --mas") == ["--master"]
     assert completed("vdfmu doc") == ["doctor"]
+    assert "_VDFMU_COMPLETE=bash_complete" in CliRunner().invoke(app, ["--completion", "bash"]).output
 
 
 def test_a_run_without_a_compiler_says_first_what_that_costs(monkeypatch, caplog):

@@ -105,7 +105,7 @@ def test_a_missing_package_is_named_though_the_fmus_that_need_it_are_built(tmp_p
     assert done.stderr.startswith("error: the Python package pythonfmu is not installed. ")
 
 
-@pytest.mark.parametrize("package", [name for name in NEEDED if name not in ("typer", "rich")])
+@pytest.mark.parametrize("package", [name for name in NEEDED if name not in ("click", "rich")])
 def test_help_needs_only_what_draws_it(package: str, tmp_path: Path) -> None:
     done = vdfmu("run", "--help", PYTHONPATH=without(package, tmp_path))
     assert done.returncode == 0, done.stderr

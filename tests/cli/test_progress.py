@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from tests.cli.test_signs import on_terminal
+from tests.cli.terminals import on_terminal
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.progress import showing

@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from vdfmu.cli.commands import app
 from vdfmu.engine.run import simulate

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-import typer
 
 from vdfmu.base.interrupt import Stopped
 from vdfmu.cli import main
@@ -242,9 +241,9 @@ def test_a_killed_run_leaves_the_results_before_and_its_rows(under_way):
 
 
 @pytest.mark.usefixtures("main_in_this_process")
-@pytest.mark.parametrize("behind", [ImportError("numpy"), typer.Exit(130)])
+@pytest.mark.parametrize("behind", [ImportError("numpy"), SystemExit(130)])
 def test_a_signal_that_another_error_hides_is_said(monkeypatch, capsys, behind):
-    """Typer makes an exit without words of it, where it comes while options are read; imports make an ImportError."""
+    """Imports of C make an ImportError of it."""
 
     def command() -> None:
         try:

@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import re
-import signal
-import struct
 import subprocess
 import sys
-import termios
-import time
-from typing import NamedTuple
 
 import pytest
-import typer.main
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
+from tests.cli.terminals import on_terminal
 from vdfmu.cli.commands import app
 
-pty = pytest.importorskip("pty", reason="Windows has no pseudo-terminals of this kind")
 WORKS = """
 import sys, time
+from typing import Annotated
 from vdfmu.cli.app import App
+from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_notes
 from vdfmu.base.progress import doing
 
-app = App()
+app = App("vdfmu")
 
-@app.command("works")
-def works(how: str):
+@app.command("works", example="")
+def works(how: Annotated[str, Positional("How.")]):
     if how == "prints":
         say("first")
     if how == "waits":
@@ -42,10 +36,6 @@ def works(how: str):
     say_notes(["a note"])
     say("last")
 
-@app.command("other")
-def other():
-    pass
-
 import vdfmu.cli.commands
 vdfmu.cli.commands.app = app
 sys.argv[0] = "vdfmu"
@@ -53,47 +43,6 @@ from vdfmu.cli import main
 main()
 """
 """Commands that take 1.5 s."""
-
-
-class Shown(NamedTuple):
-    """What a terminal got: bytes, exit code, standard output if that was a pipe, longest time without a byte [s]."""
-
-    text: str
-    code: int
-    output: bytes
-    silent: float
-
-
-def on_terminal(command, *, width=100, stop=0.0, pipe=False, cwd=None, **environment):
-    """Run a command on a pseudo-terminal, with Ctrl-C after a time [s]."""
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
-    inherited = {name: text for name, text in os.environ.items() if name not in ("NO_COLOR", "COLUMNS")}
-    process = subprocess.Popen(
-        command, cwd=cwd, env=inherited | {"TERM": "xterm"} | environment, stdin=theirs,
-        stdout=subprocess.PIPE if pipe else theirs, stderr=theirs,
-    )  # fmt: skip
-    os.close(theirs)
-    shown, last, silent = bytearray(), time.monotonic(), 0.0
-    began = last
-    while block := _read(ours):
-        now = time.monotonic()
-        silent, last = max(silent, now - last), now
-        shown += block
-        if stop and now - began > stop and b"\xe2\x94\x81" in shown:
-            process.send_signal(signal.SIGINT)
-            stop = 0.0
-    os.close(ours)
-    output = process.stdout.read() if process.stdout else b""
-    return Shown(shown.decode(), process.wait(120), output, silent)
-
-
-def _read(end):
-    """Read from a pseudo-terminal; nothing if nobody can write to it any more, of which Linux makes an error."""
-    try:
-        return os.read(end, 65536)
-    except OSError:
-        return b""
 
 
 def plain(text):
@@ -163,7 +112,7 @@ def test_every_command_takes_quiet_and_verbose():
         inner = getattr(command, "commands", {})
         return [leaf for below in inner.values() for leaf in leaves(below)] if inner else [command]
 
-    top = typer.main.get_command(app)
+    top = app
     found = leaves(top)
     assert len(found) > 20
     for command in (top, *found):

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import vdfmu
-from tests.docs.test_tutorials import ROOT, readme_blocks, run_process
+from tests.docs.pages import ROOT, readme_blocks, run_process
 
 
 @pytest.mark.heavy

@@ -1,7 +1,5 @@
 """Quantities of which `docs/claims.toml` speaks, where no command prints them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import vdfmu

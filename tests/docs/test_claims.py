@@ -9,9 +9,9 @@ import pytest
 
 import vdfmu
 from tests.docs import claims
+from tests.docs.pages import PAGES as TUTORIALS_RUN
+from tests.docs.pages import README, TOOLS
 from tests.docs.quantities import END, N, plant_jacobian
-from tests.docs.test_tutorials import PAGES as TUTORIALS_RUN
-from tests.docs.test_tutorials import README, TOOLS
 from vdfmu.arm.equations.flexible_joint import rotor_transform
 from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix, velocity_mapping
 from vdfmu.arm.equations.plant import equilibrium_torque

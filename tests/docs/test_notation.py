@@ -136,7 +136,7 @@ def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(mon
     for name in ("run", "sweep", "sweep plot", "robot import", "doctor", "unit new"):
         assert f"# vdfmu {name}\n" in commands
     for option in (
-        "`--set` `COMPONENT.VARIABLE=VALUE`",
+        "`--set` `NAME=VALUE`",
         "`--pictures` `png|svg|pdf` | `png`",
         "`--isolate`, `--no-isolate`",
         "| `PACKAGE` |",

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import vdfmu
-from tests.docs.test_versions import loaded as loaded_versions
+from tests.docs.pages import loaded as loaded_versions
 from tests.study.page.browser import Browser
 from vdfmu.arm import dynamics
 

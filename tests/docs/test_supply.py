@@ -30,7 +30,7 @@ def names(entries: list[str]) -> set[str]:
     return {re.split(r"[\[<>=; ]", entry)[0].lower().replace("_", "-") for entry in entries} - {"vdfmu"}
 
 
-def test_every_constraint_is_a_name_and_a_version() -> None:
+def test_every_constraint_is_a_name_and_a_version():
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:]
     assert all(re.fullmatch(r"[a-z0-9][a-z0-9.-]*==[0-9][0-9a-z.]*", line) for line in lines)
     assert lines == sorted(lines)
@@ -41,7 +41,7 @@ FILES = sorted(path.stem for path in (ROOT / "requirements").glob("*.txt"))
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_package_has_the_tested_version_and_hashes_and_no_place(name: str) -> None:
+def test_every_package_has_the_tested_version_and_hashes_and_no_place(name):
     constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:]
     marker = "[a-z_]+ [<>=!]+ '[A-Za-z0-9_.]+'"
     for line in locked(name):
@@ -52,7 +52,7 @@ def test_every_package_has_the_tested_version_and_hashes_and_no_place(name: str)
         assert found[1] in constraints
 
 
-def test_the_files_have_all_that_the_project_and_its_extras_name() -> None:
+def test_the_files_have_all_that_the_project_and_its_extras_name():
     base = names([*PROJECT["build-system"]["requires"], *PROJECT["project"]["dependencies"]])
     extras = PROJECT["project"]["optional-dependencies"]
     assert {"base", "native", "docs", "dev", "test", "supply"} == set(FILES)
@@ -63,7 +63,7 @@ def test_the_files_have_all_that_the_project_and_its_extras_name() -> None:
     assert set().union(names(extras["notebook"]), *(names(locked(name)) for name in FILES)) <= constraints
 
 
-def test_the_backend_that_builds_the_project_is_the_tested_one() -> None:
+def test_the_backend_that_builds_the_project_is_the_tested_one():
     """Of an install without make, whose build environment knows neither constraints nor hashes."""
     constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:]
     assert {*PROJECT["build-system"]["requires"]} <= {*constraints}
@@ -74,7 +74,7 @@ def test_the_backend_that_builds_the_project_is_the_tested_one() -> None:
     )
 
 
-def test_make_installs_nothing_without_a_hash_but_the_project() -> None:
+def test_make_installs_nothing_without_a_hash_but_the_project():
     make = (ROOT / "Makefile").read_text(encoding="utf-8")
     installs = re.findall(r"\$\(PIP_INSTALL\) (.*)", make)
     assert len(installs) == make.count("pip install") + make.count("$(PIP_INSTALL)") - 1  # its definition
@@ -83,7 +83,7 @@ def test_make_installs_nothing_without_a_hash_but_the_project() -> None:
     assert all(line.startswith("--require-hashes -r ") for line in installs if line != project)
 
 
-def test_the_install_without_make_takes_the_tested_versions() -> None:
+def test_the_install_without_make_takes_the_tested_versions():
     for page in ("README.md", "docs/index.md", "docs/native.md"):
         lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
         installs = [line for line in lines if re.match(r"(\.venv/bin/)?pip install", line)]
@@ -100,7 +100,7 @@ def built(target: str, folder: Path) -> Path:
 
 
 @pytest.mark.heavy
-def test_the_sdist_has_every_file_of_the_project(tmp_path: Path) -> None:
+def test_the_sdist_has_every_file_of_the_project(tmp_path):
     with tarfile.open(built("sdist", tmp_path)) as archive:
         found = {each.name.partition("/")[2] for each in archive if each.isfile()} - {"PKG-INFO"}
     git = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
@@ -111,7 +111,7 @@ def test_the_sdist_has_every_file_of_the_project(tmp_path: Path) -> None:
     assert found == {name for name in listed if (ROOT / name).is_file()}
 
 
-def test_the_readme_of_an_index_has_no_link_that_leads_nowhere(tmp_path: Path) -> None:
+def test_the_readme_of_an_index_has_no_link_that_leads_nowhere(tmp_path):
     with zipfile.ZipFile(built("wheel", tmp_path)) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("dist-info/METADATA"))
         text = archive.read(name).decode()
@@ -122,7 +122,7 @@ def test_the_readme_of_an_index_has_no_link_that_leads_nowhere(tmp_path: Path) -
     assert all(target.startswith("https://") for target in targets)
 
 
-def test_links_of_the_readme_follow_the_address_of_the_project() -> None:
+def test_links_of_the_readme_follow_the_address_of_the_project():
     spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
     assert spec and spec.loader
     hook = importlib.util.module_from_spec(spec)

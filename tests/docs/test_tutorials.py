@@ -8,7 +8,6 @@ commands are those of vdfmu, which need no Python started for each. A block with
 
 import contextlib
 import io
-import os
 import platform
 import re
 import shlex
@@ -19,33 +18,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.docs.pages import PAGES, ROOT, TOOLS, TUTORIALS, environment, read_blocks, readme_blocks, run_process
 from tests.warm import command
 
-ROOT = Path(__file__).resolve().parents[2]
-README = ROOT / "README.md"
-TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-RUN_TOO = "runs native modes identification world motions systems observers laws sweeps tuning reference/units".split()
-PAGES = [*TUTORIALS, *(ROOT / "docs" / f"{name}.md" for name in RUN_TOO)]
-TOOLS = ROOT / "docs" / "importers.md"
-"""Each section of it is about a tool, and runs by itself."""
-BLOCK = re.compile(r"^```(?P<kind>\w+)(?P<options>[^\n]*)\n(?P<body>.*?)^```", re.DOTALL | re.MULTILINE)
-SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
 VARIES = re.compile(r"^│ (Wall time|Real-time factor) .*$", re.MULTILINE)
 INSTALLS = re.compile(r"^make |pip install", re.MULTILINE)  # what is done in a clone
-
-
-def read_blocks(path, section=""):
-    """Return the blocks of a page, or of a section of it."""
-    text = path.read_text(encoding="utf-8")
-    if section:
-        text = re.split(r"^## ", text.partition(f"\n## {section}\n")[2], maxsplit=1, flags=re.MULTILINE)[0]
-    blocks, end = [], None
-    for match in BLOCK.finditer(text):
-        follows = end is not None and not text[end : match.start()].strip()
-        skipped = text[: match.start()].endswith(SKIP)
-        blocks.append((match["kind"], match["options"], match["body"], follows, skipped))
-        end = match.end()
-    return blocks
 
 
 def run_python(body, namespace):
@@ -53,21 +30,6 @@ def run_python(body, namespace):
     with contextlib.redirect_stdout(stream):
         exec(compile(body, "<tutorial>", "exec"), namespace)
     return stream.getvalue()
-
-
-def environment():
-    """Return the variables of a command's environment."""
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    return os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "COLUMNS": "80", "TERM": "dumb"}
-
-
-def run_process(kind, body, cwd=None, **further):
-    """Run a block in a process of its own; return what it ends with and what it prints."""
-    program = [sys.executable, "-c"] if kind == "python" else ["bash", "-c"]
-    return subprocess.run(
-        [*program, body], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, cwd=cwd,
-        env=environment() | further,
-    )  # fmt: skip
 
 
 def plain_commands(body):
@@ -129,16 +91,6 @@ def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with np.printoptions():  # what a page sets is for that page
         assert run_page(page) >= 2  # blocks run or compared
-
-
-def readme_blocks():
-    """Return kind, text and expected output, or None, of the blocks of the README that can be run."""
-    blocks = read_blocks(README)
-    found = []
-    for (kind, _, body, _, _), after in zip(blocks, [*blocks[1:], None], strict=True):
-        if kind in ("python", "sh"):
-            found.append((kind, body, after[2] if after and after[0] == "text" and after[3] else None))
-    return found
 
 
 @pytest.mark.heavy

@@ -1,26 +1,15 @@
 """Versions of the documentation side by side; ``test_site.py`` looks at those of a whole build."""
 
-import importlib
 import json
-import sys
-from pathlib import Path
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+from tests.docs.pages import loaded
+
 PAGE = """<title>Native FMUs - vdfmu</title>
 <div class="md-header__topic">
   <span class="md-ellipsis">
     vdfmu
   </span>
 </div>"""
-
-
-def loaded():
-    """Return the module of ``docs``, which is no package."""
-    sys.path.insert(0, str(DOCS))
-    try:
-        return importlib.import_module("versions")
-    finally:
-        sys.path.remove(str(DOCS))
 
 
 def listed(folder):

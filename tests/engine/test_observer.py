@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.masters.observer import visited
-from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run import simulate
+from vdfmu.engine.masters.observer import Tap
+from vdfmu.engine.run import Simulator, simulate
 
 
 class Watcher:
@@ -81,19 +80,47 @@ def test_an_observer_needs_nothing_but_row(fragile):
     assert rows.sizes == [sum(kind == "real" for kind in results.kinds.values())] * 11
 
 
-def test_a_visitor_is_told_the_time_of_its_rows():
-    class Visitor:
-        seen = []
+@pytest.mark.parametrize("isolate", [False, True])
+def test_taps_see_the_rows_that_they_want_in_their_order(fragile, isolate):
+    seen = []
 
-        def rows(self, n):
-            return range(1, n, 2)
+    class Looker(Tap):
+        def __init__(self, name, first):
+            self.name, self.first = name, first
 
-        def visit(self, components, time, step):
-            self.seen.append((components, time, step))
+        def rows(self, grid):
+            return range(self.first, grid.n, 2)
 
-    stored = []
-    storing = visited(Visitor(), "components", Grid(1.0, 2.25, 0.25, 5), stored.append)
-    for k in range(5):
-        storing(k)
-    assert stored == list(range(5))
-    assert Visitor.seen == [("components", 1.25, 0.25), ("components", 1.75, 0.25)]
+        def take(self, k, time, components):
+            seen.append((self.name, k, time, components.exchange.banks[0].outputs[0]))
+
+        def end(self, components):
+            seen.append(self.name)
+
+    results = simulate_with([Looker("a", 1), Looker("b", 3)], fragile, isolate)
+    y = results["source.y"]
+    assert seen == [("a", 1, 1.25, y[1]), ("a", 3, 1.75, y[3]), ("b", 3, 1.75, y[3]), "a", "b"]
+
+
+def simulate_with(taps, package, isolate):
+    """Run from 1 s to 2.25 s, by five steps, with taps."""
+    with Simulator(package, isolate=isolate, parameters={"arm.at": 9.0}) as simulator:
+        return simulator.run(start=1.0, stop=2.25, step=0.25, taps=taps)
+
+
+def test_a_row_that_is_not_finite_is_shown_to_no_tap(pack):
+    seen = []
+
+    class Looker(Tap):
+        def take(self, k, time, components):
+            seen.append(k)
+
+    package = pack(["mass Telling y:output", "inverse Dividing u:input y:output"], ["mass.y -> inverse.u"])
+    falling = {"mass.x0": 1.0, "mass.u": -1.0}  # y = 1 - t, whose steps of 0.25 are exact: 0 in row 4, read in 5
+    with (
+        Simulator(package, isolate=False, algorithm="jacobi", parameters=falling) as simulator,
+        pytest.raises(CosimError, match=r"y is inf at t = 1.25 s, expected a finite number") as failed,
+    ):
+        simulator.run(stop=2.0, step=0.25, taps=[Looker()])
+    assert failed.value.results is not None
+    assert seen == [*range(len(failed.value.results))] == [0, 1, 2, 3, 4]

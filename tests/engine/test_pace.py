@@ -34,9 +34,10 @@ def clock(monkeypatch):
 
 def test_rows_are_stored_and_left_when_they_are_due(clock):
     stored = []
-    paced = Pace(2.0, 1.0, lambda k: stored.append((k, clock.now)))
+    paced = Pace(2.0, 1.0)
     for k in range(5):
-        paced.store(k)
+        stored.append((k, clock.now))
+        paced.take(k, float(k), None)
         if k:  # A second of the run takes half a second; the clock is looked at once a microsecond.
             assert clock.now - stored[1][1] == pytest.approx(0.5 * (k - 1), abs=3e-6)
         clock.now += 0.1  # work
@@ -51,10 +52,10 @@ def test_rows_are_stored_and_left_when_they_are_due(clock):
 
 def test_a_row_that_takes_too_long_is_late_and_the_next_ones_catch_up(clock):
     taken = iter([0.0, 0.1, 0.1, 0.75, 0.1, 0.1])
-    paced = Pace(1.0, 0.5, lambda _: clock.sleep_for(next(taken)))
-    clock.sleep_for = lambda seconds: setattr(clock, "now", clock.now + seconds)
+    paced = Pace(1.0, 0.5)
     for k in range(6):
-        paced.store(k)
+        clock.now += next(taken)
+        paced.take(k, 0.5 * k, None)
     facts = paced.facts()
     assert (facts["overruns"], facts["worst_row"]) == (1, 3)
     assert facts["late_worst_s"] == pytest.approx(0.25, abs=1e-5)
@@ -63,14 +64,13 @@ def test_a_row_that_takes_too_long_is_late_and_the_next_ones_catch_up(clock):
 
 def test_a_run_that_the_user_stops_waits_no_longer(clock):
     pressed = iter([False, False, True, True, True])
-    paced = Pace(1e-3, 1.0, lambda _: None, lambda: next(pressed))
-    paced.store(0)
-    paced.store(1)
-    paced.store(2)  # due in 1000 s
+    paced = Pace(1e-3, 1.0, lambda: next(pressed))
+    for k in range(3):  # row 2 is due in 1000 s
+        paced.take(k, float(k), None)
     assert clock.now < 10.3
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, np.inf, np.nan])
 def test_a_speed_is_positive(speed):
     with pytest.raises(UsageError, match="pace: expected a positive number of simulated seconds a second, got"):
-        Pace(speed, 1e-3, print)
+        Pace(speed, 1e-3)

@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 import pyarrow.parquet as parquet
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from tests.cc import CC
 from tests.hostile.results import arm_run

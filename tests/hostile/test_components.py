@@ -11,7 +11,6 @@ import pytest
 
 from tests.cc import CC
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
 from vdfmu.base.files import pack_zip
 from vdfmu.base.process import KEPT
 from vdfmu.base.text import shown
@@ -39,7 +38,7 @@ CODE = {
 
 
 @pytest.fixture
-def unit(tmp_path: Path):
+def unit(tmp_path):
     """Return a function that makes an FMU whose library runs code when it is loaded."""
 
     def make(code: str, xml: str = XML) -> Path:
@@ -60,7 +59,7 @@ def unit(tmp_path: Path):
 
 
 @pytest.fixture
-def controller(planar: Robot, tmp_path: Path):
+def controller(planar, tmp_path):
     """Return a function that makes the FMU of a controller, changed so that a process may have one instance or more."""
     built = build_fmus(planar, tmp_path, units=["controller"], backend="native")["controller"]
 

@@ -14,12 +14,12 @@ def marked(corpus: Corpus):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("corpus", [marked(one) for one in CORPORA if one.quick])
-def test_hostile_inputs_are_read_or_refused_in_words(corpus: Corpus) -> None:
+def test_hostile_inputs_are_read_or_refused_in_words(corpus):
     row = tried(corpus, range(corpus.quick))
     assert (row.tries, row.examples) == (corpus.quick * corpus.each, [])
 
 
-def test_the_table_counts_failures() -> None:
+def test_the_table_counts_failures():
     """A refusal without words, another exception and a slow try are failures; a refusal in words is none."""
 
     def attempt(number: int, _folder: object) -> None:

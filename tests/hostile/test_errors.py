@@ -3,7 +3,7 @@
 import inspect
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
 from vdfmu.base import plugins

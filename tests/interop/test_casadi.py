@@ -32,7 +32,7 @@ class Swing(Unit):
 
 
 @pytest.fixture(scope="module")
-def rates(tmp_path_factory: pytest.TempPathFactory) -> tuple[ca.Function, ca.Function]:
+def rates(tmp_path_factory):
     """Return the plant's derivatives of its states, from the trace and from the FMU."""
     robot = load_robot(ROBOT)
     fmu = build_fmus(robot, tmp_path_factory.mktemp("casadi"), units=["plant"], backend="native")["plant"]
@@ -44,7 +44,7 @@ def swing(folder: Path, version: str) -> Path:
     return build_fmus(None, folder, units=[str(folder / "swing.py")], backend="native", fmi_version=version)["swing"]
 
 
-def test_the_plant_and_its_jacobians_are_those_of_the_trace(rates) -> None:
+def test_the_plant_and_its_jacobians_are_those_of_the_trace(rates):
     traced, imported = rates
     rng = np.random.default_rng(27)
     for _ in range(5):
@@ -60,7 +60,7 @@ def test_the_plant_and_its_jacobians_are_those_of_the_trace(rates) -> None:
 
 
 @pytest.mark.heavy
-def test_the_shortest_motion_is_that_of_the_trace(rates) -> None:
+def test_the_shortest_motion_is_that_of_the_trace(rates):
     (expected, said), (found, also) = (shortest_motion(rate, exact_hessian=True) for rate in rates)
     assert said["return_status"] == also["return_status"] == "Solve_Succeeded"
     # Both stop at a residual of 1e-10, the last step of a quadratic convergence: 1e-8 leaves the problem a condition of
@@ -73,7 +73,7 @@ def test_the_shortest_motion_is_that_of_the_trace(rates) -> None:
 
 
 @pytest.mark.parametrize("version", ["2.0", pytest.param("3.0", marks=SEEN)])
-def test_scalars_of_both_versions(tmp_path: Path, version: str) -> None:
+def test_scalars_of_both_versions(tmp_path, version):
     """With FMI 3.0 there are adjoint derivatives."""
     own = {"uses_adjoint_derivatives": True} if version == "3.0" else {}
     imported = imported_rate(swing(tmp_path, version), **own)
@@ -89,7 +89,7 @@ def test_scalars_of_both_versions(tmp_path: Path, version: str) -> None:
 
 
 @SEEN
-def test_what_the_importer_does_not_do(tmp_path: Path) -> None:
+def test_what_the_importer_does_not_do(tmp_path):
     """The rows of docs/interop.md: a change of CasADi shows here."""
     fmu = build_fmus(load_robot(ROBOT), tmp_path, units=["plant"], backend="native", fmi_version="3.0")["plant"]
     with pytest.raises(RuntimeError, match="get_in failed"):  # arrays

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 from tests.conftest import heavy, make_general_chain
+from tests.system.torso import scenario_of, torso
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
-from vdfmu.arm.equations.forward_dynamics import Rotors, apparent_load
+from vdfmu.arm.equations.forward_dynamics import articulated
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.plant import plant_derivative
-from vdfmu.arm.equations.rigid_body import bias_force, link_body, mass_matrix
+from vdfmu.arm.equations.rigid_body import bias_force, mass_matrix
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.units import package_units
-from vdfmu.arm.world.attachment import Ends, moving_base
+from vdfmu.arm.world.attachment import moving_base
 from vdfmu.base.errors import UsageError
-from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.decomposed import cutting_point, decomposed
+from vdfmu.system.scenario.decomposed import decomposed
 from vdfmu.system.scenario.system_file import SystemFile
 
 
@@ -58,11 +58,6 @@ class Wired:
             for (start, output), (end, variable) in self.links:
                 if start == name and end in self.parts:
                     setattr(self.parts[end], variable, getattr(self.parts[start], output))
-
-
-def scenario_of(robot: Robot) -> Scenario:
-    """Return the tracking scenario for another robot."""
-    return replace(load_scenario("tracking"), robot=robot, sections={})
 
 
 def wired(robot: Robot, settings: Mapping[str, Any] | None = None) -> tuple[Wired, SystemFile]:
@@ -147,7 +142,7 @@ def test_the_plant_of_joints_and_links_is_the_arm(name, draw):
             z, size = joint_axis(joint.joint_type), np.abs(joint.V_B) @ np.abs(joint.F_B) + abs(joint.P_A)
             rotor = joint.P_A - joint.V_A @ (force_transform(*joint_placement(robot, i, joint.q)) @ joint.F_B)
             assert abs(joint.P_B - joint.P_A - z @ joint.F_B * joint.q_dot + rotor) < 1e-12 * size  # some ten products
-            body = link_body(robot, i)
+            body = robot.body(i)
             net = mass_matrix(*body) @ joint.V_B_dot + bias_force(*body, joint.g_B, joint.V_B)
             leaves = joint.V_B @ tool.p_B if after is None else after.P_A
             assert abs(joint.P_B - leaves - joint.V_B @ net) < 1e-11 * size
@@ -172,24 +167,6 @@ def test_springs_start_with_what_hangs_on_them(general):
         assert abs(joint.der_q_dot) < 1e-10  # forces of some 100 N cancel, over inertias of some 1e-2
 
 
-def torso(robot: Robot) -> tuple[dict[str, str], dict[str, list[str]], dict[str, Any]]:
-    """Return units, connections and values of a body on a joint, with a planar arm at each of its cutting points."""
-    units = package_units()
-    parts = {"base": "arm_base", "torso_joint": "plant_joint", "torso": "plant_link"}
-    connections: dict[str, list[str]] = {}
-    chains = [("base", "torso_joint", "C"), ("torso_joint", "torso", "C")]
-    for side in "CD":
-        named = [f"{side}_joint_1", f"{side}_link_1", f"{side}_joint_2", f"{side}_link_2"]
-        parts |= dict(zip(named, ("plant_joint", "plant_link") * 2, strict=True))
-        chains += [("torso", named[0], side), *((a, b, "C") for a, b in zip(named, named[1:], strict=False))]
-    for before, after, side in chains:
-        for start, end in cutting_point(before, units[parts[before]], after, units[parts[after]], side):
-            connections.setdefault(start, []).append(end)
-    values = decomposed(scenario_of(robot))[1]
-    pieces = [f"{kind}_{i}" for kind in ("joint", "link") for i in (1, 2)]
-    return parts, connections, {f"{side}_{piece}": values[f"plant_{piece}"] for side in "CD" for piece in pieces}
-
-
 def test_two_arms_on_one_body_are_a_wiring(planar, draw):
     """What hangs on the torso is the sum of both arms, as the second-arm interface of the one-piece arm has them."""
     robot = replace(planar, rotor_coupling=False)
@@ -207,11 +184,8 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
     g = body.g_C
     # arms that know that their base moves, as in the second-arm interface; friction is lumped, on the rotors
     turned = replace(robot, gravity=g)
-    loads = [
-        apparent_load(turned, s.q, s.q_dot, s.tau_s, rotors=Rotors(s.kappa_dot, s.tau_s), ends=Ends(base))
-        for s in states
-    ]
-    own = link_body(body.one(), 0)
+    loads = [articulated(turned, s.q, s.q_dot, s.tau_s, np.zeros(6), None, base, None).arm for s in states]
+    own = body.one().body(0)
     np.testing.assert_array_equal(body.V_C[:3], 0.0)  # its joint's axis passes through its origin
     M = mass_matrix(*own) + sum(M_S for M_S, _ in loads)
     p = bias_force(*own, g, body.V_B) + sum(F_S0 for _, F_S0 in loads)

@@ -15,7 +15,7 @@ from fmpy.validation import validate_fmu
 
 import vdfmu
 from tests.engine.files import check_file
-from tests.system.test_decomposed import torso
+from tests.system.torso import torso
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from vdfmu.base.files import data_path
 from vdfmu.cli.commands import app

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arm.equations.flexible_joint import link_torques
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.kinematics import end_effector_pose
@@ -30,10 +31,21 @@ def _pose(robot: Any, q: Any) -> Any:
     return np.concatenate([np.ravel(part) for part in end_effector_pose(robot, q)])
 
 
+def _of_drives(dynamics: Callable[..., Any]) -> Callable[..., Any]:
+    """Return an inverse dynamics whose result are the torques of the drives alone."""
+    return lambda robot, q, *rest: dynamics(robot, q, *rest) - link_torques(robot, q)
+
+
+def _driven(robot: Any, q: Any, q_dot: Any, tau: Any, F_e: Any) -> Any:
+    """Return the forward dynamics under torques of the drives."""
+    return forward_dynamics(robot, q, q_dot, tau + link_torques(robot, q), F_e)
+
+
 FUNCTIONS: dict[str, tuple[tuple[str, ...], str, Callable[..., Any]]] = {
-    "inverse_dynamics": (("q", "q_dot", "q_ddot", "F_e"), "tau", inverse_dynamics),
-    "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", newton_euler),  # for contrast only, section IV-A
-    "forward_dynamics": (("q", "q_dot", "tau", "F_e"), "q_ddot", forward_dynamics),
+    "inverse_dynamics": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(inverse_dynamics)),
+    # for contrast only, section IV-A
+    "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(newton_euler)),
+    "forward_dynamics": (("q", "q_dot", "tau", "F_e"), "q_ddot", _driven),
     "forward_kinematics": (("q",), "pose", _pose),
     "jacobian": (("q",), "J_q", jacobian),
     "mass_matrix": (("q",), "M", joint_space_mass_matrix),

@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 from vdfmu.base.errors import UsageError
 
@@ -125,6 +126,22 @@ def unit_of(quantity: str, joint_type: str) -> str:
     return measure(quantity).name
 
 
+class JointUnit(NamedTuple):
+    """How the values of one type of joint are shown: units, and the factor from rad or m."""
+
+    joint_type: str
+    position: str
+    factor: float
+    torque: str
+    noun: str
+
+
+JOINT_UNITS = {
+    "revolute": JointUnit("revolute", "deg", _DEG, "N.m", "torque"),
+    "prismatic": JointUnit("prismatic", "mm", 1e3, "N", "force"),
+}
+"""Type of a joint to how it is shown."""
+
 _PREFIXED = re.compile(r"(?P<milli>m(?=m))?(?P<base>deg|rad|m|s|N|W|J|V|A|Hz)(?P<rest>(?![\w²³⁴]).*)")
 _PREFIXES = {6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n"}
 NONE = 1e-9
@@ -167,6 +184,11 @@ def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
     else:
         text = f"{value:.3g}" if size < 1000.0 else f"{value:.0f}"
     return f"{text} {unit}".rstrip().replace("-", "−")
+
+
+def number(value: float) -> str:
+    """Return a number with three significant digits."""
+    return f"{value:.3g}"
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -10,7 +10,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Any, ForwardRef, ParamSpec, TypeVar, cast, get_args
 
@@ -76,6 +76,12 @@ def declared(options: Any) -> list[DeclaredOption]:
         kind, option = get_args(annotation)
         found.append(DeclaredOption(name, kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind, option))
     return found
+
+
+def option_of(options: Any, name: str, text: str = "") -> Option:
+    """Return the declaration of an option, with another text if given."""
+    option = next(each.option for each in declared(options) if each.name == name)
+    return replace(option, text=text) if text else option
 
 
 def taken_options(function: Callable[..., Any]) -> Any:

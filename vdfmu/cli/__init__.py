@@ -99,10 +99,7 @@ _MEMORY = ("can't start new thread", "Cannot allocate memory", "failed to map se
 
 
 def _stop_behind(error: BaseException | None) -> KeyboardInterrupt | None:
-    """Return the signal of which an error is the consequence, such as that of a terminal that is gone.
-
-    Typer makes an exit of it, without a word.
-    """
+    """Return the signal of which an error is the consequence, such as that of a terminal that is gone."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error

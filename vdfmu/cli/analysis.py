@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-import typer
-
-from vdfmu.base.option import read_settings
+from vdfmu.base.option import Option
+from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import (
-    BackendOption,
     JsonOption,
     OverwriteOption,
     RobotArgument,
     RobotOption,
-    SetOption,
-    choice,
-    complete_scenario,
     console,
+    known_scenarios,
     load,
-    out_option,
     say,
     say_error,
     say_json,
@@ -29,7 +24,7 @@ from vdfmu.cli.terminal import (
     table,
     target_file,
 )
-from vdfmu.engine.algorithms import DELAYED, named
+from vdfmu.study.options import LoopOptions
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -40,33 +35,37 @@ def modes(
     robot: RobotArgument,
     pose: Annotated[
         str | None,
-        typer.Option(
+        Option(
+            "Positions of the joints in rad or m (default 0).",
             metavar="'Q1 Q2 ...'",
-            help="Positions of the joints in rad or m; default 0, or the middle between end stops that exclude 0.",
+            more="If end stops exclude 0, the middle between them.",
         ),
     ] = None,
     scenario: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SCENARIO",
-            help="Over the desired motion of a scenario, instead of one pose, with a picture.",
-            autocompletion=complete_scenario,
-        ),
+        str | None, Option("Modes over its motion, with a picture.", metavar="SCENARIO", names=known_scenarios)
     ] = None,
     bode: Annotated[
         int | None,
-        typer.Option(metavar="JOINT", help="Draw the response of a joint's rotor and link to its motor torque, too."),
+        Option(
+            "Draw the frequency response of a joint.",
+            metavar="JOINT",
+            more="Its rotor and link answer to its motor torque.",
+        ),
     ] = None,
-    dry: Annotated[
-        bool, typer.Option("--dry-friction", help="Keep Coulomb and Stribeck friction, with its slope at rest.")
-    ] = False,
+    dry: Annotated[bool, Option("Keep Coulomb and Stribeck friction, at rest.", flag="--dry-friction")] = False,
     out: Annotated[
-        Path | None, out_option("Picture of --scenario or --bode; default SCENARIO_modes.png or ROBOT_bode.png.")
+        Path | None,
+        Option(
+            "Picture of --scenario or --bode.", more="Default: SCENARIO_modes.png or ROBOT_bode.png in this folder."
+        ),
     ] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Print natural frequencies, damping and shapes of the modes of an arm at rest, with motors free and held."""
+    """Print the modes of an arm at rest.
+
+    Natural frequencies, damping and shapes, with motors free and held.
+    """
     from vdfmu.base.errors import UsageError
 
     if scenario is not None:
@@ -180,32 +179,21 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
 
 
 def margins(
-    system: Annotated[
-        str, typer.Argument(metavar="SCENARIO|FILE.ssp", help="A scenario, or a system package.")
-    ] = "tracking",
+    system: Annotated[str, Positional("Scenario, or a system package.", metavar="SCENARIO|FILE.ssp")] = "tracking",
     robot: RobotOption = None,
     at: Annotated[
         list[float] | None,
-        typer.Option(help="Time of the run in seconds, instead of the times with the smallest margins. Repeatable."),
+        Option("Time of the run in s. Repeatable.", more="Default: the times with the smallest margins."),
     ] = None,
     opened: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--loop",
-            metavar="INPUT",
-            help="Connected inputs at which loops are opened; default inputs tau. Repeatable.",
-        ),
+        list[str] | None, Option("Input to open a loop at (default tau). Repeatable.", flag="--loop", metavar="INPUT")
     ] = None,
-    master: Annotated[
-        str | None, typer.Option(**choice(*named()), help=f"{DELAYED} has a sample of delay; default the system's.")
-    ] = None,
-    settings: SetOption = None,
-    backend: BackendOption = None,
     as_json: JsonOption = False,
+    **options: Unpack[LoopOptions],
 ) -> None:
-    """Print the smallest margins of stability of each loop over a run, with the delays of its master.
+    """Print the smallest stability margins of each loop over a run.
 
-    The exit code is 1 if the run is unstable.
+    They include the delays of the master. The exit code is 1 if the run is unstable.
     """
     from vdfmu.base.errors import UsageError
     from vdfmu.study.analysis.loops import margins_along, words_of
@@ -213,10 +201,7 @@ def margins(
     package = system.lower().endswith(".ssp")
     if package and robot is not None:
         raise UsageError(f"margins: --robot is for a scenario; {system} has its own.")
-    found = margins_along(
-        system if package else load(system, robot), opened or (), at or (), master=master,
-        settings=read_settings(settings), backend=backend,
-    )  # fmt: skip
+    found = margins_along(system if package else load(system, robot), opened or (), at or (), **options)
     shown = table("opened at", "t", "modulus", "gain", "phase", "delay", "fastest mode",
                   title=f"Stepped by {found.step:g} s, {found.algorithm}")  # fmt: skip
     rows: list[dict[str, Any]] = []
@@ -240,25 +225,22 @@ def margins(
     say_notes(found.notes)
     if state == "failed":
         say_error(f"{words[:1].upper()}{words[1:]}.")
-        raise typer.Exit(1)
+        raise SystemExit(1)
     if not as_json:
         say(f"{words[:1].upper()}{words[1:]}.")
 
 
 def motion(
-    file: Annotated[
-        str,
-        typer.Argument(
-            help="A scenario, a TOML file with a table motion, or a CSV file of samples.",
-            autocompletion=complete_scenario,
-        ),
-    ],
+    file: Annotated[str, Positional("Scenario, TOML file with a motion, or CSV samples.", names=known_scenarios)],
     robot: RobotOption = None,
-    out: Annotated[Path | None, out_option("Picture to write.")] = None,
+    out: Annotated[Path | None, Option("Picture to write.")] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Work a motion out and print what it takes of each joint: speed, acceleration, torque of the rigid links."""
+    """Print peak speed, acceleration and torque of a motion.
+
+    The torques are those of the rigid links.
+    """
     import numpy as np
 
     from vdfmu.arm.dynamics import inverse_dynamics

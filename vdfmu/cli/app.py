@@ -6,148 +6,136 @@ import inspect
 import logging
 import os
 import platform
-import re
 import sys
 import time
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
-from copy import copy
-from functools import partial, wraps
-from pathlib import Path
-from typing import Annotated, Any
+from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
+from glob import glob
+from typing import Any, NoReturn
 
-import typer
-from typer.core import TyperGroup
+import click
 
 from vdfmu.base.bars import Bars, errors
 from vdfmu.base.errors import LOG
+from vdfmu.base.option import Option
 from vdfmu.base.progress import showing
-from vdfmu.base.text import close_to
 from vdfmu.base.version import __version__
-from vdfmu.cli.terminal import console, expanded, fail
+from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
+from vdfmu.cli.terminal import console, fail
 
-_Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-QuietOption = Annotated[
-    bool,
-    typer.Option(
-        "--quiet",
-        "-q",
-        help="Print the result only: no bars, notes, warnings, and no tables that are in the files written.",
-    ),
-]
-VerboseOption = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Say what is done and how long it takes, and where errors come from.")
-]
+COMPLETE = "_VDFMU_COMPLETE"
+"""Variable by which the shell asks for completions."""
 
 
-class CommandGroup(TyperGroup):
-    """All commands: wrong usage is an error as any other."""
+class Described(click.Command):
+    """Help of one line an option, in groups by task; the options of all commands."""
 
-    def make_context(self, *args: Any, **kwargs: Any) -> Any:
-        """Read the words before the command."""
-        with _usage_errors(None):
-            return super().make_context(*args, **kwargs)
+    panel = ""
+    """Heading of its group in the list of commands."""
 
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command."""
-        with _usage_errors(ctx):
+    def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
+        settings["params"] = [
+            *settings.get("params", ()),
+            parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
+            parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
+        ]
+        super().__init__(name, **settings)
+        self.example = example
+
+    @property
+    def summary(self) -> str:
+        """First paragraph of the help."""
+        return " ".join((self.help or "").partition("\n\n")[0].split())
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write usage, description, a line for each argument, option and command, and the example."""
+        self.format_usage(ctx, formatter)
+        self.format_help_text(ctx, formatter)
+        for heading, rows in {**self.commands_by_panel(), **rows_by_task(self.get_params(ctx))}.items():
+            formatter.write(f"\n{heading}:\n{in_columns(rows)}")
+        if self.example:
+            formatter.write(f"\n{in_lines(f'Example: {self.example}')}\n")
+
+    def commands_by_panel(self) -> dict[str, list[tuple[str, str]]]:
+        """Return names and summaries of the commands below it."""
+        return {}
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command, below a line that moves."""
+        set_verbosity(ctx.params.pop("quiet"), ctx.params.pop("verbose"))
+        if isinstance(self, click.Group):
             return super().invoke(ctx)
+        with Bars(ctx.command_path.partition(" ")[2]) as bars, showing(bars.update):
+            console.bars = bars
+            try:
+                return super().invoke(ctx)
+            finally:
+                console.bars = None
 
 
-_CLICK: Any = typer.BadParameter.__mro__[2]
-"""What all errors of usage are, of click or of its copy in typer."""
+class FunctionCommand(Described):
+    """A command: its options are declared by its function."""
+
+    def __init__(self, name: str | None, *, callback: Callable[..., Any], example: str, **settings: Any) -> None:
+        known = {"help": inspect.getdoc(callback), **settings, "params": parameters_of(callback)}
+        super().__init__(name, callback=callback, example=example, **known)
 
 
-@contextmanager
-def _usage_errors(top: Any) -> Generator[None]:
-    try:
-        yield
-    except _CLICK as error:
-        context = getattr(error, "ctx", None)
-        if type(error).__name__ == "NoArgsIsHelpError":  # the message is the help
-            raise
-        # an option without its value has no context of its command
-        path = context.command_path.partition(" ")[2] if context else (top and top.invoked_subcommand) or ""
-        fail(_usage(error, path, context), 2)
+class App(Described, click.Group):
+    """All commands, or a group of them."""
+
+    command_class = FunctionCommand
+
+    def add(self, commands: Iterable[tuple[Any, str]], panel: str) -> None:
+        """Add functions as commands, with their examples, and groups, below a heading."""
+        for added, example in commands:
+            made = added if isinstance(added, App) else FunctionCommand(added.__name__, callback=added, example=example)
+            made.panel = panel
+            self.add_command(made)
+
+    def commands_by_panel(self) -> dict[str, list[tuple[str, str]]]:
+        """Return names and summaries of its commands, in their groups."""
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for name, command in self.commands.items():
+            assert isinstance(command, Described)
+            panels.setdefault(command.panel or "Commands", []).append((name, command.summary))
+        return panels
+
+    def main(self, args: Any = None, *_: Any, **extra: Any) -> NoReturn:
+        """Run the command that the words name; wrong usage is an error as any other."""
+        reset_verbosity()
+        words = list(sys.argv[1:] if args is None else args)
+        if os.name == "nt":
+            words = [each for word in words for each in glob(word) or [word]]
+        if COMPLETE in os.environ:
+            from click.shell_completion import shell_complete
+
+            sys.exit(shell_complete(self, {}, "vdfmu", COMPLETE, os.environ[COMPLETE]))
+        try:
+            with self.make_context("vdfmu", words) as context:
+                self.invoke(context)
+        except click.exceptions.NoArgsIsHelpError as error:
+            error.show()
+            sys.exit(2)
+        except click.ClickException as error:
+            fail(_usage(error, words), 2)
+        except click.exceptions.Exit as end:
+            sys.exit(end.exit_code)
+        sys.exit(0)
 
 
-def _usage(error: Any, path: str, context: Any) -> str:
+def _usage(error: Any, words: Sequence[str]) -> str:
     """Return the message of wrong usage, with the way out."""
+    if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
+        known = {
+            word.lstrip("-"): word for each in error.ctx.command.params for word in (*each.opts, *each.secondary_opts)
+        }
+        close = [known[word] for word in get_close_matches(error.option_name.lstrip("-"), known)]
+        error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")
-    option: str = getattr(error, "option_name", None) or ""
-    if type(error).__name__ == "NoSuchOption":
-        known = [word for one in context.command.params for word in (*one.opts, *one.secondary_opts)]
-        close = re.sub(r"([\w-]+)(?=[,?])", r"--\1", close_to(option.lstrip("-"), [word.lstrip("-") for word in known]))
-        message = f"No such option: {option}{close}"
-    stop = "" if message.endswith("?") else "."
-    return f"{message}{stop} See '{' '.join(filter(None, ('vdfmu', path)))} --help'."
-
-
-class App(typer.Typer):
-    """An app or a group of commands."""
-
-    def __init__(self, *, cls: type[CommandGroup] = CommandGroup, **options: Any) -> None:
-        super().__init__(cls=cls, **options)
-
-    def command(self, name: str | None = None, **options: Any) -> _Decorator:
-        """Register a command, as typer does."""
-        register = super().command(name, **options)
-
-        def shown(function: Callable[..., Any]) -> Callable[..., Any]:
-            words = (self.info.name, name or function.__name__)
-            return register(showing_signs(" ".join(word for word in words if isinstance(word, str)))(function))
-
-        return shown
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """Run the command that the words name; without the others, which take typer longer than most errors."""
-        kwargs.setdefault("prog_name", "vdfmu")  # of python -m vdfmu.cli too
-        words = args[0] if args else sys.argv[1:]
-        named = next((word for word in words if not word.startswith("-")), "")
-        one = copy(self)
-        one.registered_commands = [each for each in self.registered_commands if _name_of(each) == named]
-        one.registered_groups = [each for each in self.registered_groups if each.name == named]
-        found = one.registered_commands or one.registered_groups
-        grouped = self.registered_callback is not None  # else typer makes of one command an app without its name
-        return _quick(typer.main.get_command(one if found and grouped else self))(*args, **kwargs)
-
-
-def _quick(command: Any) -> Any:
-    """Let a command, and those in it, read texts and paths without pydantic, which takes 0.08 s."""
-    for parameter in command.get_params(typer.Context(command)):
-        parameter.process_value = partial(_value, parameter, parameter.process_value)
-        if parameter.metavar is None or parameter.param_type_name == "argument":
-            parameter.display_type = partial(_type_name, parameter)
-    for one in getattr(command, "commands", {}).values():
-        _quick(one)
-    return command
-
-
-def _type_name(parameter: Any, _: Any) -> str | None:
-    """Return a word for the values of an option; None for a switch."""
-    if parameter.param_type_name == "argument" or parameter.is_flag:
-        return None
-    kind = re.sub(r"list\[(.*)\]", r"\1", parameter.bare_type())
-    return {"str": "TEXT", "Path": "PATH", "int": "INTEGER"}.get(kind, "NUMBER")
-
-
-def _value(parameter: Any, asked: Callable[[Any, Any], Any], context: Any, value: Any) -> Any:
-    """Return the value of a parameter; `asked`: what typer does."""
-    kind, found = getattr(getattr(parameter, "type_descriptor", None), "annotation", None), value
-    if value is None and not parameter.required:
-        found = () if parameter.multiple or parameter.nargs == -1 else None
-    elif kind is Path and isinstance(value, (str, Path)) and (os.access(value, os.R_OK) or not os.path.exists(value)):
-        found = Path(value)
-    elif not (kind is str and isinstance(value, str) or kind == list[str] and value and isinstance(value, list)):
-        found = asked(context, value)
-        if any(each != each for each in (found if isinstance(found, (list, tuple)) else (found,))):
-            raise typer.BadParameter("expected a number, got nan", context, parameter)
-        return found
-    return found if parameter.callback is None else parameter.callback(context, parameter, found)
-
-
-def _name_of(command: typer.models.CommandInfo) -> str:
-    return command.name or getattr(command.callback, "__name__", "").replace("_", "-")
+    # an option without its value has no context of its command
+    path = error.ctx.command_path if error.ctx else " ".join(["vdfmu", *words[:1]])
+    return f"{message}{'' if message[-1:] in '?)' else '.'} See '{path} --help'."
 
 
 def set_verbosity(quiet: bool = False, verbose: bool = False) -> None:
@@ -172,32 +160,6 @@ def reset_verbosity() -> None:
     for handler in list(LOG.handlers):
         if isinstance(handler, _Lines):
             LOG.removeHandler(handler)
-
-
-def showing_signs(title: str) -> _Decorator:
-    """Give a command the options of all, and bars below a title while it runs."""
-
-    def shown(function: Callable[..., Any]) -> Callable[..., Any]:
-        parameters, read = expanded(function)
-
-        @wraps(function)
-        def command(*, quiet: bool, verbose: bool, **options: Any) -> None:
-            set_verbosity(quiet, verbose)
-            with Bars(title) as bars, showing(bars.update):
-                console.bars = bars
-                try:
-                    function(**read(options))
-                finally:
-                    console.bars = None
-
-        more = [
-            inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=option)
-            for word, option in (("quiet", QuietOption), ("verbose", VerboseOption))
-        ]
-        command.__signature__ = inspect.Signature([*parameters, *more])  # type: ignore[attr-defined]
-        return command
-
-    return shown
 
 
 class _Lines(logging.Handler):

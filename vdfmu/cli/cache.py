@@ -4,23 +4,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from vdfmu.cli.app import App, showing_signs
+from vdfmu.cli.app import App
 from vdfmu.cli.terminal import say
 
 if TYPE_CHECKING:
     from vdfmu.base.cache import CachedFile
 
-app = App(name="cache", help="Show the cache of what was built, or clear it.")
 
-
-@app.callback(invoke_without_command=True, epilog="Example: [bold]vdfmu cache[/bold]")
-@showing_signs("cache")
-def show(context: typer.Context) -> None:
-    """Show the cache of what was built: its folder, entries and size."""
-    if context.invoked_subcommand is None:
+def _show() -> None:
+    if click.get_current_context().invoked_subcommand is None:
         say_cache()
+
+
+app = App(
+    "cache",
+    callback=_show,
+    invoke_without_command=True,
+    help="Show the cache of what was built, or clear it.",
+    example="vdfmu cache",
+)
 
 
 def say_cache() -> None:
@@ -35,7 +39,7 @@ def say_cache() -> None:
     say(f"What the compiler keeps for itself, in {folder / COMPILER}, is not counted.")
 
 
-@app.command("clear", epilog="Example: [bold]vdfmu cache clear[/bold]")
+@app.command("clear", example="vdfmu cache clear")
 def clear_cache() -> None:
     """Remove all entries; what the compiler keeps for itself stays."""
     from vdfmu.base.cache import cache_folder, clear

@@ -5,27 +5,20 @@ from __future__ import annotations
 import io
 import logging
 import os
-import re
 import sys
 import warnings
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+import click
 from rich.markup import escape
 
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
 from vdfmu.base.version import __version__
 from vdfmu.cli import analysis, cache, doctor, files, identify, robots, runs, scenarios, studies, units, view
-from vdfmu.cli.app import App, QuietOption, VerboseOption, reset_verbosity, set_verbosity
+from vdfmu.cli.app import COMPLETE, App
 from vdfmu.cli.terminal import console, fail, folder_is_gone, table
 
-app = App(
-    invoke_without_command=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    help="Flexible-joint manipulators as co-simulation FMUs: build them, wire them, run them, check them.",
-)
 COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Run": (
         (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
@@ -64,12 +57,6 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Installation": ((doctor.doctor, "vdfmu doctor"), (cache.app, "")),
 }
 """The commands in groups, each with an example; those of a group of their own have theirs."""
-for panel, listed in COMMANDS.items():
-    for one, example in listed:
-        if isinstance(one, App):
-            app.add_typer(one, name=one.info.name, rich_help_panel=panel)
-        else:
-            app.command(epilog=f"Example: [bold]{example}[/bold]", rich_help_panel=panel)(one)
 FIRST = {
     "Run": ("run", "sweep", "tune"),
     "Look": ("report", "view"),
@@ -79,36 +66,57 @@ FIRST = {
 """The commands that are needed most, which ``vdfmu`` names."""
 
 
-def _show_version(wanted: bool) -> None:
+def _show_version(context: click.Context, parameter: click.Parameter, wanted: bool) -> None:
     if wanted:
         console.print(f"vdfmu {__version__}")
-        raise typer.Exit
+        context.exit()
 
 
-@app.callback()
-def _options(
-    context: typer.Context,
-    version: Annotated[
-        bool, typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version)
-    ] = False,
-    quiet: QuietOption = False,
-    verbose: VerboseOption = False,
-) -> None:
-    reset_verbosity()
-    set_verbosity(quiet, verbose)
-    if context.invoked_subcommand is None:
-        _say_first(context)
+def _completion(context: click.Context, parameter: click.Parameter, shell: str | None) -> None:
+    """Print what lets a shell complete commands and options."""
+    if shell is not None:
+        from click.shell_completion import get_completion_class
+
+        if (kind := get_completion_class(shell)) is None:
+            raise click.BadParameter(f"expected bash, zsh or fish, got {shell}", context, parameter)
+        print(kind(app, {}, "vdfmu", COMPLETE).source())
+        context.exit()
 
 
-def _say_first(context: typer.Context) -> None:
+def _begin() -> None:
+    if click.get_current_context().invoked_subcommand is None:
+        _say_first()
+
+
+app = App(
+    "vdfmu",
+    invoke_without_command=True,
+    callback=_begin,
+    help="Flexible-joint manipulators as co-simulation FMUs.",
+    params=[
+        click.Option(
+            ["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
+            help="Show the version.",
+        ),
+        click.Option(
+            ["--completion"], metavar="SHELL", is_eager=True, expose_value=False, callback=_completion,
+            help="Print the completion of bash, zsh or fish.",
+        ),
+    ],
+)  # fmt: skip
+for panel, listed in COMMANDS.items():
+    app.add(listed, panel)
+
+
+def _say_first() -> None:
     """Name the commands that are needed most, and where the others are."""
-    known: Any = getattr(context.command, "commands", {})
-    console.print(f"[bold]vdfmu[/bold]  {context.command.help}")
+    known: Any = app.commands
+    console.print(f"[bold]vdfmu[/bold]  {app.help}")
     shown = table("", "", "", title=" ", show_header=False)
     for group, names in FIRST.items():
         for name in names:
-            short = re.split("[:,]", " ".join((known[name].help or "").split()))[0].rstrip(".")
-            shown.add_row(group if name == names[0] else "", f"[bold cyan]{name}[/bold cyan]", escape(short))
+            short = escape(known[name].summary.partition(":")[0].rstrip("."))
+            shown.add_row(group if name == names[0] else "", f"[bold cyan]{name}[/bold cyan]", short)
     console.print(shown)
     others = ", ".join(name for name in known if name not in {each for names in FIRST.values() for each in names})
     console.print(f"\nBegin with [bold]vdfmu run[/bold]. Also: {others}.")

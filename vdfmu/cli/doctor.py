@@ -6,8 +6,6 @@ import os
 import platform
 import sys
 
-import typer
-
 from vdfmu.base.standards import WITHOUT_NATIVE
 
 WITHOUT = {
@@ -26,7 +24,7 @@ WITHOUT = {
 
 
 def doctor() -> None:
-    """Say what is installed, what a missing compiler or extra costs, and where the cache is."""
+    """Say what is installed and what a missing package costs."""
     from vdfmu.base.errors import FmuError
     from vdfmu.base.version import __version__
     from vdfmu.cli.cache import say_cache
@@ -55,4 +53,4 @@ def doctor() -> None:
     say_cache()
     if missing:
         say(f"error: {', '.join(missing)} not installed, without which nothing runs: install vdfmu again")
-        raise typer.Exit(1)
+        raise SystemExit(1)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import PACKAGE, replacing_foreign, require_ours
-from vdfmu.base.option import read_settings
+from vdfmu.base.option import Option, option_of
 from vdfmu.base.plugins import added
 from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS
 from vdfmu.base.text import first_few
 from vdfmu.base.toml_file import shipped_names
+from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import (
     BackendOption,
     FmiOption,
@@ -24,15 +23,12 @@ from vdfmu.cli.terminal import (
     ScenarioArgument,
     SetOption,
     UnpackOption,
-    choice,
     fail,
     load,
-    out_option,
     say,
     say_json,
     say_notes,
     say_written,
-    typer_option,
 )
 from vdfmu.engine.rules import Finding
 from vdfmu.study.options import RobotOptions
@@ -44,37 +40,35 @@ if TYPE_CHECKING:
 def build(
     scenario: Annotated[
         str,
-        typer.Argument(
+        Positional(
+            "Scenario, or a unit.",
             metavar="SCENARIO|UNIT",
-            help="Name or file of a scenario, or a unit: controller, my_unit.py or my_units.py:Name.",
+            more="A name or a file; a unit is controller, my_unit.py or my_units.py:Name.",
         ),
     ] = "tracking",
     robot: RobotOption = None,
-    out: Annotated[Path, out_option("Folder of the FMUs.")] = Path("fmus"),
+    out: Annotated[Path, Option("Folder of the FMUs.")] = Path("fmus"),
     backend: BackendOption = None,
     fmi: FmiOption = PYTHON_FMI.name,
     platform: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Platform of native FMUs, such as x86_64-windows, or all; wasm32 is a module of "
-            "WebAssembly. Default this machine's. Repeatable."
+        Option(
+            "x86_64-windows, .. or all. Repeatable.",
+            metavar="NAME",
+            more="Default: this machine. wasm32 is a module of WebAssembly.",
         ),
     ] = None,
-    sources: Annotated[bool, typer.Option(help="Carry the C of native FMUs in them.")] = True,
-    target: Annotated[
-        str,
-        typer.Option(
-            **choice("fmi", "efmi"), help="What to build; efmi: FMUs of controllers, with code for microcontrollers."
-        ),
-    ] = "fmi",
-    precision: Annotated[str, typer.Option(**choice("double", "float32"), help="Numbers of that code.")] = "double",
-    step: Annotated[
-        float | None, typer.Option(help="Time between steps of that code [s]; default the scenario's, or 0.001.")
-    ] = None,
+    sources: Annotated[bool, Option("Carry the C of native FMUs in them.")] = True,
+    target: Annotated[str, Option("efmi is code for microcontrollers.", choices=("fmi", "efmi"))] = "fmi",
+    precision: Annotated[str, Option("Floating-point type of eFMI code.", choices=("double", "float32"))] = "double",
+    step: Annotated[float | None, Option("Step of eFMI code in s.", more="Default: the scenario's, or 0.001.")] = None,
     settings: SetOption = None,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
+    """Build the FMUs of a scenario, or the FMU of a unit.
+
+    The scenario's values are their start values.
+    """
     chosen = None if _is_unit(scenario) else load(scenario, robot, settings)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
@@ -90,7 +84,7 @@ def build(
         if chosen is None:
             unit = find_unit(scenario)
             fixed = load_robot(robot) if robot is not None else None
-            values = {unit_name(unit): start_values(unit, fixed, read_settings(settings))}
+            values = {unit_name(unit): start_values(unit, fixed, settings or {})}
             asked["step"] = 1e-3 if step is None else step
             built = build_fmus(fixed, out, units=[unit], start_values=values, **asked)
         else:
@@ -111,13 +105,13 @@ def _is_unit(name: str) -> bool:
     return name in units or added("units", name)
 
 
-def _values(scenario: Scenario, backend: str | None, settings: list[str] | None) -> dict[str, dict[str, Any]]:
+def _values(scenario: Scenario, backend: str | None, settings: Mapping[str, str] | None) -> dict[str, dict[str, Any]]:
     """Say what is odd about a scenario that is to be built, and return the values of its components."""
     from vdfmu.compiler.fmu.build import build_notes
     from vdfmu.system.scenario.check import model_notes
     from vdfmu.system.scenario.values import system_values
 
-    given = read_settings(settings)
+    given = settings or {}
     say_notes([*model_notes(scenario, given), *build_notes(scenario.robot, backend)])
     return system_values(scenario, given)
 
@@ -125,12 +119,15 @@ def _values(scenario: Scenario, backend: str | None, settings: list[str] | None)
 def container(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
-    out: Annotated[Path | None, out_option("File to write; default SCENARIO.fmu.")] = None,
-    step: Annotated[float | None, typer.Option(help="Step at which the units exchange values.")] = None,
+    out: Annotated[Path | None, Option("File to write (default SCENARIO.fmu).")] = None,
+    step: Annotated[float | None, Option("Step in s at which the units exchange values.")] = None,
     settings: SetOption = None,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Fold the system of a scenario into one native FMU that steps its units without a master."""
+    """Fold the system of a scenario into one native FMU.
+
+    The FMU steps its units without a master.
+    """
     chosen = load(scenario, robot, settings)
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.container import write_container
@@ -152,19 +149,18 @@ def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
     form: Annotated[
-        str, typer.Option("--ssp", **choice(*SSP_FORMATS), help="Version of SSP; 2.0 has native units of FMI 3.0.")
+        str, Option("Version of SSP; 2.0 holds FMUs of FMI 3.0.", flag="--ssp", choices=tuple(SSP_FORMATS))
     ] = SSP_1.name,
-    out: Annotated[Path | None, out_option("File to write; default SCENARIO.ssp or SCENARIO_2.0.ssp.")] = None,
-    apart: Annotated[
-        bool, typer.Option("--decomposed", help="Wire arms from their links and joints: SCENARIO_decomposed.ssp.")
-    ] = False,
+    out: Annotated[Path | None, Option("File to write (default SCENARIO.ssp).")] = None,
+    apart: Annotated[bool, Option("Wire arms from their links and joints.", flag="--decomposed")] = False,
     backend: BackendOption = None,
     settings: SetOption = None,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Pack the system of a scenario as an SSP, with FMUs and parameters inside.
+    """Pack the system of a scenario as an SSP.
 
-    The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
+    FMUs and parameters are inside. The FMUs have the scenario's values as start values too, for importers that do not
+    apply all parameter sets.
     """
     chosen = load(scenario, robot, settings)
     from vdfmu.base.files import temporary_folder
@@ -180,7 +176,7 @@ def ssp(
     if apart:
         from vdfmu.system.scenario.decomposed import decomposed
 
-        chosen, values = decomposed(chosen, read_settings(settings))
+        chosen, values = decomposed(chosen, settings or {})
     with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
         fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
         say_written(write_ssp(chosen, fmus, target, values, version=form))
@@ -189,11 +185,14 @@ def ssp(
 def reference(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
-    out: Annotated[Path, out_option("Folder to write.")] = Path("reference"),
+    out: Annotated[Path, Option("Folder to write.")] = Path("reference"),
     settings: SetOption = None,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Write a folder for other tools: the system as SSP 1.0 and 2.0, its results, a script that compares."""
+    """Write a folder with which another tool can be compared.
+
+    It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.
+    """
     chosen = load(scenario, robot, settings)
     from vdfmu.study.run.reference_folder import write_reference
     from vdfmu.system.package.write import fmi_of_format
@@ -202,23 +201,22 @@ def reference(
     for form in SSP_FORMATS:
         fmi_of_format(form, None)
     with replacing_foreign(overwrite):
-        say_written(*write_reference(chosen, out, system_values(chosen, read_settings(settings))))
+        say_written(*write_reference(chosen, out, system_values(chosen, settings or {})))
 
 
 def check(
     file: Annotated[
-        Path, typer.Argument(help="An FMU, SSP or SSD of any tool; a robot, scenario or system file; my_unit.py.")
+        Path, Positional("FMU, SSP, SSD, TOML file or unit.", more="Of any tool; a unit is a file such as my_unit.py.")
     ],
-    no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
+    no_run: Annotated[bool, Option("Read only; do not run the units' code.")] = False,
     as_json: JsonOption = False,
     unpack_limit: UnpackOption = None,
-    robot: Annotated[
-        str, typer_option(RobotOptions, "robot", help="Robot for a unit or a system of one's own.")
-    ] = "planar_2dof",
+    robot: Annotated[str, option_of(RobotOptions, "robot", "Robot of a unit or system.")] = "planar_2dof",
 ) -> None:
-    """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results.
+    """Check an FMU or a system.
 
-    Steps run code of the file, in a process of its own that is limited in time and memory; not with --no-run.
+    Checks schema, rules, binaries for this platform, ten steps and reference results. The steps run code of the file
+    in a process with limited time and memory; --no-run leaves them out.
     """
     from vdfmu.engine.inspect.inspection import inspect_file
     from vdfmu.engine.package.limits import package_limit
@@ -242,7 +240,7 @@ def check(
     else:
         _report(file, report.kind if source else report.standard, report.problems, report.notes)
     if report.problems:
-        raise typer.Exit(1)
+        raise SystemExit(1)
 
 
 def _report(file: Path, what: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from vdfmu.base.option import read_settings
-from vdfmu.cli.terminal import (
-    OverwriteOption,
-    console,
-    out_option,
-    say,
-    say_notes,
-    say_written,
-    table,
-    target_file,
-    typer_option,
-)
+from vdfmu.base.option import Option, option_of, read_settings
+from vdfmu.cli.parameters import Positional
+from vdfmu.cli.terminal import OverwriteOption, console, say, say_notes, say_written, table, target_file
+from vdfmu.engine.options import TEXTS
 from vdfmu.study.options import RobotOptions
 
 if TYPE_CHECKING:
@@ -36,76 +27,81 @@ _CLOSE = 0.5
 def identify(
     log: Annotated[
         Path | None,
-        typer.Argument(help="Results of a run, CSV of any tool, Parquet, a MATLAB file, or one that a plugin reads."),
+        Positional(
+            "Log of a motion.",
+            more="Results of a run, CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads.",
+        ),
     ] = None,
     robot: Annotated[
-        str | None,
-        typer_option(RobotOptions, "robot", help="Robot to start from: kinematics, ratios, what is not identified."),
+        str | None, option_of(RobotOptions, "robot", "Robot to start from: kinematics, ratios, the rest.")
     ] = None,
     column: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--column",
+        dict[str, str] | None,
+        Option(
+            "Column of the log: 'tau=I{} [-1.81 N.m]'.",
+            flag="--column",
             metavar="WHAT=NAME",
-            help="Columns: kappa, theta, tau, tau_link or q = NAME with {} for the joint; a unit may follow, with a "
-            "factor, 'tau=I{} [-1.81 N.m]'; q[2]=NAME for one joint. Repeatable.",
+            typed=TEXTS,
+            read=partial(read_settings, option="--column", form="WHAT=NAME, such as q=q_{}"),
+            more="WHAT is kappa, theta, tau, tau_link or q, or of one joint q[2]. NAME has {} for the joint. A unit "
+            "may follow in brackets, with a factor.",
         ),
     ] = None,
     time: Annotated[
-        str, typer.Option(metavar="NAME", help="Column of the times; s, ms, us or ns may follow in brackets.")
+        str, Option("Column of the times.", metavar="NAME", more="s, ms, us or ns may follow in brackets.")
     ] = "",
-    band: Annotated[float | None, typer.Option(help="Band of the equations in Hz; default from the motion.")] = None,
+    band: Annotated[float | None, Option("Band of the equations in Hz.", more="Default: from the motion.")] = None,
     prior: Annotated[
         float,
-        typer.Option(
+        Option(
+            "How far the links of the robot may be off.",
             metavar="SHARE",
-            help="How far the robot file's links may be off: masses, moments of inertia, and centres of mass as a "
-            "share of the radius of gyration; inf if nothing is known of them.",
+            more="A share of masses and moments of inertia, and for centres of mass of the radius of gyration; inf if "
+            "nothing is known.",
         ),
     ] = 0.2,
     other: Annotated[
-        Path | None,
-        typer.Option("--score", metavar="LOG", help="Another log with the same columns: what the model leaves of it."),
+        Path | None, Option("Another log, to score the model with.", flag="--score", metavar="LOG")
     ] = None,
-    truth: Annotated[str | None, typer.Option(help="Robot with the true values, to compare.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Picture of torques and residuals to draw.")] = None,
+    truth: Annotated[str | None, Option("Robot with the true values, to compare.", metavar="ROBOT")] = None,
+    plot: Annotated[Path | None, Option("Picture of torques and residuals to draw.")] = None,
     residuals: Annotated[
         Path | None,
-        typer.Option(
-            help="Picture of what is left, of the other log if there is one: over speed, load, position, in time."
+        Option(
+            "Picture of the residuals over speed, load, ..",
+            more="Over speed, load, position and time, of the other log if there is one.",
         ),
     ] = None,
-    out: Annotated[
-        Path | None, out_option("Robot file to write, with the identified values; with --design the motion.")
-    ] = None,
+    out: Annotated[Path | None, Option("Robot file to write; with --design the motion.")] = None,
     overwrite: OverwriteOption = False,
     design: Annotated[
         str | None,
-        typer.Option(
+        Option(
+            "Choose the best motion to log for this robot.",
             metavar="ROBOT",
-            help="Instead of a log: choose the motion that determines the parameters of this robot best, and predict "
-            "how wide the intervals will be.",
+            more="It determines the parameters best; the width of their intervals is predicted.",
         ),
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="With --design: s of the motion; default 60.")] = None,
+    duration: Annotated[float | None, Option("Duration of the motion in s (default 60).")] = None,
     pose: Annotated[
         str | None,
-        typer.Option(
+        Option(
+            "Pose about which joints move (default several).",
             metavar="'Q1 Q2 ...'",
-            help="With --design: pose about which joints move, '0.3 -0.5'; default several about the middle.",
+            more="Default: several about the middle.",
         ),
     ] = None,
-    step: Annotated[
-        float | None, typer.Option(help="With --design: s from row to row of the log; default 0.002.")
-    ] = None,
-    bits: Annotated[int | None, typer.Option(help="With --design: bits of the encoders; default 17.")] = None,
+    step: Annotated[float | None, Option("s from row to row of the log (default 0.002).")] = None,
+    bits: Annotated[int | None, Option("Bits of the encoders (default 17).")] = None,
     noise: Annotated[
-        float | None,
-        typer.Option(metavar="SHARE", help="With --design: noise of torques over the largest; default 0.005."),
+        float | None, Option("Noise of torques over the largest (default 0.005).", metavar="SHARE")
     ] = None,
-    no_links: Annotated[bool, typer.Option("--no-links", help="With --design: no encoders behind the gears.")] = False,
+    no_links: Annotated[bool, Option("There are no encoders behind the gears.")] = False,
 ) -> None:
-    """Estimate drives, friction, springs and base parameters of an arm from a log of its motion."""
+    """Estimate the parameters of an arm from a log of its motion.
+
+    These are drives, friction, springs and base parameters.
+    """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.errors import UsageError
     from vdfmu.study.identify.fit import identify as estimate
@@ -137,7 +133,7 @@ def identify(
         raise UsageError(f"identify: expected files of different names, got {', '.join(map(str, wanted))}.")
     if true is not None and not _same_chain(arm, true):
         raise UsageError(f"identify: --truth: expected a robot with the joints of {arm.name}, got {true.name}.")
-    columns = read_settings(column, "--column", "WHAT=NAME, such as q=q_{}")
+    columns = column or {}
     rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
     second = None

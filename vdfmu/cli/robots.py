@@ -7,16 +7,16 @@ from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.markup import escape
 
+from vdfmu.base.option import Option
 from vdfmu.cli.app import App
+from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import (
     JsonOption,
     OverwriteOption,
     RobotArgument,
     console,
-    out_option,
     say_json,
     say_list,
     say_notes,
@@ -25,10 +25,10 @@ from vdfmu.cli.terminal import (
     target_file,
 )
 
-app = App(name="robot", no_args_is_help=True, help="List and show robots, and import them from files of other tools.")
+app = App("robot", no_args_is_help=True, help="List and show robots, and import them from files of other tools.")
 
 
-@app.command("list", epilog="Example: [bold]vdfmu robot list[/bold]")
+@app.command("list", example="vdfmu robot list")
 def list_robots(as_json: JsonOption = False) -> None:
     """List the robots that travel with the package."""
     from vdfmu.arm.robot import load_robot, robot_names
@@ -36,7 +36,7 @@ def list_robots(as_json: JsonOption = False) -> None:
     say_list("robot", {name: load_robot(name).description for name in robot_names()}, as_json)
 
 
-@app.command("show", epilog="Example: [bold]vdfmu robot show manipulator_6dof[/bold]")
+@app.command("show", example="vdfmu robot show manipulator_6dof")
 def show_robot(name: RobotArgument) -> None:
     """Show the parameters of a robot, with their sources."""
     import numpy as np
@@ -74,26 +74,24 @@ def show_robot(name: RobotArgument) -> None:
             console.print(f"{', '.join(those)}: {source}", markup=False)
 
 
-@app.command("import", epilog="Example: [bold]vdfmu robot import panda.urdf --tip panda_hand -o panda.toml[/bold]")
+@app.command("import", example="vdfmu robot import panda.urdf --tip panda_hand -o panda.toml")
 def import_file(
-    file: Annotated[Path, typer.Argument(help="A URDF, or a MuJoCo file (MJCF).")],
-    base: Annotated[str | None, typer.Option(help="Link that stands still; default the root of the file.")] = None,
-    tip: Annotated[
-        str | None, typer.Option(help="Link at which the arm ends; default the last, where there is one arm.")
-    ] = None,
+    file: Annotated[Path, Positional("URDF, or MuJoCo file (MJCF).")],
+    base: Annotated[str | None, Option("Fixed link (default the root).", metavar="LINK")] = None,
+    tip: Annotated[str | None, Option("Last link of the arm (default the last).", metavar="LINK")] = None,
     drives: Annotated[
-        Path | None, typer.Option(help="TOML file with drives, by names of joints; what it does not give is assumed.")
+        Path | None, Option("TOML file with drives, by names of joints.", more="Missing values are assumed.")
     ] = None,
     density: Annotated[
-        float | None,
-        typer.Option(
-            help="kg/m3 of the boxes, cylinders and spheres of bodies to which the file gives no mass or inertia."
-        ),
+        float | None, Option("Density in kg/m3 of bodies without a mass.", more="For boxes, cylinders and spheres.")
     ] = None,
-    out: Annotated[Path | None, out_option("Robot file to write; default FILE.toml, in this folder.")] = None,
+    out: Annotated[Path | None, Option("Robot file to write (default FILE.toml).")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write a robot file from a URDF or a MuJoCo file. It says where each number is from."""
+    """Write a robot file from a URDF or a MuJoCo file.
+
+    The file names the source of each number.
+    """
     from vdfmu.arm.imports import import_robot
     from vdfmu.arm.robot.robot import joint_free
     from vdfmu.base.files import write_whole
@@ -109,13 +107,16 @@ def import_file(
     say_written(target, more=f", {robot.n} joint{'s' * (robot.n > 1)}")
 
 
-@app.command("reach", epilog="Example: [bold]vdfmu robot reach ./panda.toml -o reach.toml[/bold]")
+@app.command("reach", example="vdfmu robot reach ./panda.toml -o reach.toml")
 def reach(
     robot: RobotArgument,
-    out: Annotated[Path | None, out_option("Scenario to write; default ROBOT_reach.toml, in this folder.")] = None,
+    out: Annotated[Path | None, Option("Scenario to write (default ROBOT_reach.toml).")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write the scenario of a first motion, with gains by one rule, and print the margins of the arm's loops."""
+    """Write the scenario of a first motion, with gains.
+
+    One rule gives the gains. The margins of the loops are printed.
+    """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
     from vdfmu.study.analysis.loops import told
@@ -140,14 +141,12 @@ def reach(
     say_written(target, more=f". Run it with 'vdfmu run {target}'; margins are the smallest along it")
 
 
-@app.command("drives", epilog="Example: [bold]vdfmu robot drives CSG-25-100[/bold]")
+@app.command("drives", example="vdfmu robot drives CSG-25-100")
 def list_drives(
-    name: Annotated[
-        str | None, typer.Argument(help="A gear or a motor, for its numbers and where they are from.")
-    ] = None,
+    name: Annotated[str | None, Positional("Gear or motor, for its numbers and their sources.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the gears and motors that a joint's gear = ".." and motor = ".." can name."""
+    """List the gears and motors that a robot file can name."""
     from vdfmu.arm.drive.spring_fit import catalogue_torsion, fit_spring
     from vdfmu.arm.robot.catalogue import catalogue
     from vdfmu.base.errors import UsageError

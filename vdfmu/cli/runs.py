@@ -7,60 +7,51 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
-import typer
+import click
 from rich.text import Text
 
 from vdfmu.base.bars import errors
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import inside, replacing_foreign, require_ours
-from vdfmu.base.option import pick
+from vdfmu.base.option import Option, option_of, pick
+from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import (
     ForeignOption,
     ScenarioArgument,
     UnpackOption,
-    choice,
     console,
     load,
-    out_option,
     say_error,
     say_notes,
     say_written,
     tell,
-    typer_option,
     unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, live_view
 from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
 
-OpenOption = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
-PackageArgument = Annotated[Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")]
+OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
+PackageArgument = Annotated[Path, Positional("System package, SSP 1.0 or 2.0, of any tool.")]
 
 
 def run(
-    context: typer.Context,
     scenario: ScenarioArgument = "tracking",
     *,
     study: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="SWEEP", help="Run a point of a parameter study: sweep.parquet or its folder."),
+        Path | None, Option("A study: sweep.parquet or its folder.", flag="--from", metavar="SWEEP")
     ] = None,
-    row: Annotated[
-        str | None, typer.Option(help="Of --from: worst, best, or the number of a point; default worst.")
-    ] = None,
-    by: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of worst and best: by which measure; default the first.")
-    ] = None,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Of --from: run files that a study from elsewhere names, with your rights.")
-    ] = False,
+    row: Annotated[str | None, Option("worst, best or a number (default worst).", metavar="POINT")] = None,
+    by: Annotated[str | None, Option("Measure of worst and best (default the first).", metavar="NAME")] = None,
+    trust: Annotated[bool, Option("Run files that a study of others names.", more="They have your rights.")] = False,
     live: LiveOption = False,
     port: PortOption = None,
     opened: OpenOption = False,
     **options: Unpack[ScenarioRunOptions],
 ) -> None:
-    """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures.
+    """Run a scenario and judge the run.
 
+    Builds stale FMUs, co-simulates, solves the references, compares, writes a page.
     The exit code is 1 if the run failed, 0 if it is good or doubtful.
     """
     way = {
@@ -79,8 +70,8 @@ def run(
     else:
         from vdfmu.study.sweeps.sweep import Sweep
 
-        source = context.get_parameter_source("scenario")
-        if source is not None and source.name == "COMMANDLINE":
+        source = click.get_current_context().get_parameter_source("scenario")
+        if source is click.core.ParameterSource.COMMANDLINE:
             raise UsageError(f"{scenario}: expected no scenario with --from: {study} has its own.")
         found = Sweep(study)
         point = found.options(row or "worst", by, trust=trust)
@@ -95,8 +86,8 @@ def run(
     from vdfmu.study.report import tables
     from vdfmu.study.report.page import NAME
     from vdfmu.study.report.sheets import sheets
-    from vdfmu.study.run.scenario_run import RUN_OUTPUTS
-    from vdfmu.study.run.scenario_run import run as run_study
+    from vdfmu.study.runs import RUN_OUTPUTS
+    from vdfmu.study.runs import run as run_study
 
     with live_view(live, port) as observer:
         try:
@@ -116,7 +107,7 @@ def run(
         _say_verdict(summary)
         _say_page(folder / NAME, opened)
     if failed:
-        raise typer.Exit(1)
+        raise SystemExit(1)
 
 
 def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
@@ -134,7 +125,7 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
         _say_verdict(summary)
     _say_page(page, opened)
     if not stopped:
-        raise typer.Exit(1)
+        raise SystemExit(1)
 
 
 def simulate(
@@ -143,19 +134,12 @@ def simulate(
     unpack_limit: UnpackOption = None,
     live: LiveOption = False,
     port: PortOption = None,
-    robot: Annotated[
-        str | None,
-        typer_option(
-            RobotOptions,
-            "robot",
-            help="Of --live: whose arm it is, a name or the path of a TOML file; plant.q are its positions.",
-        ),
-    ] = None,
+    robot: Annotated[str | None, option_of(RobotOptions, "robot", "Arm that --live shows.")] = None,
     **options: Unpack[SystemOptions],
 ) -> None:
-    """Run a system package, and write its signals.
+    """Run a system package and write its signals.
 
-    Start, stop, step and master that are not given are those of the package's default experiment and its annotations.
+    Start, stop, step and master default to the package's experiment and annotations.
     """
     if robot is not None and not live:
         raise UsageError("--robot: expected --live, which it is for.")
@@ -168,35 +152,27 @@ def federate(
     package: PackageArgument,
     split: Annotated[
         list[str],
-        typer.Option(
+        Option(
+            "Components of a federate. Repeatable.",
             metavar="COMPONENT,...",
-            help="Components of one federate, which has the name of the first; those not named are one more. "
-            "Repeatable.",
+            more="The first gives the federate its name. Components that are not named form one more federate.",
         ),
     ],
     *,
     only: Annotated[
-        str | None,
-        typer.Option("--federate", metavar="NAME", help="Run this federate only; others run elsewhere. With --broker."),
+        str | None, Option("Run this federate only; needs --broker.", flag="--federate", metavar="NAME")
     ] = None,
-    broker: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HOST:PORT", help="The HELICS broker of all federates; default one of the run, on loopback."
-        ),
-    ] = None,
+    broker: Annotated[str | None, Option("Broker of all federates (default a local one).", metavar="HOST:PORT")] = None,
     core: Annotated[
-        str,
-        typer.Option(
-            **choice("tcp_ss", "tcp", "zmq", "ipc"), help="How HELICS carries messages; ipc on one machine only."
-        ),
+        str, Option("HELICS core; ipc is for one machine only.", choices=("tcp_ss", "tcp", "zmq", "ipc"))
     ] = "tcp_ss",
     unpack_limit: UnpackOption = None,
     **options: Unpack[PackageOptions],
 ) -> None:
-    """Run a system package in several processes, on this machine or on several, joined by HELICS.
+    """Run a system package in several processes joined by HELICS.
 
-    Each steps its components with what the others had at the start of the step, as --master jacobi does in one process.
+    Each process steps its components with the others' values at the start of the step, as --master jacobi does in one
+    process.
     """
     from vdfmu.engine.federation import Federation
     from vdfmu.engine.package_run import default_folder
@@ -210,24 +186,20 @@ def federate(
 def report(
     folders: Annotated[
         list[Path] | None,
-        typer.Argument(
-            metavar="[DIR ...]",
-            help="Folders of runs; several are compared on one page. Of a folder of runs: index.html, a card for each. "
-            "Default: the newest in results.",
-            show_default=False,
+        Positional(
+            "Folders of runs (default the newest in results).",
+            metavar="[DIR]...",
+            more="Several runs are compared on one page. A folder of runs gets index.html, links with verdicts.",
         ),
     ] = None,
     out: Annotated[
-        Path | None,
-        out_option("File to write; default report.html in the folder, of several comparison.html beside it."),
+        Path | None, Option("File (default report.html or comparison.html).", more="It goes into the run's folder.")
     ] = None,
-    simulate: Annotated[
-        bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")
-    ] = True,
+    simulate: Annotated[bool, Option("Let the page run them again, with sliders.")] = True,
     opened: OpenOption = False,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Write the page of a run, or of several side by side: one file, which any browser opens."""
+    """Write the page of a run, or compare several runs on one page."""
     from vdfmu.study.report.gallery import INDEX, is_gallery, write_gallery
     from vdfmu.study.report.page import NAME, write_report
     from vdfmu.study.report.shown_run import newest_run, read_run, run_folder

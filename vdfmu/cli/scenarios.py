@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
+from vdfmu.base.option import Option
 from vdfmu.cli.app import App
-from vdfmu.cli.terminal import JsonOption, choice, complete_scenario, say, say_json, say_list
+from vdfmu.cli.parameters import Positional
+from vdfmu.cli.terminal import JsonOption, known_scenarios, say, say_json, say_list
 
-app = App(name="scenario", no_args_is_help=True, help="List and show scenarios.")
+app = App("scenario", no_args_is_help=True, help="List and show scenarios.")
 
 
-@app.command("list", epilog="Example: [bold]vdfmu scenario list[/bold]")
+@app.command("list", example="vdfmu scenario list")
 def list_scenarios(as_json: JsonOption = False) -> None:
     """List the scenarios that travel with the package."""
     from vdfmu.system.scenario import load_scenario, scenario_names
@@ -20,11 +20,9 @@ def list_scenarios(as_json: JsonOption = False) -> None:
     say_list("scenario", {name: load_scenario(name).description for name in scenario_names()}, as_json)
 
 
-@app.command("show", epilog="Example: [bold]vdfmu scenario show tracking[/bold]")
+@app.command("show", example="vdfmu scenario show tracking")
 def show_scenario(
-    name: Annotated[
-        str, typer.Argument(help="Name of a scenario, or path of its TOML file.", autocompletion=complete_scenario)
-    ],
+    name: Annotated[str, Positional("Name of a scenario, or path of its TOML file.", names=known_scenarios)],
 ) -> None:
     """Show the file of a scenario."""
     from vdfmu.base.toml_file import locate, read_toml
@@ -34,10 +32,13 @@ def show_scenario(
 
 
 def schema(
-    kind: Annotated[str, typer.Argument(**choice("robot", "scenario", "system"), help="Kind of the file.")],
-    system: Annotated[str, typer.Option(help="Whose components the sections of a scenario are for.")] = "system",
+    kind: Annotated[str, Positional("Kind of the file.", choices=("robot", "scenario", "system"))],
+    system: Annotated[str, Option("System of the scenario.", more="Its components have sections.")] = "system",
 ) -> None:
-    """Print the JSON schema of a TOML file, for editors: "#:schema robot.schema.json" in its first line."""
+    """Print the JSON schema of a TOML file.
+
+    Editors read it if the first line of the file is "#:schema robot.schema.json".
+    """
     from vdfmu.base.errors import UsageError
     from vdfmu.system.scenario import schema
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
-import typer
-
 from vdfmu.base.files import replacing_foreign, require_ours
-from vdfmu.cli.app import App, CommandGroup
+from vdfmu.base.option import Option
+from vdfmu.cli.app import App
+from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import (
     ForeignOption,
     JsonOption,
     ScenarioArgument,
-    choice,
-    complete_scenario,
     console,
-    out_option,
+    known_scenarios,
     say,
     say_json,
     say_notes,
@@ -30,51 +28,42 @@ _SHOWN = 5
 """Failed points that are listed."""
 
 
-class _SweepGroup(CommandGroup):
-    """``vdfmu sweep SCENARIO`` is ``vdfmu sweep run SCENARIO``; options of all may come before either."""
+class _SweepGroup(App):
+    """``vdfmu sweep SCENARIO`` is ``vdfmu sweep run SCENARIO``."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        name = next((arg for arg in args if arg not in ("-q", "--quiet", "-v", "--verbose")), "")
-        if name in self.commands:
-            args.remove(name)
-        return super().resolve_command(ctx, [name if name in self.commands else "run", *args])
+        return super().resolve_command(ctx, args if args[0] in self.commands else ["run", *args])
 
 
-app = App(
-    name="sweep",
-    cls=_SweepGroup,
+app = _SweepGroup(
+    "sweep",
     no_args_is_help=True,
-    help="Run a scenario at many points: vdfmu sweep SCENARIO --vary ...",
+    help="Run a scenario at many points: vdfmu sweep SCENARIO --vary ..",
     context_settings={"ignore_unknown_options": True},
 )
 
 
 @app.command(
-    epilog="Example: [bold]vdfmu sweep tracking --vary 'controller.K_p[2]=*lin(0.5, 2, 20)' "
-    "--measure 'error=rms(trajectory.q_d - plant.q)'[/bold]"
+    example="vdfmu sweep tracking --vary 'controller.K_p[2]=*lin(0.5, 2, 20)' "
+    "--measure 'error=rms(trajectory.q_d - plant.q)'"
 )
 def run(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            help="Name of a shipped scenario, path of a TOML file, or a system package, .ssp.",
-            autocompletion=complete_scenario,
-        ),
-    ] = "tracking",
+    scenario: Annotated[str, Positional("Scenario, or a system package, .ssp.", names=known_scenarios)] = "tracking",
     vary: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
+            "Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.",
             metavar="TARGET=FORM",
-            help="What varies: a parameter, or robot, master, step, stop, unit:COMPONENT. Forms: lin(a, b, n), "
-            "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5; after a star "
-            "factors, *lin(0.9, 1.1). Repeatable.",
+            more="TARGET is a parameter, or robot, master, step, stop, unit:COMPONENT. FORM is lin(a, b, n), "
+            "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before "
+            "it makes factors: *lin(0.9, 1.1).",
         ),
     ] = None,
     **options: Unpack[SweepOptions],
 ) -> None:
     """Run a scenario at many points, and keep a row for each.
 
-    What is done stays done: after Ctrl-C or a kill the same command continues where it stopped.
+    After Ctrl-C or a kill the same command continues where it stopped.
     """
     from vdfmu.study.sweeps.sweep import default_folder, sweep
 
@@ -89,23 +78,25 @@ def run(
     say_written(found.path, more=f", {len(found)} points")
 
 
-StudyArgument = Annotated[Path, typer.Argument(help="sweep.parquet of a study, or its folder.")]
+StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
 ByOption = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAME", help="A measure, of whose elements the largest counts, or a column; default the first."
+    Option(
+        "Measure or column (default the first).",
+        metavar="NAME",
+        more="Of a measure with several elements the largest counts.",
     ),
 ]
 
 
-@app.command(epilog="Example: [bold]vdfmu sweep plot results/sweep_tracking --by error[/bold]")
+@app.command(example="vdfmu sweep plot results/sweep_tracking --by error")
 def plot(
     study: StudyArgument,
     by: ByOption = None,
     kind: Annotated[
-        str | None, typer.Option(**choice("curve", "tornado", "indices"), help="Figure; default all that fit.")
+        str | None, Option("Figure (default all that fit).", choices=("curve", "tornado", "indices"))
     ] = None,
-    out: Annotated[Path | None, out_option("Folder; default the study's.")] = None,
+    out: Annotated[Path | None, Option("Folder (default the study's).")] = None,
 ) -> None:
     """Draw a measure of a study over its axes."""
     from vdfmu.study.sweeps.sweep import Sweep
@@ -113,9 +104,12 @@ def plot(
     say_written(*Sweep(study).plot(kind, by, out))
 
 
-@app.command(epilog="Example: [bold]vdfmu sweep indices results/sweep_tracking --by error[/bold]")
+@app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
 def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
-    """Print Sobol or Morris indices of a study with --sample saltelli or morris."""
+    """Print Sobol or Morris indices of a study.
+
+    The study needs --sample saltelli or morris.
+    """
     from vdfmu.study.sweeps.indices import CONFIDENCE
     from vdfmu.study.sweeps.sweep import Sweep
 
@@ -130,14 +124,17 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
     say(f"± the half-width of the {100 * CONFIDENCE:.0f} % confidence interval, by bootstrap.")
 
 
-@app.command(epilog="Example: [bold]vdfmu sweep report results/sweep_tracking[/bold]")
+@app.command(example="vdfmu sweep report results/sweep_tracking")
 def report(
     study: StudyArgument,
-    out: Annotated[Path | None, out_option("File; default report.html in the folder.")] = None,
-    simulate: Annotated[bool, typer.Option(help="Let the page run any point, where the compiler is installed.")] = True,
+    out: Annotated[Path | None, Option("File (default report.html in the folder).")] = None,
+    simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Write a page of a study: its points in pictures that choose together, measures, and failures by cause."""
+    """Write the page of a study.
+
+    It has linked figures of the points, the measures, and failures by cause.
+    """
     from vdfmu.study.report.page import NAME
     from vdfmu.study.sweeps.sweep import Sweep
 
@@ -165,25 +162,27 @@ def tune(
     *,
     vary: Annotated[
         list[str],
-        typer.Option(
+        Option(
+            "Parameter to search: 'controller.K_p'. Repeatable.",
             metavar="TARGET[=FORM]",
-            help="Parameter that varies, element by element: lin(a, b), log(a, b), after a star factors; default "
-            "*log(0.1, 10). Repeatable.",
+            more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
+            "one.",
         ),
     ],
     cost: Annotated[
         str,
-        typer.Option(
-            metavar="EXPRESSION",
-            help="Cost to make smallest, such as 'worst(rms(trajectory.q_d - plant.q))'; of several elements the mean "
-            "of their ratios to those of the start, none beyond 1.",
+        Option(
+            "Cost: 'worst(rms(trajectory.q_d - plant.q))'.",
+            metavar="EXPR",
+            more="Of several elements the mean of their ratios to the start, each at most 1.",
         ),
     ],
     **options: Unpack[TuneOptions],
 ) -> None:
-    """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
+    """Search parameters that minimise a cost.
 
-    Every run is kept: after Ctrl-C or a kill the same command continues where it stopped.
+    The cost may be over a spread of robots and within limits. After Ctrl-C or a kill the same command continues where
+    it stopped.
     """
     from vdfmu.study.sweeps.sweep import Sweep
     from vdfmu.study.tuning.tune import tune as run_tune

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
-import typer
+import click
 from rich.markup import escape
 
 from vdfmu.base.bars import Bars, EscapedTerminal, errors
 from vdfmu.base.errors import LOG, UsageError
-from vdfmu.base.option import DeclaredOption, Option, declared, read_settings, taken_options
+from vdfmu.base.option import Option, option_of
 from vdfmu.base.table import plain_table as table
 from vdfmu.base.text import elided, error_text, first_few
-from vdfmu.engine.options import TEXTS
+from vdfmu.cli.parameters import Positional
 from vdfmu.study.options import RobotOptions, ScenarioRunOptions, known_robots
 
 if TYPE_CHECKING:
@@ -30,91 +29,6 @@ if TYPE_CHECKING:
 
     from vdfmu.engine.run import LogMessage
     from vdfmu.system.scenario import Scenario
-
-
-def completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Return what completes names in the shell."""
-
-    def complete(incomplete: str) -> list[str]:
-        return [name for name in names() if name.startswith(incomplete)]
-
-    return complete
-
-
-def typer_option(options: Any, name: str, help: str = "") -> Any:
-    """Return what typer is told of an option, of a TypedDict of options, or with another `help`."""
-    return _told(next(each for each in declared(options) if each.name == name), help)
-
-
-def choice(*values: str) -> dict[str, Any]:
-    """Return what typer is told of an option with these values."""
-    return {"metavar": "|".join(values), "autocompletion": completing(lambda: values)}
-
-
-def out_option(help: str) -> Any:
-    """Return what typer is told of an option ``--out`` with this help."""
-    return typer.Option("--out", "-o", help=help)
-
-
-def _told(each: DeclaredOption, help: str = "") -> Any:
-    option = each.option
-    return typer.Option(
-        option.flag or f"--{each.name.replace('_', '-')}",
-        *(("-o",) if each.name == "out" else ()),
-        metavar=option.metavar or "|".join(option.choices) or None,
-        help=help or (f"{option.text} Repeatable." if option.typed == TEXTS else option.text),
-        autocompletion=completing(option.names or (lambda: option.choices)),
-        show_default=option.default is not None and option.default is not False,
-    )
-
-
-def expanded(
-    function: Callable[..., Any],
-) -> tuple[list[inspect.Parameter], Callable[[dict[str, Any]], dict[str, Any]]]:
-    """Return the parameters of a command, with those of its ``**options``, and what reads the values of these.
-
-    Those of ``**options`` stand behind the others, but before what is keyword-only and not needed.
-    """
-    own = inspect.signature(function, eval_str=True).parameters.values()
-    own = [one for one in own if one.kind is not one.VAR_KEYWORD]
-    last = [one for one in own if one.kind is one.KEYWORD_ONLY and one.default is not one.empty]
-    first = [one for one in own if one not in last]
-    taken = taken_options(function)
-    shown = [each for each in declared(taken) if each.option.flag is not None] if taken else []
-    more = [
-        inspect.Parameter(
-            each.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=_default(each),
-            annotation=Annotated[each.option.typed or each.type, _told(each)],
-        )
-        for each in shown
-    ]
-    readers = {each.name: each.option for each in shown}
-
-    def read(values: dict[str, Any]) -> dict[str, Any]:
-        return {name: _read(readers[name], one) if name in readers else one for name, one in values.items()}
-
-    return [one.replace(kind=one.KEYWORD_ONLY) for one in (*first, *more, *last)], read
-
-
-def _default(each: DeclaredOption) -> Any:
-    """Return the default on the command line: texts are joined, and what a flag turns on is off."""
-    default = each.option.default
-    if isinstance(default, tuple):
-        return ",".join(default) or None
-    return False if each.option.typed is bool else default
-
-
-def _read(option: Option, value: Any) -> Any:
-    """Return the value of an option for Python."""
-    if not value and option.typed == TEXTS:
-        return option.default
-    if option.read is not None:
-        return option.read(value)
-    if option.typed is str and isinstance(option.default, tuple):
-        return value.split(",") if value else option.default
-    return value or option.default if option.typed in (TEXTS, bool) else value
 
 
 class _StandardOutput(EscapedTerminal):
@@ -142,52 +56,32 @@ class _StandardOutput(EscapedTerminal):
 console = _StandardOutput()
 
 
-def complete_scenario(incomplete: str) -> list[str]:
-    """Complete the name of a scenario in the shell."""
+def known_scenarios() -> list[str]:
+    """Return the names of scenarios."""
     from vdfmu.system.scenario.scenario_file import scenario_names
 
-    return [name for name in (*scenario_names(), "reach") if name.startswith(incomplete)]
-
-
-ScenarioArgument = Annotated[
-    str,
-    typer.Argument(
-        help="Name of a shipped scenario, reach for a first motion of any robot, or path of a TOML file.",
-        autocompletion=complete_scenario,
-    ),
-]
-RobotArgument = Annotated[
-    str,
-    typer.Argument(help="Name of a shipped robot, or path of a robot file.", autocompletion=completing(known_robots)),
-]
-RobotOption = Annotated[str | None, typer_option(RobotOptions, "robot")]
-BackendOption = Annotated[str | None, typer_option(RobotOptions, "backend")]
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace a file of this name.")]
-ForeignOption = Annotated[
-    bool, typer.Option("--overwrite", help="Replace files of these names too that vdfmu did not write.")
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
-FmiOption = Annotated[str, typer_option(ScenarioRunOptions, "fmi_version")]
-SetOption = Annotated[list[str] | None, typer_option(RobotOptions, "settings")]
+    return [*scenario_names(), "reach"]
 
 
 def _bytes(text: str) -> int:
     """Read a size such as ``500M`` or ``4G``."""
     found = re.fullmatch(r"([1-9]\d{0,11})([KMGT]?)(i?B)?", text.strip(), re.IGNORECASE)
     if not found:
-        raise typer.BadParameter(f"expected a size such as 500M or 4G, got {text!r}")
+        raise click.BadParameter(f"expected a size such as 500M or 4G, got {text!r}")
     return int(found[1]) * 1024 ** " KMGT".index(found[2].upper() or " ")
 
 
+ScenarioArgument = Annotated[str, Positional("Name of a scenario, TOML file, or reach.", names=known_scenarios)]
+RobotArgument = Annotated[str, Positional("Name of a robot, or a TOML file.", names=known_robots)]
+RobotOption = Annotated[str | None, option_of(RobotOptions, "robot")]
+BackendOption = Annotated[str | None, option_of(RobotOptions, "backend")]
+OverwriteOption = Annotated[bool, Option("Replace a file of this name.")]
+ForeignOption = Annotated[bool, Option("Replace files that vdfmu did not write too.")]
+JsonOption = Annotated[bool, Option("Print JSON instead of tables.", flag="--json")]
+FmiOption = Annotated[str, option_of(ScenarioRunOptions, "fmi_version")]
+SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "settings")]
 UnpackOption = Annotated[
-    int | None,
-    typer.Option(
-        "--unpack-limit",
-        metavar="SIZE",
-        parser=_bytes,
-        help="Most bytes that the package may unpack to, packages inside it included, such as 4G; default 2G.",
-        show_default=False,
-    ),
+    int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE", typed=str, read=_bytes)
 ]
 
 
@@ -258,7 +152,7 @@ def say_notes(notes: Sequence[str]) -> None:
         _aside(f"note: {elided(note)}")
 
 
-def load(scenario: str, robot: str | None, settings: list[str] | None = None) -> Scenario:
+def load(scenario: str, robot: str | None, settings: Mapping[str, str] | None = None) -> Scenario:
     """Load a scenario for settings; what does not exist is named before what takes longer to import than that."""
     from vdfmu.base.toml_file import locate
 
@@ -274,7 +168,7 @@ def load(scenario: str, robot: str | None, settings: list[str] | None = None) ->
     from vdfmu.system.scenario.replace import with_payload
     from vdfmu.system.scenario.scenario_file import load_scenario
 
-    return with_payload(load_scenario(scenario, robot), read_settings(settings))
+    return with_payload(load_scenario(scenario, robot), settings or {})
 
 
 def folder_is_gone() -> bool:

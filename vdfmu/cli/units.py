@@ -5,18 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.markup import escape
 
+from vdfmu.base.option import Option
 from vdfmu.cli.app import App
-from vdfmu.cli.terminal import JsonOption, console, out_option, say, say_json, say_written, table
+from vdfmu.cli.parameters import Positional
+from vdfmu.cli.terminal import JsonOption, console, say, say_json, say_written, table
 
-app = App(name="unit", no_args_is_help=True, help="List and show units, and write your own.")
+app = App("unit", no_args_is_help=True, help="List and show units, and write your own.")
 
 
-@app.command("list", epilog="Example: [bold]vdfmu unit list[/bold]")
+@app.command("list", example="vdfmu unit list")
 def list_units(as_json: JsonOption = False) -> None:
-    """List all units, by the name that systems and ``--unit`` take."""
+    """List all units, by their names in systems and --unit."""
     from vdfmu.arm.units import known_units
 
     units = [(name, _kind(unit)[0] or "system", unit.description()) for name, unit in known_units().items()]
@@ -29,8 +30,8 @@ def list_units(as_json: JsonOption = False) -> None:
     console.print(shown)
 
 
-@app.command("show", epilog="Example: [bold]vdfmu unit show pd_gravity[/bold]")
-def show_unit(name: Annotated[str, typer.Argument(help="Name of a unit, my_unit.py or my_units.py:Name.")]) -> None:
+@app.command("show", example="vdfmu unit show pd_gravity")
+def show_unit(name: Annotated[str, Positional("Name of a unit, my_unit.py or my_units.py:Name.")]) -> None:
     """Show the variables of a unit: kind, unit of measurement, meaning."""
     from vdfmu.arm.units import find_unit
 
@@ -49,12 +50,12 @@ def _kind(unit: Any) -> tuple[str, ...]:
     return tuple(path[2:-1] or ("",)) if package == "vdfmu" else (package,)
 
 
-@app.command("new", epilog="Example: [bold]vdfmu unit new MyFilter[/bold]")
+@app.command("new", example="vdfmu unit new MyFilter")
 def new(
-    name: Annotated[str, typer.Argument(help="Name of the unit, MyFilter or my_filter.")],
-    out: Annotated[Path | None, out_option("File to write; default my_filter.py.")] = None,
+    name: Annotated[str, Positional("Name of the unit, MyFilter or my_filter.")],
+    out: Annotated[Path | None, Option("File to write (default my_filter.py).")] = None,
 ) -> None:
-    """Write a first file of a unit, which builds, and a test beside it, which passes."""
+    """Write a first file of a unit and its test."""
     from vdfmu.compiler.unit.new import new_unit
 
     path, test = new_unit(name, out)
@@ -62,20 +63,21 @@ def new(
     say(f"Build it with 'vdfmu build {path}', test it with 'python -m pytest {test}'.")
 
 
-@app.command("from", epilog="Example: [bold]vdfmu unit from design.py:plant --name Plant[/bold]")
+@app.command("from", example="vdfmu unit from design.py:plant --name Plant")
 def from_(
     source: Annotated[
         str,
-        typer.Argument(
-            help="model.mat or model.npz with A, B, C, D; function.casadi; table.csv; or design.py:NAME, an object: a "
-            "system of python-control or scipy.signal, or a CasADi function."
+        Positional(
+            "Linear system, CasADi function or table.",
+            more="model.mat or model.npz with A, B, C, D; function.casadi; table.csv; or design.py:NAME, an object: a "
+            "system of python-control or scipy.signal, or a CasADi function.",
         ),
     ],
-    name: Annotated[str | None, typer.Option(help="Name of the unit; default that of the source.")] = None,
-    out: Annotated[Path | None, out_option("File to write; default after the name.")] = None,
-    trust: Annotated[bool, typer.Option("--trust", help="Load function.casadi: its code can do what you can.")] = False,
+    name: Annotated[str | None, Option("Name of the unit (default after the source).")] = None,
+    out: Annotated[Path | None, Option("File to write (default after the name).")] = None,
+    trust: Annotated[bool, Option("Load function.casadi, which can run any code.")] = False,
 ) -> None:
-    """Write the file of a unit of what is there: a linear system, a CasADi function, a table of data."""
+    """Write a unit from a linear system, a function or a table."""
     from vdfmu.compiler.unit.wrap import unit_from
 
     path, *beside = unit_from(source, name, out, trust=trust)
@@ -83,8 +85,8 @@ def from_(
     say(f"Build it with 'vdfmu build {path}'.")
 
 
-@app.command("examples", epilog="Example: [bold]vdfmu unit examples[/bold]")
-def examples(folder: Annotated[Path, typer.Argument(help="Folder to write them to.")] = Path("units")) -> None:
+@app.command("examples", example="vdfmu unit examples")
+def examples(folder: Annotated[Path, Positional("Folder to write them to.")] = Path("units")) -> None:
     """Write the example units, with a system and a scenario of them."""
     from vdfmu.compiler.unit.new import copy_examples
 

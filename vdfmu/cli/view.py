@@ -8,37 +8,38 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+import click
 
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.terminal import completing, console, say, say_error, say_notes
+from vdfmu.base.option import Option
+from vdfmu.cli.parameters import Positional
+from vdfmu.cli.terminal import console, say, say_error, say_notes
 from vdfmu.study.options import known_robots
 
 if TYPE_CHECKING:
     from vdfmu.study.view.live import LiveView
 
-PortOption = Annotated[
-    int | None,
-    typer.Option(min=1, max=65535, help="Port of the view on 127.0.0.1; default one that is free.", show_default=False),
-]
-LiveOption = Annotated[
-    bool, typer.Option("--live", help="Show the arm, errors, torques and torsion in a browser while the run goes on.")
-]
+
+def _port(number: int) -> int:
+    if not 1 <= number <= 65535:
+        raise click.BadParameter(f"expected 1 to 65535, got {number}")
+    return number
+
+
+PortOption = Annotated[int | None, Option("Port of the view on 127.0.0.1 (default a free one).", read=_port)]
+LiveOption = Annotated[bool, Option("Show the arm and its errors while the run goes on.")]
 
 
 def view(
-    robot: Annotated[
-        str,
-        typer.Argument(
-            help="Name of a shipped robot, or path of a robot file, a URDF or a MuJoCo file (MJCF).",
-            autocompletion=completing(known_robots),
-        ),
-    ],
-    base: Annotated[str | None, typer.Option(help="Of a URDF or MJCF: link that stands still.")] = None,
-    tip: Annotated[str | None, typer.Option(help="Of a URDF or MJCF: link at which the arm ends.")] = None,
+    robot: Annotated[str, Positional("Name of a robot, a TOML file, URDF or MJCF.", names=known_robots)],
+    base: Annotated[str | None, Option("Fixed link of a URDF or MJCF.", metavar="LINK")] = None,
+    tip: Annotated[str | None, Option("Last link of the arm in a URDF or MJCF.", metavar="LINK")] = None,
     port: PortOption = None,
 ) -> None:
-    """Show a robot in a browser: sliders of its joints, frames, masses, ellipsoids of inertia, and modes that move."""
+    """Show a robot in a browser.
+
+    The view has sliders of the joints, frames, masses, ellipsoids of inertia, and modes that move.
+    """
     from vdfmu.base.interrupt import InterruptGuard
 
     path = Path(robot)
@@ -80,7 +81,7 @@ def live_view(wanted: bool, port: int | None, robot: str | None = None) -> Gener
     arm: dict[str, Any] | None = None
     if robot is not None:
         from vdfmu.arm.robot import load_robot
-        from vdfmu.study.report.content import arm_of
+        from vdfmu.study.run.scene import arm_of
 
         arm = arm_of(load_robot(robot), {})
 
@@ -97,4 +98,4 @@ def live_view(wanted: bool, port: int | None, robot: str | None = None) -> Gener
         console.leave()
         shown.stay()
         if failure:
-            raise typer.Exit(1) from failure
+            raise SystemExit(1) from failure

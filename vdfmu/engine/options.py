@@ -1,7 +1,7 @@
 """The options of a run: each is declared here once, and known then to Python, the command line and the documentation.
 
-`vdfmu.study.options` adds the options of scenarios and studies. An option of `CouplingOptions` belongs to a run of
-whatever kind: scenarios, packages, sweeps and tuning have it, and `vdfmu.Simulator` receives it.
+`vdfmu.study.options` adds the options of scenarios and studies. An option of `CouplingOptions` belongs to runs of all
+kinds: scenarios, packages, federations, sweeps, tuning and margins have it, and `vdfmu.Simulator` receives it.
 """
 
 # Types are written out, not quoted: the command line reads them; quoted ones are imported for the checker only.
@@ -28,45 +28,46 @@ TEXTS = list[str] | None
 """Type of an option that may be repeated on the command line."""
 # A table: an option in some lines.
 # fmt: off
-master_option = Option(f"{choice()}.", more="The first two sample the coupled signals at the communication points; "
-    "the others take them as continuous and are of second order in the step. Default: from the scenario, or from "
-    f"the package's annotation with its `adaptive`; else {DEFAULT}, or, with a note, {DELAYED} where the dependencies "
-    "leave no order for it.", choices=tuple(ALGORITHMS))
-settings_option = Option("Set a parameter or input; without an index, all elements, to one value or to one each: "
-    "0.3,-0.5.", "mapping of str to value",
-    "By ``component.variable``, in the unit of the FMU; they win over the values of the package. Without an index "
-    "one value, or a list or array with one for each.", flag="--set", metavar="COMPONENT.VARIABLE=VALUE", typed=TEXTS,
-    read=read_settings)
+master_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sample the coupled signals at the "
+    "communication points; the others take them as continuous and are of second order in the step. Default: from the "
+    f"scenario, or from the package's annotation with its `adaptive`; else {DEFAULT}, or, with a note, {DELAYED} if "
+    "the dependencies leave no order for it.", choices=tuple(ALGORITHMS))
+settings_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
+    "By ``component.variable``, in the unit of the FMU; inputs can be set too. Without an index, all elements: one "
+    "value, or one each, 0.3,-0.5. They win over the values of the package or scenario.", flag="--set",
+    metavar="NAME=VALUE", typed=TEXTS, read=read_settings)
 
 
 class SpanOptions(TypedDict, total=False):
     """When a run ends, and its step."""
 
-    step: Annotated[float | None, Option("Communication step in seconds.", "float [s]",
+    step: Annotated[float | None, Option("Communication step in s.", "float [s]",
         "`stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the longest step, and the "
         "interval of the rows. Default: from the scenario, or from the package's annotations, of this project or of "
         "libcosim; for components with their own steps the part that all have.")]
-    stop: Annotated[float | None, Option("End of the run in seconds.", "float [s]")]
+    stop: Annotated[float | None, Option("End of the run in s.", "float [s]")]
 
 
 class CouplingOptions(TypedDict, total=False):
     """How components are coupled, in runs of every kind."""
 
     adaptive: Annotated[float | None, Option(
-        "Relative error of a coupled signal that a communication step may have; steps are shortened to it.",
-        more=f"Relative to its size and at least to its nominal value. For {choice(continuous=True)}.")]
+        "Shorten steps to this relative coupling error.",
+        more=f"Relative to the size of a coupled signal and at least to its nominal value. For "
+        f"{choice(continuous=True)}.")]
 
 
 class InputOptions(TypedDict, total=False):
     """Signals from outside."""
 
     inputs: Annotated["Inputs", Option(
-        "Signals for inputs that nothing is connected to: columns time and, say, 'plant.F_e[1] [N]'.",
+        "Signals for unconnected inputs. Repeatable.",
         "path, sequence of paths or mapping of str to (t, values)",
-        "CSV files or arrays; they replace a scenario's. See `vdfmu.engine.plan.inputs.read_inputs`.",
+        "CSV files with columns time and, say, 'plant.F_e[1] [N]', or arrays; they replace a scenario's. See "
+        "`vdfmu.engine.plan.inputs.read_inputs`.",
         flag="--input", metavar="FILE.csv", typed=TEXTS)]
     input_hold: Annotated[bool | None, Option(
-        "Hold the values of the inputs until the next row; else they run linearly.", "bool", typed=bool)]
+        "Hold inputs until their next row.", "bool", "Otherwise they are interpolated linearly.", typed=bool)]
 
 
 class ObserverOptions(TypedDict, total=False):
@@ -74,18 +75,18 @@ class ObserverOptions(TypedDict, total=False):
 
     observer: Annotated["Observer | None", Option("Receives rows during the run, such as a "
         ":class:`vdfmu.LiveView`; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
-    pace: Annotated[float | None, Option("Hold the run back to this many simulated seconds a second, 1 for real time, "
-        "and report how late rows were; default as fast as it goes.", "float", "See `vdfmu.engine.masters.pace`: "
-        "``pace`` of the summary.", metavar="FACTOR")]
+    pace: Annotated[float | None, Option("Simulated seconds per second: 1 is real time.", "float",
+        "``pace`` of the summary reports how late rows were. Default: as fast as possible. See "
+        "`vdfmu.engine.masters.pace`.", metavar="FACTOR")]
 
 
 class RecordOptions(SpanOptions, ObserverOptions, total=False):
     """The visible part of a run."""
 
-    start: Annotated[float | None, Option("Start of the run in seconds.", "float [s]",
+    start: Annotated[float | None, Option("Start of the run in s.", "float [s]",
         "Row k is at ``start + k * step``. Default of all times: the package's default experiment; else 0.")]
-    record: Annotated[Sequence[str] | None, Option("Signals to record, such as 'plant.q[*]'; default all.",
-        "sequence of str", "All are the outputs and connected inputs; text is not recorded.", metavar="SIGNAL",
+    record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]'. Repeatable.",
+        "sequence of str", "Default: outputs and connected inputs. Text is not recorded.", metavar="SIGNAL",
         typed=TEXTS)]
 
 
@@ -107,24 +108,23 @@ class LogOptions(TypedDict, total=False):
 class MemberOptions(InputOptions, LogOptions, total=False):
     """How components run, wherever they are."""
 
-    tolerance: Annotated[float | None, Option("Relative tolerance for the units' solvers.")]
-    ignore_unmatched: Annotated[bool, Option("Ignore values of the package's parameter sets that no variable takes.",
-        default=False)]
+    tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.")]
+    ignore_unmatched: Annotated[bool, Option("Ignore values that no variable takes.",
+        more="They are values of the package's parameter sets.", default=False)]
     wait_limit: Annotated[float | None, Option(
-        "Seconds to wait for a step of isolated components, and for other federates; default 300.",
-        "float [s]", "And for loading, initialization and freeing each.")]
+        "Longest wait for a component in s (default 300).", "float [s]",
+        "For a step of isolated components, for other federates, and for loading, initialization and freeing each.")]
 
 
 class LoadedOptions(CouplingOptions, MemberOptions, total=False):
     """How components run on this machine."""
 
-    isolate: Annotated[bool | None, Option("Run the components in a process of their own, which they may crash. "
-        "Default: where an FMU was not built by this project.", "bool",
-        "If they crash it, end it, take too long or too much memory, that is a CosimError; otherwise they could end or "
-        "block this process.",
+    isolate: Annotated[bool | None, Option("Run components in a process of their own.", "bool",
+        "Default: if an FMU was not built by this project. If they crash, take too long or too much memory, that is a "
+        "CosimError; otherwise they could end or block this process.",
         flag="--isolate/--no-isolate")]
     memory_limit: Annotated[float | None, Option(
-        "Memory in MB that isolated components have; default half of the machine's.", "float [MB]")]
+        "Memory in MB of isolated components (default half).", "float [MB]", "Half of the machine's.")]
 
 
 class FederationOptions(TypedDict, total=False):
@@ -177,20 +177,20 @@ class FederateOptions(RowOptions, AlgorithmOptions, total=False):
 class ResultOptions(ProgressOptions, total=False):
     """Output of a run."""
 
-    overwrite: Annotated[bool, Option("Replace files of these names too that no run wrote.", default=False)]
-    formats: Annotated[Sequence[str], Option(f"Files of the results: {choice_of_formats(FORMATS)}.", "sequence of str",
-        "Rows of `vdfmu.engine.results.formats.FORMATS`.", ("csv",), flag="--format",
+    overwrite: Annotated[bool, Option("Replace files that no run wrote too.", default=False)]
+    formats: Annotated[Sequence[str], Option("Result files, separated by commas.", "sequence of str",
+        f"{choice_of_formats(FORMATS)}: rows of `vdfmu.engine.results.formats.FORMATS`.", ("csv",), flag="--format",
         metavar="|".join(suffix[1:] for suffix in FORMATS), typed=str)]
 
 
-class PackageOptions(RecordOptions, MemberOptions, ResultOptions, total=False):
+class PackageOptions(RecordOptions, CouplingOptions, MemberOptions, ResultOptions, total=False):
     """Options of the run of a package, in one process or several."""
 
     settings: Annotated[Mapping[str, Any] | None, settings_option]
     out: Annotated[str | os.PathLike[str] | None, Option(
-        "Folder of the results; default results/NAME_ssp, of one federate results/NAME_ssp_FEDERATE.", "path",
-        "Files of an earlier run in it are replaced once this one is complete.", typed=Path | None)]
-    variant: Annotated[str, Option("The SSD to run, where the package has several.", default="SystemStructure.ssd",
+        "Folder of the results (default results/NAME_ssp).", "path", "Of one federate results/NAME_ssp_FEDERATE. Files "
+        "of an earlier run in it are replaced once this one is complete.", typed=Path | None)]
+    variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
         metavar="SSD")]
 
 
@@ -198,5 +198,6 @@ class SystemOptions(PackageOptions, LoadedOptions, FederationOptions, total=Fals
     """Options of `vdfmu.engine.package_run.run_system`."""
 
     master: Annotated[str | None, master_option]
-    pictures: Annotated[Sequence[str], Option("Kinds of signals.png, the drawn signals: png, svg and pdf, separated by "
-        "commas; default none.", "sequence of str", default=(), typed=str, choices=SUFFIXES)]
+    pictures: Annotated[Sequence[str], Option("Draw the signals, kinds separated by commas.",
+        "sequence of str", "Files signals.png, signals.svg and signals.pdf; default none.", (), typed=str,
+        choices=SUFFIXES)]

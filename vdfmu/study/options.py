@@ -19,6 +19,7 @@ from vdfmu.engine.options import (
     ResultOptions,
     SpanOptions,
     master_option,
+    settings_option,
 )
 from vdfmu.engine.results.formats import SUFFIXES
 
@@ -43,29 +44,37 @@ ENGINES = ("fmu", "batch")
 
 # A table: an option in some lines.
 # fmt: off
-class RobotOptions(TypedDict, total=False):
+class ValueOptions(TypedDict, total=False):
+    """Values of a system, and its FMUs."""
+
+    settings: Annotated[Mapping[str, Any] | None, settings_option]
+    backend: Annotated[str | None, Option(
+        "Kind of FMU.", more="Default: native if its compiler is installed.", choices=BACKENDS)]
+
+
+class RobotOptions(ValueOptions, total=False):
     """Parts of a scenario, and its FMUs."""
 
     robot: Annotated["Robot | str | os.PathLike[str] | None", Option(
-        "Robot instead of the scenario's: a name or the path of a TOML file.", "Robot, str or path",
-        typed=str | None, names=known_robots)]
-    settings: Annotated[Mapping[str, Any] | None, Option(
-        "Set a parameter or input; without an index, all elements, to one value or to one each: 0.3,-0.5.",
-        "mapping of str to value",
-        'Such as ``{"controller.K_p[1]": 3000}``: a value, or a list or array with one for each.', flag="--set",
-        metavar="COMPONENT.VARIABLE=VALUE", typed=TEXTS, read=read_settings)]
-    backend: Annotated[str | None, Option(
-        "Kind of FMU; default native where its compiler is installed.", choices=BACKENDS)]
+        "Robot instead of the scenario's.", "Robot, str or path", "A name, or the path of a TOML file.",
+        metavar="ROBOT", typed=str | None, names=known_robots)]
+
+
+class LoopOptions(ValueOptions, CouplingOptions, total=False):
+    """Options of margins."""
+
+    master: Annotated[str | None, master_option]
 
 
 class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, total=False):
     """Changes of a scenario, in a run or in all runs of a study."""
 
-    tolerance: Annotated[float | None, Option("Relative tolerance for the units' solvers.")]
+    tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.")]
     master: Annotated[str | None, master_option]
     units: Annotated[Mapping[str, Any] | None, Option(
-        "Unit instead of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool.",
-        "mapping of str to unit", "Also a class, or the name of a unit of the package. Values of the scenario that "
+        "COMPONENT by my_unit.py or an FMU. Repeatable.",
+        "mapping of str to unit", "By my_unit.py, my_units.py:Name, an FMU of any tool, the name of a unit of the "
+        "package, or a class. Values of the scenario that "
         "it has no parameter for are left out, and connections to signals that it lacks; inputs that the other did not "
         "have are joined to outputs of their names, by terminals; with notes in the log, and ``left_out`` and "
         "``joined`` in the summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
@@ -76,16 +85,16 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
     """Options of `vdfmu.run`."""
 
     out: Annotated["str | os.PathLike[str] | Literal[False] | None", Option(
-        "Folder of the results; default results/SCENARIO.", "path or False", "Files of an earlier run in it are "
+        "Folder of the results (default results/SCENARIO).", "path or False", "Files of an earlier run in it are "
         "replaced once this one is complete. False writes nothing: results and summary are in what is returned.",
         typed=Path | None)]
-    reference: Annotated[bool, Option("Solve the references and compare, which takes longer than the run itself.",
-        default=True, flag="--reference/--no-reference")]
-    fmi_version: Annotated[str, Option("Version of FMI: 2.0, or 3.0 for native FMUs.",
+    reference: Annotated[bool, Option("Solve the references and compare.",
+        more="That takes longer than the run.", default=True, flag="--reference/--no-reference")]
+    fmi_version: Annotated[str, Option("Version of FMI; 3.0 needs native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
-    pictures: Annotated[Sequence[str], Option("Kinds of the figures: png, svg and pdf, separated by commas.",
+    pictures: Annotated[Sequence[str], Option("Kinds of figures, separated by commas.",
         "sequence of str", default=("png",), typed=str, choices=SUFFIXES)]
-    simulate: Annotated[bool | None, Option("Let report.html run the scenario again, with sliders.",
+    simulate: Annotated[bool | None, Option("Let report.html run it again, with sliders.",
         more="Its units are compiled for WebAssembly for that, once for each structure; default on the command line, "
         "but not in Python.", flag="--simulate/--no-simulate")]
 
@@ -99,8 +108,8 @@ class SeedOptions(TypedDict, total=False):
 class WorkerOptions(ProgressOptions, total=False):
     """How the runs of a study are done."""
 
-    workers: Annotated[int | None, Option("Processes; default one a processor.")]
-    time_limit: Annotated[float | None, Option("Seconds that a run has; default 600.", "float [s]")]
+    workers: Annotated[int | None, Option("Processes (default one a processor).")]
+    time_limit: Annotated[float | None, Option("Longest run in s (default 600).", "float [s]")]
     overwrite: Annotated[bool, Option("Replace another study in the folder.", default=False)]
 
 
@@ -108,21 +117,22 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
     """Options of the plan of a sweep."""
 
     sample: Annotated[str | os.PathLike[str], Option(
-        "grid, lhs, sobol, random, saltelli, morris, or a CSV file: a line of targets, then points.", "str or path",
-        "How the axes' values are combined; see :func:`vdfmu.study.sweeps.axes.draw`.", "grid", typed=str,
+        "grid, lhs, sobol, random, saltelli, morris.", "str or path",
+        "How the axes' values are combined, or a CSV file: a line of targets, then points. See "
+        ":func:`vdfmu.study.sweeps.axes.draw`.", "grid", typed=str,
         choices=SAMPLES, metavar="METHOD|FILE.csv")]
-    points: Annotated[int | None, Option("Number of points, but of a grid or file.",
-        more="Of ``saltelli`` and ``morris`` that of base points or trajectories.")]
+    points: Annotated[int | None, Option("Number of points.",
+        more="Not for a grid or file. Of ``saltelli`` base points, of ``morris`` trajectories.")]
     measure: Annotated[Mapping[str, Any] | Sequence[str] | None, Option(
-        "Measure of a run, such as 'error=rms(trajectory.q_d - plant.q)'.",
+        "error=rms(trajectory.q_d - plant.q). Repeatable.",
         'mapping of str to str or callable, or sequence of "NAME=EXPRESSION"', "See "
-        ":mod:`vdfmu.study.sweeps.measures`; or a function of the :class:`vdfmu.Results`. Default for the loop of "
+        ":mod:`vdfmu.study.sweeps.measures`. Or a function of the :class:`vdfmu.Results`. Default for the loop of "
         "trajectory, controller and plant: RMS and peak position error and peak torque of each joint.",
         metavar="NAME=EXPRESSION", typed=TEXTS)]
-    record: Annotated[Sequence[str], Option("Signals to record whole, such as 'plant.q[*]'.", "sequence of str",
+    record: Annotated[Sequence[str], Option("Signals to keep whole: 'plant.q[*]'. Repeatable.", "sequence of str",
         "A list a point.", (), metavar="SIGNAL", typed=TEXTS)]
     engine: Annotated[str | None, Option(
-        "batch runs several points at once. Default batch where all units are ours.", choices=ENGINES,
+        "batch runs several points at once.", choices=ENGINES,
         more="Engine of the points: the FMUs, or one program of all units, by default where there are points enough, "
         "see :mod:`vdfmu.study.batch`.")]
 
@@ -130,11 +140,11 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
 class SweepOptions(PlanOptions, WorkerOptions, total=False):
     """Options of `vdfmu.sweep`."""
 
-    scheduler: Annotated[str | None, Option("Address of a Dask scheduler, whose workers are taken instead.",
+    scheduler: Annotated[str | None, Option("Address of a Dask scheduler, for its workers.",
         metavar="ADDRESS")]
-    chunk: Annotated[int | None, Option("Points that a worker takes at a time; default by time.",
-        more="A file has as many; by default what takes some seconds, at most 50, or 56 that are run side by side.")]
-    out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/sweep_SCENARIO.", "path",
+    chunk: Annotated[int | None, Option("Points that a worker takes at a time.",
+        more="A file has as many. Default: what takes some seconds, at most 50, or 56 that are run side by side.")]
+    out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/sweep_SCENARIO).", "path",
         typed=Path | None)]
     retry: Annotated[bool, Option("Run points that failed again.", default=False)]
 
@@ -143,20 +153,20 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     """Options of what is tuned."""
 
     limit: Annotated[Sequence[str] | Mapping[str, Any], Option(
-        "Limit that holds for every robot, such as 'peak(controller.tau) < 2.5'.",
-        "sequence of str, or mapping", "Or, in a mapping, a function of the results by its name, which must not be "
-        "positive.", (), metavar="EXPRESSION<NUMBER", typed=TEXTS)]
+        "Limit: 'peak(controller.tau) < 2.5'. Repeatable.",
+        "sequence of str, or mapping", "It holds for every robot. Or, in a mapping, a function of the results by its "
+        "name, which must not be positive.", (), metavar="EXPR<NUMBER", typed=TEXTS)]
     together: Annotated[bool, Option("Vary all elements of a parameter by one factor.", default=False)]
     spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
-        "Uncertain parameter, as in a sweep: 'plant.mass[3]=*normal(1, 0.1)'.", 'mapping, or sequence of "TARGET=FORM"',
-        default=(), metavar="TARGET=FORM", typed=TEXTS)]
+        "As plant.mass[3]=*normal(1, 0.1). Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
+        "Uncertain parameters, as in a sweep.", (), metavar="TARGET=FORM", typed=TEXTS)]
     spread_points: Annotated[int, Option("Number of robots of the spread.", more="They are a Latin hypercube of it.",
         default=8)]
     combine: Annotated[str, Option("Mean or worst of the robots' costs.", default="mean", choices=("mean", "worst"))]
     margin: Annotated[float | str | None, Option(
-        "Modulus margin that every joint's loop has at least, or same: that of the start.",
-        more="It is the smallest min abs(1 + L) of the nominal robot over the run, as `vdfmu margins` has it.",
-        typed=str | None)]
+        "Smallest modulus margin of a loop, or same.",
+        more="same is the margin of the start. It is the smallest min abs(1 + L) of the nominal robot over the run, "
+        "as `vdfmu margins` has it.", metavar="NUMBER|same", typed=str | None)]
     engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
         more="They are those of the robots of several values. See :func:`vdfmu.sweep`.", default="fmu")]
 
@@ -164,9 +174,9 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
 class TuneOptions(ProblemOptions, WorkerOptions, total=False):
     """Options of `vdfmu.tune`."""
 
-    method: Annotated[str, Option("Global search, then local, or one of them.",
+    method: Annotated[str, Option("Global search, local search, or both.",
         more="Differential evolution over the whole range, then COBYQA from the best, or one of them.",
         default="both", choices=METHODS)]
     evaluations: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
-    out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/tune_SCENARIO.", "path",
+    out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/tune_SCENARIO).", "path",
         typed=Path | None)]

@@ -1,7 +1,5 @@
 """The cache holds code that is run: whose it must be, and what of it is taken."""
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil
@@ -12,13 +10,12 @@ from pathlib import Path
 import pytest
 
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
 from vdfmu.base import cache
 from vdfmu.base.files import pack_zip
 
 
 @pytest.fixture(autouse=True)
-def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def fresh(monkeypatch, tmp_path):
     """No message said yet, and a user's cache folder that is empty."""
     monkeypatch.setattr(cache, "user_cache_path", lambda *_, **__: tmp_path / "own")
     cache._say.cache_clear()
@@ -91,7 +88,7 @@ def test_no_entry_stands_for_another(tmp_path):
 
 
 @pytest.mark.heavy
-def test_a_changed_library_with_the_right_guid_is_replaced(planar: Robot, tmp_path: Path) -> None:
+def test_a_changed_library_with_the_right_guid_is_replaced(planar, tmp_path):
     (path,) = build_fmus(planar, tmp_path, units=["controller"]).values()
     whole, place = path.read_bytes(), path.stat().st_ino
     build_fmus(planar, tmp_path, units=["controller"])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.compiler.native.test_loops import results_of
+from tests.compiler.native.loops import results_of
 from vdfmu.arm.robot import check_robot
 from vdfmu.arm.robot.physical import requirements
 from vdfmu.arm.robot.structure import parameters, set_parameters, values

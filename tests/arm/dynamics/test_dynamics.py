@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import vdfmu
+from tests.arm.balanced import EVERY_CHAIN
 from vdfmu.arm.equations.kinematics import end_effector_pose
 from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.arm.equations.plant import equilibrium_torque
@@ -41,6 +42,7 @@ def test_batches_agree_with_pinocchio(chain, draw, pinocchio_model):
         np.testing.assert_allclose(R, pose.rotation, rtol=0, atol=1e-14)  # of size 1, else as above
 
 
+@EVERY_CHAIN
 def test_one_state_is_that_of_the_equations_and_a_row_of_the_batch(chain, draw):
     q = positions(chain, draw, seed=81)
     p_O, R_O = end_effector_pose(chain, q[0])
@@ -59,6 +61,7 @@ def test_one_state_is_that_of_the_equations_and_a_row_of_the_batch(chain, draw):
             np.testing.assert_array_equal(rows[0], row)
 
 
+@EVERY_CHAIN
 def test_gravity_torque_and_mass_matrix_make_up_the_inverse_dynamics(chain, draw):
     state = draw(chain, 1, seed=82)[0]
     tau = vdfmu.inverse_dynamics(chain, state.q, np.zeros(chain.n), state.q_ddot, state.F_e)

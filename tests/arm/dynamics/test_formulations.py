@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from vdfmu.arm.drive.counterbalance import counterbalance_torque
+from tests.arm.balanced import EVERY_CHAIN
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.kinematics import end_effector_pose
@@ -18,6 +18,7 @@ from vdfmu.arm.robot import load_robot, robot_names
 EPS = np.finfo(float).eps
 
 
+@EVERY_CHAIN
 def test_virtual_decomposition_agrees_with_newton_euler(chain, draw):
     for state in draw(chain, 20, seed=60):
         arguments = (chain, state.q, state.q_dot, state.q_ddot, state.F_e)
@@ -52,18 +53,17 @@ def test_dynamics_agree_with_pinocchio(
 
 @pytest.mark.parametrize("name", [*robot_names(), "general"])
 def test_numpy_equations_agree_with_pinocchio(name, general, draw, pinocchio_model, pinocchio_force):
-    """Of every shipped arm and of the general chain; a counterbalance, which Pinocchio does not have, is added."""
+    """Of every shipped arm and of the general chain: the links alone, without a counterbalance."""
     robot = general if name == "general" else load_robot(name)
     model = pinocchio_model(robot)
     data = model.createData()
     for state in draw(robot, 10, seed=67):
         force = pinocchio_force(robot, state.F_e)
-        rigid = pin.rnea(model, data, state.q, state.q_dot, state.q_ddot, force).copy()
-        tau = rigid - (counterbalance_torque(robot, state.q) if robot.counterbalance else 0.0)
+        tau = pin.rnea(model, data, state.q, state.q_dot, state.q_ddot, force).copy()
         # Some 100 n products of the size of the largest torque: 1e-12 with 24 joints.
         ours = inverse_dynamics(robot, state.q, state.q_dot, state.q_ddot, state.F_e)
         np.testing.assert_allclose(ours, tau, rtol=0, atol=1e-12 * np.abs(tau).max())
-        q_ddot = pin.aba(model, data, state.q, state.q_dot, rigid, force)
+        q_ddot = pin.aba(model, data, state.q, state.q_dot, tau, force)
         ours = forward_dynamics(robot, state.q, state.q_dot, tau, state.F_e)
         # The same, times the condition of the mass matrix, some 1e5 with 24 joints; most of it cancels.
         np.testing.assert_allclose(ours, q_ddot, rtol=0, atol=1e-10 * np.abs(q_ddot).max())

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.chains import repeated_link
-from tests.compiler.native.test_loops import check_bits, check_derivatives
+from tests.compiler.native.loops import check_bits, check_derivatives
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import find_unit
 from vdfmu.compiler.c.loop_text import c_loops

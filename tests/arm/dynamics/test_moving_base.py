@@ -8,19 +8,22 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tests.arm.dynamics.test_rotor_bodies import RotorBodies
+from tests.arm.balanced import EVERY_CHAIN
+from tests.arm.dynamics.rotor_bodies import RotorBodies
 from tests.conftest import random_inertia, random_rotation
-from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
-from vdfmu.arm.equations.forward_dynamics import apparent_load, forward_dynamics
+from vdfmu.arm.equations.desired_drive import desired_drive_motion
+from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.flexible_joint import split_state
+from vdfmu.arm.equations.forward_dynamics import articulated, forward_dynamics
 from vdfmu.arm.equations.friction import joint_friction
-from vdfmu.arm.equations.inverse_dynamics import gravity_in_links, inverse_dynamics, link_motion
+from vdfmu.arm.equations.inverse_dynamics import Base, gravity_in_links, inverse_dynamics, link_motion
 from vdfmu.arm.equations.kinematics import tool_transform
-from vdfmu.arm.equations.plant import balance, base_load, plant_derivative, plant_outputs, split_state, tool_motion
+from vdfmu.arm.equations.plant import balance, plant_derivative, plant_outputs
 from vdfmu.arm.equations.rigid_body import coriolis_force, gravity_force, mass_matrix
 from vdfmu.arm.equations.spatial import skew
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.world.attachment import Base, Ends, moving_base, point_acceleration
+from vdfmu.arm.world.attachment import Load, base_load, moving_base, point_acceleration, tool_motion
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 # Of the largest: some 5000 roundings on either side, and solutions with mass matrices of a condition up to 1e4.
@@ -81,11 +84,11 @@ def test_links_on_a_moving_base_agree_with_a_free_root(chain, draw, pinocchio_mo
     flying = Flying(pinocchio_model(chain), chain)
     for state, ride in zip(draw(chain, 20, seed=11), rides(20, 12), strict=True):
         q_ddot, F_S = flying.solve(ride, state.q, state.q_dot, state.tau_s, state.F_e)
-        ends = Ends(ride.base(chain))
-        close(forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e, ends=ends), q_ddot)
-        tau = inverse_dynamics(chain, state.q, state.q_dot, q_ddot, state.F_e, base=ends.base)
+        base = ride.base(chain)
+        close(forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e, base=base), q_ddot)
+        tau = inverse_dynamics(chain, state.q, state.q_dot, q_ddot, state.F_e, base=base)
         close(tau, state.tau_s, CLOSE * 10)  # the torque of one joint is the difference of larger ones
-        M_S, F_S0 = apparent_load(chain, state.q, state.q_dot, state.tau_s, state.F_e, ends=ends)
+        M_S, F_S0 = articulated(chain, state.q, state.q_dot, state.tau_s, state.F_e, None, base, None).arm
         close(M_S @ ride.A_S + F_S0, F_S)
         close(M_S, M_S.T, 1e-13)  # of sums of symmetric matrices
 
@@ -104,22 +107,23 @@ def test_rotors_on_a_moving_base_agree_with_bodies_on_a_free_root(chain, draw):
             bodies.vector(state.tau_s - xi_l, state.tau - state.tau_s / robot.ell - xi_m),
             state.F_e,
         )
-        ends = Ends(ride.base(robot))
-        x_dot = plant_derivative(robot, state.x, state.tau, state.F_e, ends)
+        base = ride.base(robot)
+        x_dot = plant_derivative(robot, state.x, state.tau, state.F_e, base)
         close(x_dot[n : 2 * n], accelerations[bodies.links])
         close(x_dot[2 * n : 3 * n], accelerations[bodies.rotors] / robot.ell)
-        M_S, F_S0 = base_load(robot, state.x, state.tau, state.F_e, ends)
+        M_S, F_S0 = base_load(robot, state.x, state.tau, state.F_e, base, None)
         close(M_S @ ride.A_S + F_S0, F_S)
 
 
+@EVERY_CHAIN
 def test_the_balance_of_forces_is_that_of_the_derivative(chain, draw):
     random = np.random.default_rng(15)
     for state, ride in zip(draw(chain, 5, seed=16), rides(5, 17), strict=True):
         M_e = mass_matrix(2.0, random.normal(size=3), random_inertia(random, 0.3))
-        ends = Ends(ride.base(chain), M_e)
-        x_dot = plant_derivative(chain, state.x, state.tau, state.F_e, ends)
+        ends = ride.base(chain), Load(M_e)
+        x_dot = plant_derivative(chain, state.x, state.tau, state.F_e, *ends)
         # the torques that cancel: those of the joints, and what accelerations of 1e3 rad/s2 make of the inertia
-        left = balance(chain, state.x, x_dot, state.tau, state.F_e, ends)
+        left = balance(chain, state.x, x_dot, state.tau, state.F_e, *ends)
         for part, rate in zip(np.split(left, 4), np.split(x_dot, 4), strict=True):
             np.testing.assert_allclose(part, 0.0, atol=CLOSE * np.abs(rate).max())
 
@@ -171,15 +175,15 @@ def test_a_load_with_the_mass_of_a_body_is_a_payload(chain, draw):
         payload_mass=body[0], payload_centroid=body[1], payload_inertia=body[2]
     )
     for state, ride in zip(draw(chain, 5, seed=22), rides(5, 23), strict=True):
-        ends = Ends(ride.base(chain))
-        motion = link_motion(bare, state.q, state.q_dot, np.zeros(chain.n), base=ends.base)
+        base = ride.base(chain)
+        motion = link_motion(bare, state.q, state.q_dot, np.zeros(chain.n), base=base)
         omega_O = (tool_transform(bare).T @ motion.V_B[-1])[3:]
-        g_O = bare.tool_rotation.T @ gravity_in_links(bare, motion.U_AB, base=ends.base)[-1]
+        g_O = bare.tool_rotation.T @ gravity_in_links(bare, motion.U_AB, base=base)[-1]
         turning = coriolis_force(*body, np.concatenate([np.zeros(3), omega_O]))
         F_e = state.F_e + turning + gravity_force(*body[:2], g_O)
         close(
-            plant_derivative(bare, state.x, state.tau, F_e, Ends(ends.base, mass_matrix(*body))),
-            plant_derivative(loaded, state.x, state.tau, state.F_e, ends),
+            plant_derivative(bare, state.x, state.tau, F_e, base, Load(mass_matrix(*body))),
+            plant_derivative(loaded, state.x, state.tau, state.F_e, base),
         )
 
 
@@ -203,34 +207,34 @@ def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled
         x, base = split_state(whole, state.x)[:4], ride.base(whole)
         x_1, x_2 = (np.concatenate([s[joints] for s in x]) for joints in (slice(0, 1), slice(1, n)))
         R_O = ride.R_S @ plant_outputs(one, x_1).R_O
-        V_O, _ = tool_motion(one, x_1, state.tau[:1], np.zeros(6), Ends(base))
-        carried = Ends(moving_base(R_O, V_O[3:], np.zeros(6)))
-        M_S, F_S0 = base_load(two, x_2, state.tau[1:], state.F_e, carried)
-        loaded = Ends(base, M_S)
-        found_1 = plant_derivative(one, x_1, state.tau[:1], F_S0, loaded)
-        _, A_O = tool_motion(one, x_1, state.tau[:1], F_S0, loaded)
-        found_2 = plant_derivative(two, x_2, state.tau[1:], state.F_e, Ends(moving_base(R_O, V_O[3:], A_O)))
+        V_O, _ = tool_motion(one, x_1, state.tau[:1], np.zeros(6), base)
+        carried = moving_base(R_O, V_O[3:], np.zeros(6))
+        M_S, F_S0 = base_load(two, x_2, state.tau[1:], state.F_e, carried, None)
+        loaded = base, Load(M_S)
+        found_1 = plant_derivative(one, x_1, state.tau[:1], F_S0, *loaded)
+        _, A_O = tool_motion(one, x_1, state.tau[:1], F_S0, *loaded)
+        found_2 = plant_derivative(two, x_2, state.tau[1:], state.F_e, moving_base(R_O, V_O[3:], A_O))
         found = [np.concatenate(pair) for pair in zip(np.split(found_1, 4), np.split(found_2, 4), strict=True)]
-        expected = np.split(plant_derivative(whole, state.x, state.tau, state.F_e, Ends(base)), 4)
+        expected = np.split(plant_derivative(whole, state.x, state.tau, state.F_e, base), 4)
         for a, b in zip(found, expected, strict=True):
             close(a, b)
 
 
+@EVERY_CHAIN
 def test_energy_changes_by_the_power_of_motors_tool_and_base(chain, draw):
     """Without friction: dE/dt = tau ell kappa_dot - F_e V_O + F_S V_S."""
     robot = dataclasses.replace(chain, rotor_coupling=True).with_parameters(
         f_c=0, f_s=0, f_v=0, f_ck=0, theta_err_amplitude=0
     )
     for state, ride in zip(draw(robot, 5, seed=26), rides(5, 27), strict=True):
-        ends = Ends(ride.base(robot))
-        x_dot = plant_derivative(robot, state.x, state.tau, state.F_e, ends)
+        x_dot = plant_derivative(robot, state.x, state.tau, state.F_e, ride.base(robot))
         V_S_dot = ride.A_S - point_acceleration(ride.V_S, np.zeros(6))
         base = Base(jets(ride.R_S, ride.R_S @ skew(ride.V_S[3:]), 0.0), jets(ride.V_S, V_S_dot, 0.0))
         p_S = jets(np.zeros(3), ride.R_S @ ride.V_S[:3], 0.0)
         out = plant_outputs(robot, jets(state.x, x_dot, 0.0), p_S, base)
         rates = [float(derivative(E, 1)) for E in (out.E_kin, out.E_pot, out.E_spring)]
-        M_S, F_S0 = base_load(robot, state.x, state.tau, state.F_e, ends)
-        V_O, _ = tool_motion(robot, state.x, state.tau, state.F_e, ends)
+        M_S, F_S0 = base_load(robot, state.x, state.tau, state.F_e, ride.base(robot), None)
+        V_O, _ = tool_motion(robot, state.x, state.tau, state.F_e, ride.base(robot))
         V_O = V_O + np.concatenate([derivative(out.R_O, 0).T @ (ride.R_S @ ride.V_S[:3]), np.zeros(3)])
         powers = [
             state.tau @ (robot.ell * state.kappa_dot), -state.F_e @ V_O, (M_S @ ride.A_S + F_S0) @ ride.V_S
@@ -240,6 +244,7 @@ def test_energy_changes_by_the_power_of_motors_tool_and_base(chain, draw):
         np.testing.assert_allclose(sum(rates), sum(powers), rtol=0, atol=1000 * EPS * flow)
 
 
+@EVERY_CHAIN
 def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chain):
     chain = chain.with_parameters(theta_err_amplitude=0)  # too quick for the differences
     n = chain.n
@@ -266,7 +271,7 @@ def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chai
     torques = feedforward_inverse(chain, desired(t), np.zeros(6), base(t))
     motion = desired(t)
     x = np.concatenate([motion.q_d, motion.q_d_dot, torques.kappa_dot_d, torques.tau_s])
-    x_dot = split_state(chain, plant_derivative(chain, x, torques.tau_m, np.zeros(6), Ends(base(t))))
+    x_dot = split_state(chain, plant_derivative(chain, x, torques.tau_m, np.zeros(6), base(t)))
     # of a coupled rotor's torque the feedforward leaves out D' I_m D_ddot, see `desired_drive_motion`
     close(x_dot.q_dot, motion.q_d_ddot, 1e-9)
     gains = FeedbackGains(*(np.zeros(n) for _ in range(4)))

@@ -17,8 +17,6 @@ from vdfmu.arm.robot import load_robot
 OPTION = '''
 """A spring and a damper in series, beside the drive's spring (Maxwell's element)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from vdfmu.arm.drive.option import Array, DriveOption, OptionState, row

@@ -33,7 +33,7 @@ def scenario():
     return load_scenario(FOLDER / "scenario.toml")
 
 
-def test_positions_are_the_published_ones(scenario) -> None:
+def test_positions_are_the_published_ones(scenario):
     step = 1e-3
     found = reference(
         "continuous", SystemDescription(scenario, system_values(scenario, {})), step=step, stop=scenario.stop
@@ -47,7 +47,7 @@ def test_positions_are_the_published_ones(scenario) -> None:
 
 
 @pytest.mark.heavy
-def test_the_script_finds_no_difference_to_what_was_simulated(tmp_path, monkeypatch, capsys) -> None:
+def test_the_script_finds_no_difference_to_what_was_simulated(tmp_path, monkeypatch, capsys):
     """A file of the library's form, of our own signals, is read with the right names and signs."""
     monkeypatch.chdir(tmp_path)
     compare = runpy.run_path(str(FOLDER / "compare.py"))
@@ -67,7 +67,7 @@ def test_the_script_finds_no_difference_to_what_was_simulated(tmp_path, monkeypa
     assert (tmp_path / "results" / "robot_r3" / "comparison.png").stat().st_size > 10_000
 
 
-def test_the_currents_at_the_start_are_the_published_ones_and_hold_the_arm(scenario) -> None:
+def test_the_currents_at_the_start_are_the_published_ones_and_hold_the_arm(scenario):
     robot, values = scenario.robot, scenario.sections
     q_0 = values["path"]["q_start"]
     given = values["axis"]
@@ -88,7 +88,7 @@ def test_the_currents_at_the_start_are_the_published_ones_and_hold_the_arm(scena
     np.testing.assert_allclose(plant.der_q_dot, 0.0, atol=1e-12)  # rounding of 1000 N.m, over 0.1 kg.m2
 
 
-def test_the_motion_keeps_its_limits_and_reaches_one_of_each(scenario) -> None:
+def test_the_motion_keeps_its_limits_and_reaches_one_of_each(scenario):
     values = scenario.sections["path"]
     path = find_unit(FOLDER / "path.py")(scenario.robot, **values)
     h, found = 1e-3, []
@@ -106,7 +106,7 @@ def test_the_motion_keeps_its_limits_and_reaches_one_of_each(scenario) -> None:
     assert accelerations.max() == pytest.approx(1.0, rel=1e-9)
 
 
-def test_dampers_take_what_the_plant_loses(scenario) -> None:
+def test_dampers_take_what_the_plant_loses(scenario):
     """Rates of all energies, with and without dampers from the same state, differ by d (kappa_dot - q_dot)^2."""
     robot = load_robot(FOLDER / "robot.toml")
     random = np.random.default_rng(7)

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tests.arm.balanced import ONE
 from tests.conftest import TYPICAL
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
-from vdfmu.arm.equations.flexible_joint import rotor_position
+from vdfmu.arm.equations.flexible_joint import link_torques, rotor_position
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.kinematics import end_effector_pose
@@ -31,9 +32,11 @@ NAMES = [*FUNCTIONS, *(name for unit in shipped_units().values() for name in Uni
 """Traced functions of the kernel and of the units."""
 
 
-@pytest.fixture(scope="module", params=[*TYPICAL, "general", "single"])
+@pytest.fixture(scope="module", params=[*TYPICAL, "general", "single", "balanced"])
 def traced_robot(request, general):
-    """Return each shipped robot, the general chain, and an arm of one joint."""
+    """Return each shipped robot, the general chain, an arm of one joint, and one with a counterbalance."""
+    if request.param == "balanced":
+        return ONE
     if request.param == "general":
         return general
     if request.param == "single":
@@ -92,10 +95,11 @@ def case(name, robot, state):
     match name:
         case "inverse_dynamics" | "newton_euler":
             method = inverse_dynamics if name == "inverse_dynamics" else newton_euler
-            return dict(q=q, q_dot=q_dot, q_ddot=q_ddot, F_e=F_e), dict(tau=method(robot, q, q_dot, q_ddot, F_e))
+            torques = method(robot, q, q_dot, q_ddot, F_e) - link_torques(robot, q)
+            return dict(q=q, q_dot=q_dot, q_ddot=q_ddot, F_e=F_e), dict(tau=torques)
         case "forward_dynamics":
             return dict(q=q, q_dot=q_dot, tau=state.tau_s, F_e=F_e), dict(
-                q_ddot=forward_dynamics(robot, q, q_dot, state.tau_s, F_e)
+                q_ddot=forward_dynamics(robot, q, q_dot, state.tau_s + link_torques(robot, q), F_e)
             )
         case "forward_kinematics":
             p_O, R_O = end_effector_pose(robot, q)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -53,7 +53,7 @@ ARM = (
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> Callable[[str], Path]:
+def urdf(tmp_path):
     """Return the function that writes a URDF with some content."""
 
     def write(content: str, name: str = "arm.urdf") -> Path:
@@ -95,3 +95,25 @@ def differences(
         relative(vdfmu.inverse_dynamics(robot, q, q_dot, q_ddot), torques),
         relative(vdfmu.forward_dynamics(robot, q, q_dot, np.array(torques)), accelerations),
     )
+
+
+def largest_difference(path: Path, robot: vdfmu.Robot, joints: list[str], states: int = 20) -> float:
+    """Return the largest relative difference of inverse dynamics to those of MuJoCo, all other joints at 0."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    for own in (model.dof_damping, model.dof_armature, model.dof_frictionloss, model.jnt_stiffness):
+        own[:] = 0  # of the drives, which a robot of vdfmu has beside its links
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    places = [model.joint(name) for name in joints]
+    worst, random = 0.0, np.random.default_rng(2)
+    for q, q_dot, q_ddot in random.uniform(-1, 1, (states, 3, robot.n)):
+        data.qpos[:] = 0.0
+        data.qvel[:] = 0.0
+        data.qacc[:] = 0.0
+        for place, *values in zip(places, q, q_dot, q_ddot, strict=True):
+            data.qpos[place.qposadr], data.qvel[place.dofadr], data.qacc[place.dofadr] = values
+        mujoco.mj_inverse(model, data)
+        theirs = np.array([data.qfrc_inverse[place.dofadr[0]] for place in places])
+        ours = vdfmu.inverse_dynamics(robot, q, q_dot, q_ddot)
+        worst = max(worst, float(np.abs(ours - theirs).max() / np.abs(theirs).max()))
+    return worst

@@ -16,7 +16,7 @@ def vdfmu(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.heavy
-def test_a_robot_file_is_written_and_not_replaced_unasked(urdf, tmp_path: Path) -> None:
+def test_a_robot_file_is_written_and_not_replaced_unasked(urdf, tmp_path):
     urdf(ARM)
     done = vdfmu(tmp_path, "robot", "import", "arm.urdf")
     assert done.returncode == 0, done.stderr
@@ -33,7 +33,7 @@ def test_a_robot_file_is_written_and_not_replaced_unasked(urdf, tmp_path: Path) 
     assert load_robot(tmp_path / "arm.toml").n == 1
 
 
-def test_what_is_no_arm_ends_with_every_problem_and_no_file(urdf, tmp_path: Path) -> None:
+def test_what_is_no_arm_ends_with_every_problem_and_no_file(urdf, tmp_path):
     urdf(ARM + link("flap") + joint("d", "one", "flap"))
     done = vdfmu(tmp_path, "robot", "import", "arm.urdf", "-o", "robot.toml")
     assert done.returncode == 2
@@ -42,7 +42,7 @@ def test_what_is_no_arm_ends_with_every_problem_and_no_file(urdf, tmp_path: Path
 
 
 @pytest.mark.heavy
-def test_a_folder_that_is_missing_is_named(urdf, tmp_path: Path) -> None:
+def test_a_folder_that_is_missing_is_named(urdf, tmp_path):
     urdf(ARM)
     done = vdfmu(tmp_path, "robot", "import", "arm.urdf", "-o", "gone/robot.toml")
     assert done.returncode == 2
@@ -50,7 +50,7 @@ def test_a_folder_that_is_missing_is_named(urdf, tmp_path: Path) -> None:
 
 
 @pytest.mark.heavy
-def test_a_first_motion_is_written_with_its_margins_and_runs_by_its_name_too(tmp_path: Path) -> None:
+def test_a_first_motion_is_written_with_its_margins_and_runs_by_its_name_too(tmp_path):
     written = vdfmu(tmp_path, "robot", "reach", "planar_2dof")
     assert written.returncode == 0, written.stderr
     assert "modulus margin" in written.stdout

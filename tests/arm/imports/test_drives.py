@@ -1,7 +1,6 @@
 """Drives come from their file, then from the robot's, and are assumed by one rule where neither says anything."""
 
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ def one_joint(urdf, kind: str = "revolute", inside: str = LIMIT) -> vdfmu.Robot:
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
-def test_the_drive_of_the_file_of_assumed_drives_has_its_rating(urdf, kind: str) -> None:
+def test_the_drive_of_the_file_of_assumed_drives_has_its_rating(urdf, kind):
     like = ASSUMED[kind]
     limits = f'<limit effort="{like["rating"]}" velocity="0" lower="0" upper="0"/>'
     robot = one_joint(urdf, kind, limits)
@@ -34,7 +33,7 @@ def test_the_drive_of_the_file_of_assumed_drives_has_its_rating(urdf, kind: str)
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
-def test_another_size_winds_up_by_the_same_angle_and_swings_at_the_same_frequency(urdf, kind: str) -> None:
+def test_another_size_winds_up_by_the_same_angle_and_swings_at_the_same_frequency(urdf, kind):
     """What has a mass in its unit grows with the largest torque, what is per mass falls, the rest stays."""
     small = one_joint(urdf, kind, '<limit effort="2" lower="-1" upper="1"/>')
     large = one_joint(urdf, kind, '<limit effort="6" lower="-1" upper="1"/>')
@@ -52,7 +51,7 @@ def test_another_size_winds_up_by_the_same_angle_and_swings_at_the_same_frequenc
     assert {measure(row.unit(kind)).exponents.get("kg", 0) for row in assumed} == {-1, 0, 1}
 
 
-def test_a_joint_without_effort_gets_twice_what_its_load_needs(urdf) -> None:
+def test_a_joint_without_effort_gets_twice_what_its_load_needs(urdf):
     body = """<inertial><origin xyz="0.5 0 0"/><mass value="3"/>
     <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>"""
     path = urdf(link("ground", "") + link("one", body) + joint("a", "ground", "one", inside="", origin=""))
@@ -60,7 +59,7 @@ def test_a_joint_without_effort_gets_twice_what_its_load_needs(urdf) -> None:
     assert f"# largest torque {torque:.6g} N.m: twice what holds" in import_robot(path).text
 
 
-def test_a_file_of_drives_comes_before_the_robots_own(urdf, tmp_path: Path) -> None:
+def test_a_file_of_drives_comes_before_the_robots_own(urdf, tmp_path):
     drives = tmp_path / "drives.toml"
     drives.write_text(
         """
@@ -90,7 +89,7 @@ def test_a_file_of_drives_comes_before_the_robots_own(urdf, tmp_path: Path) -> N
     assert robot.source_of("joints[2].friction.f_v") == "drives.toml: b"
 
 
-def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path: Path) -> None:
+def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path):
     drives = tmp_path / "drives.toml"
     drives.write_text(
         '[shoulder]\n[a]\ndrive = { ell = 0.5, gear = 3 }\nfriction.f_c = "low"\nengine = {}\ngear = "CSG-25"\n',
@@ -112,7 +111,7 @@ def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path: Path) -> Non
     ]  # fmt: skip
 
 
-def test_a_file_of_drives_names_gears_and_motors(urdf, tmp_path: Path) -> None:
+def test_a_file_of_drives_names_gears_and_motors(urdf, tmp_path):
     drives = tmp_path / "drives.toml"
     drives.write_text(
         """
@@ -142,7 +141,7 @@ def test_a_file_of_drives_names_gears_and_motors(urdf, tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.kappa_dot_max, [615.38 / 100.0, 662.47 / 100.0, 662.47 / 160.0])
 
 
-def test_published_drives_of_the_fr3_disagree_threefold(urdf) -> None:
+def test_published_drives_of_the_fr3_disagree_threefold(urdf):
     arm = link("ground", "") + "".join(link(f"link{i}") for i in range(1, 8))
     parents = ["ground", *(f"link{i}" for i in range(1, 7))]
     arm += "".join(joint(f"fr3_joint{i}", parent, f"link{i}") for i, parent in enumerate(parents, 1))
@@ -157,17 +156,17 @@ def test_published_drives_of_the_fr3_disagree_threefold(urdf) -> None:
     assert menagerie.f_c.tolist() == [1.137] * 4 + [0.763, 0.44, 0.248]
 
 
-def test_armature_becomes_the_inertia_of_the_rotor() -> None:
+def test_armature_becomes_the_inertia_of_the_rotor():
     rows = [row for row in PARAMETERS.values() if row.given == "armature"]
     assert [row.quantity for row in rows] == ["rotor inertia"]
 
 
-def test_the_files_words_for_parameters_are_those_of_urdf() -> None:
+def test_the_files_words_for_parameters_are_those_of_urdf():
     words = {row.given for row in PARAMETERS.values() if row.per_joint} - {""}
     assert words == {"lower", "upper", "effort", "velocity", "damping", "friction", "armature"}
 
 
-def test_the_assumed_drives_are_complete() -> None:
+def test_the_assumed_drives_are_complete():
     """Every number without a default of its own, except those of limits that only some robots have."""
     for kind in ("revolute", "prismatic"):
         for part in ("drive", "friction", "limits"):

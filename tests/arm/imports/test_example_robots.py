@@ -1,18 +1,16 @@
 """Robots as they are published: every URDF of example-robot-data."""
 
-from pathlib import Path
-
 import mujoco
 import pytest
 from lxml import etree
 
+from tests.arm.imports.conftest import largest_difference
 from tests.arm.imports.table import folder, parts, table
-from tests.arm.imports.test_mjcf import largest_difference
 from vdfmu.arm.imports import import_robot
 
 
 @pytest.mark.heavy
-def test_every_arm_agrees_with_pinocchio_or_is_refused_with_a_reason_as_the_page_says() -> None:
+def test_every_arm_agrees_with_pinocchio_or_is_refused_with_a_reason_as_the_page_says():
     assert table() == parts()[1], "python -m tests.arm.imports.table writes the table anew"
 
 
@@ -28,7 +26,7 @@ def test_every_arm_agrees_with_pinocchio_or_is_refused_with_a_reason_as_the_page
         ("talos_data/robots/talos_reduced.urdf", "arm_left_7_link"),
     ],
 )
-def test_the_same_robots_as_mjcf_agree_with_mujoco(tmp_path: Path, file: str, tip: str | None) -> None:
+def test_the_same_robots_as_mjcf_agree_with_mujoco(tmp_path, file, tip):
     root = etree.parse(folder() / file).getroot()
     for link in root.findall("link"):  # MuJoCo does not read all meshes
         for shape in (*link.findall("visual"), *link.findall("collision")):

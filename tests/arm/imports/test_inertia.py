@@ -1,7 +1,5 @@
 """Bodies without inertia in a URDF get that of their shapes, or what a file of drives says; else they are refused."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
@@ -26,7 +24,7 @@ def mass_of(robot: vdfmu.Robot, i: int = 0) -> dict[str, object]:
     return robot.to_dict()["joints"][i]["link"]
 
 
-def test_shapes_have_the_inertia_that_mujoco_gives_them(urdf) -> None:
+def test_shapes_have_the_inertia_that_mujoco_gives_them(urdf):
     """In a frame of its own, z along the joint's axis: joint a turns about y of the link."""
     robot = vdfmu.robot_from_urdf(urdf(with_one(SHAPED)), density=2700.0)
     found = mass_of(robot)
@@ -49,7 +47,7 @@ def test_shapes_have_the_inertia_that_mujoco_gives_them(urdf) -> None:
     np.testing.assert_allclose(found["inertia"], expected, rtol=0, atol=1.5e-6 * moments[-1])
 
 
-def test_what_is_made_of_shapes_is_said(urdf, tmp_path: Path) -> None:
+def test_what_is_made_of_shapes_is_said(urdf, tmp_path):
     path = urdf(with_one(SHAPED))
     found = import_robot(path, density=1000.0)
     for key in ("mass", "centroid", "inertia"):
@@ -68,7 +66,7 @@ def test_what_is_made_of_shapes_is_said(urdf, tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.robot.mass[1:], vdfmu.robot_from_urdf(urdf(ARM)).mass[1:])
 
 
-def test_collisions_are_taken_before_visuals_unless_they_are_meshes(urdf) -> None:
+def test_collisions_are_taken_before_visuals_unless_they_are_meshes(urdf):
     ball = 4.0 / 3.0 * np.pi * 0.08**3
     for inside, volume in (
         (f"<visual>{MESH}</visual><collision>{BALL}</collision>", ball),
@@ -79,7 +77,7 @@ def test_collisions_are_taken_before_visuals_unless_they_are_meshes(urdf) -> Non
         assert robot.mass[0] == pytest.approx(1000.0 * volume, rel=1e-14)
 
 
-def test_an_inertia_of_zero_is_completed_and_the_mass_of_the_file_stays(urdf) -> None:
+def test_an_inertia_of_zero_is_completed_and_the_mass_of_the_file_stays(urdf):
     zero = '<inertial><mass value="2"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
     path = urdf(with_one(zero + f"<visual>{BALL}</visual>"))
     with pytest.raises(
@@ -91,7 +89,7 @@ def test_an_inertia_of_zero_is_completed_and_the_mass_of_the_file_stays(urdf) ->
     np.testing.assert_allclose(robot.inertia[0], 0.4 * 2.0 * 0.08**2 * np.eye(3), rtol=1e-14)
 
 
-def test_a_file_of_drives_gives_what_meshes_do_not(urdf, tmp_path: Path) -> None:
+def test_a_file_of_drives_gives_what_meshes_do_not(urdf, tmp_path):
     path, drives = urdf(with_one(f"<visual>{MESH}</visual>")), tmp_path / "drives.toml"
     for text, words in (
         ("", "joint a: expected a link with mass, which it moves, got no <inertial> with a mass in one"),
@@ -115,7 +113,7 @@ def test_a_file_of_drives_gives_what_meshes_do_not(urdf, tmp_path: Path) -> None
         vdfmu.robot_from_urdf(path, density="steel")
 
 
-def test_joints_keep_their_names(urdf, tmp_path: Path) -> None:
+def test_joints_keep_their_names(urdf, tmp_path):
     found = import_robot(urdf(ARM))
     file = tmp_path / "arm.toml"
     file.write_text(found.text, encoding="utf-8")
@@ -132,7 +130,7 @@ def test_joints_keep_their_names(urdf, tmp_path: Path) -> None:
     assert plain.joint_labels == ["1", "2"] and "name" not in plain.to_dict()["joints"][0]
 
 
-def test_a_joint_without_end_is_not_taken_for_degrees(urdf, tmp_path: Path) -> None:
+def test_a_joint_without_end_is_not_taken_for_degrees(urdf, tmp_path):
     content = link("ground", "") + link("one") + joint("a", "ground", "one", "continuous", inside='<limit effort="9"/>')
     robot = vdfmu.robot_from_urdf(urdf(content))
     assert robot.limits and robot.q_max[0] == 1e6

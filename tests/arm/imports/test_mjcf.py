@@ -3,11 +3,10 @@
 import sys
 from pathlib import Path
 
-import mujoco
-import numpy as np
 import pytest
 
 import vdfmu
+from tests.arm.imports.conftest import largest_difference
 from vdfmu.arm.imports import import_robot
 
 ARM = """<mujoco model="arm"><compiler angle="radian"/><option gravity="1 2 -9"/>
@@ -28,7 +27,7 @@ PAIR = '<body name="{0}"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{1}
 
 
 @pytest.fixture
-def mjcf(tmp_path: Path):
+def mjcf(tmp_path):
     """Return the function that writes a MuJoCo file."""
 
     def write(text: str) -> Path:
@@ -39,43 +38,21 @@ def mjcf(tmp_path: Path):
     return write
 
 
-def largest_difference(path: Path, robot: vdfmu.Robot, joints: list[str], states: int = 20) -> float:
-    """Return the largest relative difference of inverse dynamics to those of MuJoCo, all other joints at 0."""
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-    for own in (model.dof_damping, model.dof_armature, model.dof_frictionloss, model.jnt_stiffness):
-        own[:] = 0  # of the drives, which a robot of vdfmu has beside its links
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    places = [model.joint(name) for name in joints]
-    worst, random = 0.0, np.random.default_rng(2)
-    for q, q_dot, q_ddot in random.uniform(-1, 1, (states, 3, robot.n)):
-        data.qpos[:] = 0.0
-        data.qvel[:] = 0.0
-        data.qacc[:] = 0.0
-        for place, *values in zip(places, q, q_dot, q_ddot, strict=True):
-            data.qpos[place.qposadr], data.qvel[place.dofadr], data.qacc[place.dofadr] = values
-        mujoco.mj_inverse(model, data)
-        theirs = np.array([data.qfrc_inverse[place.dofadr[0]] for place in places])
-        ours = vdfmu.inverse_dynamics(robot, q, q_dot, q_ddot)
-        worst = max(worst, float(np.abs(ours - theirs).max() / np.abs(theirs).max()))
-    return worst
-
-
-def test_inverse_dynamics_are_those_of_mujoco(mjcf) -> None:
+def test_inverse_dynamics_are_those_of_mujoco(mjcf):
     path = mjcf(ARM)
     robot = vdfmu.robot_from_mjcf(path)
     assert robot.joint_types == ("revolute", "prismatic", "revolute")
     assert largest_difference(path, robot, ["turn", "slide", "last"]) < 1e-12  # some 100 n roundings
 
 
-def test_a_base_and_a_tip_are_bodies(mjcf) -> None:
+def test_a_base_and_a_tip_are_bodies(mjcf):
     path = mjcf(ARM)
     found = import_robot(path, tip="two")
     assert largest_difference(path, found.robot, ["turn", "slide"]) < 1e-12  # as above
     assert "held at 0, beside the arm: last." in found.notes
 
 
-def test_what_the_file_says_of_drives_is_taken_over(mjcf) -> None:
+def test_what_the_file_says_of_drives_is_taken_over(mjcf):
     robot = vdfmu.robot_from_mjcf(mjcf(ARM))
     first, second, _ = robot.to_dict()["joints"]
     assert (first["limits"]["q_min"], first["limits"]["q_max"]) == (-1.0, 1.0)
@@ -88,7 +65,7 @@ def test_what_the_file_says_of_drives_is_taken_over(mjcf) -> None:
     assert second["limits"]["q_max"] == 1e6
 
 
-def test_shapes_are_kept_where_mujoco_shows_them(mjcf) -> None:
+def test_shapes_are_kept_where_mujoco_shows_them(mjcf):
     robot = vdfmu.robot_from_mjcf(mjcf(ARM))
     looks = [(visual.joint, visual.shape, visual.size.tolist()) for visual in robot.visuals]
     assert looks[:2] == [(0, "box", [0.2, 0.2, 0.2]), (1, "box", [0.2, 0.4, 0.6])]
@@ -112,7 +89,7 @@ def test_shapes_are_kept_where_mujoco_shows_them(mjcf) -> None:
         ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
     ],
 )  # fmt: skip
-def test_what_is_no_arm_is_refused(mjcf, inside: str, further: str, expected: str) -> None:
+def test_what_is_no_arm_is_refused(mjcf, inside, further, expected):
     path = mjcf(f"<mujoco><worldbody>{inside}</worldbody>{further}</mujoco>")
     with pytest.raises(vdfmu.VdfmuError) as error:
         tip = "b" if 'name="b"' in inside else None
@@ -120,7 +97,7 @@ def test_what_is_no_arm_is_refused(mjcf, inside: str, further: str, expected: st
     assert expected in str(error.value)
 
 
-def test_without_mujoco_the_package_is_named(mjcf, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_mujoco_the_package_is_named(mjcf, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(vdfmu.VdfmuError, match=r"Install it: pip install 'vdfmu\[robots\]'"):
         vdfmu.robot_from_mjcf(mjcf(ARM))

@@ -80,12 +80,12 @@ def refused(path: Path, **options: str) -> list[str]:
          "joint a: damping: expected a number >= 0, got -1. Correct it."),
     ],
 )  # fmt: skip
-def test_it_is_refused(urdf, content: str, options: dict[str, str], expected: str) -> None:
+def test_it_is_refused(urdf, content, options, expected):
     problems = refused(urdf(content), **options)
     assert any(expected in problem for problem in problems), problems
 
 
-def test_all_problems_come_at_once(urdf) -> None:
+def test_all_problems_come_at_once(urdf):
     content = ARM.replace('<mass value="2"/>', '<mass value="x"/>', 2).replace('xyz="0 1 0"', 'xyz="0 1"')
     assert refused(urdf(content)) == [
         "line 3: link one: mass: value: expected a finite number, got 'x'. Correct it.",
@@ -94,7 +94,7 @@ def test_all_problems_come_at_once(urdf) -> None:
     ]
 
 
-def test_every_joint_without_a_mass_is_named(urdf) -> None:
+def test_every_joint_without_a_mass_is_named(urdf):
     bare = ARM.replace(INERTIAL, "")
     assert [problem.split(":")[0] for problem in refused(urdf(bare))] == ["joint a", "joint b", "joint c"]
 
@@ -107,19 +107,19 @@ def test_every_joint_without_a_mass_is_named(urdf) -> None:
         ("<sdf/>", "expected <robot>, got <sdf>. Is it the right file?"),
     ],
 )  # fmt: skip
-def test_what_is_no_urdf_is_named(tmp_path: Path, text: str, expected: str) -> None:
+def test_what_is_no_urdf_is_named(tmp_path, text, expected):
     path = tmp_path / "arm.urdf"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(vdfmu.VdfmuError, match=expected):
         vdfmu.robot_from_urdf(path)
 
 
-def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_missing_is_named(tmp_path):
     with pytest.raises(vdfmu.VdfmuError, match="expected a URDF or MJCF file, got nothing: it does not exist"):
         vdfmu.robot_from_urdf(tmp_path / "arm.urdf")
 
 
-def test_a_row_of_links_without_end_is_refused(urdf) -> None:
+def test_a_row_of_links_without_end_is_refused(urdf):
     n = 3000
     row = "".join(link(f"l{i}", "") for i in range(n + 1))
     row += "".join(joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(n))

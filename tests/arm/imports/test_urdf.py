@@ -1,7 +1,6 @@
 """An arm of a URDF is that of Pinocchio, and its robot file says what it is."""
 
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +13,7 @@ from vdfmu.arm.imports import import_robot
 from vdfmu.arm.imports.tree import aligned
 
 
-def test_the_dynamics_are_those_of_pinocchio(urdf) -> None:
+def test_the_dynamics_are_those_of_pinocchio(urdf):
     path = urdf(ARM)
     robot = vdfmu.robot_from_urdf(path)
     assert robot.joint_types == ("revolute", "revolute", "prismatic")
@@ -23,7 +22,7 @@ def test_the_dynamics_are_those_of_pinocchio(urdf) -> None:
     assert forward < 1e-11  # times the condition number of M, below 100
 
 
-def test_the_tool_is_where_pinocchio_has_the_tip(urdf) -> None:
+def test_the_tool_is_where_pinocchio_has_the_tip(urdf):
     path = urdf(ARM)
     model = pinocchio_arm(path, ["a", "b", "c"])
     data, q = model.createData(), np.array([0.3, -0.8, 0.2])
@@ -36,20 +35,20 @@ def test_the_tool_is_where_pinocchio_has_the_tip(urdf) -> None:
 
 
 @pytest.mark.parametrize("axis", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, -1, 0], [0.6, 0.48, -0.64]])
-def test_a_frame_is_turned_onto_an_axis(axis: list[float]) -> None:
+def test_a_frame_is_turned_onto_an_axis(axis):
     R = aligned(np.array(axis, dtype=float))
     np.testing.assert_allclose(R[:, 2], axis, rtol=0, atol=1e-15)  # one rounding an entry
     np.testing.assert_allclose(R @ R.T, np.eye(3), rtol=0, atol=1e-15)
     assert np.linalg.det(R) > 0
 
 
-def test_axes_along_frames_give_rotations_of_ones_and_zeros(urdf) -> None:
+def test_axes_along_frames_give_rotations_of_ones_and_zeros(urdf):
     bare = joint("a", "ground", "one", axis="0 1 0", origin="")
     robot = vdfmu.robot_from_urdf(urdf(link("ground", "") + link("one") + bare))
     assert robot.rotation[0].tolist() == [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
 
 
-def test_another_base_keeps_the_direction_of_gravity(urdf) -> None:
+def test_another_base_keeps_the_direction_of_gravity(urdf):
     path = urdf(ARM)
     robot = vdfmu.robot_from_urdf(path, base="two")
     assert robot.n == 1
@@ -60,7 +59,7 @@ def test_another_base_keeps_the_direction_of_gravity(urdf) -> None:
     np.testing.assert_allclose(vdfmu.gravity_torque(robot, np.zeros(1)), expected, rtol=0, atol=1e-13)
 
 
-def test_what_moves_beside_the_arm_is_held_and_carried(urdf) -> None:
+def test_what_moves_beside_the_arm_is_held_and_carried(urdf):
     path = urdf(ARM + link("flap") + joint("d", "one", "flap"))
     found = import_robot(path, tip="tool")
     assert "held at 0, beside the arm: d." in found.notes
@@ -68,7 +67,7 @@ def test_what_moves_beside_the_arm_is_held_and_carried(urdf) -> None:
     assert inverse < 1e-13  # as above
 
 
-def test_joints_that_are_coupled_are_no_arm(urdf) -> None:
+def test_joints_that_are_coupled_are_no_arm(urdf):
     fingers = (
         link("left")
         + link("right")
@@ -80,11 +79,11 @@ def test_joints_that_are_coupled_are_no_arm(urdf) -> None:
     assert "held at 0, beside the arm: left, right." in found.notes
 
 
-def test_links_without_mass_are_named(urdf) -> None:
+def test_links_without_mass_are_named(urdf):
     assert "joint c: the file gives no mass to tool." in import_robot(urdf(ARM)).notes
 
 
-def test_limits_damping_and_friction_are_taken_over(urdf) -> None:
+def test_limits_damping_and_friction_are_taken_over(urdf):
     path = urdf(
         link("ground", "") + link("one") + link("two")
         + joint("a", "ground", "one", inside=LIMIT + '<dynamics damping="0.7" friction="0.2"/>')
@@ -112,7 +111,7 @@ def test_limits_damping_and_friction_are_taken_over(urdf) -> None:
     assert sources("joints[1].limits.q_max") == "arm.urdf: upper of the joint"
 
 
-def test_a_range_that_is_none_is_no_end_stop(urdf) -> None:
+def test_a_range_that_is_none_is_no_end_stop(urdf):
     for ends in ('lower="0" upper="0"', 'lower="-1e16" upper="1e16"', 'effort="3"'):
         robot = vdfmu.robot_from_urdf(
             urdf(link("ground", "") + link("one") + joint("a", "ground", "one", inside=f"<limit {ends}/>"))
@@ -121,7 +120,7 @@ def test_a_range_that_is_none_is_no_end_stop(urdf) -> None:
             assert (robot.q_min[0], robot.q_max[0]) == (-1e6, 1e6)
 
 
-def test_a_file_without_limits_gives_none(urdf) -> None:
+def test_a_file_without_limits_gives_none(urdf):
     robot = vdfmu.robot_from_urdf(
         urdf(link("ground", "") + link("one") + joint("a", "ground", "one", "continuous", inside=""))
     )
@@ -129,7 +128,7 @@ def test_a_file_without_limits_gives_none(urdf) -> None:
     assert robot.source_of("joints[1].drive.ell")
 
 
-def test_the_robot_file_is_what_load_robot_reads_and_every_number_has_a_source(urdf, tmp_path: Path) -> None:
+def test_the_robot_file_is_what_load_robot_reads_and_every_number_has_a_source(urdf, tmp_path):
     found = import_robot(urdf(ARM))
     (tmp_path / "arm.toml").write_text(found.text, encoding="utf-8")
     read = vdfmu.load_robot(tmp_path / "arm.toml")
@@ -145,7 +144,7 @@ def test_the_robot_file_is_what_load_robot_reads_and_every_number_has_a_source(u
     assert "# Joint 2: b, revolute, moves two, cap, joined to one body" in found.text
 
 
-def test_visuals_follow_their_links(urdf, tmp_path: Path) -> None:
+def test_visuals_follow_their_links(urdf, tmp_path):
     (tmp_path / "shapes").mkdir()
     (tmp_path / "shapes" / "one.stl").write_bytes(b"")
     looks = """<visual><origin xyz="1 0 0"/><geometry><mesh filename="package://shapes/one.stl" scale="2 2 2"/>
@@ -170,14 +169,14 @@ def test_visuals_follow_their_links(urdf, tmp_path: Path) -> None:
     assert any(note.startswith("meshes not found") for note in found.notes)
 
 
-def test_a_file_of_xacro_is_named(urdf) -> None:
+def test_a_file_of_xacro_is_named(urdf):
     path = urdf("")
     path.write_text('<robot xmlns:xacro="http://x"><xacro:include filename="a"/></robot>', encoding="utf-8")
     with pytest.raises(vdfmu.VdfmuError, match=r"Write the URDF first: xacro arm.urdf > arm_plain.urdf"):
         vdfmu.robot_from_urdf(path)
 
 
-def test_a_ratio_that_is_left_out_is_told(urdf) -> None:
+def test_a_ratio_that_is_left_out_is_told(urdf):
     def transmission(name: str, ratio: str) -> str:
         motor = f'<actuator name="m"><mechanicalReduction>{ratio}</mechanicalReduction></actuator>'
         return f'<transmission name="t_{name}"><joint name="{name}"/>{motor}</transmission>'

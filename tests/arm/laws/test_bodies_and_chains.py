@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from vdfmu.arm.equations.forward_dynamics import forward_dynamics, forward_dynamics_by_mapping
+from tests.arm.balanced import EVERY_CHAIN
+from vdfmu.arm.equations.forward_dynamics import forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import (
     gravity_in_links,
     inverse_dynamics,
@@ -14,19 +15,13 @@ from vdfmu.arm.equations.inverse_dynamics import (
 from vdfmu.arm.equations.kinematics import end_effector_pose, tool_transform
 from vdfmu.arm.equations.mapping import (
     extended_jacobian,
+    forward_dynamics_by_mapping,
     jacobian,
     joint_space_jacobian,
     joint_space_mass_matrix,
     velocity_mapping,
 )
-from vdfmu.arm.equations.rigid_body import (
-    coriolis_force,
-    coriolis_matrix,
-    gravity_force,
-    link_body,
-    mass_matrix,
-    net_force,
-)
+from vdfmu.arm.equations.rigid_body import coriolis_force, coriolis_matrix, gravity_force, mass_matrix, net_force
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, homogeneous_transform, joint_axis, skew
 from vdfmu.compiler.scalar.jet import derivative, jets
 
@@ -35,7 +30,7 @@ EPS = np.finfo(float).eps
 
 def test_body_mass_matrix_is_symmetric_positive_definite(chain):
     for i in range(chain.n):
-        M_B = mass_matrix(*link_body(chain, i))
+        M_B = mass_matrix(*chain.body(i))
         # The two halves are the same products in another order: one rounding of the largest entry.
         np.testing.assert_allclose(M_B, M_B.T, rtol=0, atol=EPS * np.abs(M_B).max())
         assert np.linalg.eigvalsh(M_B).min() > 0
@@ -57,7 +52,7 @@ def test_coriolis_force_is_the_product_with_the_coriolis_matrix(chain, draw):
     for state in draw(chain, 20, seed=12):
         V_B = state.F_e
         for i in range(chain.n):
-            body = link_body(chain, i)
+            body = chain.body(i)
             C_B = coriolis_matrix(*body, V_B[3:])
             # Both are sums of at most 100 products below max|C_B| max|V_B|: 100 roundings.
             bound = 100 * EPS * np.abs(C_B).max() * np.abs(V_B).max()
@@ -68,7 +63,7 @@ def test_coriolis_matrix_is_skew_symmetric(chain, draw):
     for state in draw(chain, 20, seed=2):
         omega = state.F_e[3:]
         for i in range(chain.n):
-            C_B = coriolis_matrix(*link_body(chain, i), omega)
+            C_B = coriolis_matrix(*chain.body(i), omega)
             # Every entry is a sum of at most 18 products below max|C_B|: 20 roundings.
             np.testing.assert_allclose(C_B, -C_B.T, rtol=0, atol=20 * EPS * np.abs(C_B).max())
 
@@ -155,7 +150,7 @@ def test_joint_mass_matrix_is_symmetric_positive_definite(chain, draw):
 def test_kinetic_energy_is_that_of_the_links(chain, draw):
     for state in draw(chain, 10, seed=9):
         V_b = link_motion(chain, state.q, state.q_dot, state.q_ddot).V_B
-        bodies = [mass_matrix(*link_body(chain, i)) for i in range(chain.n)]
+        bodies = [mass_matrix(*chain.body(i)) for i in range(chain.n)]
         energy = 0.5 * sum(V @ M @ V for V, M in zip(V_b, bodies, strict=True))
         M = joint_space_mass_matrix(chain, state.q)
         # Terms of the quadratic form cancel by a factor of at most 100 here; 1e-12 is 5000 roundings.
@@ -170,7 +165,7 @@ def coriolis_in_joint_space(robot, q, q_dot):
     C = np.zeros((robot.n, robot.n))
     for i in range(robot.n):
         rows = slice(6 * (i + 1), 6 * (i + 2))
-        body = link_body(robot, i)
+        body = robot.body(i)
         omega = J[rows][3:] @ q_dot
         C += J[rows].T @ (mass_matrix(*body) @ J_dot[rows] + coriolis_matrix(*body, omega) @ J[rows])
     return C
@@ -204,7 +199,7 @@ def test_base_force_is_the_rate_of_the_total_momentum_plus_weight(chain, draw):
         momentum, weight = np.zeros(6), np.zeros(6)
         U, U_fixed = np.eye(6), np.eye(6)
         for i in range(chain.n):
-            body = link_body(chain, i)
+            body = chain.body(i)
             U, U_fixed = U @ moving.U_AB[i], U_fixed @ fixed.U_AB[i]
             momentum = momentum + U @ (mass_matrix(*body) @ moving.V_B[i])
             weight = weight + U_fixed @ gravity_force(*body[:2], g_B[i])
@@ -224,7 +219,7 @@ def test_virtual_power_flows_at_cutting_points_cancel(chain, draw):
         wanted = link_motion(chain, state.q, other.q_dot, other.q_ddot)
         F = np.subtract(link_forces(chain, wanted, other.F_e), link_forces(chain, motion, state.F_e))
         V = np.subtract(wanted.V_B, motion.V_B)
-        tau, rate = joint_torques(chain, state.q, list(F)), other.q_dot - state.q_dot
+        tau, rate = joint_torques(chain, list(F)), other.q_dot - state.q_dot
         F_star = [F[i] - motion.U_AB[i + 1] @ F[i + 1] for i in range(chain.n - 1)]
         F_star.append(F[-1] - tool_transform(chain) @ (other.F_e - state.F_e))
         V_O = tool_transform(chain).T @ V[-1]
@@ -240,6 +235,7 @@ def test_virtual_power_flows_at_cutting_points_cancel(chain, draw):
         np.testing.assert_allclose(net, outer, rtol=0, atol=100 * chain.n * EPS * size)
 
 
+@EVERY_CHAIN
 def test_inverse_after_forward_is_the_identity(chain, draw):
     for state in draw(chain, 20, seed=15):
         q_ddot = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)
@@ -250,6 +246,7 @@ def test_inverse_after_forward_is_the_identity(chain, draw):
         np.testing.assert_allclose(tau, state.tau_s, rtol=0, atol=100 * chain.n * EPS * size)
 
 
+@EVERY_CHAIN
 def test_forward_dynamics_by_recursion_equals_that_by_mapping_matrices(chain, draw):
     for state in draw(chain, 20, seed=16):
         a = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)

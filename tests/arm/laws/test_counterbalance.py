@@ -7,32 +7,8 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.arm.dynamics.test_dynamics import (  # noqa: F401  these run here with the arms of `chain`
-    test_gravity_torque_and_mass_matrix_make_up_the_inverse_dynamics,
-    test_one_state_is_that_of_the_equations_and_a_row_of_the_batch,
-)
-from tests.arm.dynamics.test_formulations import test_virtual_decomposition_agrees_with_newton_euler  # noqa: F401
-from tests.arm.dynamics.test_moving_base import (  # noqa: F401
-    test_energy_changes_by_the_power_of_motors_tool_and_base,
-    test_the_balance_of_forces_is_that_of_the_derivative,
-    test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse,
-)
-from tests.arm.dynamics.test_trace import (  # noqa: F401
-    function_of,
-    test_parameters_at_run_time_equal_the_equations_of_the_changed_robot,
-    test_traced_function_equals_the_numpy_equations,
-)
-from tests.arm.laws.test_bodies_and_chains import (  # noqa: F401
-    test_forward_dynamics_by_recursion_equals_that_by_mapping_matrices,
-    test_inverse_after_forward_is_the_identity,
-)
-from tests.arm.laws.test_energy import energy, test_power_balance_at_any_state  # noqa: F401
-from tests.arm.laws.test_flexible_joint import test_plant_without_springs_between_is_the_rigid_arm  # noqa: F401
-from tests.arm.laws.test_friction_trajectory_feedforward import (  # noqa: F401
-    test_desired_rotor_motion_agrees_with_central_differences_in_time,
-    test_vdc_without_errors_is_the_exact_inverse,
-)
-from tests.arm.laws.test_inverse_and_power import test_the_plant_driven_by_the_inverse_follows_the_desired_motion  # noqa: F401
+from tests.arm.balanced import BALANCED, BOTH, CYLINDER, ONE, balanced
+from tests.arm.laws.energies import energy
 from vdfmu.arm.drive.counterbalance import counterbalance_energy, counterbalance_torque, stroke
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.arm.kernel import FUNCTIONS, trace
@@ -48,31 +24,6 @@ from vdfmu.compiler.unit.machine import margins
 from vdfmu.compiler.unit.requirements import unmet
 
 EPS = np.finfo(float).eps
-CYLINDER = {"F_cb": 200.0, "D_cb": 0.3, "r_cb": 0.1, "delta_cb": 0.4, "L_cb": 0.25}
-
-
-def balanced(name="planar_2dof", *cylinders):
-    """Return a shipped robot with cylinders at its first joints."""
-    data = load_robot(name).to_dict()
-    for i, joint in enumerate(data["joints"]):
-        joint["counterbalance"] = cylinders[i] if i < len(cylinders) else {}
-    return robot_from_dict(data)
-
-
-ONE = balanced("slider_3dof", CYLINDER)
-BOTH = balanced("planar_2dof", CYLINDER, CYLINDER | {"F_cb": 90.0, "delta_cb": -1.0, "L_cb": 0.3})
-
-
-@pytest.fixture(scope="module", params=[ONE, BOTH], ids=["one", "both"])
-def chain(request):
-    """Return arms with it, for the laws of all arms that are imported here."""
-    return request.param
-
-
-@pytest.fixture(scope="module", params=[ONE], ids=["one"])
-def traced_robot(request):
-    """Return an arm with it whose traced functions are those of the equations."""
-    return request.param
 
 
 def public_torque(axis_2):
@@ -134,6 +85,7 @@ def test_an_arm_that_stands_upright_needs_less_torque():
         np.testing.assert_array_equal(vdfmu.mass_matrix(helped, q), vdfmu.mass_matrix(bare, q))
 
 
+@pytest.mark.parametrize("chain", BALANCED, indirect=True)
 def test_an_arm_that_springs_and_cylinders_hold_stays_at_rest(chain, draw):
     zero = np.zeros(chain.n)
     for state in draw(chain, 10, seed=24):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
+from tests.arm.laws.traced import assert_traced
 from vdfmu.arm.drive.backlash import gap_compliance, gap_deformation, gap_energy
 from vdfmu.arm.drive.bristles import bristle_rate, bristle_torque
 from vdfmu.arm.drive.dahl import dahl_energy, dahl_loss, dahl_rate
@@ -11,8 +12,9 @@ from vdfmu.arm.drive.load_loss import efficiency, mesh_friction
 from vdfmu.arm.drive.options import OPTION_STATES
 from vdfmu.arm.drive.thermal import THERMAL, temperature_rate, warm_viscosity
 from vdfmu.arm.drive.winding import current_rate, winding_voltage
+from vdfmu.arm.equations.flexible_joint import state_names
 from vdfmu.arm.equations.friction import friction_level, joint_friction, stribeck_friction
-from vdfmu.arm.equations.plant import plant_derivative, plant_outputs, state_names
+from vdfmu.arm.equations.plant import plant_outputs
 from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.robot.parameters import section
 from vdfmu.arm.robot.structure import parameters
@@ -173,23 +175,6 @@ def state_of(robot, state, seed):
         "T_j": random.uniform(290.0, 340.0, robot.n),
     }
     return np.concatenate([state.x, *(extra[name] for name in state_names(robot)[4:])])
-
-
-def assert_traced(plant_function, robot, states):
-    """Assert that the traced plant has its equations and their slopes at states (x, tau)."""
-    rate, slopes = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
-    F_e = np.zeros(6)
-    for x, tau in states:
-        expected = plant_derivative(robot, x, tau, F_e)
-        # rounding of either way through some 1000 operations
-        np.testing.assert_allclose(rate(x, tau, F_e), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-        J = slopes(x, tau, F_e)
-        for j in range(x.size):
-            h = 1e-7 * np.eye(x.size)[j]
-            high, low = (plant_derivative(robot, x + s * h, tau, F_e) for s in (1, -1))
-            # rounding 1e-16 / 1e-7 of the rates; h^2 of third derivatives, up to 1 / eps^2 = 1e6 times the first
-            atol = 1e-7 * np.abs(expected).max() + 1e-6 * np.abs(J[:, j]).max()
-            np.testing.assert_allclose(J[:, j], (high - low) / 2e-7, rtol=0, atol=atol)
 
 
 def test_traced_plant_with_all_options_has_their_laws_and_slopes(draw, with_options, plant_function):

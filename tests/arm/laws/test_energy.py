@@ -6,20 +6,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.arm.balanced import EVERY_CHAIN
+from tests.arm.laws.energies import ENERGIES, energy
+from vdfmu.arm.equations.flexible_joint import split_state
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.harmonic_drive import kinematic_error
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import jacobian
-from vdfmu.arm.equations.plant import plant_derivative, plant_outputs, split_state
+from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
-ENERGIES = ("E_kin", "E_pot", "E_spring")
-
-
-def energy(outputs):
-    """Return the sum of all energies [J]."""
-    return sum(np.ravel(getattr(outputs, name))[0] for name in ENERGIES)
 
 
 def power_in(robot, x, tau, F_e):
@@ -42,6 +39,7 @@ def rate_of_energy(robot, state):
 
 
 @pytest.mark.parametrize("friction", ["lumped", "split", "none"])
+@EVERY_CHAIN
 def test_power_balance_at_any_state(chain, draw, friction):
 
     chain = chain.with_parameters(theta_err_amplitude=0.0)

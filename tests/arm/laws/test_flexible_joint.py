@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
+from tests.arm.balanced import EVERY_CHAIN
 from vdfmu.arm.equations.flexible_joint import (
+    link_torques,
     rotor_acceleration,
     rotor_position,
     rotor_torque,
@@ -192,11 +194,13 @@ def test_stiff_joints_move_as_the_rigid_arm(robot, plant_solver):
     assert distance[2] < 1e-5
 
 
+@EVERY_CHAIN
 def test_plant_without_springs_between_is_the_rigid_arm(chain, draw):
     # The links' rows of the plant are the forward dynamics under the spring torque, whatever rotors in pure rotation
     # do.
     for state in draw(chain, 5, seed=25):
         rigid = in_pure_rotation(chain.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0))
         x_dot = plant_derivative(rigid, state.x, state.tau, state.F_e)
-        q_ddot = forward_dynamics(rigid, state.q, state.q_dot, state.tau_s, state.F_e)
+        tau = state.tau_s + link_torques(rigid, state.q)
+        q_ddot = forward_dynamics(rigid, state.q, state.q_dot, tau, state.F_e)
         np.testing.assert_array_equal(x_dot[chain.n : 2 * chain.n], q_ddot)

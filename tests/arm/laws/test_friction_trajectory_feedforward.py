@@ -5,12 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
+from tests.arm.balanced import EVERY_CHAIN
+from tests.arm.laws.ends import rounded_ends
+from vdfmu.arm.equations.desired_drive import desired_drive_motion
+from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import velocity_mapping
 from vdfmu.arm.equations.pd import pd_control
-from vdfmu.arm.equations.rigid_body import coriolis_matrix, link_body, mass_matrix
+from vdfmu.arm.equations.rigid_body import coriolis_matrix, mass_matrix
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.compiler.scalar.jet import Jet, derivative, jets
 
@@ -86,20 +89,6 @@ def test_trajectory_jerk_jumps_at_both_ends():
         np.testing.assert_array_equal(motion(outside).q_d_dddot, np.zeros(2))
 
 
-def rounded_ends(draws=500, seed=11):
-    """Yield T, t_start and times of both ends that differ by rounding: the nearest floats, multiples, sums of steps."""
-    random = np.random.default_rng(seed)
-    for _ in range(draws):
-        step = 10.0 ** random.integers(-4, -1)
-        first, count = random.integers(0, 3000), random.integers(1, 3000)
-        T, t_start = count * step, first * step
-        pairs = [(t_start, t_start + T), (t_start, (first + count) * step)]
-        pairs += [(np.nextafter(a, side), np.nextafter(b, side)) for a, b in pairs for side in (-1.0, 1e9)]
-        sums = np.add.accumulate(np.full(first + count, step))
-        pairs.append((sums[first - 1] if first else 0.0, sums[-1]))
-        yield T, t_start, pairs
-
-
 def test_trajectory_at_its_ends_does_not_depend_on_rounding():
     """At the start it moves already, at the end no more, however a time was summed up; see `desired_motion`."""
     for T, t_start, pairs in rounded_ends():
@@ -131,6 +120,7 @@ def inside(robot, t=4.0):
     return desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
 
 
+@EVERY_CHAIN
 def test_desired_rotor_motion_agrees_with_central_differences_in_time(chain):
     h, t = 1e-3, 4.0
     middle = desired_drive_motion(chain, inside(chain, t))
@@ -151,6 +141,7 @@ def gains(robot):
 
 
 @pytest.mark.parametrize("coupling", [False, True])
+@EVERY_CHAIN
 def test_vdc_without_errors_is_the_exact_inverse(chain, coupling):
     chain = dataclasses.replace(chain, rotor_coupling=coupling)
     desired = inside(chain)
@@ -202,7 +193,7 @@ def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
         tau = inverse_dynamics(chain, q, zero, zero, F_E)
         for i in range(chain.n):
             J_i, J_i_dot = J[6 * (i + 1) : 6 * (i + 2)], J_dot[6 * (i + 1) : 6 * (i + 2)]
-            body = link_body(chain, i)
+            body = chain.body(i)
             net = mass_matrix(*body) @ (J_i @ q_ddot_r + J_i_dot @ q_dot_r)
             net = net + coriolis_matrix(*body, J_i[3:] @ q_dot) @ (J_i @ q_dot_r)
             tau = tau + J_i.T @ (net + g.K_V[i] * (J_i @ (q_dot_r - q_dot)))

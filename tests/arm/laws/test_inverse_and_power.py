@@ -10,13 +10,15 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tests.arm.balanced import EVERY_CHAIN
 from tests.conftest import OPTIONS, draw_states, make_general_chain
 from vdfmu.arm.drive.option import Array, row
 from vdfmu.arm.drive.options import options_of
-from vdfmu.arm.equations import plant
+from vdfmu.arm.equations import flexible_joint as joints
 from vdfmu.arm.equations.feedforward import feedforward_inverse
+from vdfmu.arm.equations.flexible_joint import drive_losses, drive_torque, split_state
 from vdfmu.arm.equations.mapping import jacobian
-from vdfmu.arm.equations.plant import drive_losses, drive_torque, plant_derivative, plant_outputs, split_state
+from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, NOT_BALANCED, NOT_INVERTED, PARAMETERS, Row
@@ -161,6 +163,7 @@ def test_the_inverse_and_the_balance_know_each_parameter_that_moves_the_plant(na
     check(walker(PARAMETERS[name].section, friction), PARAMETERS[name])
 
 
+@EVERY_CHAIN
 def test_the_plant_driven_by_the_inverse_follows_the_desired_motion(chain):
     assert deviation(dataclasses.replace(chain, rotor_coupling=False)) < WITHIN
 
@@ -204,8 +207,8 @@ def test_the_walk_finds_a_damper_that_the_plant_alone_knows(monkeypatch, account
     (field,) = (f for f in dataclasses.fields(Damped) if f.name == "d_s")
     of = Row("d_s", *field.metadata["row"], **field.metadata["rest"])
     monkeypatch.setitem(PARAMETERS, "d_s", of)
-    torque, losses, stretch = plant.drive_torque, plant.drive_losses, plant._stretch
-    monkeypatch.setattr(plant, "drive_torque", lambda robot, s: torque(robot, s) + robot.d_s * stretch(robot, s))
+    torque, losses, stretch = joints.drive_torque, joints.drive_losses, joints._stretch
+    monkeypatch.setattr(joints, "drive_torque", lambda robot, s: torque(robot, s) + robot.d_s * stretch(robot, s))
     if accounted:
         heat = lambda robot, s: losses(robot, s) + robot.d_s * stretch(robot, s) ** 2  # noqa: E731
         monkeypatch.setattr(f"{__name__}.drive_losses", heat)

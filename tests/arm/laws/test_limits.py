@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.arm.laws.test_drive_options import assert_traced
+from tests.arm.laws.traced import assert_traced
 from vdfmu.arm.drive.limits import motor_torque, stop_torque
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.plant import plant_derivative, plant_outputs

@@ -7,12 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.arm.laws.counting import count_operations, counting_chain
-from vdfmu.arm.equations.feedforward import desired_drive_motion, feedforward_inverse
-from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_velocities
-from vdfmu.arm.equations.forward_dynamics import Rotors, forward_dynamics
-from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, link_motion
+from vdfmu.arm.equations.desired_drive import desired_drive_motion
+from vdfmu.arm.equations.feedforward import feedforward_inverse
+from vdfmu.arm.equations.flexible_joint import driven_rotor_forces, rotor_acceleration, rotor_velocities, split_state
+from vdfmu.arm.equations.forward_dynamics import forward_dynamics
+from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, link_motion, link_velocities
 from vdfmu.arm.equations.kinematics import joint_transforms
-from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, split_state
+from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative
 from vdfmu.arm.equations.rigid_body import mass_matrix
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot import load_robot
@@ -138,7 +139,8 @@ def test_the_cost_stays_linear_in_the_number_of_joints():
             drives = {"ell": counter.array(n), "I_m": counter.array(n)}
             robot = dataclasses.replace(counting_chain(n, counter), **drives)
             one = counter.array(n)
-            q_ddot = forward_dynamics(robot, one, one, one, np.zeros(6), Rotors(one, one))
+            F_Dk = driven_rotor_forces(robot, link_velocities(robot, one, one), one, one)
+            q_ddot = forward_dynamics(robot, one, one, one, np.zeros(6), F_Dk)
             rotor_acceleration(robot, one, link_motion(robot, one, one, q_ddot))
             inverse_dynamics(robot, one, one, one, rotors=(one, one))
 

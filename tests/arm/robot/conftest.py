@@ -2,7 +2,6 @@
 
 import copy
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +18,19 @@ def tables(kind: str, name: str) -> dict[str, Any]:
 
 
 @pytest.fixture
-def robot_data() -> dict[str, Any]:
+def robot_data():
     """Content of the planar robot's file, free to change."""
     return copy.deepcopy(tables("robots", "planar_2dof"))
 
 
 @pytest.fixture
-def scenario_data() -> dict[str, Any]:
+def scenario_data():
     """Content of the planar robot's scenario, free to change."""
     return copy.deepcopy(tables("scenarios", "planar_tracking"))
 
 
 @pytest.fixture
-def write(tmp_path: Path) -> Callable[[str, dict[str, Any]], Path]:
+def write(tmp_path):
     """Write tables as a TOML file and return its path."""
 
     def value(entry: Any) -> str:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
-from typer.testing import CliRunner
 
 from vdfmu.arm.drive.dahl import dahl_rate
 from vdfmu.arm.drive.load_loss import efficiency

@@ -1,9 +1,6 @@
 """Finding and reading files: names, paths, and files that are no TOML."""
 
 import shutil
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +12,9 @@ from vdfmu.system.scenario import load_scenario, scenario_names
 from vdfmu.system.scenario.values import group_value
 
 SHIPPED = data_path("models") / "robots" / "planar_2dof.toml"
-Writer = Callable[[str, dict[str, Any]], Path]
 
 
-def test_shipped_names() -> None:
+def test_shipped_names():
     assert robot_names() == [
         "iiwa_7dof",
         "kr300_6dof",
@@ -49,16 +45,16 @@ def test_shipped_names() -> None:
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_shipped_robot_is_named_like_its_file(name: str) -> None:
+def test_shipped_robot_is_named_like_its_file(name):
     assert load_robot(name).name == name
 
 
 @pytest.mark.parametrize("name", scenario_names())
-def test_shipped_scenario_is_named_like_its_file(name: str) -> None:
+def test_shipped_scenario_is_named_like_its_file(name):
     assert load_scenario(name).name == name
 
 
-def test_unknown_name_lists_the_shipped_ones() -> None:
+def test_unknown_name_lists_the_shipped_ones():
     with pytest.raises(
         UsageError, match=r"no robot \'planar\': .* There are: iiwa_7dof, kr300_6dof, kr_6dof, manipulator_6dof"
     ):
@@ -67,7 +63,7 @@ def test_unknown_name_lists_the_shipped_ones() -> None:
         load_scenario("trackin")
 
 
-def test_file_of_that_name_wins_over_the_shipped_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_of_that_name_wins_over_the_shipped_one(tmp_path, monkeypatch):
     text = SHIPPED.read_text(encoding="utf-8").replace('name = "planar_2dof"', 'name = "mine"')
     (tmp_path / "planar_2dof").write_text(text, encoding="utf-8")
     assert load_robot("planar_2dof").name == "planar_2dof"
@@ -75,26 +71,26 @@ def test_file_of_that_name_wins_over_the_shipped_one(tmp_path: Path, monkeypatch
     assert load_robot("planar_2dof").name == "mine"
 
 
-def test_missing_file(tmp_path: Path) -> None:
+def test_missing_file(tmp_path):
     with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing: it does not exist"):
         load_robot(tmp_path / "nowhere.toml")
     with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing"):
         load_scenario("nowhere.toml")
 
 
-def test_directory(tmp_path: Path) -> None:
+def test_directory(tmp_path):
     with pytest.raises(ModelError, match="expected a TOML file, got a directory"):
         load_robot(tmp_path)
 
 
-def test_not_utf8(tmp_path: Path) -> None:
+def test_not_utf8(tmp_path):
     path = tmp_path / "latin.toml"
     path.write_bytes('name = "Mühle"'.encode("latin-1"))
     with pytest.raises(ModelError, match=r"latin\.toml: expected UTF-8 text, got byte 0xfc at offset 9\. Save"):
         load_robot(path)
 
 
-def test_syntax_error_has_its_line(tmp_path: Path) -> None:
+def test_syntax_error_has_its_line(tmp_path):
     path = tmp_path / "broken.toml"
     path.write_text('name = "x"\ngravity = [0, 0, 9.81\nfriction = "lumped"\n', encoding="utf-8")
     with pytest.raises(ModelError, match=r"broken\.toml: expected TOML, got a syntax error: .*line 3"):
@@ -104,21 +100,21 @@ def test_syntax_error_has_its_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["gravity = " + "[" * 2000, "gravity = " + "[" * 200 + "]" * 200, "gravity = [{" + "a." * 5000 + "a = 1}]"]
 )
-def test_deep_nesting(tmp_path: Path, text: str) -> None:
+def test_deep_nesting(tmp_path, text):
     path = tmp_path / "deep.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ModelError, match=r"deep\.toml: expected TOML, got .* nested too deeply"):
         load_robot(path)
 
 
-def test_byte_order_mark_and_crlf_are_read(tmp_path: Path) -> None:
+def test_byte_order_mark_and_crlf_are_read(tmp_path):
     path = tmp_path / "windows.toml"
     text = SHIPPED.read_text(encoding="utf-8").replace("\n", "\r\n")
     path.write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert load_robot(path).n == 2
 
 
-def test_robot_path_starts_at_the_scenario_file(tmp_path: Path, write: Writer, scenario_data: dict[str, Any]) -> None:
+def test_robot_path_starts_at_the_scenario_file(tmp_path, write, scenario_data):
     (tmp_path / "robots").mkdir()
     shutil.copy(SHIPPED, tmp_path / "robots" / "arm.toml")
     scenario_data["robot"] = "robots/arm.toml"
@@ -126,9 +122,7 @@ def test_robot_path_starts_at_the_scenario_file(tmp_path: Path, write: Writer, s
     assert scenario.robot.name == "planar_2dof"
 
 
-def test_problems_of_scenario_and_robot_together(
-    write: Writer, robot_data: dict[str, Any], scenario_data: dict[str, Any]
-) -> None:
+def test_problems_of_scenario_and_robot_together(write, robot_data, scenario_data):
     robot_data["joints"][0]["link"]["mass"] = -1
     write("arm.toml", robot_data)
     scenario_data.update(robot="arm.toml", step=-1)
@@ -139,7 +133,7 @@ def test_problems_of_scenario_and_robot_together(
     assert "arm.toml: joints[1].link.mass: expected" in str(caught.value)
 
 
-def test_robot_of_a_scenario_not_found(write: Writer, scenario_data: dict[str, Any]) -> None:
+def test_robot_of_a_scenario_not_found(write, scenario_data):
     scenario_data["robot"] = "planer_2dof"
     with pytest.raises(
         ModelError, match=r'own\.toml: robot: no robot .* Did you mean "planar_2dof"\? There are: iiwa_7dof'
@@ -147,7 +141,7 @@ def test_robot_of_a_scenario_not_found(write: Writer, scenario_data: dict[str, A
         load_scenario(write("own.toml", scenario_data))
 
 
-def test_another_robot_drops_the_paper(write: Writer, scenario_data: dict[str, Any]) -> None:
+def test_another_robot_drops_the_paper(write, scenario_data):
     scenario_data["paper"] = {"source": "x", "rms_position_error_deg": [0.1, 0.2]}
     path = write("own.toml", scenario_data)
     assert load_scenario(path, "planar_2dof").paper["rms_position_error_deg"] == [0.1, 0.2]
@@ -161,7 +155,7 @@ def test_another_robot_drops_the_paper(write: Writer, scenario_data: dict[str, A
     assert group_value(scenario, "controller.K_p").shape == (3,)
 
 
-def test_robot_of_other_size_is_reported_for_every_list() -> None:
+def test_robot_of_other_size_is_reported_for_every_list():
     with pytest.raises(ModelError) as caught:
         load_scenario("tracking", "planar_2dof")
     keys = ("trajectory.q_end", "controller.K_p", "controller.K_v")
@@ -172,7 +166,7 @@ def test_robot_of_other_size_is_reported_for_every_list() -> None:
 
 
 @pytest.mark.parametrize("name", ["robot.toml", "scenario.toml", "system.toml"])
-def test_a_file_says_its_format_and_one_of_a_later_version_is_refused(name: str, tmp_path: Path) -> None:
+def test_a_file_says_its_format_and_one_of_a_later_version_is_refused(name, tmp_path):
     for file, source in (
         ("robot.toml", SHIPPED),
         ("scenario.toml", data_path("models") / "scenarios" / "planar_tracking.toml"),

@@ -4,7 +4,6 @@ import copy
 import os
 import threading
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,7 +15,7 @@ from vdfmu.compiler.fmu.build import build_notes
 from vdfmu.system.scenario import load_scenario
 
 
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "robot.toml")
     caught: list[BaseException] = []
 
@@ -33,7 +32,7 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     assert "expected a regular file, got a pipe, a device" in str(caught[0])
 
 
-def test_a_device_and_a_large_file_are_refused(tmp_path: Path) -> None:
+def test_a_device_and_a_large_file_are_refused(tmp_path):
     with pytest.raises(ModelError, match="expected a regular file, got a pipe, a device"):
         load_robot(Path("/dev/zero"))
     large = tmp_path / "large.toml"
@@ -44,14 +43,14 @@ def test_a_device_and_a_large_file_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("digits", ["9" * 5000, "0x" + "f" * 5000])
-def test_an_integer_of_thousands_of_digits_is_refused(tmp_path: Path, digits: str) -> None:
+def test_an_integer_of_thousands_of_digits_is_refused(tmp_path, digits):
     (tmp_path / "r.toml").write_text(f"name = {digits}\n", encoding="utf-8")
     with pytest.raises(ModelError, match="digits"):
         load_robot(tmp_path / "r.toml")
 
 
 @pytest.mark.parametrize("name", sorted(set(PARAMETERS) - {"rotation"}))
-def test_every_number_of_a_robot_has_a_bound_from_above(name: str) -> None:
+def test_every_number_of_a_robot_has_a_bound_from_above(name):
     assert 0 < PARAMETERS[name].largest < 1e13
 
 
@@ -65,9 +64,7 @@ def test_every_number_of_a_robot_has_a_bound_from_above(name: str) -> None:
         ("friction", "eps", 1e-13, r"eps: expected a finite number >= 1e-12 in rad/s, got 1e-13"),
     ],
 )
-def test_a_number_that_is_not_physical_is_refused(
-    robot_data: dict[str, Any], group: str, key: str, value: Any, message: str
-) -> None:
+def test_a_number_that_is_not_physical_is_refused(robot_data, group, key, value, message):
     robot_data["joints"][1][group][key] = value
     with pytest.raises(ModelError, match=r"joints\[2\]\." + group + r"\." + message):
         robot_from_dict(robot_data)
@@ -75,14 +72,14 @@ def test_a_number_that_is_not_physical_is_refused(
 
 @pytest.mark.parametrize("key", ["name", "description"])
 @pytest.mark.parametrize("character", ["\x00", "\x1b", "\x7f", "\x9b", "\ufffe", "\ud800"])
-def test_control_characters_are_refused_and_shown_as_text(robot_data: dict[str, Any], key: str, character: str) -> None:
+def test_control_characters_are_refused_and_shown_as_text(robot_data, key, character):
     robot_data[key] = f"arm {character}[31m"
     with pytest.raises(ModelError, match="expected a text without control characters, got") as caught:
         robot_from_dict(robot_data)
     assert character not in str(caught.value)
 
 
-def test_long_texts_are_refused_with_their_length(robot_data: dict[str, Any]) -> None:
+def test_long_texts_are_refused_with_their_length(robot_data):
     robot_data |= {"name": "n" * 100_000, "description": "d" * 100_000, "k" * 100_000: 1}
     with pytest.raises(ModelError) as caught:
         robot_from_dict(robot_data)
@@ -92,7 +89,7 @@ def test_long_texts_are_refused_with_their_length(robot_data: dict[str, Any]) ->
 
 
 @pytest.mark.parametrize("load", [load_robot, load_scenario])
-def test_a_name_that_no_file_can_have_is_an_unknown_name(load: Any) -> None:
+def test_a_name_that_no_file_can_have_is_an_unknown_name(load):
     for name in ("a" * 300, "a" * 100_000, "a\0b"):
         with pytest.raises(UsageError, match="expected a name or the path of a TOML file") as caught:
             load(name)
@@ -101,7 +98,7 @@ def test_a_name_that_no_file_can_have_is_an_unknown_name(load: Any) -> None:
             load(name + ".toml")
 
 
-def test_at_most_twenty_problems_are_printed(robot_data: dict[str, Any]) -> None:
+def test_at_most_twenty_problems_are_printed(robot_data):
     joint = robot_data["joints"][1]
     joint["link"]["mass"] = -1  # one problem a joint
     robot_data["joints"] = [copy.deepcopy(joint) for _ in range(50)]
@@ -113,7 +110,7 @@ def test_at_most_twenty_problems_are_printed(robot_data: dict[str, Any]) -> None
     assert lines[-1] == "and 30 more"
 
 
-def test_the_cost_of_many_joints_is_said_and_bounded(robot_data: dict[str, Any], tmp_path: Path) -> None:
+def test_the_cost_of_many_joints_is_said_and_bounded(robot_data, tmp_path):
     joint = robot_data["joints"][1]
     robot_data["joints"] = [copy.deepcopy(joint) for _ in range(20)]
     twenty = robot_from_dict(robot_data)
@@ -124,7 +121,7 @@ def test_the_cost_of_many_joints_is_said_and_bounded(robot_data: dict[str, Any],
         build_fmus(robot_from_dict(robot_data), tmp_path)
 
 
-def test_the_end_of_a_scenario_is_bounded(scenario_data: dict[str, Any], write: Any) -> None:
+def test_the_end_of_a_scenario_is_bounded(scenario_data, write):
     for stop in (1e12, 1e7):
         scenario_data["stop"] = stop
         with pytest.raises(ModelError, match=r"stop: expected at most 1e\+09 steps of 0\.001 s"):

@@ -30,7 +30,7 @@ TABLE_2 = [
 
 
 @pytest.mark.parametrize("i", range(6))
-def test_table_1(i: int) -> None:
+def test_table_1(i):
     mass, inertia, centroid = TABLE_1[i]
     assert ARM.mass[i] == mass
     np.testing.assert_array_equal(ARM.inertia[i], inertia * np.eye(3))
@@ -38,11 +38,11 @@ def test_table_1(i: int) -> None:
 
 
 @pytest.mark.parametrize("i", range(6))
-def test_table_2(i: int) -> None:
+def test_table_2(i):
     assert tuple(getattr(ARM, key)[i] for key in ("f_c", "f_s", "f_v", "v_s", "f_ck")) == TABLE_2[i]
 
 
-def test_lengths_ratio_and_rotor() -> None:
+def test_lengths_ratio_and_rotor():
     l1, l2, l3, l4 = 0.3, 0.3, 0.303, 0.5
     offsets = [[0, 0, 0], [0, 0, l1], [l2, 0, 0], [0, 0, 0], [0, 0, l3], [0, l4, 0]]
     np.testing.assert_array_equal(ARM.offset, offsets)
@@ -51,7 +51,7 @@ def test_lengths_ratio_and_rotor() -> None:
     np.testing.assert_array_equal(ARM.gravity, [0, 0, 9.81])
 
 
-def test_equations_34_to_36() -> None:
+def test_equations_34_to_36():
     q = np.array([0.3, -0.7, 1.1, 0.4, -1.3, 2.0])
     c1, c2, c3, c4, c5, c6 = np.cos(q)
     s1, s2, s3, s4, s5, s6 = np.sin(q)
@@ -70,7 +70,7 @@ def test_equations_34_to_36() -> None:
         np.testing.assert_array_equal(ARM.rotation[i] @ turn, printed[i])
 
 
-def test_drives_are_fitted_to_the_catalogue() -> None:
+def test_drives_are_fitted_to_the_catalogue():
     # Fitted to catalogue stiffness, sizes 20, 17, 14 for joints 1-2, 3-4, 5-6; not from the paper.
     np.testing.assert_array_equal(ARM.K_f0, np.repeat([28433, 15727, 6957], 2))
     np.testing.assert_array_equal(ARM.c_f, np.repeat([2.955e-3, 4.518e-3, 8.784e-3], 2))
@@ -83,7 +83,7 @@ def test_drives_are_fitted_to_the_catalogue() -> None:
 @pytest.mark.parametrize(
     ("name", "degrees", "T"), [("tracking", [90, 60, 60, 90, 60, 90], 10.0), ("two_joint", [60, 30, 0, 0, 0, 0], 30.0)]
 )
-def test_motion_of_section_4(name: str, degrees: list[float], T: float) -> None:
+def test_motion_of_section_4(name, degrees, T):
     scenario = load_scenario(name)
     # Written with 16 or 17 digits: equal to one unit in the last place.
     np.testing.assert_allclose(group_value(scenario, "trajectory.q_end"), np.radians(degrees), rtol=3e-16, atol=0)
@@ -93,7 +93,7 @@ def test_motion_of_section_4(name: str, degrees: list[float], T: float) -> None:
     assert scenario.robot.name == "manipulator_6dof"
 
 
-def test_table_4() -> None:
+def test_table_4():
     paper = load_scenario("tracking").paper
     assert paper["rms_position_error_deg"] == [0.0334, 0.0115, 0.0396, 0.1336, 0.0080, 0.0470]
     assert paper["rms_torque_compensation_error_nm"] == [0.1197, 0.4594, 0.2381, 0.0951, 0.3947, 0.0513]
@@ -101,7 +101,7 @@ def test_table_4() -> None:
     assert "Table 4" in paper["source"]
 
 
-def test_table_5() -> None:
+def test_table_5():
     paper = load_scenario("two_joint").paper
     assert paper["rms_position_error_deg"] == [0.0456, 0.0227]
     assert paper["rms_torque_compensation_error_nm"] == [0.1173, 0.2981]
@@ -122,14 +122,14 @@ def test_table_5() -> None:
         "slider_tracking",
     ],  # fmt: skip
 )
-def test_gains_keep_the_sampled_loop_stable(name: str) -> None:
+def test_gains_keep_the_sampled_loop_stable(name):
     scenario = load_scenario(name)
     robot = scenario.robot
     # K_v h / (ell I_m) is the velocity that one sample of damping removes; near 1 a delayed loop fails.
     assert (group_value(scenario, "controller.K_v") * scenario.step / (robot.ell * robot.I_m) < 0.5).all()
 
 
-def test_gains_of_the_paper_arm() -> None:
+def test_gains_of_the_paper_arm():
     scenario = load_scenario("tracking")
     np.testing.assert_array_equal(group_value(scenario, "controller.K_p"), [2000, 2000, 2000, 1000, 1000, 500])
     np.testing.assert_array_equal(group_value(scenario, "controller.K_v"), [50, 50, 40, 30, 25, 20])

@@ -68,7 +68,7 @@ print(json.dumps({
 
 
 @pytest.fixture(scope="module")
-def extended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def extended(tmp_path_factory):
     """Return an environment whose vdfmu is a copy with one more row in the table, and nothing else changed."""
     root = tmp_path_factory.mktemp("extended")
     shutil.copytree(PACKAGE, root / "vdfmu", ignore=shutil.ignore_patterns("__pycache__"))
@@ -94,7 +94,7 @@ def output(environment: dict[str, str], *arguments: str) -> str:
 
 
 @pytest.mark.heavy
-def test_a_new_parameter_is_one_line(extended: dict[str, str]) -> None:
+def test_a_new_parameter_is_one_line(extended):
     seen = json.loads(output(extended, "-c", PROGRAM))
     assert seen["file"].startswith(extended["PYTHONPATH"])
     assert seen["default"] == [2.0, 2.0, 2.0]
@@ -118,7 +118,7 @@ def test_a_new_parameter_is_one_line(extended: dict[str, str]) -> None:
 
 
 @pytest.mark.heavy
-def test_a_new_parameter_is_shown_on_the_command_line(extended: dict[str, str]) -> None:
+def test_a_new_parameter_is_shown_on_the_command_line(extended):
     shown = output(extended, "-m", "vdfmu.cli", "robot", "show", "planar_2dof")
     assert re.search(r"theta_err_phase +k_new", shown)
     assert "k_new: no source" in shown
@@ -138,7 +138,7 @@ def without_equations(path: Path) -> str:
 
 
 @pytest.mark.parametrize("name", sorted(set(PARAMETERS) - ELSEWHERE))
-def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name: str) -> None:
+def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name):
     files = {
         path.relative_to(PACKAGE).as_posix()
         for path in PACKAGE.rglob("*.py")
@@ -160,24 +160,24 @@ def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name: st
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
-def test_every_unit_of_measurement_is_one_of_fmi(name: str) -> None:
+def test_every_unit_of_measurement_is_one_of_fmi(name):
     row = PARAMETERS[name]
     units = [row.unit(joint_type) for joint_type in JOINT_TYPES]
     assert [measure(unit).name for unit in units] == units
 
 
-def test_the_flags_of_optional_sections_are_fields_of_a_robot() -> None:
+def test_the_flags_of_optional_sections_are_fields_of_a_robot():
     robot = load_robot("planar_2dof")
     assert not any(getattr(robot, name) for name in OPTIONAL)
 
 
-def test_a_robot_has_the_shapes_of_the_table() -> None:
+def test_a_robot_has_the_shapes_of_the_table():
     robot = load_robot("slider_3dof")
     for row in PARAMETERS.values():
         assert getattr(robot, row.name).shape == ((3,) if row.per_joint else ()) + row.shape
 
 
-def test_an_inertia_of_zero_has_no_parameters() -> None:
+def test_an_inertia_of_zero_has_no_parameters():
     robot = Robot(**{**vars(load_robot("planar_2dof")), "payload": True})
     row = PARAMETERS["payload_inertia"]
     assert not any(row.is_free(robot, index) for index in np.ndindex(3, 3))
@@ -185,7 +185,7 @@ def test_an_inertia_of_zero_has_no_parameters() -> None:
     assert [i for i in np.ndindex(3, 3) if row.is_free(heavy, i)] == [(0, 0), (1, 1), (2, 2)]
 
 
-def test_the_solver_has_one_default_tolerance(tmp_path: Path, plant_solver) -> None:
+def test_the_solver_has_one_default_tolerance(tmp_path, plant_solver):
     shipped = PACKAGE.parent / "models" / "scenarios" / "planar_tracking.toml"
     text = shipped.read_text(encoding="utf-8")
     assert text.count("\ntolerance") == 1

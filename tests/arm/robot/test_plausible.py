@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,7 +35,7 @@ MISTAKES: list[tuple[Any, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("robot", "fields", "note"), MISTAKES, ids=[note[:30] for *_, note in MISTAKES])
-def test_a_wrong_sign_or_unit_of_a_robot_is_noted(robot, fields: dict[str, Any], note: str, tmp_path: Path) -> None:
+def test_a_wrong_sign_or_unit_of_a_robot_is_noted(robot, fields, note, tmp_path):
     """The same words for a robot, its file, and a scenario with it."""
     changed = robot.with_parameters(**fields)
     assert any(note in line for line in robot_notes(changed))
@@ -59,11 +58,11 @@ SETTINGS: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("settings", "note"), SETTINGS, ids=[next(iter(case)) for case, _ in SETTINGS])
-def test_a_wrong_sign_or_unit_of_a_setting_is_noted(settings: dict[str, Any], note: str) -> None:
+def test_a_wrong_sign_or_unit_of_a_setting_is_noted(settings, note):
     assert any(note in line for line in model_notes(load_scenario("planar_tracking"), settings))
 
 
-def test_degrees_in_a_scenario_and_in_a_run_are_noted_in_the_same_words() -> None:
+def test_degrees_in_a_scenario_and_in_a_run_are_noted_in_the_same_words():
     scenario, heard = load_scenario("planar_tracking"), list[str]()
     motion = {**scenario.sections["trajectory"], "q_end": [0.5, 90.0]}
     written = replace(scenario, sections={**scenario.sections, "trajectory": motion})
@@ -76,23 +75,23 @@ def test_degrees_in_a_scenario_and_in_a_run_are_noted_in_the_same_words() -> Non
     assert f"planar_2dof: {note}" in heard
 
 
-def test_millimetres_of_a_slide_are_noted() -> None:
+def test_millimetres_of_a_slide_are_noted():
     notes = model_notes(load_scenario("slider_tracking"), {"trajectory.q_end": [0.5, 250.0, 0.3]})
     assert notes == ["trajectory.q_end[2] = 250 m looks like mm. Write 0.25 m."]
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_shipped_robots_have_no_note(name: str) -> None:
+def test_shipped_robots_have_no_note(name):
     assert robot_notes(load_robot(name)) == []
 
 
 @pytest.mark.parametrize("name", shipped_names("scenarios"))
-def test_shipped_scenarios_have_no_note(name: str) -> None:
+def test_shipped_scenarios_have_no_note(name):
     assert model_notes(load_scenario(name)) == []
 
 
 @pytest.mark.parametrize("gear", catalogue()["gears"])
-def test_gears_and_motors_of_the_catalogue_have_no_note(gear: str) -> None:
+def test_gears_and_motors_of_the_catalogue_have_no_note(gear):
     data = ARM.to_dict()
     for motor in catalogue()["motors"]:
         for joint in data["joints"]:

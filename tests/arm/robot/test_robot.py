@@ -28,7 +28,7 @@ def assert_same(a: Robot, b: Robot) -> None:
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_round_trip(name: str) -> None:
+def test_round_trip(name):
     robot = load_robot(name)
     assert_same(robot, robot_from_dict(robot.to_dict()))
     assert_same(robot, robot_from_dict(json.loads(json.dumps(robot.to_dict()))))
@@ -80,7 +80,7 @@ def joints(draw: st.DrawFn) -> dict[str, Any]:
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(joints(), min_size=1, max_size=3), st.sampled_from(["lumped", "split"]), st.booleans())
-def test_round_trip_of_random_robots(chain: list[dict[str, Any]], friction: str, coupling: bool) -> None:
+def test_round_trip_of_random_robots(chain, friction, coupling):
     data = {
         "name": "random",
         "description": "",
@@ -98,7 +98,7 @@ def test_round_trip_of_random_robots(chain: list[dict[str, Any]], friction: str,
     assert_same(robot, robot_from_dict(robot.to_dict()))
 
 
-def test_a_payload_is_read_written_and_scaled() -> None:
+def test_a_payload_is_read_written_and_scaled():
     data = load_robot("planar_2dof").to_dict()
     assert "payload" not in data
     data["payload"] = {"mass": 0.5, "centroid": [0.1, 0.0, 0.02], "inertia": 1e-3}
@@ -114,7 +114,7 @@ def test_a_payload_is_read_written_and_scaled() -> None:
     assert "payload_inertia[1,1]" in [p.name for p in parameters(robot)]
 
 
-def test_a_robot_without_payload_has_none_to_set() -> None:
+def test_a_robot_without_payload_has_none_to_set():
     with pytest.raises(UsageError, match=r"planar_2dof: payload_mass: it has no payload\. .* \[payload\]"):
         load_robot("planar_2dof").with_parameters(payload_mass=1.0)
 
@@ -128,12 +128,12 @@ def test_a_robot_without_payload_has_none_to_set() -> None:
         ({"mass": 1.0, "mas": 1.0}, r"payload\.mas: expected a known key"),
     ],
 )
-def test_a_payload_that_no_body_has_is_refused(payload: dict[str, Any], words: str) -> None:
+def test_a_payload_that_no_body_has_is_refused(payload, words):
     with pytest.raises(ModelError, match=words):
         robot_from_dict(load_robot("planar_2dof").to_dict() | {"payload": payload})
 
 
-def test_forms_of_inertia() -> None:
+def test_forms_of_inertia():
     data = load_robot("planar_2dof").to_dict()
     link = data["joints"][0]["link"]
     link["inertia"] = 0.5
@@ -144,7 +144,7 @@ def test_forms_of_inertia() -> None:
     np.testing.assert_array_equal(robot_from_dict(data).inertia[0], link["inertia"])
 
 
-def test_defaults() -> None:
+def test_defaults():
     data = load_robot("planar_2dof").to_dict()
     for key in ("description", "friction", "tool_offset", "sources"):
         del data[key]
@@ -158,14 +158,14 @@ def test_defaults() -> None:
 
 
 @pytest.mark.parametrize("key", PARAMETERS)
-def test_arrays_refuse_assignment(key: str) -> None:
+def test_arrays_refuse_assignment(key):
     array = getattr(load_robot("planar_2dof"), key)
     assert array.dtype == np.float64
     with pytest.raises(ValueError, match="read-only"):
         array[...] = 0.0
 
 
-def test_shapes() -> None:
+def test_shapes():
     robot = load_robot("slider_3dof")
     shapes = {"rotation": (3, 3, 3), "offset": (3, 3), "centroid": (3, 3), "inertia": (3, 3, 3)}
     for key in (name for name, row in PARAMETERS.items() if row.per_joint):
@@ -174,7 +174,7 @@ def test_shapes() -> None:
     assert robot.joint_types == ("revolute", "prismatic", "revolute")
 
 
-def test_with_parameters() -> None:
+def test_with_parameters():
     robot = load_robot("planar_2dof")
     other = robot.with_parameters(mass=[3, 4], f_v=0.5)
     np.testing.assert_array_equal(other.mass, [3.0, 4.0])
@@ -190,7 +190,7 @@ def test_with_parameters() -> None:
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_every_number_has_its_source(name: str) -> None:
+def test_every_number_has_its_source(name):
     robot = load_robot(name)
     groups = {"link": ("mass", "centroid", "inertia")}
     data = robot.to_dict()
@@ -203,14 +203,14 @@ def test_every_number_has_its_source(name: str) -> None:
                 assert robot.source_of(f"joints[{i}].{group}.{key}"), (i, group, key)
 
 
-def test_source_of_one_joint_goes_before_that_of_all() -> None:
+def test_source_of_one_joint_goes_before_that_of_all():
     robot = load_robot("manipulator_6dof")
     assert "+x of B_2" in (robot.source_of("joints[3].offset") or "")
     assert "+x of B_2" not in (robot.source_of("joints[2].offset") or "")
     assert robot.source_of("joints[2].colour") is None
 
 
-def test_sources_may_be_nested() -> None:
+def test_sources_may_be_nested():
     data = load_robot("planar_2dof").to_dict()
     data["sources"] = {"joints": {"link": {"mass": "scales"}}}
     assert robot_from_dict(data).source_of("joints[2].link.mass") == "scales"

@@ -93,14 +93,14 @@ def put(data: Any, path: tuple[Any, ...], value: Any) -> None:
 
 
 @pytest.mark.parametrize(("path", "value", "message"), FAULTS, ids=lambda v: None if isinstance(v, str) else "")
-def test_fault_is_named(robot_data: dict[str, Any], path: tuple[Any, ...], value: Any, message: str) -> None:
+def test_fault_is_named(robot_data, path, value, message):
     put(robot_data, path, value)
     with pytest.raises(ModelError, match=message) as caught:
         robot_from_dict(robot_data, "my.toml")
     assert all(line.startswith("my.toml: ") for line in caught.value.problems)
 
 
-def test_units_of_a_prismatic_joint(robot_data: dict[str, Any]) -> None:
+def test_units_of_a_prismatic_joint(robot_data):
     robot_data["joints"][1]["type"] = "prismatic"
     robot_data["joints"][1]["drive"]["K_f0"] = -1.0
     robot_data["joints"][1]["friction"]["f_v"] = -1.0
@@ -109,7 +109,7 @@ def test_units_of_a_prismatic_joint(robot_data: dict[str, Any]) -> None:
     assert [re.sub(r".* in (\S+),.*", r"\1", line) for line in caught.value.problems] == ["N/m", "N.s/m"]
 
 
-def test_every_problem_at_once(robot_data: dict[str, Any]) -> None:
+def test_every_problem_at_once(robot_data):
     robot_data["gravity"] = [0, 0]
     robot_data["colour"] = "red"
     robot_data["joints"][0]["link"]["mass"] = -1
@@ -124,20 +124,20 @@ def test_every_problem_at_once(robot_data: dict[str, Any]) -> None:
         assert sum(f" {key}: " in line for line in caught.value.problems) == 1
 
 
-def test_missing_table_is_one_problem(robot_data: dict[str, Any]) -> None:
+def test_missing_table_is_one_problem(robot_data):
     del robot_data["joints"][0]["drive"]
     with pytest.raises(ModelError) as caught:
         robot_from_dict(robot_data)
     assert len(caught.value.problems) == 1
 
 
-def test_check_robot_names_the_robot() -> None:
+def test_check_robot_names_the_robot():
     robot = load_robot("planar_2dof")
     assert check_robot(robot) is robot
     with pytest.raises(ModelError, match=r"robot planar_2dof: joints\[2\]\.link\.mass: .* got -1\.0"):
         check_robot(robot.with_parameters(mass=[1.0, -1.0]))
 
 
-def test_model_error_is_of_the_family() -> None:
+def test_model_error_is_of_the_family():
     assert issubclass(ModelError, VdfmuError)
     assert ModelError("one").problems == ["one"]

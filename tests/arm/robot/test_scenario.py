@@ -3,8 +3,6 @@
 import json
 import math
 import tomllib
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,8 +15,6 @@ from vdfmu.base.files import data_path
 from vdfmu.compiler.unit.variable import NO_LIMIT
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
-
-Writer = Callable[[str, dict[str, Any]], Path]
 
 # (path to the entry, its new value, what the message says)
 FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
@@ -58,9 +54,7 @@ FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
 
 
 @pytest.mark.parametrize(("path", "value", "message"), FAULTS, ids=lambda v: None if isinstance(v, str) else "")
-def test_fault_is_named(
-    write: Writer, scenario_data: dict[str, Any], path: tuple[str, ...], value: Any, message: str
-) -> None:
+def test_fault_is_named(write, scenario_data, path, value, message):
     table = scenario_data
     for key in path[:-1]:
         table = table[key]
@@ -71,13 +65,13 @@ def test_fault_is_named(
 
 
 @pytest.mark.parametrize("key", ["name", "stop", "step"])
-def test_missing_key(write: Writer, scenario_data: dict[str, Any], key: str) -> None:
+def test_missing_key(write, scenario_data, key):
     del scenario_data[key]
     with pytest.raises(ModelError, match=rf"own\.toml: {key}: expected .* got nothing\. The key is missing: add it"):
         load_scenario(write("own.toml", scenario_data))
 
 
-def test_every_problem_at_once(write: Writer, scenario_data: dict[str, Any]) -> None:
+def test_every_problem_at_once(write, scenario_data):
     scenario_data["friction"] = "x"
     scenario_data["step"] = 0
     scenario_data["trajectory"]["q_end"] = [1.0, 2.0, 3.0]
@@ -88,15 +82,13 @@ def test_every_problem_at_once(write: Writer, scenario_data: dict[str, Any]) -> 
     assert len(caught.value.problems) == 5
 
 
-def test_one_number_stands_for_all_joints() -> None:
+def test_one_number_stands_for_all_joints():
     scenario = load_scenario("tracking")
     np.testing.assert_array_equal(group_value(scenario, "feedforward.Lambda"), np.full(6, 1.0))
     np.testing.assert_array_equal(group_value(scenario, "controller.tau_max"), np.full(6, NO_LIMIT))
 
 
-def test_groups_of_a_shared_value_have_it_unless_they_have_their_own(
-    write: Writer, scenario_data: dict[str, Any]
-) -> None:
+def test_groups_of_a_shared_value_have_it_unless_they_have_their_own(write, scenario_data):
     scenario_data["trajectory"]["q_start"] = [0.1, 0.2]
     shared = load_scenario(write("own.toml", scenario_data))
     assert group_value(shared, "plant.q_0").tolist() == [0.1, 0.2]
@@ -106,7 +98,7 @@ def test_groups_of_a_shared_value_have_it_unless_they_have_their_own(
     assert group_value(own, "trajectory.q_start").tolist() == [0.1, 0.2]
 
 
-def test_defaults(write: Writer, scenario_data: dict[str, Any]) -> None:
+def test_defaults(write, scenario_data):
     for key in ("master", "tolerance", "description"):
         del scenario_data[key]
     del scenario_data["trajectory"]["t_start"]
@@ -122,7 +114,7 @@ def test_defaults(write: Writer, scenario_data: dict[str, Any]) -> None:
     assert scenario.plant_robot is scenario.robot
 
 
-def test_friction_of_a_scenario_goes_before_that_of_its_robot(write: Writer, scenario_data: dict[str, Any]) -> None:
+def test_friction_of_a_scenario_goes_before_that_of_its_robot(write, scenario_data):
     scenario_data["friction"] = "split"
     scenario_data["plant_factors"] = {"mass": 2.0}
     path = write("own.toml", scenario_data)
@@ -135,7 +127,7 @@ def test_friction_of_a_scenario_goes_before_that_of_its_robot(write: Writer, sce
     assert load_scenario(write("own.toml", scenario_data), robot).robot is robot
 
 
-def test_variants_differ_from_their_scenarios_by_what_they_are_for() -> None:
+def test_variants_differ_from_their_scenarios_by_what_they_are_for():
     def content(name: str) -> dict[str, Any]:
         data = tomllib.loads((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))
         return {key: value for key, value in data.items() if key not in ("name", "description")}
@@ -149,7 +141,7 @@ def test_variants_differ_from_their_scenarios_by_what_they_are_for() -> None:
     assert [gains[key][2:] for key in ("K_p", "K_v")] == [others[key][2:] for key in ("K_p", "K_v")]
 
 
-def test_gains_of_the_variant_of_two_joint_are_those_of_table_5() -> None:
+def test_gains_of_the_variant_of_two_joint_are_those_of_table_5():
     scenario = load_scenario("two_joint_table5")
     torque, position = (
         np.array(scenario.paper[key]) for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg")
@@ -165,7 +157,7 @@ def test_gains_of_the_variant_of_two_joint_are_those_of_table_5() -> None:
     assert critical[1] > 50.0
 
 
-def test_plant_factors_scale_scalars_vectors_and_matrices(write: Writer, scenario_data: dict[str, Any]) -> None:
+def test_plant_factors_scale_scalars_vectors_and_matrices(write, scenario_data):
     scenario_data["plant_factors"] = {"mass": [1.5, 1.25], "centroid": [2.0, 0.5], "inertia": 2, "gravity": 0.5}
     scenario = load_scenario(write("own.toml", scenario_data))
     nominal, plant = scenario.robot, scenario.plant_robot
@@ -177,7 +169,7 @@ def test_plant_factors_scale_scalars_vectors_and_matrices(write: Writer, scenari
     np.testing.assert_array_equal(plant.K_f0, nominal.K_f0)
 
 
-def test_two_joint_plant_differs_by_the_stated_per_cent() -> None:
+def test_two_joint_plant_differs_by_the_stated_per_cent():
     scenario = load_scenario("two_joint")
     assert scenario.plant_factors == {
         "mass": 1.02, "inertia": 1.02, "f_c": 1.05, "f_s": 0.95, "f_v": 1.05, "K_f0": 0.95,
@@ -188,7 +180,7 @@ def test_two_joint_plant_differs_by_the_stated_per_cent() -> None:
 
 
 @pytest.mark.parametrize("name", ["../up", "/absolute", "a\\b", "..", ".hidden", "line\nbreak"])
-def test_a_name_that_is_no_file_name_is_refused(write: Writer, scenario_data: dict[str, Any], name: str) -> None:
+def test_a_name_that_is_no_file_name_is_refused(write, scenario_data, name):
     scenario_data["name"] = "NAME"
     path = write("scenario.toml", scenario_data)
     text = path.read_text(encoding="utf-8").replace('"NAME"', json.dumps(name))

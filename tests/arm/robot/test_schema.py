@@ -25,12 +25,12 @@ def content(path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("schema", [robot_schema(), scenario_schema(), system_schema()])
-def test_a_schema_is_one_of_json(schema: dict[str, Any]) -> None:
+def test_a_schema_is_one_of_json(schema):
     Draft7Validator.check_schema(schema)
     assert json.loads(json.dumps(schema)) == schema
 
 
-def test_every_shipped_file_fits() -> None:
+def test_every_shipped_file_fits():
     robots, scenarios = (sorted(data_path("models").glob(f"{kind}/*.toml")) for kind in ("robots", "scenarios"))
     systems = sorted(data_path("ssp").glob("*.toml"))
     assert robots and scenarios and systems
@@ -45,7 +45,7 @@ def test_every_shipped_file_fits() -> None:
         assert problems(system_schema(), content(path)) == []
 
 
-def test_what_a_scenario_can_set_has_its_unit_of_measurement_and_no_text_twice() -> None:
+def test_what_a_scenario_can_set_has_its_unit_of_measurement_and_no_text_twice():
     sections = scenario_schema()["properties"]
     assert sections["controller"]["properties"]["K_p"]["description"].endswith("Eq. (58) [N.m/rad or N/m]")
     assert sections["plant"]["properties"]["mass"]["description"].endswith("[kg]")
@@ -53,7 +53,7 @@ def test_what_a_scenario_can_set_has_its_unit_of_measurement_and_no_text_twice()
     assert sections["plant"]["properties"]["F_e"]["description"] == wrench
 
 
-def test_files_of_the_example_fit() -> None:
+def test_files_of_the_example_fit():
     assert problems(system_schema(), content(EXAMPLES / "arm.toml")) == []
     assert problems(scenario_schema(str(EXAMPLES / "arm.toml")), content(EXAMPLES / "scenario.toml")) == []
 
@@ -67,19 +67,19 @@ def test_files_of_the_example_fit() -> None:
         ("centroid", [1.0], "joints.0.link.centroid: "),
     ],
 )
-def test_wrong_values_of_a_robot_are_marked(key: str, value: Any, where: str) -> None:
+def test_wrong_values_of_a_robot_are_marked(key, value, where):
     data = copy.deepcopy(content(data_path("models") / "robots" / "planar_2dof.toml"))
     data["joints"][0]["link"][key] = value
     (found,) = problems(robot_schema(), data)
     assert found.startswith(where)
 
 
-def test_wrong_values_of_a_scenario_are_marked() -> None:
+def test_wrong_values_of_a_scenario_are_marked():
     data = content(data_path("models") / "scenarios" / "tracking.toml")
     data["controller"] |= {"K_q": 1.0, "velocity": "kappa", "K_v": [-1.0]}
     assert len(problems(scenario_schema(), data)) == 3
 
 
-def test_the_schema_of_a_robot_has_every_row_of_the_table() -> None:
+def test_the_schema_of_a_robot_has_every_row_of_the_table():
     text = json.dumps(robot_schema())
     assert all(f'"{row.key}": ' in text for row in PARAMETERS.values())

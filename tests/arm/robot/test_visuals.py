@@ -18,7 +18,7 @@ def with_visuals(data: dict[str, Any], *visuals: object) -> dict[str, Any]:
     return copy.deepcopy(data) | {"visuals": list(visuals)}
 
 
-def test_visuals_are_kept(robot_data: dict[str, Any]) -> None:
+def test_visuals_are_kept(robot_data):
     robot = robot_from_dict(with_visuals(robot_data, MESH, BALL))
     mesh, ball = robot.visuals
     assert (mesh.joint, mesh.file, mesh.size.tolist()) == (2, "arm.stl", [1.0, 1.0, 1.0])
@@ -26,7 +26,7 @@ def test_visuals_are_kept(robot_data: dict[str, Any]) -> None:
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
 
 
-def test_a_robot_with_visuals_has_the_same_fmu(robot_data: dict[str, Any]) -> None:
+def test_a_robot_with_visuals_has_the_same_fmu(robot_data):
     plain, shown = robot_from_dict(robot_data), robot_from_dict(with_visuals(robot_data, MESH, BALL))
     assert "visuals" not in plain.to_dict()
     one, other = (Content(Plant, robot, {}, "native") for robot in (plain, shown))
@@ -48,12 +48,12 @@ def test_a_robot_with_visuals_has_the_same_fmu(robot_data: dict[str, Any]) -> No
         ({"file": ""}, "visuals[1].file: expected a string that is not empty"),
     ],
 )  # fmt: skip
-def test_wrong_visuals_are_refused(robot_data: dict[str, Any], change: dict[str, Any], problem: str) -> None:
+def test_wrong_visuals_are_refused(robot_data, change, problem):
     with pytest.raises(ModelError) as error:
         robot_from_dict(with_visuals(robot_data, MESH | change))
     assert any(problem in line for line in error.value.problems), error.value.problems
 
 
-def test_visuals_are_tables(robot_data: dict[str, Any]) -> None:
+def test_visuals_are_tables(robot_data):
     with pytest.raises(ModelError, match=r"visuals: expected tables, got a table. Write \[\[visuals\]\]"):
         robot_from_dict(robot_data | {"visuals": {"joint": 1}})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.arm.units.test_observers import sampled
+from tests.arm.units.steps import sampled
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import FmuError, UsageError

@@ -10,7 +10,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from tests.compiler.native.binding import Instance, Model
-from tests.compiler.native.test_derivatives import assert_slopes, directional, elements, slopes
+from tests.compiler.native.slopes import assert_slopes, directional, elements, slopes
 from tests.engine.files import check_file
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit, package_units

@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 import vdfmu
 from tests.arm.dynamics.conftest import build_pinocchio_model
-from vdfmu.arm.robot import Robot, load_robot, robot_from_dict
+from tests.arm.units.one_joint import one_joint
+from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.units import find_unit, package_units, shipped_units
 from vdfmu.compiler.unit.base import unit_name
 
@@ -136,17 +137,6 @@ def test_gravity_turns_with_a_moving_base(planar):
     up = find_unit("pd_gravity")(planar, K_p=0.0)
     up.outputs()
     np.testing.assert_allclose(unit.tau, -up.tau, rtol=0, atol=1e-15)  # the same products with another sign
-
-
-ONE = load_robot("planar_2dof").to_dict()
-
-
-def one_joint() -> Robot:
-    """Return a joint without gravity and friction, on a linear spring."""
-    data = ONE | {"gravity": [0.0, 0.0, 0.0], "joints": ONE["joints"][:1], "sources": {}}
-    robot = robot_from_dict(data)
-    still = dict.fromkeys(("f_c", "f_s", "f_v"), 0.0)
-    return robot.with_parameters(c_f=1e-9, c_w=1e-9, **still)
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.arm.units.steps import sampled
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.fmus import build_fmus
@@ -27,20 +28,6 @@ def one_joint():
     data["joints"][0]["friction"] |= {"f_c": 0.0, "f_s": 0.0, "f_v": 0.0, "f_ck": 0.0}
     data["sources"] = {}
     return robot_from_dict(data)
-
-
-def sampled(unit, steps, **inputs):
-    """Return the rows of a sampled unit's outputs for functions of the time."""
-    unit.start()
-    rows = []
-    for k in range(steps):
-        unit.t = k * unit.period
-        for name, value in inputs.items():
-            setattr(unit, name, value(unit.t))
-        unit.update()
-        unit.outputs()
-        rows.append({name: np.copy(value) for name, value in unit.store.items()})
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def test_the_momentum_observer_of_one_joint_is_a_lag_of_first_order(one_joint):

@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.arm.equations.feedforward import adaptive_torques, link_velocities
-from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, link_forces, link_motion
-from vdfmu.arm.equations.kinematics import joint_transforms
-from vdfmu.arm.equations.rigid_body import body_regressor, coriolis_force, gravity_force, link_body, mass_matrix
+from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, link_forces, link_motion, link_velocities
+from vdfmu.arm.equations.rigid_body import coriolis_force, gravity_force, mass_matrix
 from vdfmu.arm.units import find_unit
-from vdfmu.arm.units.laws.virtual_decomposition import natural, parameter_scales, projected, start_parameters
+from vdfmu.arm.units.laws.virtual_decomposition import (
+    adaptive_torques,
+    body_regressor,
+    natural,
+    parameter_scales,
+    projected,
+    start_parameters,
+)
 
 EPS = np.finfo(float).eps
 NAMES = ("projection", "natural")
@@ -20,7 +25,7 @@ NAMES = ("projection", "natural")
 def test_the_regressor_is_the_body_in_its_parameters(general):
     random = np.random.default_rng(1)
     for i, phi in enumerate(start_parameters(general)):
-        body, (V, V_dot, V_r, V_r_dot) = link_body(general, i), random.normal(size=(4, 6))
+        body, (V, V_dot, V_r, V_r_dot) = general.body(i), random.normal(size=(4, 6))
         g = 9.81 * random.normal(size=3)
         force = mass_matrix(*body) @ V_dot + coriolis_force(*body, V) + gravity_force(*body[:2], g)
         # some 50 products of numbers of up to 1e2
@@ -40,8 +45,8 @@ def check_virtual_power(robot, phi, K_V, q, q_dot, q_ddot, q_dot_r, q_ddot_r, ta
     tau_r, s = adaptive_torques(robot, phi, K_V, q, q_dot, q_dot_r, q_ddot_r)
     motion = link_motion(robot, q, q_dot, q_ddot)
     F_B, U_AB = link_forces(robot, motion), motion.U_AB
-    V_B, V_B_r, _ = link_velocities(robot, U_AB, q_dot, q_dot_r, q_ddot_r)
-    e = [r - v for r, v in zip(V_B_r, V_B, strict=True)]
+    V_B_r = link_velocities(robot, q, q_dot_r).V_B
+    e = [r - v for r, v in zip(V_B_r, motion.V_B, strict=True)]
     # required forces: the bodies take what the joints give
     bodies = sum(s[i] @ phi[i] + K_V[i] * (e[i] @ e[i]) for i in range(robot.n))
     scale = sum(abs(s[i] * phi[i]).sum() for i in range(robot.n)) + abs(tau_r * (q_dot_r - q_dot)).sum()
@@ -150,12 +155,12 @@ def lyapunov(law, true, q, q_dot, phi, theta, t):
     """Energy of the velocity errors, and the distance of the parameters over their gains."""
     q_d, q_d_dot, _ = waves(t)
     q_dot_r = q_d_dot + law.Lambda * (q_d - q)
-    V_B, V_B_r, _ = link_velocities(true, joint_transforms(true, q), q_dot, q_dot_r, q_dot)
+    V_B, V_B_r = (link_velocities(true, q, velocity).V_B for velocity in (q_dot, q_dot_r))
     energy = 0.5 * np.sum(true.I_m * true.ell * (q_dot_r - q_dot) ** 2)
     exact, scale = start_parameters(true), law.scale
     for i in range(true.n):
         e = V_B_r[i] - V_B[i]
-        energy += 0.5 * e @ mass_matrix(*link_body(true, i)) @ e
+        energy += 0.5 * e @ mass_matrix(*true.body(i)) @ e
         if law.adaptation == "projection":
             energy += 0.5 * np.sum(((phi[i] - exact[i]) / scale[i]) ** 2) / law.gamma
         else:  # Bregman divergence of -log det

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import pytest
 
-from tests.compiler.native.conftest import alone
+from tests.compiler.conftest import alone
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import find_unit, package_units
@@ -37,7 +36,7 @@ def build(unit: str, robot: str, precision: str, folder: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def efmu(tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path) -> Callable[..., Path]:
+def efmu(tmp_path_factory, kernel_cache):
     """Return the eFMU of a unit: ``efmu(unit, robot, precision)``."""
 
     @cache
@@ -49,7 +48,7 @@ def efmu(tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path) -> Callab
 
 
 @pytest.fixture(scope="session")
-def short_efmu(efmu: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def short_efmu(efmu, tmp_path_factory):
     """Return the same, with the text of 5 harmonics where a unit has 20: its statements are the same, a third as many.
 
     Programs that look at texts take as much less time.

@@ -1,13 +1,9 @@
 """Production code on Cortex-M4F and Cortex-M7, which QEMU emulates, over the paper's tracking run."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from tests.compiler.efmi.boards import BOARDS, Board, on_board
+from tests.compiler.efmi.boards import BOARDS, on_board
 from tests.compiler.efmi.efmu import Efmu, Production
 from tests.compiler.efmi.runs import ScenarioRun
 
@@ -22,13 +18,13 @@ sum of some hundred such terms, some a hundred times as large as it: 1e-12. In s
 
 
 @pytest.fixture(scope="module")
-def tracking(tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path) -> ScenarioRun:
+def tracking(tmp_path_factory, kernel_cache):
     """Return the tracking scenario, run by the package's master."""
     return ScenarioRun("tracking", tmp_path_factory.mktemp("tracking"))
 
 
 @pytest.mark.parametrize("unit", ["controller", "feedforward"])
-def test_production_code_gives_the_bits_of_the_run(tracking: ScenarioRun, unit: str, tmp_path: Path):
+def test_production_code_gives_the_bits_of_the_run(tracking, unit, tmp_path):
     efmu = Efmu(tracking.efmus(tmp_path / "efmus", "double")[unit])
     inputs, expected = tracking.inputs(unit, efmu), tracking.outputs(unit, efmu)
     found = Production(efmu, tmp_path).run(inputs, 10_000)
@@ -39,9 +35,7 @@ def test_production_code_gives_the_bits_of_the_run(tracking: ScenarioRun, unit: 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda board: board.name)
 @pytest.mark.parametrize("precision", TOLERANCES)
 @pytest.mark.parametrize("unit", ["controller", "feedforward"])
-def test_board_gives_the_outputs_of_the_run(
-    tracking: ScenarioRun, unit: str, precision: str, board: Board, tmp_path: Path
-):
+def test_board_gives_the_outputs_of_the_run(tracking, unit, precision, board, tmp_path):
     efmu = Efmu(tracking.efmus(tmp_path / "efmus", precision)[unit])
     made = on_board(efmu, board, tracking.inputs(unit, efmu), tmp_path)
     assert made.signals == 0

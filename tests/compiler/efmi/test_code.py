@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
@@ -30,7 +29,7 @@ def assert_same(found: Rows, expected: Rows) -> None:
 
 
 @pytest.mark.parametrize("unit", [*QUICK, *(pytest.param(unit, marks=pytest.mark.heavy) for unit in USERS)])
-def test_production_code_gives_the_bits_of_the_fmu(efmu: Callable[..., Path], unit: str, tmp_path: Path):
+def test_production_code_gives_the_bits_of_the_fmu(efmu, unit, tmp_path):
     path = efmu(unit)
     inputs = experiment(Efmu(path), STEPS)
     assert_same(Production(Efmu(path), tmp_path).run(inputs, STEPS), of_fmu(path, inputs, STEPS))
@@ -38,7 +37,7 @@ def test_production_code_gives_the_bits_of_the_fmu(efmu: Callable[..., Path], un
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", SHIPPED)
-def test_production_code_of_the_papers_arm(efmu: Callable[..., Path], unit: str, tmp_path: Path):
+def test_production_code_of_the_papers_arm(efmu, unit, tmp_path):
     path = efmu(unit, "manipulator_6dof")
     inputs = experiment(Efmu(path), STEPS)
     expected = of_fmu(path, inputs, STEPS)
@@ -49,7 +48,7 @@ def test_production_code_of_the_papers_arm(efmu: Callable[..., Path], unit: str,
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", SINGLE)
-def test_production_code_in_single_precision(efmu: Callable[..., Path], unit: str, tmp_path: Path):
+def test_production_code_in_single_precision(efmu, unit, tmp_path):
     path = efmu(unit, "manipulator_6dof", "float32")
     inputs = experiment(Efmu(path), STEPS)
     found = Production(Efmu(path), tmp_path, program("gcc", "gcc")).run(inputs, STEPS)
@@ -62,18 +61,18 @@ def test_production_code_in_single_precision(efmu: Callable[..., Path], unit: st
 
 
 @pytest.mark.parametrize("unit", QUICK)
-def test_algorithm_code_gives_the_bits_of_the_fmu(efmu: Callable[..., Path], unit: str):
+def test_algorithm_code_gives_the_bits_of_the_fmu(efmu, unit):
     _compare_algorithm(efmu(unit), 50)
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", [*SHIPPED, *USERS])
-def test_algorithm_code_of_all_units(efmu: Callable[..., Path], unit: str):
+def test_algorithm_code_of_all_units(efmu, unit):
     _compare_algorithm(efmu(unit), 200)
 
 
 @pytest.mark.parametrize("operation", GALEC_EXPRESSIONS)
-def test_an_operation_in_galec_has_the_value_of_the_trace(operation: int):
+def test_an_operation_in_galec_has_the_value_of_the_trace(operation):
     text = GALEC_EXPRESSIONS[operation]
     size = 2 if "{1}" in text else 1
     symbols = [ca.SX.sym(name) for name in ("a", "b")[:size]]
@@ -99,7 +98,7 @@ def _compare_algorithm(path: Path, steps: int) -> None:
         np.testing.assert_allclose(found[name], values, rtol=0.0, atol=tolerance, err_msg=name)
 
 
-def test_first_step_is_of_time_0(efmu: Callable[..., Path], tmp_path: Path):
+def test_first_step_is_of_time_0(efmu, tmp_path):
     whole = Efmu(efmu("trajectory"))
     start = np.array(whole.variable("q_start").attrib["start"].split(), dtype=float)
     found = Production(whole, tmp_path).run({}, 2)["q_d"]
@@ -136,9 +135,7 @@ class Both:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("unit", ["controller", "disturbance_observer"])
-def test_what_is_not_finite_is_signalled_and_changes_nothing(
-    efmu: Callable[..., Path], unit: str, value: float, tmp_path: Path
-):
+def test_what_is_not_finite_is_signalled_and_changes_nothing(efmu, unit, value, tmp_path):
     both = Both(efmu(unit), tmp_path)
     inputs = Efmu(efmu(unit)).names("input")
 
@@ -162,13 +159,13 @@ def test_what_is_not_finite_is_signalled_and_changes_nothing(
     assert both.call("Recalibrate") == both.call("DoStep") == 0
 
 
-def test_parameter_below_its_limit_is_signalled(efmu: Callable[..., Path], tmp_path: Path):
+def test_parameter_below_its_limit_is_signalled(efmu, tmp_path):
     both = Both(efmu("controller"), tmp_path)
     both.set("K_p", [1000.0, -1.0])
     assert both.call("Recalibrate") == 1
 
 
-def test_what_overflows_is_signalled_and_no_state(efmu: Callable[..., Path], tmp_path: Path):
+def test_what_overflows_is_signalled_and_no_state(efmu, tmp_path):
     both = Both(efmu("disturbance_observer"), tmp_path)
     both.set("kappa_dot", [1e308, 0.0])
     both.set("kappa_dot_d", [-1e308, 0.0])  # their difference is an output

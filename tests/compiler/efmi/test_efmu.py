@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from hashlib import sha1
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 from tests.compiler.efmi.conftest import SHIPPED
 from tests.compiler.efmi.efmu import Efmu
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.interface import interface_of
@@ -49,29 +47,29 @@ def findings(efmu: Path, folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("unit", ["controller", "notch_filter"])
-def test_checker_finds_nothing(efmu: Callable[..., Path], unit: str, tmp_path: Path):
+def test_checker_finds_nothing(efmu, unit, tmp_path):
     assert not findings(efmu(unit), tmp_path)
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", [unit for unit in SHIPPED if unit not in ("controller", "notch_filter")])
-def test_checker_finds_nothing_in_the_other_units(short_efmu: Callable[..., Path], unit: str, tmp_path: Path):
+def test_checker_finds_nothing_in_the_other_units(short_efmu, unit, tmp_path):
     """The checker's parser takes up to a minute for the text of six joints; its statements are those of two."""
     assert not findings(short_efmu(unit), tmp_path)
 
 
 @pytest.mark.heavy
-def test_checker_finds_nothing_in_a_unit_of_the_papers_arm(efmu: Callable[..., Path], tmp_path: Path):
+def test_checker_finds_nothing_in_a_unit_of_the_papers_arm(efmu, tmp_path):
     assert not findings(efmu("computed_torque", "manipulator_6dof"), tmp_path)
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", ["spline", "encoder", "wall", "friction_torque"])
-def test_checker_finds_nothing_in_units_of_users(efmu: Callable[..., Path], unit: str, tmp_path: Path):
+def test_checker_finds_nothing_in_units_of_users(efmu, unit, tmp_path):
     assert not findings(efmu(f"examples/units/{unit}.py"), tmp_path)
 
 
-def test_checker_sees_faults(efmu: Callable[..., Path], tmp_path: Path):
+def test_checker_sees_faults(efmu, tmp_path):
     whole = Efmu(efmu("controller"))
     broken = tmp_path / "PDController.fmu"
     program = f"eFMU/AlgorithmCode/{whole.name}.alg"
@@ -81,7 +79,7 @@ def test_checker_sees_faults(efmu: Callable[..., Path], tmp_path: Path):
 
 
 @pytest.mark.parametrize("precision", ["double", "float32"])
-def test_files_are_those_of_the_manifests(efmu: Callable[..., Path], precision: str):
+def test_files_are_those_of_the_manifests(efmu, precision):
     efmu_ = Efmu(efmu("disturbance_observer", precision=precision))
     schemas = {
         name: etree.XMLSchema(etree.parse(Path(__file__).parents[3] / "fmu_src/efmi/schemas" / name))
@@ -110,7 +108,7 @@ def test_files_are_those_of_the_manifests(efmu: Callable[..., Path], precision: 
     assert container.attrib["floatPrecision"] == {"double": "64-bit", "float32": "32-bit"}[precision]
 
 
-def test_production_code_has_each_variable_and_method(efmu: Callable[..., Path]):
+def test_production_code_has_each_variable_and_method(efmu):
     whole = Efmu(efmu("virtual_decomposition"))
     here = {e.attrib["foreignRefId"] for e in whole.production.iter() if "foreignRefId" in e.attrib}
     methods = {m.attrib["id"] for m in whole.algorithm.iter("BlockMethod")}
@@ -122,7 +120,7 @@ def test_production_code_has_each_variable_and_method(efmu: Callable[..., Path])
                 assert value in identifiers, (element.tag, name, value)
 
 
-def test_block_has_the_interface_of_the_fmu(efmu: Callable[..., Path], planar: Robot):
+def test_block_has_the_interface_of_the_fmu(efmu, planar):
     whole, interface = Efmu(efmu("controller")), interface_of(find_unit("controller"), planar)
     for kind in ("input", "output"):
         groups = list(interface.groups_of(kind))
@@ -136,7 +134,7 @@ def test_block_has_the_interface_of_the_fmu(efmu: Callable[..., Path], planar: R
     assert "velocity = kappa_dot" in whole.content.attrib["description"]
 
 
-def test_efmu_is_an_fmu_of_the_same_bits_each_time(efmu: Callable[..., Path], planar: Robot, tmp_path: Path):
+def test_efmu_is_an_fmu_of_the_same_bits_each_time(efmu, planar, tmp_path):
     path = efmu("controller")
     assert not fmpy.validation.validate_fmu(str(path))
     again = build_fmus(planar, tmp_path, units=["controller"], target="efmi")["controller"]
@@ -146,7 +144,7 @@ def test_efmu_is_an_fmu_of_the_same_bits_each_time(efmu: Callable[..., Path], pl
     assert plain.read_bytes() == inside
 
 
-def test_words_of_refusal(planar: Robot, tmp_path: Path):
+def test_words_of_refusal(planar, tmp_path):
     cases: list[tuple[dict[str, Any], str]] = [
         ({"target": "efmi", "units": ["plant", "controller"]}, "target efmi: plant: it has continuous states"),
         ({"target": "efmi", "backend": "python"}, "expected the backend native, got python"),

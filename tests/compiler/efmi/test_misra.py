@@ -1,8 +1,5 @@
 """What cppcheck and its addon for MISRA C:2012 find in production code; docs/efmi.md explains each kind."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
@@ -24,7 +21,7 @@ EXPLAINED = {"misra-c2012-8.7", "misra-c2012-8.9", "unusedFunction"}
         *product([*SINGLE, "examples/units/spline.py"], ["float32"]),
     ],
 )
-def test_every_finding_is_explained(short_efmu: Callable[..., Path], unit: str, precision: str, tmp_path: Path):
+def test_every_finding_is_explained(short_efmu, unit, precision, tmp_path):
     cppcheck = program("cppcheck", "cppcheck")
     whole = Efmu(short_efmu(unit, precision=precision))
     for name, text in whole.code.items():

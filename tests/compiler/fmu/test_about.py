@@ -6,20 +6,9 @@ from xml.etree import ElementTree
 import pytest
 
 import vdfmu
+from tests.compiler.fmu.gain import UNIT
 from vdfmu.base.errors import UnitError
 
-UNIT = '''
-from vdfmu.unit import Input, Output, Unit
-
-class Gain(Unit):
-    """Gain."""
-    # here
-    u = Input("1")
-    y = Output("1")
-
-    def outputs(self) -> None:
-        self.y = 2.0 * self.u
-'''
 PROJECT = """
 [project]
 name = "mine"

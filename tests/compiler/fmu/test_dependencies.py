@@ -8,45 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vdfmu.arm.robot import Robot
+from tests.compiler.conftest import BOTH
+from tests.compiler.points import POINTS, SWITCHES, random_value
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.unit.interface import Interface
 
 Opener = Callable[..., Any]
-
-# Values at which nothing is hidden: no zeros, no saturation, friction and springs well curved.
-VISIBLE = {
-    "eps": 0.5, "v_s": 0.4, "f_c": 2.0, "f_s": 3.0, "f_v": 0.7, "K_f0": 20.0, "c_f": 1.0, "K_w0": 0.02, "c_w": 0.5,
-    "ell": 10.0, "I_m": 0.1, "T": 3.0, "t_start": -1.0, "tau_max": 1e6,
-}  # fmt: skip
-# The values of each parameter that chooses, and points that together show all that a unit can do.
-SWITCHES: dict[str, dict[str, tuple[Any, Any]]] = {
-    "trajectory": {},
-    "feedforward": {"mode": (0, 1)},
-    "controller": {"velocity": (0, 1)},
-    "plant": {"equilibrium": (True, False)},
-    "estimator": {},
-}
-POINTS: dict[str, list[dict[str, Any]]] = {
-    "trajectory": [{}],
-    "feedforward": [{"mode": 0}, {"mode": 1}],
-    "controller": [{"velocity": 0}, {"velocity": 1}, {"velocity": 2}, {"tau_max": 1e-3}],
-    "plant": [{"equilibrium": True}, {"equilibrium": False}],
-    # below and at the limit
-    "estimator": [{"K_f0": 0.3, "K_w0": 2.0, "tau_hat_max": 1e3}, {"tau_hat_max": 1e-3}],
-}
-
-
-def random_value(group: str, causality: str, start: float, positive: bool, rng: np.random.Generator) -> float:
-    """Value of a variable at which nothing is hidden."""
-    start = VISIBLE.get(group, start)
-    if group == "tolerance":
-        return start
-    if start == 0.0 or causality == "input":
-        sign = 1.0 if positive else rng.choice([-1.0, 1.0])
-        return float(sign * rng.uniform(0.2, 0.9))
-    # The inertia of a thin link stays within the triangle inequality.
-    return float(start * (1.0 + (0.005 if group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0)))
 
 
 class Probe:
@@ -96,7 +63,7 @@ def probes(open_unit: Opener, table: Interface) -> Iterator[Probe]:
 
 
 @pytest.fixture
-def table(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Interface:
+def table(robots, robot_name, unit_name):
     return Interface(shipped_units()[unit_name], robots[robot_name])
 
 
@@ -138,7 +105,8 @@ def cancels(robot: str, unit: str, output: str, known: str) -> bool:
     return False
 
 
-def test_initial_dependencies_are_exactly_what_outputs_change_with(open_unit: Opener, table: Interface) -> None:
+@BOTH
+def test_initial_dependencies_are_exactly_what_outputs_change_with(open_unit, table):
     """For every single output and variable: to the bit where it is not declared, clearly where it is."""
     changed: Pairs = set()  # in any bit
     moved: Pairs = set()  # by more than rounding
@@ -164,9 +132,8 @@ def test_initial_dependencies_are_exactly_what_outputs_change_with(open_unit: Op
 
 
 @pytest.mark.heavy
-def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(
-    open_unit: Opener, table: Interface
-) -> None:
+@BOTH
+def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(open_unit, table):
     """At a communication point: the outputs that doStep leaves, for inputs that were set just before it."""
     if table.name in ("plant", "trajectory"):  # a state decides, or time alone
         assert declared(table, table.step_dependencies) == set()
@@ -186,9 +153,8 @@ def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(
     assert {pair for pair in expected - changed if not cancels(table.robot.name, table.name, *pair)} == set()
 
 
-def test_torques_set_at_a_communication_point_do_not_move_the_plant_before_its_step(
-    open_unit: Opener, robot_name: str
-) -> None:
+@BOTH
+def test_torques_set_at_a_communication_point_do_not_move_the_plant_before_its_step(open_unit, robot_name):
     unit = open_unit("plant", robot_name).start(tau=0.01)
     before = unit.step().outputs()
     unit.set(tau=1.0, F_e=10.0)
@@ -196,16 +162,15 @@ def test_torques_set_at_a_communication_point_do_not_move_the_plant_before_its_s
     assert not np.array_equal(unit.step().outputs(), before)
 
 
-def test_torques_set_in_initialization_mode_do_not_change_the_start(open_unit: Opener) -> None:
+@BOTH
+def test_torques_set_in_initialization_mode_do_not_change_the_start(open_unit):
     unit = open_unit("plant").setup()
     unit.fmu.enterInitializationMode()
     before = unit.outputs()
     assert np.array_equal(unit.set(tau=5.0).outputs(), before)
 
 
-def test_the_plant_stays_at_rest_under_the_wrench_that_it_starts_with(
-    open_unit: Opener, robots: dict[str, Robot], robot_name: str
-) -> None:
+def test_the_plant_stays_at_rest_under_the_wrench_that_it_starts_with(open_unit, robots, robot_name):
     """Set before or in initialization mode; the motors hold the springs, as friction is 0 at rest."""
     robot = robots[robot_name]
     q_0, F_e = np.linspace(-0.5, 0.4, robot.n), np.array([20.0, -10.0, 30.0, 1.0, 2.0, -1.5])
@@ -226,7 +191,7 @@ def test_the_plant_stays_at_rest_under_the_wrench_that_it_starts_with(
         np.testing.assert_allclose(unit.get("tau_s"), tau_s, rtol=0, atol=1e-8)
 
 
-def test_the_gravity_torque_of_a_joint_needs_only_the_links_that_it_carries(planar: Robot) -> None:
+def test_the_gravity_torque_of_a_joint_needs_only_the_links_that_it_carries(planar):
     """By hand for the planar arm: G2 = m2 b g cos(q1 + q2) (the robot's file), and x f_y + m_z of the wrench."""
     table = Interface(shipped_units()["plant"], planar)
     names = {table.variables[i].name for i in table.start_dependencies(table.reference["tau_s[2]"])}
@@ -236,7 +201,7 @@ def test_the_gravity_torque_of_a_joint_needs_only_the_links_that_it_carries(plan
     }  # fmt: skip
 
 
-def test_the_controller_keeps_its_joints_apart(robots: dict[str, Robot], robot_name: str) -> None:
+def test_the_controller_keeps_its_joints_apart(robots, robot_name):
     table = Interface(shipped_units()["controller"], robots[robot_name])
     for i in range(robots[robot_name].n):
         for group in ("tau", "tau_e"):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.arm.laws.test_friction_trajectory_feedforward import rounded_ends
+from tests.arm.laws.ends import rounded_ends
+from tests.compiler.conftest import BOTH
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
@@ -18,8 +18,6 @@ from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.robot.parameters import SPRING_KEYS
 from vdfmu.arm.robot.structure import parameters, set_parameters, values
-
-Opener = Callable[..., Any]
 
 # The FMU runs the traced equations, numpy the same ones as written: they differ by the rounding of some hundred
 # operations, 1e-16 each, relative to the largest term, which is at most 100 times the result here.
@@ -46,7 +44,8 @@ def set_robot(unit: Any, robot: Robot) -> None:
     unit.fmu.setReal([known[name] for name in found], [float(value) for value in found.values()])
 
 
-def test_the_trajectory_is_equation_57(open_unit: Opener, robot_name: str, robots: dict[str, Robot]) -> None:
+@BOTH
+def test_the_trajectory_is_equation_57(open_unit, robot_name, robots):
     n = robots[robot_name].n
     q_start, q_end = np.linspace(-0.4, 0.3, n), np.linspace(0.9, -1.1, n)
     unit = open_unit("trajectory", robot_name)
@@ -58,7 +57,8 @@ def test_the_trajectory_is_equation_57(open_unit: Opener, robot_name: str, robot
         unit.step(0.1)
 
 
-def test_the_trajectory_at_its_ends_does_not_depend_on_rounding(open_unit: Opener, robot_name: str) -> None:
+@BOTH
+def test_the_trajectory_at_its_ends_does_not_depend_on_rounding(open_unit, robot_name):
     """At the start it moves already, at the end no more, in Python and C alike."""
     unit = open_unit("trajectory", robot_name)
     for T, t_start, pairs in rounded_ends(draws=10):
@@ -74,9 +74,8 @@ def test_the_trajectory_at_its_ends_does_not_depend_on_rounding(open_unit: Opene
 
 @pytest.mark.parametrize("velocity", [0, 1, 2])
 @pytest.mark.parametrize("tau_max", [1e12, 0.5])
-def test_the_controller_is_equation_58(
-    open_unit: Opener, robot_name: str, robots: dict[str, Robot], velocity: int, tau_max: float
-) -> None:
+@BOTH
+def test_the_controller_is_equation_58(open_unit, robot_name, robots, velocity, tau_max):
     n = robots[robot_name].n
     rng = np.random.default_rng(5)
     gains = {"K_p": 900.0 + 10.0 * rng.random(n), "K_v": 20.0 + rng.random(n)}
@@ -103,9 +102,8 @@ def test_the_controller_is_equation_58(
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-def test_the_feedforward_is_that_of_its_mode(
-    open_unit: Opener, robot_name: str, robots: dict[str, Robot], mode: int
-) -> None:
+@BOTH
+def test_the_feedforward_is_that_of_its_mode(open_unit, robot_name, robots, mode):
     """Mode 0: the exact inverse of the plant. Mode 1: virtual decomposition, Eq. (12)-(27), (48)-(53)."""
     rng = np.random.default_rng(6)
     robot = another(robots[robot_name], rng)
@@ -130,9 +128,7 @@ def test_the_feedforward_is_that_of_its_mode(
         same(unit.get("kappa_dot_d"), expected.kappa_dot_d)
 
 
-def test_the_estimator_is_that_of_equations_2_and_3(
-    open_unit: Opener, robot_name: str, robots: dict[str, Robot]
-) -> None:
+def test_the_estimator_is_that_of_equations_2_and_3(open_unit, robot_name, robots):
     """Also far out, where both estimates are the limit."""
     rng = np.random.default_rng(10)
     robot = another(robots[robot_name], rng)
@@ -163,7 +159,8 @@ def same_outputs(unit: Any, robot: Robot) -> None:
         same(unit.get(group), np.ravel(value), scale=10.0)
 
 
-def test_the_plant_starts_in_equilibrium(open_unit: Opener, robot_name: str, robots: dict[str, Robot]) -> None:
+@BOTH
+def test_the_plant_starts_in_equilibrium(open_unit, robot_name, robots):
     rng = np.random.default_rng(7)
     robot = another(robots[robot_name], rng)
     q_0, q_dot_0 = rng.normal(size=(2, robot.n))
@@ -178,7 +175,8 @@ def test_the_plant_starts_in_equilibrium(open_unit: Opener, robot_name: str, rob
     same_outputs(unit, robot)
 
 
-def test_the_plant_starts_from_given_values(open_unit: Opener, robot_name: str, robots: dict[str, Robot]) -> None:
+@BOTH
+def test_the_plant_starts_from_given_values(open_unit, robot_name, robots):
     rng = np.random.default_rng(8)
     start = rng.normal(size=(4, robots[robot_name].n))
     names = ("q_0", "q_dot_0", "kappa_dot_0", "tau_s_0")
@@ -188,9 +186,8 @@ def test_the_plant_starts_from_given_values(open_unit: Opener, robot_name: str, 
     same_outputs(unit, robots[robot_name])
 
 
-def test_the_plant_moves_by_its_differential_equation(
-    open_unit: Opener, robot_name: str, robots: dict[str, Robot]
-) -> None:
+@BOTH
+def test_the_plant_moves_by_its_differential_equation(open_unit, robot_name, robots):
     """Against scipy on the numpy equations, with torque and wrench held over each of three steps."""
     rng = np.random.default_rng(9)
     robot = another(robots[robot_name], rng)
@@ -213,7 +210,8 @@ def test_the_plant_moves_by_its_differential_equation(
     assert moved.max() > 1e-3  # far above the tolerance
 
 
-def test_one_step_or_many_is_the_same_motion(open_unit: Opener) -> None:
+@BOTH
+def test_one_step_or_many_is_the_same_motion(open_unit):
     """The communication step does not change the solution, only where it is shown; errors as above."""
     once = open_unit("plant").start(tolerance=1e-10, q_0=[0.4, -0.3]).step(0.02)
     often = open_unit("plant").start(tolerance=1e-10, q_0=[0.4, -0.3])
@@ -223,7 +221,8 @@ def test_one_step_or_many_is_the_same_motion(open_unit: Opener) -> None:
     np.testing.assert_allclose(often.outputs(), once.outputs(), rtol=1e-8, atol=1e-8)
 
 
-def test_time_may_start_anywhere(open_unit: Opener) -> None:
+@BOTH
+def test_time_may_start_anywhere(open_unit):
     """The plant does not depend on time: started at 1e4 s it moves to the same bits."""
     early, late = open_unit("plant").start(0.0, q_0=0.3), open_unit("plant").start(1e4, q_0=0.3)
     for k in range(10):

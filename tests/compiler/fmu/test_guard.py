@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,6 @@ import pytest
 
 from vdfmu import __version__
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
-
-Refusal = Callable[[Path], str]
-CopyOf = Callable[[str], Path]
 
 
 def change(folder: Path, **values: Any) -> Path:
@@ -27,7 +22,7 @@ def change(folder: Path, **values: Any) -> Path:
     return folder
 
 
-def test_an_fmu_of_another_version_is_refused(copy_of: CopyOf, words_of_refusal: Refusal) -> None:
+def test_an_fmu_of_another_version_is_refused(copy_of, words_of_refusal):
     words = words_of_refusal(change(copy_of("plant"), version="9.9.9"))
     assert words.endswith(
         f"unit: instantiate failed: Plant.fmu was built with vdfmu 9.9.9, but this Python has vdfmu {__version__}. "
@@ -35,16 +30,14 @@ def test_an_fmu_of_another_version_is_refused(copy_of: CopyOf, words_of_refusal:
     )
 
 
-def test_an_fmu_of_other_sources_is_refused(copy_of: CopyOf, words_of_refusal: Refusal) -> None:
+def test_an_fmu_of_other_sources_is_refused(copy_of, words_of_refusal):
     words = words_of_refusal(change(copy_of("controller"), digest="0123456789abcdef"))
     assert f"PDController.fmu was built with vdfmu {__version__} of other sources" in words
     assert "digest 01234567, here " in words
     assert words.endswith("Build the FMU again with `vdfmu build`.")
 
 
-def test_another_version_is_told_before_anything_that_only_that_version_can_read(
-    copy_of: CopyOf, words_of_refusal: Refusal
-) -> None:
+def test_another_version_is_told_before_anything_that_only_that_version_can_read(copy_of, words_of_refusal):
     folder = change(copy_of("plant"), version="9.9.9", robot={"arms": 2}, start_values=None, tool=None)
     assert "was built with vdfmu 9.9.9" in words_of_refusal(folder)
 
@@ -60,9 +53,7 @@ def test_another_version_is_told_before_anything_that_only_that_version_can_read
         ("\x00\x01", "JSONDecodeError"),
     ],
 )
-def test_a_damaged_content_file_is_refused(
-    copy_of: CopyOf, words_of_refusal: Refusal, text: str | None, words: str
-) -> None:
+def test_a_damaged_content_file_is_refused(copy_of, words_of_refusal, text, words):
     folder = copy_of("plant")
     path = folder / "resources" / "vdfmu.json"
     path.unlink() if text is None else path.write_text(text)
@@ -80,21 +71,17 @@ def test_a_damaged_content_file_is_refused(
         ({"robot": 3}, "resources/vdfmu.json: the file: expected a table, got 3"),
         ({"robot": {}}, "resources/vdfmu.json: name: expected a string"),
         ({"start_values": {"mass[1]": 0.0}}, "start values of plant: mass[1]: expected a number above 0"),
-        ({"start_values": {"mass[9]": 1.0}}, "plant has no variable 'mass[9]'"),
-        ({"start_values": {"mass[1]": "heavy"}}, "mass[1]: expected a number in kg, got 'heavy'"),
         ({"start_values": 3}, "TypeError"),
         ({"tool": None}, "KeyError: 'tool'"),
     ],
 )
-def test_a_content_file_with_wrong_entries_is_refused(
-    copy_of: CopyOf, words_of_refusal: Refusal, values: dict[str, Any], words: str
-) -> None:
+def test_a_content_file_with_wrong_entries_is_refused(copy_of, words_of_refusal, values, words):
     said = words_of_refusal(change(copy_of("plant"), **values))
     assert "unit: instantiate failed: resources/vdfmu.json" in said
     assert words in said
 
 
-def test_the_refusal_reaches_a_user_who_left_fmi_logging_off(copy_of: CopyOf, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_refusal_reaches_a_user_who_left_fmi_logging_off(copy_of, caplog):
     """Plain fmpy shows no FMI message then; Python's logging shows errors to everybody."""
     folder = change(copy_of("plant"), version="9.9.9")
     with pytest.raises(Exception, match="Failed to instantiate model"):
@@ -128,9 +115,7 @@ os._exit(0)  # of processes with libraries of pythonfmu that could not start, on
 
 @pytest.mark.parametrize("package", ["vdfmu", "casadi"])
 @pytest.mark.parametrize("logging", ["logging", "silent"])
-def test_a_python_without_the_packages_says_what_to_install(
-    folders: Mapping[str, Mapping[str, Path]], run_python: Callable[..., str], package: str, logging: str
-) -> None:
+def test_a_python_without_the_packages_says_what_to_install(folders, run_python, package, logging):
     """On stderr, and by fmpy's own logger, which passes the text to printf: a percent sign must not reach it."""
     said = run_python(WITHOUT, folders["planar_2dof"]["plant"], package, logging)
     expected = (
@@ -142,7 +127,7 @@ def test_a_python_without_the_packages_says_what_to_install(
     assert said.count("raised: Failed to instantiate model") == 3
 
 
-def test_a_rebuilt_fmu_in_the_same_folder_is_read_anew(planar: Robot, tmp_path: Path, open_unit: Any) -> None:
+def test_a_rebuilt_fmu_in_the_same_folder_is_read_anew(planar, tmp_path, open_unit):
     """Nothing of an FMU is remembered by its folder."""
     unit = type(open_unit("plant"))
     weights = []

@@ -14,7 +14,7 @@ from vdfmu.compiler.unit.interface import Interface
 
 
 @pytest.fixture
-def interface(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Interface:
+def interface(robots, robot_name, unit_name):
     return Interface(shipped_units()[unit_name], robots[robot_name])
 
 
@@ -29,7 +29,7 @@ def shapes(unit: str, robot: Robot) -> dict[str, tuple[int, ...]]:
     return {array.name: array.shape for array in Interface(shipped_units()[unit], robot).arrays}
 
 
-def test_the_memory_is_the_table_then_derivatives_then_time(interface: Interface, unit_name: str) -> None:
+def test_the_memory_is_the_table_then_derivatives_then_time(interface, unit_name):
     N, n = len(interface), interface.robot.n
     n_x = 4 * n if unit_name == "plant" else 0
     assert interface.memory[:N] == interface.variables
@@ -42,7 +42,7 @@ def test_the_memory_is_the_table_then_derivatives_then_time(interface: Interface
     assert {v.group for v in states} == ({"q", "q_dot", "kappa_dot", "tau_s"} if n_x else set())
 
 
-def test_a_derivative_has_the_unit_of_its_state_per_second(interface: Interface) -> None:
+def test_a_derivative_has_the_unit_of_its_state_per_second(interface):
     for state, rate in zip(interface.memory[interface.states], interface.memory[interface.derivatives], strict=True):
         of_state, of_rate = measure(state.unit or "").exponents, measure(rate.unit or "").exponents
         expected = of_state | {"s": of_state.get("s", 0) - 1}
@@ -51,7 +51,7 @@ def test_a_derivative_has_the_unit_of_its_state_per_second(interface: Interface)
         assert rate.description.startswith(f"Joint {rate.index[0] + 1}: derivative of the ")
 
 
-def test_arrays_fill_the_memory_row_by_row(interface: Interface) -> None:
+def test_arrays_fill_the_memory_row_by_row(interface):
     position = 0
     for array in interface.arrays:
         members = interface.memory[array.positions]
@@ -74,7 +74,7 @@ def test_arrays_fill_the_memory_row_by_row(interface: Interface) -> None:
     ]
 
 
-def test_what_is_whole_and_of_one_unit_is_an_array(planar: Robot) -> None:
+def test_what_is_whole_and_of_one_unit_is_an_array(planar):
     found = shapes("plant", planar)
     expected = {
         "tau": (2,), "q": (2,), "p_O": (3,), "R_O": (3, 3), "E_kin": (), "mass": (2,), "equilibrium": (),
@@ -83,35 +83,35 @@ def test_what_is_whole_and_of_one_unit_is_an_array(planar: Robot) -> None:
     assert {name: found.get(name) for name in expected} == expected
 
 
-def test_the_elements_that_a_robot_keeps_of_a_vector_stay_scalars(planar: Robot) -> None:
+def test_the_elements_that_a_robot_keeps_of_a_vector_stay_scalars(planar):
     """``tool_offset[1]`` alone would look like a whole vector of one element."""
     found = shapes("plant", planar)
     assert found["tool_offset[1]"] == found["gravity[3]"] == found["offset[2,1]"] == ()
     assert not {"tool_offset", "gravity", "offset"} & set(found)
 
 
-def test_a_robot_without_zeros_has_whole_arrays(general: Robot) -> None:
+def test_a_robot_without_zeros_has_whole_arrays(general):
     found = shapes("plant", general)
     n = general.n
     assert (found["gravity"], found["offset"], found["centroid"]) == ((3,), (n, 3), (n, 3))
     assert "inertia[1,1,2]" in found  # the lower triangle is folded
 
 
-def test_groups_of_mixed_units_are_scalars(robots: dict[str, Robot]) -> None:
+def test_groups_of_mixed_units_are_scalars(robots):
     found = shapes("plant", robots["slider_3dof"])
     assert found["tau"] == found["mass"] == (3,)
     assert not {"q", "q_0", "der(q)", "ell", "F_e"} & set(found)
     assert found["q[3]"] == found["der(q_dot[2])"] == found["ell[1]"] == ()
 
 
-def test_one_joint_makes_arrays_of_one_element(planar: Robot) -> None:
+def test_one_joint_makes_arrays_of_one_element(planar):
     one = first_joint(planar)
     found = shapes("plant", one)
     assert found["q"] == found["der(q)"] == found["mass"] == (1,)
     assert shapes("controller", one)["K_p"] == (1,)
 
 
-def test_the_description_of_an_array_names_no_element(interface: Interface) -> None:
+def test_the_description_of_an_array_names_no_element(interface):
     for array in interface.arrays:
         text = interface.array_description(array)
         if array.shape:
@@ -121,7 +121,7 @@ def test_the_description_of_an_array_names_no_element(interface: Interface) -> N
             assert text == interface.memory[array.first].description
 
 
-def test_dependencies_name_what_is_known(interface: Interface) -> None:
+def test_dependencies_name_what_is_known(interface):
     states, end = range(interface.states.start, interface.states.stop), interface.time
     for position, variable in enumerate(interface.memory):
         step, start = interface.step_dependencies(position), interface.start_dependencies(position)
@@ -137,13 +137,13 @@ def test_dependencies_name_what_is_known(interface: Interface) -> None:
             assert step == start == []
 
 
-def test_only_the_trajectory_depends_on_time(interface: Interface, unit_name: str) -> None:
+def test_only_the_trajectory_depends_on_time(interface, unit_name):
     calculated = [i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")]
     for dependencies in (interface.step_dependencies, interface.start_dependencies):
         assert {interface.time in dependencies(i) for i in calculated} == {unit_name == "trajectory"}
 
 
-def test_states_and_derivatives_depend_on_what_their_equations_hold(robots: dict[str, Robot]) -> None:
+def test_states_and_derivatives_depend_on_what_their_equations_hold(robots):
     interface = Interface(shipped_units()["plant"], robots["manipulator_6dof"])
     position = {v.name: i for i, v in enumerate(interface.memory)}
 

@@ -5,13 +5,13 @@ The words are those that a user of fmpy reads. Nothing that is refused changes t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-Opener = Callable[..., Any]
+from tests.compiler.conftest import BOTH
+
 NAN, INF = float("nan"), float("inf")
 
 
@@ -55,9 +55,8 @@ def initializing(unit: Any) -> Any:
         ("trajectory", "q_end[2]", INF, r"q_end\[2\]: expected a finite number, got inf rad\."),
     ],
 )
-def test_a_value_out_of_bounds_is_refused_where_it_is_set(
-    open_unit: Opener, name: str, variable: str, value: float, words: str
-) -> None:
+@BOTH
+def test_a_value_out_of_bounds_is_refused_where_it_is_set(open_unit, name, variable, value, words):
     unit = open_unit(name)
     before = unit.get(variable)
     call = "setInteger" if isinstance(value, int) else "setReal"
@@ -78,8 +77,8 @@ def test_a_value_out_of_bounds_is_refused_where_it_is_set(
     ],
 )  # fmt: skip
 def test_values_that_only_together_are_not_physical_are_refused_when_initialization_starts(
-    open_unit: Opener, name: str, variable: str, value: float, words: str
-) -> None:
+    open_unit, name, variable, value, words
+):
     """They are set one after the other, so the unit waits until all are there."""
     unit = open_unit(name).setup()
     unit.set_one(variable, value)
@@ -87,14 +86,15 @@ def test_values_that_only_together_are_not_physical_are_refused_when_initializat
         unit.fmu.enterInitializationMode()
 
 
-def test_all_that_is_not_physical_is_told_at_once(open_unit: Opener) -> None:
+def test_all_that_is_not_physical_is_told_at_once(open_unit):
     unit = open_unit("plant").setup()
     unit.set(f_s=[0.1, 0.05])
     with unit.refuses(r"f_s\[1\]: .*got f_s\[1\] = 0.1 .*f_s\[2\]: .*got f_s\[2\] = 0.05 "):
         unit.fmu.enterInitializationMode()
 
 
-def test_values_that_do_not_fit_together_are_refused_in_initialization_mode_too(open_unit: Opener) -> None:
+@BOTH
+def test_values_that_do_not_fit_together_are_refused_in_initialization_mode_too(open_unit):
     unit = initializing(open_unit("plant"))
     unit.set_one("f_s[1]", 0.1)
     with unit.refuses(r"unit: exitInitializationMode failed: f_s\[1\]: expected f_s >= f_c"):
@@ -105,7 +105,8 @@ def test_values_that_do_not_fit_together_are_refused_in_initialization_mode_too(
     unit.fmu.exitInitializationMode()
 
 
-def test_a_call_sets_all_of_its_values_or_none(open_unit: Opener) -> None:
+@BOTH
+def test_a_call_sets_all_of_its_values_or_none(open_unit):
     unit = open_unit("plant").start()
     unit.set(tau=[0.1, 0.2])
     with unit.refuses(r"unit: setReal at t = 0 s failed: tau\[2\]: expected a finite number"):
@@ -113,12 +114,14 @@ def test_a_call_sets_all_of_its_values_or_none(open_unit: Opener) -> None:
     assert np.array_equal(unit.get("tau"), [0.1, 0.2])
 
 
-def test_numbers_whose_sum_overflows_are_finite(open_unit: Opener) -> None:
+@BOTH
+def test_numbers_whose_sum_overflows_are_finite(open_unit):
     unit = open_unit("controller").start(q_d=[1e308, 1e308])
     assert np.array_equal(unit.get("q_d"), [1e308, 1e308])
 
 
-def test_infinities_that_cancel_are_not_finite(open_unit: Opener) -> None:
+@BOTH
+def test_infinities_that_cancel_are_not_finite(open_unit):
     unit = open_unit("plant").start()
     with unit.refuses(r"tau\[1\]: expected a finite number, got inf N.m"):
         unit.set(tau=[INF, -INF])
@@ -133,9 +136,8 @@ def test_infinities_that_cancel_are_not_finite(open_unit: Opener) -> None:
      ("feedforward", "mode", 1), ("feedforward", "K_f0[1]", 9e3), ("controller", "ell[2]", 50.0),
      ("controller", "velocity", 1), ("trajectory", "T", 3.0), ("trajectory", "q_end[1]", 1.0)],
 )  # fmt: skip
-def test_a_fixed_parameter_is_refused_after_initialization(
-    open_unit: Opener, name: str, variable: str, value: Any
-) -> None:
+@BOTH
+def test_a_fixed_parameter_is_refused_after_initialization(open_unit, name, variable, value):
     unit = open_unit(name)
     unit.set_one(variable, value)
     unit.setup().fmu.enterInitializationMode()
@@ -164,9 +166,8 @@ def test_a_fixed_parameter_is_refused_after_initialization(
         ("feedforward", "k_vkappa", {"q_d_dot": 0.1}, "tau_m"),
     ],
 )
-def test_a_tunable_parameter_takes_effect_at_the_next_step(
-    open_unit: Opener, name: str, variable: str, inputs: dict[str, float], effect: str
-) -> None:
+@BOTH
+def test_a_tunable_parameter_takes_effect_at_the_next_step(open_unit, name, variable, inputs, effect):
     unit = open_unit(name)
     if name == "feedforward":
         unit.set(mode=1)
@@ -178,7 +179,8 @@ def test_a_tunable_parameter_takes_effect_at_the_next_step(
 
 
 @pytest.mark.parametrize("phase", ["instantiated", "initialization", "step"])
-def test_an_output_cannot_be_set(open_unit: Opener, phase: str) -> None:
+@BOTH
+def test_an_output_cannot_be_set(open_unit, phase):
     unit = open_unit("plant")
     if phase == "initialization":
         initializing(unit)
@@ -188,7 +190,7 @@ def test_an_output_cannot_be_set(open_unit: Opener, phase: str) -> None:
         unit.set_one("q[1]", 0.0)
 
 
-def test_an_unknown_value_reference_is_refused(open_unit: Opener) -> None:
+def test_an_unknown_value_reference_is_refused(open_unit):
     unit = open_unit("controller").start()
     last = len(unit.description.modelVariables) - 1
     for call in (lambda vr: unit.fmu.getReal([vr]), lambda vr: unit.fmu.setReal([vr], [0.0])):
@@ -206,7 +208,8 @@ def test_an_unknown_value_reference_is_refused(open_unit: Opener) -> None:
         ("String", "mode", r"expected variables of type String, got mode .* of type Integer\."),
     ],
 )
-def test_a_call_of_the_wrong_type_is_refused(open_unit: Opener, kind: str, variable: str, words: str) -> None:
+@BOTH
+def test_a_call_of_the_wrong_type_is_refused(open_unit, kind, variable, words):
     unit = open_unit("feedforward")
     references = unit.references(variable)
     value = {"Real": 0.0, "Integer": 0, "Boolean": True, "String": "0"}[kind]
@@ -216,7 +219,8 @@ def test_a_call_of_the_wrong_type_is_refused(open_unit: Opener, kind: str, varia
         getattr(unit.fmu, "set" + kind)(references, [value])
 
 
-def test_the_type_is_checked_for_references_that_were_read_before(open_unit: Opener) -> None:
+@BOTH
+def test_the_type_is_checked_for_references_that_were_read_before(open_unit):
     unit = open_unit("feedforward")
     references = unit.references("mode")
     assert unit.fmu.getInteger(references) == [0]
@@ -228,14 +232,16 @@ def test_the_type_is_checked_for_references_that_were_read_before(open_unit: Ope
             call(mixed)
 
 
-def test_a_call_for_nothing_does_nothing(open_unit: Opener) -> None:
+@BOTH
+def test_a_call_for_nothing_does_nothing(open_unit):
     unit = open_unit("plant").start()
     assert unit.fmu.getReal([]) == unit.fmu.getInteger([]) == unit.fmu.getString([]) == []
     unit.fmu.setReal([], [])
     unit.fmu.setBoolean([], [])
 
 
-def test_references_in_any_order_and_twice_are_what_they_name(open_unit: Opener) -> None:
+@BOTH
+def test_references_in_any_order_and_twice_are_what_they_name(open_unit):
     unit = open_unit("controller").start(K_p=[1.0, 2.0], K_v=[3.0, 4.0])
     p, v = unit.references("K_p"), unit.references("K_v")
     assert unit.fmu.getReal([v[1], p[0], p[0], v[0]]) == [4.0, 1.0, 1.0, 3.0]
@@ -247,7 +253,7 @@ def test_references_in_any_order_and_twice_are_what_they_name(open_unit: Opener)
 # ------------------------------------------------------------------ calls at the wrong time
 
 
-def test_outputs_have_no_value_before_the_initialization(open_unit: Opener, unit_name: str) -> None:
+def test_outputs_have_no_value_before_the_initialization(open_unit, unit_name):
     """Anything returned would be wrong; inputs and parameters have their start values."""
     unit = open_unit(unit_name)
     known = [v for v in unit.description.modelVariables if v.causality != "output" and v.type == "Real"]
@@ -277,15 +283,15 @@ BETWEEN = "it is allowed only between enterInitializationMode and exitInitializa
         (lambda unit: unit.start().fmu.exitInitializationMode(), f"Mode at t = 0 s failed: {BETWEEN}"),
     ],
 )
-def test_a_call_in_the_wrong_phase_is_refused(
-    open_unit: Opener, unit_name: str, call: Callable[[Any], Any], words: str
-) -> None:
+@BOTH
+def test_a_call_in_the_wrong_phase_is_refused(open_unit, unit_name, call, words):
     unit = open_unit(unit_name)
     with unit.refuses(f"unit: .*{words}"):
         call(unit)
 
 
-def test_after_the_end_values_can_be_read_but_nothing_moves(open_unit: Opener) -> None:
+@BOTH
+def test_after_the_end_values_can_be_read_but_nothing_moves(open_unit):
     unit = open_unit("plant").start()
     last = unit.step().outputs()
     unit.fmu.terminate()
@@ -298,33 +304,26 @@ def test_after_the_end_values_can_be_read_but_nothing_moves(open_unit: Opener) -
     assert np.array_equal(unit.outputs(), last)
 
 
-@pytest.mark.parametrize("size", [0.0, -1e-3, NAN, INF, -INF])
-def test_a_step_that_is_not_positive_and_finite_is_refused(open_unit: Opener, unit_name: str, size: float) -> None:
+@pytest.mark.parametrize(
+    ("point", "size", "words"),
+    [
+        *((1e-3, size, rf"a finite positive communication step, got {size} s\.")
+          for size in (0.0, -1e-3, NAN, INF, -INF)),
+        *((point, 1e-3, rf"the communication point t = 0.001 s, where the last step ended, got t = {point!r} s\.")
+          for point in (0.0, 2e-3, 1e-3 + 2e-9, -1e-3, NAN, INF)),
+    ],
+)  # fmt: skip
+def test_a_step_of_no_length_or_from_elsewhere_is_refused(open_unit, unit_name, point, size, words):
     unit = open_unit(unit_name).start()
     before = unit.step().outputs()
-    with unit.refuses(
-        rf"unit: doStep at t = 0.001 s failed: expected a finite positive communication step, got {size} s\."
-    ):
-        unit.fmu.doStep(1e-3, size)
+    with unit.refuses(f"unit: doStep at t = 0.001 s failed: expected {words}"):
+        unit.fmu.doStep(point, size)
     assert np.array_equal(unit.outputs(), before)
     unit.step()
 
 
-@pytest.mark.parametrize("point", [0.0, 2e-3, 1e-3 + 2e-9, -1e-3, NAN, INF])
-def test_a_step_from_elsewhere_than_the_end_of_the_last_is_refused(
-    open_unit: Opener, unit_name: str, point: float
-) -> None:
-    unit = open_unit(unit_name).start()
-    before = unit.step().outputs()
-    with unit.refuses(
-        rf"unit: doStep at t = 0.001 s failed: expected the communication point t = 0.001 s, where the last step "
-        rf"ended, got t = {point!r} s\."
-    ):
-        unit.fmu.doStep(point, 1e-3)
-    assert np.array_equal(unit.outputs(), before)
-
-
-def test_rounding_of_the_communication_point_is_no_error(open_unit: Opener) -> None:
+@BOTH
+def test_rounding_of_the_communication_point_is_no_error(open_unit):
     """Importers add steps up or multiply them.
 
     After 2e4 steps of 1e-4 s the two differ by less than 2e4 * 1.1e-16 * 2 s = 5e-12 s, 5e-8 of a step.
@@ -337,27 +336,24 @@ def test_rounding_of_the_communication_point_is_no_error(open_unit: Opener) -> N
     assert added != 20_000 * 1e-4
 
 
-@pytest.mark.parametrize("time", [NAN, INF])
-def test_a_start_time_that_is_not_finite_is_refused(open_unit: Opener, unit_name: str, time: float) -> None:
+@pytest.mark.parametrize(
+    ("experiment", "words"),
+    [
+        *(({"time": x}, rf"start time, got {x} s\.") for x in (NAN, INF)),
+        *(({"tolerance": x}, rf"positive tolerance, got {x}\.") for x in (0.0, -1e-6, NAN, INF)),
+    ],
+)
+def test_a_start_time_and_a_tolerance_that_make_no_sense_are_refused(open_unit, unit_name, experiment, words):
     unit = open_unit(unit_name)
-    with unit.refuses(rf"unit: setupExperiment failed: expected a finite start time, got {time} s\."):
-        unit.setup(time)
-
-
-@pytest.mark.parametrize("tolerance", [0.0, -1e-6, NAN, INF])
-def test_a_tolerance_that_is_not_positive_and_finite_is_refused(
-    open_unit: Opener, unit_name: str, tolerance: float
-) -> None:
-    unit = open_unit(unit_name)
-    with unit.refuses(rf"unit: setupExperiment failed: expected a finite positive tolerance, got {tolerance}\."):
-        unit.setup(tolerance=tolerance)
+    with unit.refuses(f"unit: setupExperiment failed: expected a finite {words}"):
+        unit.setup(**experiment)
 
 
 # ------------------------------------------------------------------ the solver
 
 
 @pytest.mark.parametrize("torque", [1e12, 1e300])
-def test_a_torque_that_the_solver_cannot_follow_is_named_with_time_and_state(open_unit: Opener, torque: float) -> None:
+def test_a_torque_that_the_solver_cannot_follow_is_named_with_time_and_state(open_unit, torque):
     unit = open_unit("plant").start()
     before = unit.step().outputs()
     with unit.refuses(
@@ -368,7 +364,7 @@ def test_a_torque_that_the_solver_cannot_follow_is_named_with_time_and_state(ope
     assert np.array_equal(unit.outputs(), before)
 
 
-def test_a_tolerance_of_the_experiment_is_within_the_limits_of_the_parameter(open_unit: Opener) -> None:
+def test_a_tolerance_of_the_experiment_is_within_the_limits_of_the_parameter(open_unit):
     """Below it the solver would crawl at rounding; units without a solver take any."""
     unit = open_unit("plant")
     with unit.refuses(r"unit: setupExperiment failed: tolerance: expected at least 1e-12, got 1e-17\."):
@@ -379,7 +375,7 @@ def test_a_tolerance_of_the_experiment_is_within_the_limits_of_the_parameter(ope
 # ------------------------------------------------------------------ how the words arrive
 
 
-def test_an_error_is_one_message_of_status_fatal(open_unit: Opener) -> None:
+def test_an_error_is_one_message_of_status_fatal(open_unit):
     """Also where the same call had something else to say."""
     unit = open_unit("plant").start()
     assert (unit.messages, unit.statuses) == (["unit: starts at t = 0 s"], [0])
@@ -391,7 +387,7 @@ def test_an_error_is_one_message_of_status_fatal(open_unit: Opener) -> None:
     assert words.startswith("unit: doStep at t = 0 s failed: expected a finite positive communication step")
 
 
-def test_the_name_of_the_instance_may_hold_anything(open_unit: Opener) -> None:
+def test_the_name_of_the_instance_may_hold_anything(open_unit):
     """A percent sign must not reach the importer, whose printf would read arguments that are not there."""
     unit = open_unit("plant", instance="arm 100%s %n 'a' \u00e4").start()
     assert unit.messages == ["arm 100 percents  percentn 'a' \u00e4: starts at t = 0 s"]
@@ -399,7 +395,7 @@ def test_the_name_of_the_instance_may_hold_anything(open_unit: Opener) -> None:
         unit.fmu.doStep(0.0, -1.0)
 
 
-def test_the_words_reach_a_user_who_left_fmi_logging_off(open_unit: Opener, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_words_reach_a_user_who_left_fmi_logging_off(open_unit, caplog):
     unit = open_unit("plant")
     unit.fmu.setDebugLogging(False, [])
     unit.setup().start()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +10,12 @@ import numpy as np
 import pytest
 from fmpy.util import fmu_info
 
-from vdfmu.arm.robot import Robot
-
-Paths = Mapping[str, Mapping[str, Path]]
-
 
 def simulate(path: Path, **options: Any) -> np.ndarray:
     return fmpy.simulate_fmu(str(path), **options)
 
 
-def test_every_unit_runs_with_defaults(fmus: Paths, unit_name: str) -> None:
+def test_every_unit_runs_with_defaults(fmus, unit_name):
     """10 s at 1 kHz, as the default experiment says; for the six-joint arm see the scenarios."""
     result = simulate(fmus["planar_2dof"][unit_name])
     # fmpy adds up its 1e4 times, each rounded to 1e-15
@@ -28,17 +23,17 @@ def test_every_unit_runs_with_defaults(fmus: Paths, unit_name: str) -> None:
     assert all(np.all(np.isfinite(result[name])) for name in result.dtype.names)
 
 
-def test_every_unit_of_every_robot_starts(fmus: Paths, robot_name: str, unit_name: str) -> None:
+def test_every_unit_of_every_robot_starts(fmus, robot_name, unit_name):
     result = simulate(fmus[robot_name][unit_name], stop_time=5e-3)
     assert all(np.all(np.isfinite(result[name])) for name in result.dtype.names)
 
 
-def test_fmpy_prints_what_the_unit_is(fmus: Paths) -> None:
+def test_fmpy_prints_what_the_unit_is(fmus):
     text = fmu_info(str(fmus["planar_2dof"]["plant"]))
     assert "Co-Simulation" in text and "Serial manipulator with flexible harmonic-drive joints" in text
 
 
-def test_the_trajectory_goes_from_start_to_end(fmus: Paths) -> None:
+def test_the_trajectory_goes_from_start_to_end(fmus):
     result = simulate(
         fmus["planar_2dof"]["trajectory"],
         start_values={"q_start[1]": -0.2, "q_end[1]": 0.4, "T": 2.0, "t_start": 0.5},
@@ -53,7 +48,7 @@ def test_the_trajectory_goes_from_start_to_end(fmus: Paths) -> None:
     assert abs(result["q_d_dot[1]"][-1]) < 1e-15
 
 
-def test_an_input_signal_reaches_the_controller(fmus: Paths) -> None:
+def test_an_input_signal_reaches_the_controller(fmus):
     signal = np.array([(0.0, 0.1), (1.0, 0.1)], dtype=[("time", float), ("q_d[2]", float)])
     result = simulate(fmus["planar_2dof"]["controller"], input=signal, stop_time=0.01, start_values={"K_p[2]": 300.0})
     assert result["tau_e[2]"][-1] == pytest.approx(30.0, rel=1e-15)
@@ -69,7 +64,7 @@ def energy(result: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-7, 1e-9])
-def test_free_fall_conserves_energy_within_the_tolerance(fmus: Paths, tolerance: float) -> None:
+def test_free_fall_conserves_energy_within_the_tolerance(fmus, tolerance):
     """Without friction and torque the arm swings for ever; the solver alone loses or gains energy.
 
     A step errs by at most `tolerance` SI units in a state, the energy's derivatives by the states are up to
@@ -88,7 +83,7 @@ def test_free_fall_conserves_energy_within_the_tolerance(fmus: Paths, tolerance:
 
 
 @pytest.mark.heavy
-def test_the_tolerance_of_the_experiment_is_the_solvers(fmus: Paths) -> None:
+def test_the_tolerance_of_the_experiment_is_the_solvers(fmus):
     """Two decades of tolerance are about two decades of error; seen: 90 times. The parameter is the loosest."""
 
     def fall(tolerance: float) -> np.ndarray:
@@ -106,7 +101,7 @@ def test_the_tolerance_of_the_experiment_is_the_solvers(fmus: Paths) -> None:
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2] > 0.0
 
 
-def test_of_the_parameter_and_the_tolerance_of_the_experiment_the_smaller_holds(fmus: Paths) -> None:
+def test_of_the_parameter_and_the_tolerance_of_the_experiment_the_smaller_holds(fmus):
     """Fmpy hands the unit the 1e-7 of the default experiment where no tolerance is given."""
     path = fmus["planar_2dof"]["plant"]
 
@@ -123,7 +118,7 @@ def test_of_the_parameter_and_the_tolerance_of_the_experiment_the_smaller_holds(
     assert not any(np.array_equal(*pair) for pair in ((default, coarse), (default, fine), (coarse, fine)))
 
 
-def test_an_arm_held_by_its_weight_stays(fmus: Paths, planar: Robot) -> None:
+def test_an_arm_held_by_its_weight_stays(fmus, planar):
     """The motor torques tau_s / ell of static equilibrium: nothing moves, to rounding."""
     path = fmus["planar_2dof"]["plant"]
     start = simulate(path, stop_time=1e-3, start_values={"q_0[1]": 0.4})[0]

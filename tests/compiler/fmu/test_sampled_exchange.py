@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes as ct
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import fmpy
@@ -56,13 +55,13 @@ def solution(t: float) -> tuple[float, float, float]:
 
 
 @pytest.fixture(scope="module", params=["2.0", "3.0"])
-def loop(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def loop(request, tmp_path_factory):
     (path,) = vdfmu.build_fmus(None, tmp_path_factory.mktemp("loop"), units=[Loop], fmi_version=request.param).values()
     return path
 
 
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
-def test_an_importer_follows_the_samples(loop: Path, kind: str) -> None:
+def test_an_importer_follows_the_samples(loop, kind):
     """Both kinds of FMU give the closed form.
 
     Local errors of 1e-10 (1 + x), x < 1, in less than 500 internal steps of a loop that contracts add up to less than
@@ -83,7 +82,7 @@ def test_an_importer_follows_the_samples(loop: Path, kind: str) -> None:
 
 
 @pytest.fixture
-def unit(loop: Path, tmp_path: Path) -> Iterator[Instance]:
+def unit(loop, tmp_path):
     """Make an instance for model exchange in event mode at the start time 0.25 s."""
     instance = Instance(Model(Path(fmpy.extract(loop, tmp_path))), "ModelExchange").start(0.25)
     yield instance
@@ -109,7 +108,7 @@ def at(unit: Instance, time: float) -> Instance:
     return unit.continuous().do("SetTime", time).do("EnterEventMode")
 
 
-def test_a_sample_is_taken_once_however_often_events_are_iterated(unit: Instance) -> None:
+def test_a_sample_is_taken_once_however_often_events_are_iterated(unit):
     """The times are multiples of the period from the start time on, exactly as they are calculated."""
     assert unit.get("count") == 0.0
     for _ in range(3):
@@ -124,7 +123,7 @@ def test_a_sample_is_taken_once_however_often_events_are_iterated(unit: Instance
     assert samples(unit) == 0.25 + 6 * PERIOD and unit.get("count") == 3.0
 
 
-def test_a_saved_state_knows_which_samples_were_taken(unit: Instance) -> None:
+def test_a_saved_state_knows_which_samples_were_taken(unit):
     samples(at(unit, 0.25 + PERIOD))
     data = unit.complete()
     samples(at(unit, 0.25 + 3 * PERIOD))
@@ -136,7 +135,7 @@ def test_a_saved_state_knows_which_samples_were_taken(unit: Instance) -> None:
     assert samples(unit) == 0.25 + PERIOD and unit.get("count") == 1.0
 
 
-def test_the_page_says_when_sampled_states_change(loop: Path) -> None:
+def test_the_page_says_when_sampled_states_change(loop):
     with zipfile.ZipFile(loop) as archive:
         page = archive.read("documentation/index.html").decode()
     assert "model exchange and co-simulation" in page

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.compiler.conftest import BOTH
 from vdfmu.arm.units import shipped_units
-
-Opener = Callable[..., Any]
 
 
 def stepped(unit: Any, seed: int, count: int = 15) -> list[np.ndarray]:
@@ -26,7 +23,8 @@ def stepped(unit: Any, seed: int, count: int = 15) -> list[np.ndarray]:
     return rows
 
 
-def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit: Opener) -> None:
+@BOTH
+def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit):
     """Steps of all instances interleave; each must give the bits that it gives alone."""
     alone = {(name, copy): stepped(open_unit(name).start(), copy) for name in shipped_units() for copy in (1, 2)}
     units = {key: open_unit(key[0], instance=f"{key[0]}{key[1]}").start() for key in alone}
@@ -40,7 +38,8 @@ def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit: O
     assert not np.array_equal(alone["plant", 1], alone["plant", 2])
 
 
-def test_two_robots_in_one_process_do_not_meet(open_unit: Opener) -> None:
+@BOTH
+def test_two_robots_in_one_process_do_not_meet(open_unit):
     """The scripts of their FMUs have the same names, and Python imports a name once."""
     robots = ("planar_2dof", "slider_3dof")
     alone = {robot: stepped(open_unit("plant", robot).start(), 3) for robot in robots}
@@ -51,7 +50,8 @@ def test_two_robots_in_one_process_do_not_meet(open_unit: Opener) -> None:
         assert np.array_equal(stepped(units[robot], 3), alone[robot])
 
 
-def test_parameters_of_one_copy_do_not_reach_the_other(open_unit: Opener) -> None:
+@BOTH
+def test_parameters_of_one_copy_do_not_reach_the_other(open_unit):
     light, heavy = open_unit("plant").setup(), open_unit("plant").setup()
     heavy.set(mass=[4.0, 2.0])
     light.start()
@@ -61,7 +61,7 @@ def test_parameters_of_one_copy_do_not_reach_the_other(open_unit: Opener) -> Non
     assert np.array_equal(light.get("mass"), [2.0, 1.0])
 
 
-def test_instances_in_threads_compute_what_they_compute_in_turn(open_unit: Opener) -> None:
+def test_instances_in_threads_compute_what_they_compute_in_turn(open_unit):
     seeds = range(4)
     expected = {seed: stepped(open_unit("plant").start(), seed, 40) for seed in seeds}
     units = {seed: open_unit("plant").start() for seed in seeds}
@@ -75,9 +75,8 @@ def test_instances_in_threads_compute_what_they_compute_in_turn(open_unit: Opene
         assert np.array_equal(found[seed], expected[seed])
 
 
-def test_an_instance_lives_on_when_its_copy_is_freed(
-    open_unit: Opener, folders: Mapping[str, Mapping[str, Path]]
-) -> None:
+@BOTH
+def test_an_instance_lives_on_when_its_copy_is_freed(open_unit, folders):
     unit = open_unit("plant").start()
     before = unit.step().outputs()
     short = type(unit)(folders["planar_2dof"]["plant"]).start()
@@ -125,9 +124,7 @@ measure()
 
 
 @pytest.mark.heavy
-def test_a_sweep_of_many_runs_leaves_nothing_behind(
-    folders: Mapping[str, Mapping[str, Path]], run_python: Callable[..., str]
-) -> None:
+def test_a_sweep_of_many_runs_leaves_nothing_behind(folders, run_python):
     said = run_python(SWEEP, folders["planar_2dof"]["plant"])
     (memory, *before), (later, *after) = ([int(word) for word in line.split()] for line in said.splitlines())
     assert after == before  # slaves with content, search path, classes

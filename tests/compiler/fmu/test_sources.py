@@ -7,7 +7,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 import vdfmu
-from tests.compiler.fmu.test_about import UNIT
+from tests.compiler.fmu.gain import UNIT
 from tests.compiler.unit.conftest import command
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_member

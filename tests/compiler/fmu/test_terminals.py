@@ -9,7 +9,6 @@ import fmpy
 import pytest
 from lxml import etree
 
-from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit, shipped_units
 from vdfmu.base.files import data_path
 from vdfmu.base.standards import FMI_2, FMI_3, FMI_VERSIONS, FmiVersion
@@ -22,12 +21,12 @@ SCHEMA = etree.XMLSchema(etree.parse(Path(fmpy.__file__).parent / "schema/fmi3/f
 
 
 @pytest.fixture(params=FMI_VERSIONS.values(), ids=lambda version: version.prefix)
-def fmi(request: pytest.FixtureRequest) -> FmiVersion:
+def fmi(request):
     return request.param
 
 
 @pytest.fixture
-def interface(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Interface:
+def interface(robots, robot_name, unit_name):
     return Interface(shipped_units()[unit_name], robots[robot_name])
 
 
@@ -45,11 +44,11 @@ def members(interface: Interface, fmi: FmiVersion) -> dict[str, dict[str, str]]:
     }
 
 
-def test_it_obeys_the_schema_of_the_standard(interface: Interface, fmi: FmiVersion) -> None:
+def test_it_obeys_the_schema_of_the_standard(interface, fmi):
     assert SCHEMA.validate(read(interface, fmi)), SCHEMA.error_log
 
 
-def test_members_are_inputs_and_outputs_of_the_unit(interface: Interface, fmi: FmiVersion) -> None:
+def test_members_are_inputs_and_outputs_of_the_unit(interface, fmi):
     if fmi is FMI_2:
         causality = {v.name: v.causality for v in interface}
     else:
@@ -64,9 +63,7 @@ def test_members_are_inputs_and_outputs_of_the_unit(interface: Interface, fmi: F
     assert rest <= {"tau_e", "E_kin", "E_pot", "E_spring"}  # to look at, not to connect
 
 
-def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(
-    robots: dict[str, Robot], robot_name: str, fmi: FmiVersion
-) -> None:
+def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(robots, robot_name, fmi):
     """Output to input, member by member; all elements of both."""
     interfaces = {unit: Interface(shipped_units()[unit], robots[robot_name]) for unit in shipped_units()}
     causality = {
@@ -92,7 +89,7 @@ def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(
     assert found == expected
 
 
-def test_all_pictures_are_there_and_small(interface: Interface, fmi: FmiVersion) -> None:
+def test_all_pictures_are_there_and_small(interface, fmi):
     files = icon_files(interface, fmi)
     folder = "terminalsAndIcons/"
     assert files[f"{folder}terminalsAndIcons.xml"] == document(terminals_and_icons(interface, fmi))
@@ -107,13 +104,13 @@ def test_all_pictures_are_there_and_small(interface: Interface, fmi: FmiVersion)
     assert ("model.png" in files) == (fmi is FMI_2)
 
 
-def test_each_unit_has_its_own_icon(robots: dict[str, Robot]) -> None:
+def test_each_unit_has_its_own_icon(robots):
     robot = robots["planar_2dof"]
     files = [icon_files(Interface(shipped_units()[unit], robot), FMI_3) for unit in shipped_units()]
     assert len({f["terminalsAndIcons/icon.png"] for f in files}) == len(shipped_units())
 
 
-def test_a_unit_without_a_picture_has_that_of_all_units() -> None:
+def test_a_unit_without_a_picture_has_that_of_all_units():
     """And no terminals, where it declares none."""
     interface = Interface(find_unit(Path(__file__).parent / "own_units.py:LowPass"), None)
     files = icon_files(interface, FMI_2)

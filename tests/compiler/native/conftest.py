@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,83 +12,21 @@ from typing import Any
 import fmpy
 import pytest
 
-from tests.compiler.fmu.conftest import (  # noqa: F401
-    Lazy,
-    copy_of,
-    folders,
-    open_unit,
-    robot_name,
-    robots,
-    run_python,
-    unit_name,
-    words_of_refusal,
-)
 from tests.compiler.native.binding import Instance, Model
 from tests.compiler.native.fmi_types import HEADERS
-from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
 
 HERE = Path(__file__).parent
 VERSIONS = ("2.0", "3.0")
 
 
-@contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Let one process of the test session build at a time: the next finds what it needs in the cache."""
-    with (folder / "build.lock").open("w") as file:
-        if fcntl:
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+@pytest.fixture(scope="session")
+def native_fmu(built):
+    """Return the FMU of a unit: ``native_fmu(unit, version, robot)``."""
+    return lambda unit, version="2.0", robot="planar_2dof": built("native", robot, version)[unit]
 
 
 @pytest.fixture(scope="session")
-def fmus(
-    robots: dict[str, Robot],  # noqa: F811
-    tmp_path_factory: pytest.TempPathFactory,
-    kernel_cache: Path,
-) -> Mapping[str, Any]:
-    """Native FMUs of FMI 2.0 by robot and unit: the tests of the Python FMUs that run here find these."""
-
-    def build(robot: str) -> dict[str, Path]:
-        with alone(kernel_cache):
-            return build_fmus(robots[robot], tmp_path_factory.mktemp(robot), backend="native")
-
-    return Lazy(build)
-
-
-@pytest.fixture(scope="session")
-def fmus_3(
-    robots: dict[str, Robot],  # noqa: F811
-    tmp_path_factory: pytest.TempPathFactory,
-    kernel_cache: Path,
-) -> Mapping[str, Any]:
-    """Those of FMI 3.0."""
-
-    def build(robot: str) -> dict[str, Path]:
-        out = tmp_path_factory.mktemp(f"{robot}_3")
-        with alone(kernel_cache):
-            return build_fmus(robots[robot], out, backend="native", fmi_version="3.0")
-
-    return Lazy(build)
-
-
-@pytest.fixture(scope="session")
-def native_fmu(fmus: Mapping[str, Any], fmus_3: Mapping[str, Any]) -> Callable[..., Path]:
-    """FMU of a unit."""
-
-    def find(unit: str, version: str = "2.0", robot: str = "planar_2dof") -> Path:
-        return (fmus if version == "2.0" else fmus_3)[robot][unit]
-
-    return find
-
-
-@pytest.fixture(scope="session")
-def model(native_fmu: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Model]:
+def model(native_fmu, tmp_path_factory):
     """Unpacked FMU of a unit."""
 
     @cache
@@ -102,7 +38,7 @@ def model(native_fmu: Callable[..., Path], tmp_path_factory: pytest.TempPathFact
 
 
 @pytest.fixture
-def native(model: Callable[..., Model]) -> Iterator[Callable[..., Instance]]:
+def native(model):
     """Instantiate ``native(unit, version, robot, **options of Instance)``; freed at the end of the test."""
     opened: list[Instance] = []
 
@@ -117,7 +53,7 @@ def native(model: Callable[..., Model]) -> Iterator[Callable[..., Instance]]:
 
 
 @pytest.fixture(params=VERSIONS)
-def version(request: pytest.FixtureRequest) -> str:
+def version(request):
     """Both versions of FMI."""
     return request.param
 
@@ -166,7 +102,7 @@ def bits(text: str) -> dict[str, list[bytes]]:
 
 
 @pytest.fixture(scope="session")
-def sanitized(model: Callable[..., Model], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., list[Path]]:
+def sanitized(model, tmp_path_factory):
     """Objects of the sources of a unit, compiled by gcc with its sanitizers, to link with a program."""
 
     @cache
@@ -177,7 +113,7 @@ def sanitized(model: Callable[..., Model], tmp_path_factory: pytest.TempPathFact
 
 
 @pytest.fixture(scope="session")
-def driver(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+def driver(tmp_path_factory):
     """Compile driver.c for this machine with the system's compiler; it loads the library that it is given."""
 
     @cache

@@ -43,12 +43,6 @@ class Callbacks(ct.Structure):
     ]  # fmt: skip
 
 
-class EventInfo(ct.Structure):
-    """fmi2EventInfo."""
-
-    _fields_ = [(f"flag{i}", ct.c_int) for i in range(5)] + [("next", ct.c_double)]
-
-
 @lru_cache
 def signatures(version: str) -> dict[str, tuple[Any, tuple[Any, ...]]]:
     """Return function name without prefix to its result and arguments, from the header."""

@@ -6,54 +6,15 @@ Slopes are found through the unit's own functions: central differences with Rich
 from __future__ import annotations
 
 import ctypes as ct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.compiler.fmu.test_dependencies import POINTS, random_value
 from tests.compiler.native.binding import Instance, Variable, doubles, references
-
-Native = Callable[..., Instance]
-Evaluate = Callable[[np.ndarray], np.ndarray]
-
-
-def slopes(evaluate: Evaluate, point: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Jacobian of a function: differences over h and h/2, combined so that the error is of fourth order."""
-    columns = []
-    for k, h in enumerate(steps):
-
-        def difference(h: float, k: int = k) -> np.ndarray:
-            low, high = point.copy(), point.copy()
-            low[k] -= h
-            high[k] += h
-            return (evaluate(high) - evaluate(low)) / (high[k] - low[k])
-
-        columns.append((4.0 * difference(h / 2.0) - difference(h)) / 3.0)
-    return np.array(columns).T
-
-
-def assert_slopes(found: np.ndarray, expected: np.ndarray, values: np.ndarray, steps: np.ndarray) -> None:
-    """Hold derivatives against slopes.
-
-    Truncation is h^4 times the fifth derivative, some (h/l)^4 = 1e-12 of the slope at h = 1e-3 l; l is the length over
-    which a function bends: 1e-7 of the row's largest slope leaves l room to be small. Rounding is a few hundred times
-    1e-16 of the value, over h.
-    """
-    row = np.abs(expected).max(axis=1, keepdims=True)
-    rounding = 1e-13 * (1.0 + np.abs(values))[:, None] / steps[None, :]
-    assert np.all(np.abs(found - expected) <= 1e-7 * row + rounding)
-
-
-def elements(variables: Sequence[Variable]) -> list[str]:
-    return [name for v in variables for name in v.names]
-
-
-def directional(unit: Instance, unknowns: Sequence[Variable], knowns: Sequence[Variable]) -> np.ndarray:
-    """Jacobian, a column a seed."""
-    n = len(elements(knowns))
-    return np.array([unit.directional(unknowns, knowns, seed) for seed in np.eye(n)]).T
+from tests.compiler.native.slopes import assert_slopes, directional, elements, slopes
+from tests.compiler.points import POINTS, random_value
 
 
 def random_point(unit: Instance, variables: Sequence[Variable]) -> np.ndarray:
@@ -103,9 +64,7 @@ def initial_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
 
 
 @pytest.mark.heavy
-def test_during_initialization_they_are_slopes_in_inputs_and_parameters(
-    native: Native, version: str, unit_name: str, robot_name: str
-) -> None:
+def test_during_initialization_they_are_slopes_in_inputs_and_parameters(native, version, unit_name, robot_name):
     for choices in POINTS[unit_name]:
         unit = native(unit_name, version, robot_name)
         knowns, unknowns, point, evaluate = initial_case(unit, choices)
@@ -154,7 +113,7 @@ def stepping_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
     return inputs, unknowns, values, evaluate
 
 
-def test_in_continuous_time_they_are_slopes_in_inputs_and_states(native: Native, version: str, robot_name: str) -> None:
+def test_in_continuous_time_they_are_slopes_in_inputs_and_states(native, version, robot_name):
     unit = native("plant", version, robot_name, kind="ModelExchange")
     knowns, unknowns, point, evaluate = exchange_case(unit, {})
     found = directional(unit, unknowns, knowns)
@@ -168,7 +127,7 @@ def test_in_continuous_time_they_are_slopes_in_inputs_and_states(native: Native,
 
 
 @pytest.mark.parametrize("unit_name", ["feedforward", "controller"])
-def test_in_step_mode_they_are_slopes_in_inputs(native: Native, version: str, unit_name: str, robot_name: str) -> None:
+def test_in_step_mode_they_are_slopes_in_inputs(native, version, unit_name, robot_name):
     for choices in POINTS[unit_name]:
         unit = native(unit_name, version, robot_name)
         knowns, unknowns, point, evaluate = stepping_case(unit, choices)
@@ -177,7 +136,7 @@ def test_in_step_mode_they_are_slopes_in_inputs(native: Native, version: str, un
         assert_slopes(found, slopes(evaluate, point, h), evaluate(point), h)
 
 
-def test_the_plant_in_step_mode_gives_those_of_its_state(native: Native, version: str) -> None:
+def test_the_plant_in_step_mode_gives_those_of_its_state(native, version):
     """Co-simulation and model exchange at the same point: the same bits."""
     start = {"q_0": [0.3, -0.2], "q_dot_0": [0.1, 0.4], "tau": [0.1, 0.2]}
     simulation = native("plant", version).start(**start)
@@ -187,7 +146,7 @@ def test_the_plant_in_step_mode_gives_those_of_its_state(native: Native, version
     assert directional(simulation, unknowns, knowns).tolist() == directional(exchange, unknowns, knowns).tolist()
 
 
-def test_of_the_trajectory_in_time_they_are_its_derivatives(native: Native) -> None:
+def test_of_the_trajectory_in_time_they_are_its_derivatives(native):
     """FMI 3 offers time as a known. The five groups are derivatives of one another."""
     unit = native("trajectory", "3.0").start(0.7, q_end=[1.0, -2.0], T=3.0).step(0.25)
     (time,) = unit.model.of("independent")
@@ -201,7 +160,7 @@ def test_of_the_trajectory_in_time_they_are_its_derivatives(native: Native) -> N
 # ------------------------------------------------------------------ seeds
 
 
-def test_a_seed_is_a_direction(native: Native, version: str) -> None:
+def test_a_seed_is_a_direction(native, version):
     """Linear in the seed, to rounding: 1e-12 of the sum of the parts. A value that is named twice counts twice."""
     unit = native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2], q_dot_0=[0.5, 0.4]).continuous()
     knowns, unknowns = unit.model.of("input"), unit.model.of("output", "local")
@@ -215,7 +174,7 @@ def test_a_seed_is_a_direction(native: Native, version: str) -> None:
     assert not unit.directional(unknowns, [], []).any()
 
 
-def test_derivatives_change_nothing(native: Native, version: str, unit_name: str) -> None:
+def test_derivatives_change_nothing(native, version, unit_name):
     unit = native(unit_name, version).start()
     unit.step(1e-3)
     unit.outputs()
@@ -227,7 +186,7 @@ def test_derivatives_change_nothing(native: Native, version: str, unit_name: str
     assert unit.complete() == before
 
 
-def test_adjoint_derivatives_are_the_transpose(native: Native, unit_name: str, robot_name: str) -> None:
+def test_adjoint_derivatives_are_the_transpose(native, unit_name, robot_name):
     """In both phases, for all choices; each of some thousand products and sums rounds by 1e-16 of the largest."""
     for choices in POINTS[unit_name]:
         unit = native(unit_name, "3.0", robot_name)
@@ -291,9 +250,7 @@ def without_choices(unit: Instance, found: set[tuple[str, str]]) -> set[tuple[st
     return {(a, b) for a, b in found if unit.model.references[b][0].type == "Real"}
 
 
-def test_dependencies_of_elements_are_those_of_the_model_structure(
-    native: Native, unit_name: str, robot_name: str
-) -> None:
+def test_dependencies_of_elements_are_those_of_the_model_structure(native, unit_name, robot_name):
     """Those of FMI 3 also name the time, and what it moves is what depends on it: the trajectory."""
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
@@ -308,7 +265,7 @@ def test_dependencies_of_elements_are_those_of_the_model_structure(
         assert {name: knowns - {"time"} for name, knowns in found.items()} == structure(two, tag), phase
 
 
-def test_dependencies_of_arrays_are_those_of_their_elements(native: Native, unit_name: str, robot_name: str) -> None:
+def test_dependencies_of_arrays_are_those_of_their_elements(native, unit_name, robot_name):
     """The ModelStructure of FMI 3 names whole arrays."""
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
@@ -323,9 +280,7 @@ def test_dependencies_of_arrays_are_those_of_their_elements(native: Native, unit
             assert {int(word) for word in unknown.attrib["dependencies"].split()} == expected
 
 
-def test_nothing_depends_on_what_is_not_declared_and_declared_dependencies_are_seen(
-    native: Native, unit_name: str
-) -> None:
+def test_nothing_depends_on_what_is_not_declared_and_declared_dependencies_are_seen(native, unit_name):
     """Planar arm. Slopes that are not zero at some point, against what is declared, in both phases."""
     initial: set[tuple[str, str]] = set()
     later: set[tuple[str, str]] = set()
@@ -361,7 +316,7 @@ def hidden(unknown: str, known: str) -> bool:
 
 
 @pytest.mark.parametrize("name", ["GetDirectionalDerivative", "GetAdjointDerivative"])
-def test_seeds_of_the_wrong_number_are_refused(native: Native, name: str) -> None:
+def test_seeds_of_the_wrong_number_are_refused(native, name):
     unit = native("plant", "3.0").start()
     (tau,), (q,) = unit.model.group("tau"), unit.model.group("q")
     lists = (references([q.reference]), 1, references([tau.reference]), 1)

@@ -9,12 +9,10 @@ from __future__ import annotations
 import os
 import subprocess
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.compiler.native.binding import Model
 from tests.compiler.native.conftest import GCC, HERE, VERSIONS, fuzz_program, program, run, version_flags
 
 pytestmark = pytest.mark.heavy
@@ -24,9 +22,7 @@ SECONDS = float(os.environ.get("VDFMU_FUZZ_SECONDS", "12"))
 
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("unit", ["plant", "feedforward"])
-def test_random_calls_find_nothing(
-    model: Callable[..., Model], sanitized: Callable[..., list[Path]], tmp_path: Path, unit: str, version: str
-) -> None:
+def test_random_calls_find_nothing(model, sanitized, tmp_path, unit, version):
     """The same calls every time, 10,000 for each seed, as many seeds as the time allows."""
     sources = model(unit, version).folder / "sources"
     target = fuzz_program(sources, sanitized(unit, version), version, tmp_path / "fuzz")
@@ -50,7 +46,7 @@ def fuzzer(tmp_path: Path) -> str:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_calls_that_reach_new_code_find_nothing(model: Callable[..., Model], tmp_path: Path, version: str) -> None:
+def test_calls_that_reach_new_code_find_nothing(model, tmp_path, version):
     """LibFuzzer changes inputs towards code that none has reached; VDFMU_FUZZ_CORPUS keeps them."""
     folder, target = model("plant", version).folder / "sources", tmp_path / "fuzz"
     flags = [

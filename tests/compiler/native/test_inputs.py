@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 
 from tests.compiler.native.binding import Instance, doubles, references, same_bits
 from vdfmu.arm.equations.plant import plant_derivative
-from vdfmu.arm.robot import Robot
 
 Native = Callable[..., Instance]
 H = 1e-3
@@ -37,7 +36,7 @@ def set_rates(instance: Instance, **rates: Any) -> Instance:
 # ------------------------------------------------------------------ rates of inputs
 
 
-def test_a_torque_with_a_rate_is_a_ramp(native: Native, planar: Robot) -> None:
+def test_a_torque_with_a_rate_is_a_ramp(native, planar):
     """Against scipy on the numpy equations; both err by some 1e-11 a step, of states up to 20 N.m."""
     unit = native().start(tolerance=1e-11, q_0=[0.4, -0.3])
     x = state(unit)
@@ -55,7 +54,7 @@ def test_a_torque_with_a_rate_is_a_ramp(native: Native, planar: Robot) -> None:
         np.testing.assert_allclose(unit.get("tau"), tau, rtol=1e-15, atol=0.0)  # inputs are left at their end
 
 
-def test_rates_are_of_second_order_and_held_inputs_of_first(native: Native) -> None:
+def test_rates_are_of_second_order_and_held_inputs_of_first(native):
     """Torque A sin(w t) sampled by the importer: halving the step divides the error by 4, and by 2."""
     amplitude, w, stop = 0.2, 60.0, 0.064
 
@@ -80,7 +79,7 @@ def test_rates_are_of_second_order_and_held_inputs_of_first(native: Native) -> N
 @pytest.mark.parametrize(
     ("name", "group"), [("controller", "q_d"), ("feedforward", "q_d_ddot"), ("feedforward", "q_d_ddddot")]
 )
-def test_a_unit_without_states_gives_the_outputs_of_the_end_of_the_step(native: Native, name: str, group: str) -> None:
+def test_a_unit_without_states_gives_the_outputs_of_the_end_of_the_step(native, name, group):
     """To the bit: 0.25 + 2 * 2^-10 is exact."""
     size = 2.0**-10
     moving = native(name).start(**{group: 0.25})
@@ -92,7 +91,7 @@ def test_a_unit_without_states_gives_the_outputs_of_the_end_of_the_step(native: 
     assert same_bits(moving.get(group), ended.get(group))
 
 
-def test_a_rate_holds_for_one_step(native: Native) -> None:
+def test_a_rate_holds_for_one_step(native):
     unit, twin = native().start(q_0=[0.3, 0.1]), native().start(q_0=[0.3, 0.1])
     for instance in (unit, twin):
         set_rates(instance.set(tau=0.1), tau=[50.0, -50.0]).step(H)
@@ -101,7 +100,7 @@ def test_a_rate_holds_for_one_step(native: Native) -> None:
     assert same_bits(unit.outputs(), twin.outputs())
 
 
-def test_rates_are_saved_with_the_state(native: Native) -> None:
+def test_rates_are_saved_with_the_state(native):
     unit = native().start(q_0=[0.3, 0.1])
     set_rates(unit, tau=[50.0, -50.0])
     saved, data = unit.save(), unit.complete()
@@ -115,7 +114,7 @@ def test_rates_are_saved_with_the_state(native: Native) -> None:
     assert not same_bits(native().start(q_0=[0.3, 0.1]).step(H).outputs(), first)
 
 
-def test_a_step_that_fails_leaves_inputs_and_rates(native: Native) -> None:
+def test_a_step_that_fails_leaves_inputs_and_rates(native):
     unit, twin = native().start(q_0=[0.3, 0.1]), native().start(q_0=[0.3, 0.1])
     for instance in (unit, twin):
         set_rates(instance.set(tau=0.1), tau=[50.0, -50.0])
@@ -128,7 +127,7 @@ def test_a_step_that_fails_leaves_inputs_and_rates(native: Native) -> None:
     assert same_bits(unit.step(H).outputs(), twin.step(H).outputs())
 
 
-def test_a_rate_that_takes_the_input_beyond_all_numbers_is_refused(native: Native) -> None:
+def test_a_rate_that_takes_the_input_beyond_all_numbers_is_refused(native):
     unit = native().start()
     set_rates(unit, tau=[1e308, 0.0])
     before = unit.complete()
@@ -149,9 +148,7 @@ def test_a_rate_that_takes_the_input_beyond_all_numbers_is_refused(native: Nativ
         ({"mass": [0.0, 0.0]}, 1, r"expected inputs, got mass\[1\]\."),
     ],
 )
-def test_a_rate_that_makes_no_sense_is_refused_and_none_of_the_call_is_set(
-    native: Native, rates: dict[str, Any], order: int, words: str
-) -> None:
+def test_a_rate_that_makes_no_sense_is_refused_and_none_of_the_call_is_set(native, rates, order, words):
     unit = native().start()
     before = unit.complete()
     with unit.refuses(rf"unit: setRealInputDerivatives at t = 0 s failed: .*{words}") as no:
@@ -166,7 +163,7 @@ def with_updates(native: Native, update: Callable[..., float | None], name: str 
     return native(name, "3.0", update=update, **options)
 
 
-def test_an_intermediate_update_shows_the_motion_within_the_step(native: Native) -> None:
+def test_an_intermediate_update_shows_the_motion_within_the_step(native):
     """Values at an internal step are those of a run with a step to there; both err by some 1e-10 a step."""
     seen: list[tuple[float, bool, bool, np.ndarray]] = []
 
@@ -191,7 +188,7 @@ def test_an_intermediate_update_shows_the_motion_within_the_step(native: Native)
         np.testing.assert_allclose(values[:-1], other.outputs(), rtol=1e-8, atol=1e-8)
 
 
-def test_looking_changes_nothing(native: Native) -> None:
+def test_looking_changes_nothing(native):
     looks: list[np.ndarray] = []
     looked = with_updates(native, lambda unit, *_: looks.append(unit.outputs()), early=True).start(q_0=[0.4, -0.3])
     alone = native("plant", "3.0").start(q_0=[0.4, -0.3])
@@ -203,7 +200,7 @@ def test_looking_changes_nothing(native: Native) -> None:
     assert looked.complete() == alone.complete()
 
 
-def test_an_input_that_is_set_within_the_step_counts_from_there(native: Native) -> None:
+def test_an_input_that_is_set_within_the_step_counts_from_there(native):
     """Against a run whose step ends at that time; both err by some 1e-10 a step."""
     at: list[float] = []
 
@@ -225,9 +222,7 @@ def test_an_input_that_is_set_within_the_step_counts_from_there(native: Native) 
     ("wanted", "expected"),
     [(0.0042, 0.0042), (0.0, None), (-np.inf, None), (np.nan, None), (0.01, 0.01), (5.0, 0.01), (np.inf, 0.01)],
 )
-def test_a_step_returns_early_at_the_time_that_is_asked_for(
-    native: Native, wanted: float, expected: float | None
-) -> None:
+def test_a_step_returns_early_at_the_time_that_is_asked_for(native, wanted, expected):
     """A time in the past, or none, is now: the end of the internal step. The end or later is no early return."""
     asked: list[float] = []
 
@@ -247,7 +242,7 @@ def test_a_step_returns_early_at_the_time_that_is_asked_for(
     np.testing.assert_allclose(unit.outputs(), other.step(0.01).outputs(), rtol=1e-8, atol=1e-8)
 
 
-def test_an_early_return_that_was_not_allowed_is_not_made(native: Native) -> None:
+def test_an_early_return_that_was_not_allowed_is_not_made(native):
     flags: list[bool] = []
 
     def stop(unit: Instance, time: float, requested: bool, early: bool) -> float:
@@ -260,7 +255,7 @@ def test_an_early_return_that_was_not_allowed_is_not_made(native: Native) -> Non
     assert not any(flags)
 
 
-def test_a_unit_without_states_is_updated_once_at_the_end_of_the_step(native: Native) -> None:
+def test_a_unit_without_states_is_updated_once_at_the_end_of_the_step(native):
     seen: list[tuple[float, bool, bool]] = []
 
     def look(unit: Instance, *said: Any) -> None:
@@ -272,7 +267,7 @@ def test_a_unit_without_states_is_updated_once_at_the_end_of_the_step(native: Na
     assert seen == [(H, False, False), (2 * H, False, False)]
 
 
-def test_a_step_that_fails_after_intermediate_updates_is_as_if_it_had_not_been(native: Native) -> None:
+def test_a_step_that_fails_after_intermediate_updates_is_as_if_it_had_not_been(native):
     def overload(unit: Instance, time: float, requested: bool, early: bool) -> None:
         if requested:
             unit.set(tau=[1e300, 0.0])
@@ -289,7 +284,7 @@ def test_a_step_that_fails_after_intermediate_updates_is_as_if_it_had_not_been(n
     assert same_bits(unit.step(H).outputs(), twin.step(H).outputs())
 
 
-def test_within_a_step_nothing_else_is_allowed(native: Native) -> None:
+def test_within_a_step_nothing_else_is_allowed(native):
     """Reading all and setting inputs is; every other call is refused and changes nothing."""
     found: list[Any] = []
 

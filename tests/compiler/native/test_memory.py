@@ -5,9 +5,6 @@ driver.c does all of it with a unit, and also checks that every repeated run giv
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -24,10 +21,7 @@ def library(model: Model) -> str:
 
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)
-def test_the_sources_are_clean_under_the_sanitizers(
-    model: Callable[..., Model], sanitized: Callable[..., list[Path]], driver: Callable[[str], Path], tmp_path: Path,
-    unit: str, version: str,
-) -> None:  # fmt: skip
+def test_the_sources_are_clean_under_the_sanitizers(model, sanitized, driver, tmp_path, unit, version):
     """Compiled by gcc, with the leak check on; beside, the shipped library computes the same.
 
     Both compute the same operations in the same order in doubles, without contraction. The two may take sin and
@@ -45,9 +39,7 @@ def test_the_sources_are_clean_under_the_sanitizers(
 
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)
-def test_the_shipped_library_is_clean_under_valgrind(
-    model: Callable[..., Model], driver: Callable[[str], Path], unit: str, version: str
-) -> None:
+def test_the_shipped_library_is_clean_under_valgrind(model, driver, unit, version):
     valgrind = program("valgrind", "valgrind")
     found = model(unit, version)
     command = [driver(version), library(found), *driver_arguments(found)]
@@ -56,9 +48,7 @@ def test_the_shipped_library_is_clean_under_valgrind(
     assert close(bits(checked), bits(run(command)), 1e-9)
 
 
-def test_the_driver_finds_the_faults_that_it_looks_for(
-    model: Callable[..., Model], driver: Callable[[str], Path]
-) -> None:
+def test_the_driver_finds_the_faults_that_it_looks_for(model, driver):
     """With the outputs taken for inputs, setting fails: the driver says so and ends with 1."""
     found = model("plant", "2.0")
     guid, inputs, outputs, *rest = driver_arguments(found)

@@ -1,11 +1,10 @@
 """The numbers: both versions of FMI, co-simulation and model exchange, and the Python FMU agree.
 
-tests/compiler/native/test_as_python.py holds the native units against the numpy equations.
+tests/compiler/fmu/test_equations.py holds the native units against the numpy equations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +12,10 @@ import fmpy
 import numpy as np
 import pytest
 
-from tests.compiler.fmu.conftest import Unit as PythonUnit
+from tests.compiler.conftest import Unit as PythonUnit
 from tests.compiler.native.binding import Instance, same_bits
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
 
-Native = Callable[..., Instance]
 H = 1e-3
 
 
@@ -45,7 +42,7 @@ def run(instance: Instance, steps: int, size: float = 1.0) -> np.ndarray:
 # ------------------------------------------------------------------ versions and backends
 
 
-def test_both_versions_of_fmi_give_the_same_bits(native: Native, unit_name: str, robot_name: str) -> None:
+def test_both_versions_of_fmi_give_the_same_bits(native, unit_name, robot_name):
     size = 0.01 if unit_name == "estimator" else 1.0  # beyond some 0.01 rad its estimates are at their limit
     two, three = (run(native(unit_name, version, robot_name).start(), 25, size) for version in ("2.0", "3.0"))
     assert two.shape[1] > 0
@@ -54,7 +51,7 @@ def test_both_versions_of_fmi_give_the_same_bits(native: Native, unit_name: str,
 
 
 @pytest.fixture(scope="module")
-def python_folders(robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def python_folders(robots, tmp_path_factory):
     """Unpacked Python FMU of a unit."""
 
     def unpack(unit: str, robot: str) -> Path:
@@ -66,9 +63,7 @@ def python_folders(robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFa
 
 
 @pytest.mark.parametrize("robot", ["planar_2dof", "slider_3dof"])
-def test_the_python_unit_gives_the_same_numbers(
-    native: Native, python_folders: Callable[..., Path], unit_name: str, robot: str
-) -> None:
+def test_the_python_unit_gives_the_same_numbers(native, python_folders, unit_name, robot):
     """Both run the same traced operations; the compilers contract and reorder none.
 
     Only sin, tanh and their like may differ by a unit in the last place, which the states' feedback does not grow
@@ -95,9 +90,7 @@ def test_the_python_unit_gives_the_same_numbers(
 
 
 @pytest.mark.parametrize("robot", ["planar_2dof", "manipulator_6dof"])
-def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(
-    native: Native, native_fmu: Callable[..., Path], version: str, robot: str
-) -> None:
+def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(native, native_fmu, version, robot):
     """CVODE of fmpy at relative tolerance 1e-10, the unit's own solver at 1e-10: the issue asks for 1e-7 rad.
 
     fmpy gives CVODE the absolute tolerance 1e-10 times the nominal values, 1. Errors of some thousand steps add up
@@ -128,7 +121,7 @@ def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(
     assert np.abs(exchange - rows).max() < 1e-7
 
 
-def test_the_derivatives_are_those_of_the_outputs_of_co_simulation(native: Native, version: str) -> None:
+def test_the_derivatives_are_those_of_the_outputs_of_co_simulation(native, version):
     """Differences of two tiny steps: truncation is (1e-6 s)^2 times the third derivative, 1e-4 of the scale."""
     exchange = native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2]).continuous()
     x = exchange.get_states()
@@ -147,27 +140,3 @@ def test_the_derivatives_are_those_of_the_outputs_of_co_simulation(native: Nativ
     found = (-3.0 * rows[0] + 4.0 * rows[1] - rows[2]) / (2.0 * h)
     # rounding of tau_s of 20 N.m: 4e-15 / 1e-6 s = 1e-8, far below
     assert np.all(np.abs(found - slope) <= 1e-4 * (1.0 + np.abs(slope)))
-
-
-# ------------------------------------------------------------------ steps of any size
-
-
-def test_the_communication_step_may_change_at_every_step(native: Native, version: str) -> None:
-    """It shows the motion, and does not change it: both runs err by some 1e-10 a step, of states up to 20 N.m."""
-    sizes = (1e-3, 5e-3, 1e-6, 4e-3, 1e-7, 1e-2 - 1e-6 - 1e-7)
-    often, once = (native("plant", version).start(tolerance=1e-10, q_0=[0.4, -0.3]) for _ in range(2))
-    for size in sizes:
-        often.step(size)
-    once.step(sum(sizes))
-    np.testing.assert_allclose(often.outputs(), once.outputs(), rtol=1e-8, atol=1e-8)
-
-
-def test_the_start_time_moves_the_trajectory_and_not_the_plant(native: Native, version: str) -> None:
-    early, late = (native("plant", version).start(time, q_0=[0.3, 0.3]) for time in (0.0, 1024.0))
-    for _ in range(5):
-        assert same_bits(early.step(2.0**-10).outputs(), late.step(2.0**-10).outputs())
-    trajectory = native("trajectory", version).start(3.0, q_end=[1.0, 1.0], T=4.0)
-    assert same_bits(
-        trajectory.get("q_d"),
-        native("trajectory", version).start(0.0, q_end=[1.0, 1.0], T=4.0, t_start=-3.0).get("q_d"),
-    )

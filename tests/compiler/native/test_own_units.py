@@ -1,7 +1,5 @@
 """Units of a user under the sanitizers: sampled states, choices, none of the robot's parameters."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import fmpy
@@ -16,7 +14,7 @@ FILE = Path(__file__).parents[1] / "fmu" / "own_units.py"
 @pytest.mark.heavy
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("name", ["Words", "Encoder", "Mixer"])
-def test_random_calls_find_nothing(tmp_path: Path, name: str, version: str) -> None:
+def test_random_calls_find_nothing(tmp_path, name, version):
     """Not in steps over several samples, in saved states or in a call that fails, either."""
     (path,) = build_fmus(None, tmp_path, units=[f"{FILE}:{name}"], backend="native", fmi_version=version).values()
     sources = Path(fmpy.extract(path, tmp_path / "unpacked")) / "sources"

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import struct
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
 
+from tests.compiler.conftest import alone
+from tests.compiler.exports import macho_exports, macho_parts
 from tests.compiler.native.binding import Model
-from tests.compiler.native.conftest import HERE, alone, bits, driver_arguments, program, run, version_flags
+from tests.compiler.native.conftest import HERE, bits, driver_arguments, program, run, version_flags
 from tests.compiler.native.fmi_types import HEADERS, signatures
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
 from vdfmu.compiler.c.platforms import PLATFORMS
 
 pytestmark = pytest.mark.heavy
@@ -24,9 +23,7 @@ UNITS = [("plant", "2.0"), ("feedforward", "2.0"), ("plant", "3.0")]
 
 
 @pytest.fixture(scope="module")
-def everywhere(
-    planar: Robot, tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path
-) -> Callable[[str], dict[str, Path]]:
+def everywhere(planar, tmp_path_factory, kernel_cache):
     """Unpacked FMUs with the libraries of all platforms."""
     found: dict[str, dict[str, Path]] = {}
 
@@ -50,7 +47,7 @@ def library(folder: Path, version: str, platform: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def cross_driver(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+def cross_driver(tmp_path_factory):
     """Compile driver.c for another platform with the project's compiler."""
     found: dict[tuple[str, str], Path] = {}
 
@@ -86,10 +83,7 @@ def assert_same_motion(found: str, expected: str) -> None:
 
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)
-def test_the_library_for_linux_on_arm_computes_the_same(
-    everywhere: Callable[[str], dict[str, Path]], cross_driver: Callable[[str, str], Path],
-    driver: Callable[[str], Path], unit: str, version: str,
-) -> None:  # fmt: skip
+def test_the_library_for_linux_on_arm_computes_the_same(everywhere, cross_driver, driver, unit, version):
     emulator = program("qemu-aarch64", "qemu-user", "qemu-aarch64-static")
     root = Path("/usr/aarch64-linux-gnu")
     if not root.is_dir():
@@ -103,7 +97,7 @@ def test_the_library_for_linux_on_arm_computes_the_same(
 
 
 @pytest.fixture(scope="module")
-def wine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[str, str]]]:
+def wine(tmp_path_factory):
     """Wine with a prefix of its own."""
     found = program("wine64", "wine64", "/usr/lib/wine/wine64", "wine")
     environment = {"WINEPREFIX": str(tmp_path_factory.mktemp("wine")), "WINEDEBUG": "-all", "DISPLAY": ""}
@@ -111,10 +105,7 @@ def wine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[s
 
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)
-def test_the_library_for_windows_computes_the_same(
-    everywhere: Callable[[str], dict[str, Path]], cross_driver: Callable[[str, str], Path],
-    driver: Callable[[str], Path], wine: tuple[str, dict[str, str]], unit: str, version: str,
-) -> None:  # fmt: skip
+def test_the_library_for_windows_computes_the_same(everywhere, cross_driver, driver, wine, unit, version):
     folder = everywhere(version)[unit]
     model = Model(folder)
     arguments = driver_arguments(model)
@@ -130,43 +121,13 @@ def test_the_library_for_windows_computes_the_same(
 _CPU = {"x86_64-darwin": 0x01000007, "aarch64-darwin": 0x0100000C}
 
 
-def parts(data: bytes) -> dict[int, bytes]:
-    """Processor to library; a universal binary of macOS has several."""
-    if data[:4] != b"\xca\xfe\xba\xbe":
-        return {struct.unpack_from("<I", data, 4)[0]: data}
-    (count,) = struct.unpack_from(">I", data, 4)
-    rows = [struct.unpack_from(">5I", data, 8 + 20 * k) for k in range(count)]
-    assert all(offset % (1 << align) == 0 for _, _, offset, _, align in rows)
-    return {cpu: data[offset : offset + size] for cpu, _, offset, size, _ in rows}
-
-
-def exported(data: bytes) -> set[str]:
-    """Names that a Mach-O library defines for others."""
-    magic, _, _, filetype, n_commands = struct.unpack_from("<5I", data, 0)
-    assert (magic, filetype) == (0xFEEDFACF, 6)  # 64 bits, shared library
-    place, found = 32, set()
-    for _ in range(n_commands):
-        command, size = struct.unpack_from("<2I", data, place)
-        if command == 2:  # LC_SYMTAB
-            symbols, count, strings, _ = struct.unpack_from("<4I", data, place + 8)
-            for k in range(count):
-                name, kind, section, _, _ = struct.unpack_from("<IBBHQ", data, symbols + 16 * k)
-                if kind & 1 and not kind & 0x10 and section:  # external, not private, defined
-                    end = data.index(b"\0", strings + name)
-                    found.add(data[strings + name : end].decode())
-        place += size
-    return found
-
-
 @pytest.mark.parametrize(("unit", "version"), UNITS)
 @pytest.mark.parametrize("platform", _CPU)
-def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(
-    everywhere: Callable[[str], dict[str, Path]], unit: str, version: str, platform: str
-) -> None:
+def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(everywhere, unit, version, platform):
     folder = everywhere(version)[unit]
-    found = parts(library(folder, version, platform).read_bytes())
+    found = macho_parts(library(folder, version, platform).read_bytes())
     if version == "3.0" or platform == "aarch64-darwin":
         assert set(found) == {_CPU[platform]}
-    names = exported(found[_CPU[platform]])
+    names = macho_exports(found[_CPU[platform]])
     names -= {"__mh_dylib_header", "___dso_handle"}  # the linker's own, of every library
     assert names == {f"_fmi{version[0]}{name}" for name in signatures(version)}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +32,7 @@ def library(model: Model, folder: Path, *flags: str, **replaced: bytes) -> Path:
 
 @pytest.mark.heavy
 @pytest.mark.skipif(not this_platform().startswith("x86_64"), reason="the copy is for x86-64")
-def test_the_copy_for_avx2_gives_the_same_bits(
-    model: Callable[..., Model], driver: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_the_copy_for_avx2_gives_the_same_bits(model, driver, tmp_path):
     found = model("plant", "2.0", "manipulator_6dof")
     arguments = driver_arguments(found)
     shipped = run([driver("2.0"), found.library._name, *arguments])
@@ -48,9 +45,7 @@ def test_the_copy_for_avx2_gives_the_same_bits(
 
 @pytest.mark.heavy
 @pytest.mark.skipif(this_platform() != "x86_64-linux", reason="the emulator runs programs of x86-64 Linux")
-def test_an_instance_takes_the_copy_where_the_processor_has_avx2_alone(
-    model: Callable[..., Model], driver: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_an_instance_takes_the_copy_where_the_processor_has_avx2_alone(model, driver, tmp_path):
     """Processors of an emulator, and a copy that ends the program."""
     emulator = program("qemu-x86_64", "qemu-user", "qemu-x86_64-static")
     found = model("plant", "2.0")

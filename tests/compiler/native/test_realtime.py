@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.compiler.native.binding import Instance, Model
+from tests.compiler.native.binding import Instance
 from tests.compiler.native.conftest import GCC, HEADERS, HERE, VERSIONS, program, run
-from vdfmu.arm.robot import Robot
 from vdfmu.arm.units.plant import Plant
 from vdfmu.compiler.c.compile import Compilation
 from vdfmu.compiler.c.platforms import this_platform
@@ -30,13 +29,13 @@ def start(native: Native, version: str, kind: str, **options: object) -> Instanc
     return native("plant", version, **options).start(q_0=[0.4, -0.3], solver=SOLVERS.index(kind), tau=[0.2, -0.1])
 
 
-def test_two_internal_steps_are_two_communication_steps_of_one(native: Native, version: str) -> None:
+def test_two_internal_steps_are_two_communication_steps_of_one(native, version):
     once, twice = start(native, version, "fixed_2"), start(native, version, "fixed_1")
     for _ in range(20):
         np.testing.assert_array_equal(once.step(H).outputs(), twice.step(H / 2).step(H / 2).outputs())
 
 
-def test_native_and_python_units_take_the_same_steps(native: Native, planar: Robot) -> None:
+def test_native_and_python_units_take_the_same_steps(native, planar):
     """Rounding of 20 steps, 1e-16 of tau_s of 20 N.m each, times the factors of stiff equations, 1e3 at most."""
     unit = start(native, "2.0", "fixed_3")
     evaluated = Traced(Interface(Plant, planar))
@@ -51,7 +50,7 @@ def test_native_and_python_units_take_the_same_steps(native: Native, planar: Rob
     np.testing.assert_allclose(found, solver.x, rtol=1e-11, atol=1e-11)
 
 
-def test_intermediate_updates_come_after_each_of_the_steps_and_may_end_them(native: Native) -> None:
+def test_intermediate_updates_come_after_each_of_the_steps_and_may_end_them(native):
     seen: list[float] = []
 
     def update(_: Instance, time: float, __: bool, early: bool) -> float | None:
@@ -63,7 +62,7 @@ def test_intermediate_updates_come_after_each_of_the_steps_and_may_end_them(nati
     assert (unit.early, unit.time) == (True, 0.6 * H)
 
 
-def test_states_that_are_not_finite_are_an_error_that_names_the_way_out(native: Native, version: str) -> None:
+def test_states_that_are_not_finite_are_an_error_that_names_the_way_out(native, version):
     unit = start(native, version, "fixed_2")
     before = unit.set(tau=[1e300, 0.0]).outputs()
     with unit.refuses(
@@ -78,7 +77,7 @@ def test_states_that_are_not_finite_are_an_error_that_names_the_way_out(native: 
 
 
 @pytest.fixture
-def stepping(model: Callable[..., Model], tmp_path: Path) -> Callable[..., list[object]]:
+def stepping(model, tmp_path):
     """Command that steps the plant of an arm with a kind of solver in realtime.c."""
     binary = tmp_path / "realtime"
     run([program("gcc", "gcc"), *GCC, HERE / "realtime.c", "-rdynamic", "-o", binary, "-ldl"])
@@ -97,22 +96,20 @@ def stepping(model: Callable[..., Model], tmp_path: Path) -> Callable[..., list[
 
 @X86_LINUX
 @pytest.mark.parametrize("kind", ["adaptive", "fixed_4"])
-def test_steps_make_no_allocation_and_no_system_call(stepping: Callable[..., list[object]], kind: str) -> None:
+def test_steps_make_no_allocation_and_no_system_call(stepping, kind):
     """Under seccomp's strict mode the kernel kills a process at the first one but read, write and exit."""
     assert run(stepping(kind, 2000, robot="planar_2dof")) == "done\n"
 
 
 @X86_LINUX
 @pytest.mark.parametrize(("fault", "code"), [("allocate", 1), ("call", -9)])
-def test_a_step_with_an_allocation_or_a_system_call_would_be_found(
-    stepping: Callable[..., list[object]], fault: str, code: int
-) -> None:
+def test_a_step_with_an_allocation_or_a_system_call_would_be_found(stepping, fault, code):
     command = [str(word) for word in stepping("fixed_1", 1, fault, robot="planar_2dof")]
     assert subprocess.run(command, capture_output=True, timeout=60, check=False).returncode == code
 
 
 @X86_LINUX
-def test_the_library_knows_no_lock(model: Callable[..., Model]) -> None:
+def test_the_library_knows_no_lock(model):
     """Functions that it takes from elsewhere: those of the mathematical library, of texts, of memory."""
     listed = run([program("nm", "binutils"), "-D", "--undefined-only", model("plant").library._name])
     names = {word.partition("@")[0] for word in re.findall(r" U (\S+)", listed)}
@@ -122,7 +119,7 @@ def test_the_library_knows_no_lock(model: Callable[..., Model]) -> None:
 
 @pytest.mark.heavy
 @X86_LINUX
-def test_each_step_has_the_same_instructions(stepping: Callable[..., list[object]], tmp_path: Path) -> None:
+def test_each_step_has_the_same_instructions(stepping, tmp_path):
     """Exactly the unit's own; about the same those of glibc's exp and others, with shorter ways for some arguments."""
     plugin, counts = tmp_path / "count.so", tmp_path / "counts"
     run([program("gcc", "gcc"), *GCC, "-shared", "-fPIC", HERE / "count.c", "-o", plugin])
@@ -139,7 +136,7 @@ def test_each_step_has_the_same_instructions(stepping: Callable[..., list[object
 
 
 @pytest.mark.parametrize("unit", ["plant", "controller"])
-def test_the_sources_are_c99(model: Callable[..., Model], unit: str, tmp_path: Path, version: str) -> None:
+def test_the_sources_are_c99(model, unit, tmp_path, version):
     sources = model(unit, version).folder / "sources"
     flags = (
         "-std=c99",
@@ -158,7 +155,7 @@ def test_the_sources_are_c99(model: Callable[..., Model], unit: str, tmp_path: P
 
 
 @pytest.mark.heavy
-def test_the_plant_compiles_for_a_microcontroller(model: Callable[..., Model], tmp_path: Path) -> None:
+def test_the_plant_compiles_for_a_microcontroller(model, tmp_path):
     """Newlib's integers of 32 bits are long; FMI 2.0 takes int, so the compiler is told."""
     files: dict[str, Path] = {}
     for version in VERSIONS:

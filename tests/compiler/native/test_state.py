@@ -1,6 +1,6 @@
 """Saved states: every run continues to the bit, in another instance and another process too; many runs leave nothing.
 
-tests/compiler/native/test_as_python.py repeats the tests of the Python units' states.
+tests/compiler/fmu/test_state.py has the states of Python and native units.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.compiler.native.binding import ERROR, Instance, Model, same_bits
+from tests.compiler.native.binding import ERROR, Instance, same_bits
+from tests.compiler.native.driven import drive
 
 Native = Callable[..., Instance]
 H = 1e-3
@@ -30,27 +31,11 @@ def started(native: Native, kind: str, version: str, unit: str = "plant", **opti
     return instance
 
 
-def drive(instance: Instance, first: int, count: int) -> np.ndarray:
-    """Move with inputs that change; Euler's method in model exchange. Returns the outputs after each step."""
-    n = sum(len(v.names) for v in instance.model.of("input"))
-    rows = []
-    for k in range(first, first + count):
-        if n:
-            instance.inputs(0.02 * np.sin(0.9 * k + 0.1 * np.arange(n)))
-        if instance.kind == "CoSimulation":
-            instance.step(H)
-        else:
-            instance.time += 1e-5
-            instance.do("SetTime", instance.time).states(instance.get_states() + 1e-5 * instance.derivatives())
-        rows.append(instance.outputs())
-    return np.array(rows)
-
-
 # ------------------------------------------------------------------ save, restore, serialize
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_restored_state_continues_to_the_bit(native: Native, version: str, kind: str) -> None:
+def test_a_restored_state_continues_to_the_bit(native, version, kind):
     unit = started(native, kind, version)
     state, time, data = unit.save(), unit.time, unit.complete()
     first = drive(unit, 5, 20)
@@ -66,7 +51,7 @@ def test_a_restored_state_continues_to_the_bit(native: Native, version: str, kin
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_serialized_state_continues_in_another_instance_to_the_bit(native: Native, version: str, kind: str) -> None:
+def test_a_serialized_state_continues_in_another_instance_to_the_bit(native, version, kind):
     unit = started(native, kind, version)
     data, time = unit.complete(), unit.time
     first = drive(unit, 5, 20)
@@ -77,7 +62,7 @@ def test_a_serialized_state_continues_in_another_instance_to_the_bit(native: Nat
     assert same_bits(drive(other, 5, 20), first)
 
 
-def test_a_state_that_is_got_again_is_overwritten(native: Native, version: str) -> None:
+def test_a_state_that_is_got_again_is_overwritten(native, version):
     """FMI: a pointer that is not null is one of this instance, whose memory is used again."""
     unit = started(native, "CoSimulation", version)
     pointer = unit.save()
@@ -97,7 +82,7 @@ from tests.compiler.native.binding import Instance, Model
 instance = Instance(Model(Path(sys.argv[2])), kind=sys.argv[4], name="moved")
 instance.restore(instance.deserialize(Path(sys.argv[3]).read_bytes()))
 instance.time = float.fromhex(sys.argv[5])
-from tests.compiler.native.test_state import drive
+from tests.compiler.native.driven import drive
 for row in drive(instance, 5, 20):
     print(*(value.hex() for value in row.tolist()))
 instance.free()
@@ -106,8 +91,8 @@ instance.free()
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_serialized_state_continues_in_another_process_to_the_bit(
-    native: Native, version: str, kind: str, run_python: Callable[..., str], tmp_path: Any, pytestconfig: Any
-) -> None:
+    native, version, kind, run_python, tmp_path, pytestconfig
+):
     unit = started(native, kind, version)
     (tmp_path / "state").write_bytes(unit.complete())
     root = pytestconfig.rootpath
@@ -117,7 +102,7 @@ def test_a_serialized_state_continues_in_another_process_to_the_bit(
 
 
 @pytest.mark.parametrize("name", ["plant", "controller"])
-def test_states_of_every_phase_can_be_saved_and_restored(native: Native, version: str, name: str) -> None:
+def test_states_of_every_phase_can_be_saved_and_restored(native, version, name):
     """Each keeps what is allowed in its phase."""
     unit = native(name, version)
     states = {"instantiated": unit.save()}
@@ -156,7 +141,7 @@ def variants(data: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_damaged_state_is_refused_and_changes_nothing(native: Native, version: str, kind: str) -> None:
+def test_a_damaged_state_is_refused_and_changes_nothing(native, version, kind):
     unit = started(native, kind, version)
     data = unit.complete()
     pointer = ct.c_void_p()
@@ -179,7 +164,7 @@ def checksum(data: bytes) -> bytes:
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_forged_state_is_refused_where_no_unit_can_be(native: Native, version: str, kind: str) -> None:
+def test_a_forged_state_is_refused_where_no_unit_can_be(native, version, kind):
     """With a right checksum: whatever 4 or 8 bytes are replaced, the state is refused, or is one that can be used."""
     unit = started(native, kind, version)
     before = unit.complete()
@@ -203,7 +188,7 @@ def test_a_forged_state_is_refused_where_no_unit_can_be(native: Native, version:
     assert not any("\ufffd" in m.text for m in unit.messages)
 
 
-def test_a_state_of_another_kind_of_instance_unit_or_robot_is_refused(native: Native, version: str) -> None:
+def test_a_state_of_another_kind_of_instance_unit_or_robot_is_refused(native, version):
     unit = started(native, "CoSimulation", version)
     pointer = ct.c_void_p()
     cases = [
@@ -227,7 +212,7 @@ def test_a_state_of_another_kind_of_instance_unit_or_robot_is_refused(native: Na
     assert unit.complete() == before
 
 
-def test_a_pointer_that_is_no_state_of_the_instance_is_refused(native: Native, version: str) -> None:
+def test_a_pointer_that_is_no_state_of_the_instance_is_refused(native, version):
     unit, other = (started(native, "CoSimulation", version) for _ in range(2))
     foreign, freed, size = other.save(), unit.save(), ct.c_size_t()
     gone = ct.c_void_p(freed.value)
@@ -248,7 +233,7 @@ def test_a_pointer_that_is_no_state_of_the_instance_is_refused(native: Native, v
     other.forget(foreign)
 
 
-def test_room_of_the_wrong_size_is_refused_and_not_written(native: Native, version: str) -> None:
+def test_room_of_the_wrong_size_is_refused_and_not_written(native, version):
     unit = started(native, "CoSimulation", version)
     pointer = unit.save()
     whole = len(unit.serialize(pointer))
@@ -263,7 +248,7 @@ def test_room_of_the_wrong_size_is_refused_and_not_written(native: Native, versi
 
 
 @pytest.mark.parametrize("phase", ["instantiated", "initialization", "step", "terminated"])
-def test_after_reset_an_instance_is_a_new_one(native: Native, version: str, unit_name: str, phase: str) -> None:
+def test_after_reset_an_instance_is_a_new_one(native, version, unit_name, phase):
     unit, fresh = native(unit_name, version), native(unit_name, version)
     gain = {"plant": "mass", "controller": "K_p", "feedforward": "Lambda", "trajectory": "q_end", "estimator": "K_f0"}[
         unit_name
@@ -315,9 +300,7 @@ for _ in range(4):
 """
 
 
-def test_two_thousand_instances_leave_no_memory_behind(
-    model: Callable[..., Model], run_python: Callable[..., str], pytestconfig: Any
-) -> None:
+def test_two_thousand_instances_leave_no_memory_behind(model, run_python, pytestconfig):
     """Blocks of malloc that are in use are counted: Python has those of less than 512 bytes elsewhere.
 
     The least of four rounds counts. What instances leave behind is in each; a table of Python's own that it doubles
@@ -330,7 +313,7 @@ def test_two_thousand_instances_leave_no_memory_behind(
     assert len(grown) == 4 and min(map(int, grown)) < count
 
 
-def test_instances_in_threads_compute_what_they_compute_in_turn(native: Native, version: str) -> None:
+def test_instances_in_threads_compute_what_they_compute_in_turn(native, version):
     """8 threads with 2 instances each. ctypes lets go of the interpreter in every call."""
 
     def work(pair: list[Instance], seed: int) -> bytes:
@@ -363,16 +346,3 @@ def test_instances_in_threads_compute_what_they_compute_in_turn(native: Native, 
         thread.join(60.0)
     assert [found.get(seed) for seed in range(8)] == expected
     assert len(set(expected)) == 8
-
-
-def test_an_instance_does_not_see_another(native: Native, version: str) -> None:
-    light, heavy = native("plant", version), native("plant", version, name="heavy")
-    heavy.set(mass=[4.0, 2.0])
-    light.start()
-    heavy.start()
-    # planar arm at q = 0: tau_s is proportional to the masses, doubled here
-    np.testing.assert_allclose(heavy.get("tau_s"), 2.0 * light.get("tau_s"), rtol=1e-15)
-    before = light.complete()
-    drive(heavy, 0, 3)
-    heavy.free()
-    assert light.complete() == before

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import fmpy
@@ -13,9 +12,8 @@ import pytest
 from fmpy.build import build_platform_binary
 from fmpy.util import read_csv
 from fmpy.validation import validate_fmu
-from lxml import etree
 
-from tests.compiler.fmu.test_native_content import REFERENCE, elf_exports
+from tests.compiler.exports import REFERENCE, elf_exports
 from tests.compiler.native.binding import Instance, Model
 from tests.compiler.native.conftest import program, run
 from tests.compiler.native.fmi_types import HEADERS, signatures
@@ -23,30 +21,12 @@ from tests.conftest import heavy
 from vdfmu.engine.fmu.description import inspect_description
 from vdfmu.engine.package.archive import Archive
 
-SCHEMAS = Path(fmpy.__file__).parent / "schema"
 
-
-def test_the_validator_of_fmpy_has_nothing_to_say(
-    native_fmu: Callable[..., Path], unit_name: str, version: str, robot_name: str
-) -> None:
+def test_the_validator_of_fmpy_has_nothing_to_say(native_fmu, unit_name, version, robot_name):
     assert validate_fmu(str(native_fmu(unit_name, version, robot_name))) == []
 
 
-def test_every_xml_file_follows_its_schema(
-    model: Callable[..., Model], unit_name: str, version: str, robot_name: str
-) -> None:
-    folder = model(unit_name, version, robot_name).folder
-    major = f"fmi{version[0]}"
-    files = {"modelDescription.xml": "fmi2ModelDescription.xsd" if version == "2.0" else "fmi3ModelDescription.xsd"}
-    if version == "3.0":
-        files["sources/buildDescription.xml"] = "fmi3BuildDescription.xsd"
-        files["terminalsAndIcons/terminalsAndIcons.xml"] = "fmi3TerminalsAndIcons.xsd"
-    for name, schema in files.items():
-        rules = etree.XMLSchema(etree.parse(SCHEMAS / major / schema))
-        rules.assertValid(etree.parse(folder / name))
-
-
-def test_an_fmu_holds_what_the_standard_says(native_fmu: Callable[..., Path], unit_name: str, version: str) -> None:
+def test_an_fmu_holds_what_the_standard_says(native_fmu, unit_name, version):
     with zipfile.ZipFile(native_fmu(unit_name, version)) as archive:
         names = set(archive.namelist())
         assert archive.testzip() is None
@@ -63,12 +43,12 @@ def test_an_fmu_holds_what_the_standard_says(native_fmu: Callable[..., Path], un
 
 
 @pytest.mark.skipif(fmpy.system != "linux", reason="reads ELF, the format of Linux libraries")
-def test_only_the_functions_of_fmi_are_exported(model: Callable[..., Model], unit_name: str, version: str) -> None:
+def test_only_the_functions_of_fmi_are_exported(model, unit_name, version):
     names = elf_exports(Path(model(unit_name, version).library._name).read_bytes())
     assert names == {f"fmi{version[0]}{name}" for name in signatures(version)}
 
 
-def test_the_library_says_its_version(model: Callable[..., Model], unit_name: str, version: str) -> None:
+def test_the_library_says_its_version(model, unit_name, version):
     found = model(unit_name, version)
     said = found.function("GetVersion")
     assert ctypes.string_at(said()).decode() == version
@@ -88,9 +68,7 @@ def test_the_library_says_its_version(model: Callable[..., Model], unit_name: st
     ],
 )
 @pytest.mark.parametrize("unit", ["plant", "controller"])
-def test_gcc_has_no_warning(
-    model: Callable[..., Model], tmp_path: Path, unit: str, version: str, flags: tuple[str, ...]
-) -> None:
+def test_gcc_has_no_warning(model, tmp_path, unit, version, flags):
     folder = model(unit, version).folder / "sources"
     files = sorted(folder.glob("*.c"))
     warnings = ("-Wall", "-Wextra", "-Werror", *flags)
@@ -99,9 +77,7 @@ def test_gcc_has_no_warning(
 
 
 @pytest.mark.heavy
-def test_the_sources_link_with_prefixes_into_one_program(
-    model: Callable[..., Model], tmp_path: Path, version: str
-) -> None:
+def test_the_sources_link_with_prefixes_into_one_program(model, tmp_path, version):
     """The functions of two units have their model identifiers as prefix, as the standard says for source code.
 
     Their other names are hidden in one object a unit. fmpy's header of FMI 2.0 leaves the prefix out; the official
@@ -144,9 +120,7 @@ def steps(instance: Instance, count: int = 20) -> np.ndarray:
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", ["plant", "trajectory"])
-def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(
-    native_fmu: Callable[..., Path], model: Callable[..., Model], tmp_path: Path, unit: str, version: str
-) -> None:
+def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, model, tmp_path, unit, version):
     """With cmake and the system's compiler; their C library's sin and tanh may differ by a unit in the last place.
 
     The importer's compiler may contract products and sums on processors that can; on x86-64 it does not. 20 steps
@@ -167,15 +141,6 @@ def _made(folder: Path) -> Path:
     return folder
 
 
-def test_builds_of_the_same_sources_are_the_same_bytes(
-    native_fmu: Callable[..., Path], planar: object, tmp_path: Path, version: str
-) -> None:
-    from vdfmu.arm.fmus import build_fmus
-
-    again = build_fmus(planar, tmp_path, units=["controller"], backend="native", fmi_version=version)["controller"]
-    assert again.read_bytes() == native_fmu("controller", version).read_bytes()
-
-
 # ------------------------------------------------------------------ reference results
 
 
@@ -185,9 +150,7 @@ BOUND = {"trajectory": 1e-11, "feedforward": 1e-11, "controller": 1e-11, "estima
 
 
 @pytest.mark.parametrize("robot", ["planar_2dof", *heavy("slider_3dof")])
-def test_the_unit_makes_the_reference_results(
-    native_fmu: Callable[..., Path], model: Callable[..., Model], robot: str, unit_name: str
-) -> None:
+def test_the_unit_makes_the_reference_results(native_fmu, model, robot, unit_name):
     found = model(unit_name, "2.0", robot)
     folder = found.folder / REFERENCE
     expected = read_csv(folder / f"{found.name}_out.csv")
@@ -208,7 +171,7 @@ def test_the_unit_makes_the_reference_results(
             assert error.max() < factor * BOUND[unit_name], name
 
 
-def test_the_engine_reads_each_element_of_the_states(native_fmu: Callable[..., Path], version: str) -> None:
+def test_the_engine_reads_each_element_of_the_states(native_fmu, version):
     with Archive(native_fmu("plant", version), "Plant.fmu") as archive:
         description, problems = inspect_description(archive, "Plant.fmu")
     assert problems == [] and description is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 import wasmtime
 
+from tests.compiler.conftest import alone
 from tests.compiler.native.binding import ERROR, OK, Instance, Model
-from tests.compiler.native.conftest import alone
 from tests.compiler.native.fmi_types import signatures
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot
 from vdfmu.compiler.c.platforms import this_platform
 
 pytestmark = pytest.mark.heavy
@@ -102,9 +101,7 @@ class Module:
 
 
 @pytest.fixture(scope="module", params=VERSIONS)
-def wasm(
-    request: pytest.FixtureRequest, planar: Robot, tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path
-) -> Mapping[str, tuple[Model, Path]]:
+def wasm(request, planar, tmp_path_factory, kernel_cache):
     """Return unit to its description, with the library of this machine, and its module."""
     version = request.param
     out = tmp_path_factory.mktemp(f"wasm_{version[0]}")
@@ -121,9 +118,7 @@ def wasm(
 
 
 @pytest.mark.parametrize("unit", ["plant", "feedforward"])
-def test_a_module_has_the_functions_of_fmi_and_asks_for_nothing(
-    wasm: Mapping[str, tuple[Model, Path]], unit: str
-) -> None:
+def test_a_module_has_the_functions_of_fmi_and_asks_for_nothing(wasm, unit):
     model, path = wasm[unit]
     module = Module(model, path).module
     assert [(one.module, one.name) for one in module.imports] == []
@@ -132,7 +127,7 @@ def test_a_module_has_the_functions_of_fmi_and_asks_for_nothing(
     assert {one.name for one in module.exports} - own == functions
 
 
-def test_the_plant_moves_as_the_library_of_this_machine_does(wasm: Mapping[str, tuple[Model, Path]]) -> None:
+def test_the_plant_moves_as_the_library_of_this_machine_does(wasm):
     model, path = wasm["plant"]
     module, native = Module(model, path), Instance(model)
     module.start(q_0=[0.3, -0.2])
@@ -151,7 +146,7 @@ def test_the_plant_moves_as_the_library_of_this_machine_does(wasm: Mapping[str, 
     native.free()
 
 
-def test_a_call_that_fails_says_why(wasm: Mapping[str, tuple[Model, Path]]) -> None:
+def test_a_call_that_fails_says_why(wasm):
     model, path = wasm["plant"]
     module = Module(model, path)
     assert module.values("Set", "mass", -1.0)[0] == ERROR

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import derivative_of, measure, unit_of
@@ -48,17 +49,13 @@ class Many(Unit):
         self.q_dot = -self.q
 
 
+SLIDER = load_robot("slider_3dof")
+"""A robot with a prismatic joint, the second."""
+
+
 @pytest.fixture
-def many(slider) -> Interface:
-    return Interface(Many, slider)
-
-
-@pytest.fixture(scope="module")
-def slider():
-    """Return a robot with a prismatic joint, the second."""
-    from vdfmu.arm.robot import load_robot
-
-    return load_robot("slider_3dof")
+def many():
+    return Interface(Many, SLIDER)
 
 
 def test_variables_stand_in_the_order_of_inputs_states_sampled_outputs_parameters_robot(many):
@@ -134,8 +131,6 @@ def test_a_unit_without_start_gets_a_parameter_for_each_state_and_a_tolerance(ma
     assert (tolerance.start, tolerance.minimum, tolerance.maximum) == (1e-7, 1e-12, 1e-1)
 
     class Started(Unit):
-        """Has a start of its own."""
-
         x = State("m")
         x_dot = Derivative(x)
         begin = Parameter("m", start=4.0)
@@ -143,14 +138,9 @@ def test_a_unit_without_start_gets_a_parameter_for_each_state_and_a_tolerance(ma
         def start(self) -> None:
             self.x = 2.0 * self.begin
 
-        def derivatives(self) -> None:
-            self.x_dot = 0.0
-
     assert list(Started.declared) == ["x", "x_dot", "begin", "tolerance", "solver"]
 
-    class OnlySampled(Unit):
-        """Needs no solver."""
-
+    class OnlySampled(Unit):  # needs no solver
         x = Sampled("m")
         period = Parameter("s", start=1e-3, minimum=1e-6)
 
@@ -160,52 +150,34 @@ def test_a_unit_without_start_gets_a_parameter_for_each_state_and_a_tolerance(ma
 
 def test_declared_start_parameters_keep_their_place_and_start():
     class Own(Unit):
-        """Declares the start of its state itself."""
-
         x = State("m", start=1.0)
         x_dot = Derivative(x)
         x_0 = Parameter("m", text="of my own", start=7.0)
 
-        def derivatives(self) -> None:
-            self.x_dot = 0.0
-
     assert Own.declared["x_0"].text == "of my own"
-    assert Interface(Own, None).find("x_0").start == 7.0
+    assert Interface(type("Moving", (Own,), {"derivatives": lambda self: None}), None).find("x_0").start == 7.0
 
 
 def test_a_subclass_has_the_variables_of_its_base():
-    class Base(Unit):
-        """Base."""
-
-        u = Input("1")
-
-    class More(Base):
-        """More."""
-
-        y = Output("1")
-
-        def outputs(self) -> None:
-            self.y = self.u
-
-    assert list(More.declared) == ["u", "y"] and list(Base.declared) == ["u"]
+    base = type("Base", (Unit,), {"u": Input("1")})
+    more = type("More", (base,), {"y": Output("1")})
+    assert list(more.declared) == ["u", "y"] and list(base.declared) == ["u"]
 
 
-@pytest.mark.parametrize("name", ["t", "n", "start", "outputs", "store", "declared", "balance", "of_robot"])
-def test_names_that_every_unit_has_are_taken(name):
-    with pytest.raises(UnitError, match=f"Bad: a variable cannot be called {name}, which every unit has"):
-        type("Bad", (Unit,), {name: Input("1")})
-
-
-@pytest.mark.parametrize("name", ["_u", "u__2", "time", "\u03c4"])
-def test_names_that_tools_cannot_take_are_refused(name):
-    with pytest.raises(UnitError, match=f"Bad: a variable cannot be called {name}: expected a letter, then"):
-        Interface(type("Bad", (Unit,), {name: Input("1")}), None)
-
-
-@pytest.mark.parametrize("name", ["_Gain", "My__Gain", "Gain_", "Größe"])
-def test_a_unit_has_a_name_that_c_takes(name):
-    with pytest.raises(UnitError, match=f"a unit cannot be called {name}: expected a letter, then letters, digits and"):
-        Interface(type(name, (Unit,), {"u": Input("1")}), None)
+@pytest.mark.parametrize(
+    ("unit", "name", "words"),
+    [
+        *(("Bad", name, f"Bad: a variable cannot be called {name}, which every unit has")
+          for name in ("t", "n", "start", "outputs", "store", "declared", "balance", "of_robot")),
+        *(("Bad", name, f"Bad: a variable cannot be called {name}: expected a letter, then")
+          for name in ("_u", "u__2", "time", "\u03c4")),
+        *((unit, "u", f"a unit cannot be called {unit}: expected a letter, then letters, digits and")
+          for unit in ("_Gain", "My__Gain", "Gain_", "Größe")),
+    ],
+)  # fmt: skip
+def test_names_that_are_taken_or_that_tools_and_c_cannot_take_are_refused(unit, name, words):
+    with pytest.raises(UnitError, match=words):
+        Interface(type(unit, (Unit,), {name: Input("1")}), None)
 
 
 def test_a_unit_with_joints_needs_a_robot():
@@ -216,8 +188,8 @@ def test_a_unit_with_joints_needs_a_robot():
     assert not type("Free", (Unit,), {"u": Input("1", 3)}).needs_robot()
 
 
-def test_an_instance_has_values_and_refuses_others(slider):
-    unit = Many(slider, k=4.0, g=[1.0, 2.0, 3.0], mode="fast")
+def test_an_instance_has_values():
+    unit = Many(SLIDER, k=4.0, g=[1.0, 2.0, 3.0], mode="fast")
     unit.start()
     unit.q = [1.0, 2.0, 3.0]
     unit.outputs()
@@ -227,20 +199,24 @@ def test_an_instance_has_values_and_refuses_others(slider):
     unit.g = gains
     gains[0] = 2.0
     assert unit.g.tolist() == [1.0, 1.0, 1.0]
-    with pytest.raises(UsageError, match=r"Many has no 'K' to set\. There are: k, period, mode"):
-        Many(slider, K=1.0)
-    with pytest.raises(UsageError, match=r"Many\.g: expected shape \(3,\), got \(2,\)"):
-        Many(slider, g=[1.0, 2.0])
-    with pytest.raises(UsageError, match=r"Many\.mode: expected slow or fast, got 'quick'"):
-        unit.mode = "quick"
-    with pytest.raises(UsageError, match=r"Many\.on: expected True or False, got 0\.5"):
-        unit.on = 0.5
-    with pytest.raises(UsageError, match=r"Many\.k: expected numbers, got 'stiff'"):
-        unit.k = "stiff"
-    with pytest.raises(UsageError, match=r"Many\.k: expected numbers, got None"):
-        unit.k = None
     with pytest.raises(UnitError, match=r"Many\.y is read before it is set"):
-        _ = Many(slider).y
+        _ = Many(SLIDER).y
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("K", 1.0, r" has no 'K' to set\. There are: k, period, mode"),
+        ("g", [1.0, 2.0], r"\.g: expected shape \(3,\), got \(2,\)"),
+        ("mode", "quick", r"\.mode: expected slow or fast, got 'quick'"),
+        ("on", 0.5, r"\.on: expected True or False, got 0\.5"),
+        ("k", "stiff", r"\.k: expected numbers, got 'stiff'"),
+        ("k", None, r"\.k: expected numbers, got None"),
+    ],
+)
+def test_an_instance_refuses_other_values(name, value, words):
+    with pytest.raises(UsageError, match=f"Many{words}"):
+        Many(SLIDER, **{name: value})
 
 
 def test_the_experiment_keeps_inputs_within_their_limits():
@@ -250,42 +226,40 @@ def test_the_experiment_keeps_inputs_within_their_limits():
     assert unit.u.tolist() == [2.0, 2.0] and unit.v == 0.1 * np.sin(3.0)
 
 
-def test_a_start_value_of_another_shape_is_refused(slider):
-    class Bad(Unit):
-        """Two numbers for three joints."""
-
-        g = Parameter("1", JOINTS, start=[1.0, 2.0])
-
+def test_a_start_value_of_another_shape_is_refused():
+    bad = type("Bad", (Unit,), {"g": Parameter("1", JOINTS, start=[1.0, 2.0])})
     with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
-        Bad(slider)
-    with pytest.raises(UnitError, match=r"line \d+: Bad: g: start: expected numbers of shape \(3,\), got \[1"):
-        Interface(Bad, slider)
+        bad(SLIDER)
+    with pytest.raises(UnitError, match=r"Bad: g: start: expected numbers of shape \(3,\), got \[1"):
+        Interface(bad, SLIDER)
 
 
-def test_start_values_of_an_interface_are_checked_all_at_once(slider):
-    with pytest.raises(
-        UsageError, match=r"start values of many: k: expected at most 5 N/m, got 7 N/m\. y\[1\] is an output"
-    ):
-        Interface(Many, slider, {"k": 7.0, "y[1]": 1.0})
-    with pytest.raises(UsageError, match="start values of many: on: expected true or false, got 0.5"):
-        Interface(Many, slider, {"on": 0.5})
-    changed = Interface(Many, slider, {"mode": 1, "on": False, "g[2]": 5})
-    assert (changed.find("mode").start, changed.find("on").start, changed.find("g[2]").start) == (
-        1, False, 5.0,
-    )  # fmt: skip
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"k": 7.0, "y[1]": 1.0}, r"k: expected at most 5 N/m, got 7 N/m\. y\[1\] is an output"),  # all at once
+        ({"on": 0.5}, "on: expected true or false, got 0.5"),
+    ],
+)
+def test_start_values_of_an_interface_are_checked(values, words):
+    with pytest.raises(UsageError, match=f"start values of many: {words}"):
+        Interface(Many, SLIDER, values)
+    changed = Interface(Many, SLIDER, {"mode": 1, "on": False, "g[2]": 5})
+    assert [changed.find(name).start for name in ("mode", "on", "g[2]")] == [1, False, 5.0]
 
 
 @pytest.mark.parametrize("field", ["rotation", "gravity", "mas"])
-def test_only_parameters_of_each_joint_can_be_taken_one_by_one(slider, field):
+def test_only_parameters_of_each_joint_can_be_taken_one_by_one(field):
     unit = type("Bad", (Unit,), {"robot": RobotParameters(field)})
     with pytest.raises(UnitError, match=rf"RobotParameters\('{field}'\): expected parameters with one number for each"):
-        Interface(unit, slider)
+        Interface(unit, SLIDER)
 
 
-def test_names_of_units_are_words():
-    names = {"PDController": "pd_controller", "Wall": "wall", "Encoder2Bit": "encoder2_bit"}
-    for name, expected in names.items():
-        assert unit_name(type(name, (Unit,), {})) == expected
+@pytest.mark.parametrize(
+    ("name", "expected"), [("PDController", "pd_controller"), ("Wall", "wall"), ("Encoder2Bit", "encoder2_bit")]
+)
+def test_names_of_units_are_words(name, expected):
+    assert unit_name(type(name, (Unit,), {})) == expected
     assert [unit_name(unit) for unit in shipped_units().values()] == list(shipped_units())
 
 
@@ -330,9 +304,9 @@ def test_the_derivative_has_one_second_more(name, expected):
     assert after == {key: value for key, value in (before | seconds).items() if value}
 
 
-def test_a_quantity_of_a_joint_has_two_units():
-    assert [unit_of("torque", kind) for kind in ("revolute", "prismatic")] == ["N.m", "N"]
-    assert [unit_of("N.m", kind) for kind in ("revolute", "prismatic")] == ["N.m", "N.m"]
+@pytest.mark.parametrize(("quantity", "units"), [("torque", ["N.m", "N"]), ("N.m", ["N.m", "N.m"])])
+def test_a_quantity_of_a_joint_has_two_units(quantity, units):
+    assert [unit_of(quantity, kind) for kind in ("revolute", "prismatic")] == units
     with pytest.raises(UsageError, match="got 'torqe'"):
         unit_of("torqe", "revolute")
 
@@ -392,25 +366,21 @@ class Loaded(Unit):
             self.x_dot = -self.x
 
 
-def test_a_unit_has_the_variables_of_the_options_that_its_robot_has(slider, with_options):
-    bare, bent = Interface(Loaded, slider), Interface(Loaded, with_options("hysteresis"))
+def test_a_unit_has_the_variables_of_the_options_that_its_robot_has(with_options):
+    bare, bent = Interface(Loaded, SLIDER), Interface(Loaded, with_options("hysteresis"))
     assert list(bare.groups) == ["y", "tolerance", "solver"]
     assert (bare.states, bare.derivatives, len(bare.memory)) == (slice(3, 3), slice(3, 3), 4)
     assert list(bent.groups) == ["x", "y", "x_0", "tolerance", "solver"]
     assert [v.name for v in bent.memory[bent.derivatives]] == ["der(x[1])", "der(x[2])"]
     assert Loaded(with_options("hysteresis"), x_0=2.0).simulate(stop=1.0)["x"][-1] == pytest.approx(2.0 / np.e)
-    assert Loaded(slider).simulate(stop=0.1)["y"][-1] == 1.0
+    assert Loaded(SLIDER).simulate(stop=0.1)["y"][-1] == 1.0
     with pytest.raises(UnitError, match=r"Loaded\.u is there for a robot with payload only"):
-        _ = Loaded(slider).u
+        _ = Loaded(SLIDER).u
     with pytest.raises(UsageError, match="Loaded has no 'x_0' to set"):
-        Loaded(slider, x_0=1.0)
+        Loaded(SLIDER, x_0=1.0)
 
 
-def test_an_option_that_no_robot_has_is_refused(slider):
-    class Wrong(Unit):
-        """Wrong."""
-
-        u = Input("1", when="pyload")
-
+def test_an_option_that_no_robot_has_is_refused():
+    wrong = type("Wrong", (Unit,), {"u": Input("1", when="pyload")})
     with pytest.raises(UnitError, match=r"u: when: expected one of payload, limits, .*, got 'pyload'"):
-        check_unit(Wrong, slider)
+        check_unit(wrong, SLIDER)

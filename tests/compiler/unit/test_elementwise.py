@@ -1,12 +1,14 @@
-"""Elementwise functions and tables on symbols: the same numbers as on floats."""
+"""Elementwise functions, roundings and tables on symbols: the same numbers as on floats, and slopes of roundings."""
 
+import casadi as ca
 import fmpy
 import numpy as np
 import pytest
 
-from tests.compiler.unit.test_trace import both
+from tests.compiler.unit.pair import both
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UnitError
+from vdfmu.compiler.functions.derivatives import derivative
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.unit import Input, Output, Parameter, Unit, clip, interpolate, lookup, maximum, minimum, sgn, where, zeros
@@ -21,14 +23,25 @@ VALUES = np.concatenate(
 """Random values, and those at which conditions and roundings change."""
 
 
+def unit_of(function):
+    """Return a unit with the outputs of a function of an array and of its first element: arrays, and scalars."""
+    arrays, scalars = function(np.full(3, 0.5), 0.5)
+
+    def outputs(self):
+        y, self.z = function(self.u, self.u[0])
+        self.y = np.stack(y)
+
+    variables = {"u": Input("1", 3, start=1.0), "y": Output("1", (len(arrays), 3)), "z": Output("1", len(scalars))}
+    return type("Made", (Unit,), {**variables, "outputs": outputs})
+
+
 def assert_same(unit, roundings=0):
     """Assert that outputs are the same on symbols as on floats, for random inputs."""
     traced, plain = both(unit)
-    inputs = [i for i, v in enumerate(traced.interface) if v.causality == "input"]
     moved = set()
     for row in VALUES:
         for evaluated in (traced, plain):
-            evaluated.memory[inputs] = np.resize(row, len(inputs))
+            evaluated.group("u")[:] = row
             evaluated.outputs()
         # functions of the mathematical library may be those of another one: a rounding each
         np.testing.assert_allclose(traced.memory, plain.memory, rtol=roundings * EPS, atol=roundings * EPS)
@@ -36,104 +49,109 @@ def assert_same(unit, roundings=0):
     assert len(moved) > 100
 
 
-class Elementwise(Unit):
-    """What vdfmu.unit gives, on arrays and scalars."""
-
-    u = Input("1", 3)
-    y = Output("1", (10, 3))
-    z = Output("1", 10)
-
-    def outputs(self) -> None:
-        u, a = self.u, self.u[0]
-        self.y = np.stack([
-            where(np.logical_and(u > 0.3, np.logical_not(u > 1.0)) | np.logical_or(u < -2.0, u > 3.0), u, 1.0),
-            where(u > 0.3, u, -u), where(u <= 0.5, 1.0, u), clip(u, -1.0, 1.0), clip(0.5, u, 2.0), minimum(u, 0.5),
-            maximum(u[::-1], u), sgn(u), np.abs(u), where((u > -1.0) & ~(u >= 1.0) | (u < -2.0), u, 0.0),
-        ])  # fmt: skip
-        self.z = [
-            where(a > 0.0, a, 2.0 * a), minimum(a, 1.0), maximum(0.0, a), clip(a, 0.0, 1.0), sgn(+a), abs(a),
-            np.any(u > 2.0), np.all(u < 2.0), np.clip(a, None, 0.5), np.clip(u, -0.5, None)[1],
-        ]  # fmt: skip
+def chosen(u, a):
+    """Return what vdfmu.unit gives."""
+    return [
+        where(np.logical_and(u > 0.3, np.logical_not(u > 1.0)) | np.logical_or(u < -2.0, u > 3.0), u, 1.0),
+        where(u > 0.3, u, -u), where(u <= 0.5, 1.0, u), clip(u, -1.0, 1.0), clip(0.5, u, 2.0), minimum(u, 0.5),
+        maximum(u[::-1], u), sgn(u), np.abs(u), where((u > -1.0) & ~(u >= 1.0) | (u < -2.0), u, 0.0),
+    ], [
+        where(a > 0.0, a, 2.0 * a), minimum(a, 1.0), maximum(0.0, a), clip(a, 0.0, 1.0), sgn(+a), abs(a),
+        np.any(u > 2.0), np.all(u < 2.0), np.clip(a, None, 0.5), np.clip(u, -0.5, None)[1],
+    ]  # fmt: skip
 
 
-class Rounding(Unit):
-    """Steps of all kinds."""
-
-    u = Input("1", 3)
-    y = Output("1", (8, 3))
-    z = Output("1", 6)
-
-    def outputs(self) -> None:
-        u, a = self.u, self.u[1]
-        self.y = np.array([
-            np.floor(u), np.ceil(u), np.rint(u), np.round(u / 0.25) * 0.25, u // 0.3, u % 0.3, 1.5 // (u + 0.1),
-            np.floor(u / 0.01) * 0.01,
-        ])  # fmt: skip
-        self.z = [np.floor(a), np.rint(a), a // 2.0, a % 2.0, 3.0 % (a + 0.1), np.round(a)]
+def rounded(u, a):
+    """Return steps of all kinds."""
+    return [
+        np.floor(u), np.ceil(u), np.rint(u), np.round(u / 0.25) * 0.25, u // 0.3, u % 0.3, 1.5 // (u + 0.1),
+        np.floor(u / 0.01) * 0.01,
+    ], [np.floor(a), np.rint(a), a // 2.0, a % 2.0, 3.0 % (a + 0.1), np.round(a)]  # fmt: skip
 
 
-class Functions(Unit):
-    """Functions of numpy."""
-
-    u = Input("1", 3)
-    y = Output("1", (18, 3))
-    z = Output("1", 4)
-
-    def outputs(self) -> None:
-        u = self.u
-        s = 0.99 * np.tanh(u)
-        self.y = np.concatenate([
-            [np.sin(u), np.cos(u), np.tan(s), np.arcsin(s), np.arccos(s), np.arctan(u), np.arctan2(u, u[::-1])],
-            [np.sinh(s), np.cosh(s), np.exp(u), np.expm1(u), np.log(1.0 + u * u), np.log1p(u * u), np.sqrt(u * u)],
-            [u**2, u**3, 2.0**u, (u * u) ** s],
-        ])  # fmt: skip
-        M = np.outer(u, u) + np.eye(3)
-        self.z = [u @ u, np.sum(M @ u), np.dot(u, [1.0, 2.0, 3.0]), np.cross(u, [0.0, 1.0, 0.5])[2]]
+def combined(u, a):
+    """Return conditions on what arrays of arrays give."""
+    pair = np.concatenate([u, -u])
+    limited, partly = zeros((3,), u), zeros((3,), u)  # symbols, then symbols and numbers
+    for i in range(3):
+        limited[i] = where(u[i] > 1.0, 1.0, u[i])
+    partly[1:] = a, 2.0
+    chosen = where(clip(u, -1.0, 1.0) < 0.5, limited, where(u > 0.0, 2.0, 3.0))
+    return [*where(pair > 0.0, pair, 0.1 * pair).reshape(2, 3), chosen, clip(partly, -1.0, 1.0)], [a]
 
 
-class More(Unit):
-    """Functions of numpy that compare, take no objects, or take a number before a symbol."""
-
-    u = Input("1", 3)
-    y = Output("1", (29, 3))
-    z = Output("1", 13)
-
-    def outputs(self) -> None:
-        u, a = self.u, self.u[0]
-        v, s = u[::-1], 0.99 * np.tanh(u)
-        self.y = np.stack([
-            np.hypot(u, v), np.hypot(3.0, u), np.arctan2(1.0, u), np.copysign(u, v), np.copysign(2.0, u),
-            np.fmax(u, 0.5), np.fmin(u, v), np.maximum(0.5, u), np.minimum(u, v), np.square(u),
-            np.reciprocal(u + 5.0 * np.sign(u) + 0.1), np.exp2(u), np.log2(u * u + 0.1), np.log10(u * u + 0.1),
-            np.log1p(u * u), np.expm1(u), np.cbrt(u), np.deg2rad(u), np.rad2deg(u), np.radians(u), np.degrees(u),
-            np.heaviside(u, 0.5), np.sign(u), np.clip(u, -1.0, v * v), np.trunc(u), np.fmod(u, 0.3),
-            np.arcsinh(u) + np.arccosh(1.0 + u * u) + np.arctanh(s), np.logaddexp(u, v), np.where(u > v, u, 2.0),
-        ])  # fmt: skip
-        self.z = [
-            np.hypot(a, 1.0), np.sign(a), np.heaviside(a, 0.25), np.copysign(1.0, a), np.maximum(a, 0.0), np.max(u),
-            u.min(), np.clip(a, -1.0, 1.0), np.where(a > 0.0, a, -1.0), np.fabs(a), np.float_power(2.0, a),
-            np.fmod(1.0, a + 0.1), np.conjugate(a),
-        ]  # fmt: skip
+def functions(u, a):
+    """Return functions of numpy."""
+    s, M = 0.99 * np.tanh(u), np.outer(u, u) + np.eye(3)
+    return [
+        np.sin(u), np.cos(u), np.tan(s), np.arcsin(s), np.arccos(s), np.arctan(u), np.arctan2(u, u[::-1]),
+        np.sinh(s), np.cosh(s), np.exp(u), np.expm1(u), np.log(1.0 + u * u), np.log1p(u * u), np.sqrt(u * u),
+        u**2, u**3, 2.0**u, (u * u) ** s,
+    ], [u @ u, np.sum(M @ u), np.dot(u, [1.0, 2.0, 3.0]), np.cross(u, [0.0, 1.0, 0.5])[2]]  # fmt: skip
 
 
-class Combined(Unit):
-    """Conditions on what arrays of arrays give."""
+def further(u, a):
+    """Return functions of numpy that compare, take no objects, or take a number before a symbol."""
+    v, s = u[::-1], 0.99 * np.tanh(u)
+    return [
+        np.hypot(u, v), np.hypot(3.0, u), np.arctan2(1.0, u), np.copysign(u, v), np.copysign(2.0, u),
+        np.fmax(u, 0.5), np.fmin(u, v), np.maximum(0.5, u), np.minimum(u, v), np.square(u),
+        np.reciprocal(u + 5.0 * np.sign(u) + 0.1), np.exp2(u), np.log2(u * u + 0.1), np.log10(u * u + 0.1),
+        np.log1p(u * u), np.expm1(u), np.cbrt(u), np.deg2rad(u), np.rad2deg(u), np.radians(u), np.degrees(u),
+        np.heaviside(u, 0.5), np.sign(u), np.clip(u, -1.0, v * v), np.trunc(u), np.fmod(u, 0.3),
+        np.arcsinh(u) + np.arccosh(1.0 + u * u) + np.arctanh(s), np.logaddexp(u, v), np.where(u > v, u, 2.0),
+    ], [
+        np.hypot(a, 1.0), np.sign(a), np.heaviside(a, 0.25), np.copysign(1.0, a), np.maximum(a, 0.0), np.max(u),
+        u.min(), np.clip(a, -1.0, 1.0), np.where(a > 0.0, a, -1.0), np.fabs(a), np.float_power(2.0, a),
+        np.fmod(1.0, a + 0.1), np.conjugate(a),
+    ]  # fmt: skip
 
-    u = Input("1", 3)
-    y = Output("1", 6)
-    z = Output("1", 3)
-    w = Output("1", 3)
 
-    def outputs(self) -> None:
-        both = np.concatenate([self.u, -self.u])
-        self.y = where(both > 0.0, both, 0.1 * both)
-        limited = zeros((3,), self.u)
-        for i in range(3):
-            limited[i] = where(self.u[i] > 1.0, 1.0, self.u[i])
-        self.z = where(clip(self.u, -1.0, 1.0) < 0.5, limited, where(self.u > 0.0, 2.0, 3.0))
-        partly = zeros((3,), self.u)  # symbols and numbers
-        partly[1:] = self.u[0], 2.0
-        self.w = clip(partly, -1.0, 1.0)
+@pytest.mark.parametrize("function", [chosen, rounded, combined, functions, further])
+def test_conditions_and_steps_are_the_same_bits_on_symbols_as_on_floats_and_functions_nearly(function):
+    # powers and products of some ten factors, each with its rounding
+    assert_same(unit_of(function), roundings=50 if function in (functions, further) else 0)
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("function", [functions, further])
+def test_functions_of_numpy_run_in_c(function, tmp_path):
+    u, unit = np.array([0.7, -1.3, 2.1]), unit_of(function)
+    evaluated, _ = both(unit)
+    evaluated.group("u")[:] = u
+    evaluated.outputs()
+    (path,) = build_fmus(None, tmp_path, units=[unit], backend="native").values()
+    start = {f"u[{i + 1}]": value for i, value in enumerate(u)}
+    row = fmpy.simulate_fmu(str(path), stop_time=0.01, output_interval=0.01, start_values=start)[0]
+    expected = {v.name: evaluated.memory[i] for i, v in enumerate(evaluated.interface)}
+    found = {name: row[name] for name in row.dtype.names if name != "time"}
+    # as above: the functions of C are those of another library
+    assert found == pytest.approx({name: expected[name] for name in found}, rel=50 * EPS, abs=50 * EPS)
+
+
+@pytest.mark.parametrize("base", [10.0, 2.0])
+def test_logarithms_of_whole_powers_are_whole(base):
+    logarithm = np.log10 if base == 10.0 else np.log2
+    traced = Traced(Interface(unit_of(lambda u, a: ([np.floor(logarithm(u))], [a])), None))
+    for power in range(-20, 23):
+        traced.group("u")[:] = base**power
+        traced.outputs()
+        assert (traced.group("y") == power).all()
+
+
+@pytest.mark.parametrize(("rounding", "below"), [(ca.floor, 0.5), (ca.ceil, -0.5)])
+def test_the_slope_of_the_square_of_a_rounding_is_that_of_its_line(rounding, below):
+    """The line that a rounding follows is half a step below or above it."""
+    x = ca.SX.sym("x")
+    function = ca.Function("square", [x], [rounding(x) ** 2], ["x"], ["y"])
+    for value in (3.2, -1.7):
+        for direction in ("forward", "reverse"):
+            slope = float(derivative(function, direction, rounded=True)(value, 1.0))
+            assert slope == pytest.approx(2.0 * (value - below), rel=1e-14)  # roundings
+        assert float(derivative(function, "forward")(value, 1.0)) == 0.0
+
+
+# ------------------------------------------------------------------ tables
 
 
 class Table(Unit):
@@ -150,47 +168,6 @@ class Table(Unit):
         self.z = interpolate(self.u[0], self.points, self.values)
 
 
-@pytest.mark.parametrize("unit", [Elementwise, Rounding, Combined, Functions, More])
-def test_conditions_and_steps_are_the_same_bits_on_symbols_as_on_floats_and_functions_nearly(unit):
-    # powers and products of some ten factors, each with its rounding
-    assert_same(unit, roundings=50 if unit in (Functions, More) else 0)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("unit", [Functions, More])
-def test_functions_of_numpy_run_in_c(unit, tmp_path):
-    u = np.array([0.7, -1.3, 2.1])
-    evaluated, _ = both(unit)
-    evaluated.memory[:3] = u
-    evaluated.outputs()
-    (path,) = build_fmus(None, tmp_path, units=[unit], backend="native").values()
-    start = {f"u[{i + 1}]": value for i, value in enumerate(u)}
-    row = fmpy.simulate_fmu(str(path), stop_time=0.01, output_interval=0.01, start_values=start)[0]
-    expected = {v.name: evaluated.memory[i] for i, v in enumerate(evaluated.interface)}
-    found = {name: row[name] for name in row.dtype.names if name != "time"}
-    # as above: the functions of C are those of another library
-    assert found == pytest.approx({name: expected[name] for name in found}, rel=50 * EPS, abs=50 * EPS)
-
-
-class Whole(Unit):
-    """Logarithms whose floor is asked for."""
-
-    u = Input("1", 3, start=1.0)
-    y = Output("1", (2, 3))
-
-    def outputs(self) -> None:
-        self.y = np.floor([np.log10(self.u), np.log2(self.u)])
-
-
-@pytest.mark.parametrize("base", [10.0, 2.0])
-def test_logarithms_of_whole_powers_are_whole(base):
-    traced = Traced(Interface(Whole, None))
-    for power in range(-20, 23):
-        traced.group("u")[:] = base**power
-        traced.outputs()
-        assert traced.group("y")[0 if base == 10.0 else 3] == power
-
-
 def test_interpolation_is_that_of_numpy():
     assert_same(Table, roundings=8)
     plain = Plain(Interface(Table, None))
@@ -202,59 +179,38 @@ def test_interpolation_is_that_of_numpy():
         np.testing.assert_allclose(plain.group("y"), expected, rtol=0, atol=50 * EPS)
 
 
-class Looked(Unit):
-    """A table of numbers, looked up."""
-
-    u = Input("1", 3)
-    y = Output("1", 3)
-
-    def outputs(self) -> None:
-        self.y = [lookup(u, [-1.0, 0.0, 1.0, 2.0], [5.0, 7.0, -2.0]) for u in self.u]
-
-
 def test_a_table_to_look_up_may_have_one_dimension():
-    assert_same(Looked)
-    traced = Traced(Interface(Looked, None))
+    unit = unit_of(lambda u, a: ([[lookup(x, [-1.0, 0.0, 1.0, 2.0], [5.0, 7.0, -2.0]) for x in u]], [a]))
+    assert_same(unit)
+    traced = Traced(Interface(unit, None))
     traced.group("u")[:] = [-9.0, 0.0, 9.0]
     traced.outputs()
     assert traced.group("y").tolist() == [5.0, 7.0, -2.0]
 
 
-class Misshapen(Unit):
-    """As many edges as rows."""
-
-    u = Input("1")
-    y = Output("1")
-
-    def outputs(self) -> None:
-        self.y = lookup(self.u, [0.0, 1.0, 2.0], [0.0, 1.0, 4.0])
-
-
-class Uneven(Misshapen):
-    """More points than values."""
-
-    def outputs(self) -> None:
-        self.y = interpolate(self.u, [0.0, 1.0, 2.0], [0.0, 1.0])
-
-
-class Many(Misshapen):
-    """Several places at once."""
-
-    def outputs(self) -> None:
-        self.y = lookup(np.ones(2) * self.u, [0.0, 1.0, 2.0], [0.0, 1.0])[0]
-
-
 @pytest.mark.parametrize(
-    ("unit", "words"),
+    ("value", "words"),
     [
-        (Misshapen, r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. Values at points are for interpolate"),
-        (Many, r"lookup: expected a scalar x, .*got the shapes \(2,\), \(3,\) and \(2,\)"),
-        (Uneven, r"interpolate: expected points \(m,\) and values \(m, \.\.\.\), got \(3,\) and \(2,\)"),
+        (lambda a: lookup(a, [0.0, 1.0, 2.0], [0.0, 1.0, 4.0]),
+         r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. Values at points are for interpolate"),
+        (lambda a: lookup(np.ones(2) * a, [0.0, 1.0, 2.0], [0.0, 1.0])[0],
+         r"lookup: expected a scalar x, .*got the shapes \(2,\), \(3,\) and \(2,\)"),
+        (lambda a: interpolate(a, [0.0, 1.0, 2.0], [0.0, 1.0]),
+         r"interpolate: expected points \(m,\) and values \(m, \.\.\.\), got \(3,\) and \(2,\)"),
     ],
-)
-def test_tables_of_shapes_that_do_not_fit_are_refused(unit, words):
-    with pytest.raises(UnitError, match=rf"line \d+: outputs\(\) of {unit.__name__} fails: {words}"):
-        Traced(Interface(unit, None))
+)  # fmt: skip
+def test_tables_of_shapes_that_do_not_fit_are_refused(value, words):
+    class Misshapen(Unit):
+        """A table with edges or values too many."""
+
+        u = Input("1")
+        y = Output("1")
+
+        def outputs(self) -> None:
+            self.y = value(self.u)
+
+    with pytest.raises(UnitError, match=rf"line \d+: outputs\(\) of Misshapen fails: {words}"):
+        Traced(Interface(Misshapen, None))
 
 
 def test_functions_on_floats_are_those_of_numpy():

@@ -28,12 +28,6 @@ UNITS = [
 NAMES = [name for name, _, _ in UNITS]
 
 
-@pytest.fixture(scope="module")
-def fmus(example, planar, tmp_path_factory):
-    """Return the FMUs of the examples by name."""
-    return build_fmus(planar, tmp_path_factory.mktemp("fmus"), units=[example(name) for name in NAMES])
-
-
 @pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(("name", "needs", "model"), UNITS, ids=NAMES)
@@ -83,60 +77,6 @@ def test_run_tends_to_the_continuous_reference_with_the_step(system):
     # Inputs held over a step are an error of first order: half of it at half of the step, except for higher orders.
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.3), errors
     assert errors[1] / errors[2] == pytest.approx(2.0, abs=0.3), errors
-
-
-def directional(path, inputs, outputs, direction, memory):
-    """Return the directional derivative of an FMU of FMI 2.0, and the slope by central differences of fourth order."""
-    description = fmpy.read_model_description(str(path))
-    unit = fmpy.instantiate_fmu(fmpy.extract(str(path)), description, "CoSimulation")
-    references = {v.name: v.valueReference for v in description.modelVariables}
-    known, unknown = [references[n] for n in inputs], [references[n] for n in outputs]
-
-    def at(s):
-        unit.setReal(known, [memory[n] + s * d for n, d in zip(inputs, direction, strict=True)])
-        return np.array(unit.getReal(unknown))
-
-    try:
-        unit.setupExperiment()
-        unit.enterInitializationMode()
-        for name, value in memory.items():
-            unit.setReal([references[name]], [value])
-        h = 1e-4
-        slope = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
-        at(0.0)
-        unit.exitInitializationMode()
-        return np.array(unit.getDirectionalDerivative(unknown, known, direction)), slope
-    finally:
-        unit.terminate()
-        unit.freeInstance()
-
-
-CASES = [
-    ("friction_torque", ["q", "q_dot", "kappa_dot", "q_d", "q_d_dot", "q_d_ddot"], ["tau"], {}),
-    ("wall", ["q", "q_dot"], ["F_e", "depth"], {"distance": 0.1}),  # pushed: in the smooth part
-    ("low_pass", ["u"], ["der(y)"], {}),  # the derivative of its state
-]
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("name", "inputs", "outputs", "set_to"), CASES, ids=[c[0] for c in CASES])
-def test_directional_derivatives_are_the_slopes_of_the_outputs(fmus, name, inputs, outputs, set_to):
-    path = fmus[name]
-    random = np.random.default_rng(11)
-    names = [v.name for v in fmpy.read_model_description(str(path)).modelVariables]
-
-    def elements(groups):
-        found = [n for n in names if n.partition("[")[0] in groups]
-        assert found
-        return found
-
-    ins = elements(inputs)
-    memory = {n: random.uniform(0.1, 0.5) for n in ins} | set_to
-    outs = elements(outputs)
-    found, slope = directional(path, ins, outs, list(random.uniform(-1.0, 1.0, len(ins))), memory)
-    assert np.abs(found).max() > 0.0
-    # differences of fourth order: (1e-4)^4, and rounding, 1e-16 / 1e-4 of outputs that are up to 1e3 times their slopes
-    np.testing.assert_allclose(found, slope, rtol=1e-6, atol=1e-6 * np.abs(slope).max())
 
 
 def test_derivatives_of_the_spline_are_those_of_its_position(example, planar):

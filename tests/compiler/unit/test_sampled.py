@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -118,7 +117,7 @@ SYSTEMS = {
 
 
 @pytest.fixture(scope="module")
-def scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def scenario(tmp_path_factory):
     """Return the function that writes the scenario of one of `SYSTEMS`."""
 
     def write(system: str, master: str = "gauss-seidel", delayed: bool = False) -> Path:
@@ -135,7 +134,7 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Callable[..., Any]:
+def run(tmp_path):
     def run(scenario: Path, **options: Any) -> Any:
         return vdfmu.run(scenario, out=tmp_path / "results", **({"reference": False} | options))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import fmpy
@@ -59,7 +58,7 @@ GIVEN = np.array([[1 / 5e-4, 0.0], [0.0, -1 / 2e-5]])
 
 
 @pytest.fixture(scope="module")
-def motor(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def motor(tmp_path_factory):
     def write(duty: str = "clip(self.duty, 0.0, 1.0)", text: str = MOTOR) -> Path:
         path = tmp_path_factory.mktemp("motor") / "motor.py"
         path.write_text(HEAD + text.replace("DUTY", duty).replace("FUNCTION", duty))
@@ -84,7 +83,7 @@ def pulses(duty: float) -> np.ndarray:
 
 
 @pytest.fixture(scope="module", params=[*heavy("2.0"), "3.0", "python"])
-def fmu(request, motor, tmp_path_factory) -> Path:
+def fmu(request, motor, tmp_path_factory):
     kind = {"backend": "python"} if request.param == "python" else {"fmi_version": request.param}
     (path,) = vdfmu.build_fmus(None, tmp_path_factory.mktemp("fmu"), units=[motor()], **kind).values()
     return path

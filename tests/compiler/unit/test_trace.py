@@ -7,6 +7,7 @@ import fmpy
 import numpy as np
 import pytest
 
+from tests.compiler.unit.pair import both
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UnitError
@@ -30,12 +31,6 @@ from vdfmu.unit import (
 )
 
 EPS = np.finfo(float).eps
-
-
-def both(unit, robot=None):
-    """Return a unit traced and in plain numpy."""
-    interface = Interface(unit, robot)
-    return Traced(interface), Plain(interface)
 
 
 class Chosen(Unit):

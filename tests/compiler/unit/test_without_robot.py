@@ -5,8 +5,8 @@ import zipfile
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.linalg import expm
-from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.base.errors import ModelError, UsageError

@@ -6,7 +6,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
 from vdfmu.base.errors import CosimError

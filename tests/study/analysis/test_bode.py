@@ -5,11 +5,11 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
-from tests.study.analysis.test_modes import MASS, ONE_JOINT, POSES
-from tests.study.analysis.test_modes import roots as poles_of
+from tests.study.analysis.lift import MASS, POSES
+from tests.study.analysis.lift import roots as poles_of
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
@@ -17,14 +17,13 @@ from vdfmu.study.analysis.bode import bode, joint_bode
 
 
 @pytest.fixture
-def lift(tmp_path):
-    (tmp_path / "lift.toml").write_text(ONE_JOINT)
-    return vdfmu.load_robot(tmp_path / "lift.toml").with_parameters(f_v=0.0)
+def smooth(lift):
+    return lift.with_parameters(f_v=0.0)
 
 
-def test_two_masses_on_a_spring_have_their_resonance_and_anti_resonance(lift):
-    _, K, J = poles_of(lift, 0.0)
-    found = joint_bode(vdfmu.linearize(lift, [0.1]), 1)
+def test_two_masses_on_a_spring_have_their_resonance_and_anti_resonance(smooth):
+    _, K, J = poles_of(smooth, 0.0)
+    found = joint_bode(vdfmu.linearize(smooth, [0.1]), 1)
     # rounding of eigenvalues: 1e-16 of the norm of A, 1e5, over 300 rad/s
     assert found.resonance == pytest.approx(np.sqrt(K * (1 / J + 1 / MASS)) / (2 * np.pi), rel=1e-9)
     assert found.antiresonance[0] == pytest.approx(np.sqrt(K / MASS) / (2 * np.pi), rel=1e-9)
@@ -32,7 +31,7 @@ def test_two_masses_on_a_spring_have_their_resonance_and_anti_resonance(lift):
     s = 2j * np.pi * found.frequency
     near = np.min(np.abs(found.frequency[:, None] - found.resonance), axis=1) < 1e-3 * found.resonance[0]
     # a motor torque acts as ell times as much on the link side
-    ell = float(lift.ell[0])
+    ell = float(smooth.ell[0])
     whole = s * (J * MASS * s**2 + K * (J + MASS))
     rotor, link = ell * (MASS * s**2 + K) / whole, ell * K / whole
     size = np.abs(rotor) + np.abs(link)
@@ -129,6 +128,6 @@ def test_the_command_draws_a_joint(tmp_path, monkeypatch):
         assert "Hz" not in failed.output  # it fails before it prints anything
 
 
-def test_signals_that_are_not_there_are_named(lift):
+def test_signals_that_are_not_there_are_named(smooth):
     with pytest.raises(UsageError, match=r"expected a system in continuous time with tau\[2\], q\[1\]; inputs are tau"):
-        bode(vdfmu.linearize(lift, [0.1]), "tau[2]", ["q[1]"])
+        bode(vdfmu.linearize(smooth, [0.1]), "tau[2]", ["q[1]"])

@@ -1,7 +1,5 @@
 """Gains by one rule: what they promise of one joint, and what the whole arm has of it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
@@ -33,14 +31,14 @@ def smallest_distance(J: float, M: float, K: float, K_p: float, K_v: float, dela
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(("J", "M", "K"), [(0.1, 0.5, 1e4), (0.1, 0.02, 4e3), (0.02, 5.0, 2e3), (6.0, 4.0, 1e6)])
-def test_a_joint_has_the_margin_that_is_promised(J: float, M: float, K: float) -> None:
+def test_a_joint_has_the_margin_that_is_promised(J, M, K):
     K_p, K_v, margin = joint_gains(J, K, np.array([M]), STEP)
     assert margin >= 0.5
     found = min(smallest_distance(J, M, K, K_p, K_v, delay) for delay in (0, 1))
     assert found == pytest.approx(margin, rel=0.01)  # both are minima over grids of frequencies
 
 
-def test_a_stiff_joint_has_the_poles_that_are_placed() -> None:
+def test_a_stiff_joint_has_the_poles_that_are_placed():
     J, M = 0.1, 0.5
     K_p, K_v, _ = joint_gains(J, 1e9, np.array([M]), STEP)
     damping = K_v / (2 * np.sqrt(K_p * (J + M)))
@@ -48,12 +46,12 @@ def test_a_stiff_joint_has_the_poles_that_are_placed() -> None:
     assert 0.1 < K_v * STEP / J <= 0.4
 
 
-def test_a_soft_joint_is_no_stiffer_than_a_quarter_of_its_spring() -> None:
+def test_a_soft_joint_is_no_stiffer_than_a_quarter_of_its_spring():
     K_p, _, _ = joint_gains(0.1, 500.0, np.array([0.02]), STEP)
     assert K_p <= 125.0
 
 
-def test_all_inertias_that_a_joint_sees_count() -> None:
+def test_all_inertias_that_a_joint_sees_count():
     one = joint_gains(0.1, 1e4, np.array([0.5]), STEP)
     both = joint_gains(0.1, 1e4, np.array([0.5, 5.0]), STEP)
     assert both[0] < one[0]
@@ -62,7 +60,7 @@ def test_all_inertias_that_a_joint_sees_count() -> None:
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("name", TYPICAL)
-def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name: str) -> None:
+def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name):
     """The rule knows of no other joint, and of no friction that falls with speed, which the wrist of the paper has."""
     least = 0.08 if name == "manipulator_6dof" else 0.65
     assert margins_along(reach_scenario(name)).judged.loops.modulus.min() > least
@@ -70,14 +68,14 @@ def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name: str) -> None:
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("name", sorted({*robot_names()} - {*TYPICAL}))
-def test_the_loops_of_every_other_shipped_arm_do_too(name: str) -> None:
+def test_the_loops_of_every_other_shipped_arm_do_too(name):
     scenario = reach_scenario(name)
     motion = scenario.sections["trajectory"]
     assert np.abs(np.subtract(motion["q_end"], motion["q_start"])).sum() < 4.1  # rad: a long arm does not coil
     assert margins_along(scenario).judged.loops.modulus.min() > 0.5
 
 
-def test_gains_follow_the_step() -> None:
+def test_gains_follow_the_step():
     robot = load_robot("planar_2dof")
     q = np.zeros((1, 2))
     fast, slow = arm_gains(robot, q, 1e-3), arm_gains(robot, q, 4e-3)
@@ -85,14 +83,14 @@ def test_gains_follow_the_step() -> None:
     assert (slow.K_p < fast.K_p).all()
 
 
-def test_gains_that_miss_their_margin_are_refused() -> None:
+def test_gains_that_miss_their_margin_are_refused():
     """No gains have more than the 1 of none at all."""
     with pytest.raises(UsageError, match=r"joint 1: expected gains with a modulus margin of 1.1, got 0.9.* smaller"):
         arm_gains(load_robot("planar_2dof"), np.zeros((1, 2)), 1e-3, margin=1.1)
 
 
 @pytest.fixture
-def arm(tmp_path: Path) -> Path:
+def arm(tmp_path):
     """Return the path of an imported arm."""
     (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{ARM}</robot>", encoding="utf-8")
     path = tmp_path / "arm.toml"
@@ -101,7 +99,7 @@ def arm(tmp_path: Path) -> Path:
 
 
 @pytest.mark.heavy
-def test_the_motion_keeps_clear_of_end_stops(arm: Path, tmp_path: Path) -> None:
+def test_the_motion_keeps_clear_of_end_stops(arm, tmp_path):
     found = write_reach(arm, tmp_path / "reach.toml")
     scenario = load_scenario(tmp_path / "reach.toml")
     robot = scenario.robot
@@ -114,7 +112,7 @@ def test_the_motion_keeps_clear_of_end_stops(arm: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.heavy
-def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
+def test_motors_that_are_too_weak_are_said(arm, tmp_path):
     text = arm.read_text(encoding="utf-8")
     assert text.count("tau_stall = 0.5\n") == 2
     arm.write_text(text.replace("tau_stall = 0.5\n", "tau_stall = 0.01\n"), encoding="utf-8")
@@ -128,7 +126,7 @@ def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("shipped", [None, "scara_4dof"])
-def test_an_imported_or_shipped_arm_moves_well_at_once(arm: Path, shipped: str | None) -> None:
+def test_an_imported_or_shipped_arm_moves_well_at_once(arm, shipped):
     robot = load_robot(arm if shipped is None else shipped)
     scenario = reach_scenario(robot)
     results = run("reach", robot=robot, out=False, reference=False)

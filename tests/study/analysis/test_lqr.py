@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.arm.units.test_laws import one_joint
+from tests.arm.units.one_joint import one_joint
 from tests.conftest import make_optional
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held

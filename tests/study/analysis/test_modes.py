@@ -6,11 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh, expm
-from typer.testing import CliRunner
 
 import vdfmu
+from tests.study.analysis.lift import MASS, ONE_JOINT, POSES, roots
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.equations.plant import plant_outputs
 from vdfmu.arm.units.plant import Plant
@@ -19,57 +20,6 @@ from vdfmu.cli.commands import app
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.study.analysis.modes import MOTORS, modes_along, natural_modes, ranges
-
-POSES = {
-    "planar_2dof": [0.3, -0.5],
-    "slider_3dof": [0.4, 0.1, -0.7],
-    "manipulator_6dof": [0.3, 0.2, 0.5, -0.4, 0.6, 0.1],
-}
-MASS, GRAVITY = 2.5, 9.81
-ONE_JOINT = f"""
-name = "lift"
-description = "A mass on a vertical slide"
-friction = "lumped"
-gravity = [0.0, 0.0, {GRAVITY}]
-tool_offset = [0.0, 0.0, 0.0]
-[[joints]]
-type = "prismatic"
-rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-offset = [0.0, 0.0, 0.0]
-[joints.link]
-mass = {MASS}
-centroid = [0.0, 0.0, 0.0]
-inertia = 0.01
-[joints.drive]
-ell = 600.0
-I_m = 0.01
-K_f0 = 3e5
-c_f = 1e-4
-K_w0 = 3.0
-c_w = 11.0
-theta_err_amplitude = 0.0
-theta_err_phase = 0.0
-[joints.friction]
-f_c = 4.0
-f_s = 8.0
-f_v = 50.0
-v_s = 0.02
-f_ck = 0.03
-eps = 1e-2
-"""
-
-
-@pytest.fixture
-def lift(tmp_path):
-    (tmp_path / "lift.toml").write_text(ONE_JOINT)
-    return vdfmu.load_robot(tmp_path / "lift.toml")
-
-
-def roots(robot, f):
-    """Eigenvalues of mass, spring, rotor J and damping f: M J s^3 + M f s^2 + K (M + J) s + K f = 0, beside 0."""
-    K = float(1.0 / deformation_derivative(robot, np.array([MASS * GRAVITY]))[0])
-    J = float(robot.I_m[0] * robot.ell[0])
-    return np.roots([MASS * J, MASS * f, K * (MASS + J), K * f]), K, J
 
 
 def test_one_joint_without_friction_is_two_masses_on_a_spring(lift):

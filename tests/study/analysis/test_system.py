@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.linalg import expm
-from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
-from tests.study.identify.test_identify import noisy, thinned
+from tests.study.identify.recorded import noisy, thinned
 from vdfmu.arm import motion
 from vdfmu.arm.drive.limits import motor_torque
-from vdfmu.arm.equations.feedforward import desired_drive_motion, feedforward_inverse
+from vdfmu.arm.equations.desired_drive import desired_drive_motion
+from vdfmu.arm.equations.feedforward import feedforward_inverse
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app

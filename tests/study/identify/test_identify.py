@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.io
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
+from tests.study.identify.recorded import noisy, thinned
 from vdfmu.arm import motion
 from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
@@ -17,7 +18,6 @@ from vdfmu.study.identify.fit import identified_robot, identify, robot_text
 from vdfmu.study.identify.log import Log, read_log
 from vdfmu.study.identify.score import score
 
-ENCODER = 2 * np.pi / 2**17
 PHYSICAL = ("I_m", "f_c", "f_s", "v_s", "f_v")
 
 
@@ -55,23 +55,6 @@ def guess(robot):
         I_m=1.3 * robot.I_m, f_c=0.7 * robot.f_c, f_s=1.2 * robot.f_s, v_s=1.4 * robot.v_s, f_v=0.8 * robot.f_v,
         K_f0=1.2 * robot.K_f0, K_w0=0.8 * robot.K_w0, mass=1.1 * robot.mass,
     )  # fmt: skip
-
-
-def noisy(log, robot, seed):
-    """Return the log as of encoders of 17 bits behind and before the gears, and torques with 0.5 % of the largest."""
-    random = np.random.default_rng(seed)
-    size = 0.005 * np.abs(log.tau).max(axis=0)
-    phase = random.uniform(0.0, ENCODER, (2, robot.n))  # where the encoders have their zero
-    return log._replace(
-        q=np.round((log.q + phase[0]) / ENCODER) * ENCODER - phase[0],
-        kappa=(np.round((robot.ell * log.kappa + phase[1]) / ENCODER) * ENCODER - phase[1]) / robot.ell,
-        tau=log.tau + size * random.normal(size=log.tau.shape),
-    )
-
-
-def thinned(log, stride):
-    """Return every so many rows of a log: a fit takes as much less time."""
-    return log._replace(**{name: getattr(log, name)[::stride] for name in ("t", "kappa", "q", "tau")})
 
 
 def true_stiffness(robot, found):

@@ -43,7 +43,7 @@ def test_with_rotors_it_gives_the_torques_of_the_recursion(name):
     for k in range(len(q)):
         motion = link_motion(robot, q[k], q_dot[k], q_ddot[k])
         forces = rotor_forces(robot, motion, kappa_dot[k], kappa_ddot[k])
-        wanted = joint_torques(robot, q[k], link_forces(robot, motion, np.zeros(6), forces))
+        wanted = joint_torques(robot, link_forces(robot, motion, np.zeros(6), forces))
         # rounding of torques up to 100 N.m
         np.testing.assert_allclose(found[k], wanted, atol=1e-11)
         axial = robot.I_m * robot.ell * (kappa_ddot[k] + Y.carried[k])

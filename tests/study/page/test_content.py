@@ -1,6 +1,5 @@
 """What the page of a run is made of: numbers, checks, files; without a browser."""
 
-import base64
 import hashlib
 import io
 import json
@@ -10,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from rich.console import Console
-from typer.testing import CliRunner
 
 import vdfmu
+from tests.study.page.shown import numbers
 from vdfmu.base.errors import UsageError
 from vdfmu.base.thinning import extremes
 from vdfmu.cli.commands import app
@@ -21,11 +21,12 @@ from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import Check, checks_of, verdict_of
 from vdfmu.study.report import content, page
-from vdfmu.study.report.content import EXTREMES, FRAMES, arm_of, content_of
+from vdfmu.study.report.content import EXTREMES, FRAMES, content_of
 from vdfmu.study.report.page import report_page, write_report
-from vdfmu.study.report.scripts import GALLERY, MODULES, ROBOT, STUDY, STUDY_ALONE, WORDS, WORKER, script
+from vdfmu.study.report.scripts import MODULES, ROBOT, STUDY, STUDY_ALONE, WORDS, WORKER, script
 from vdfmu.study.report.shown_run import ShownRun, newest_run, read_run
 from vdfmu.study.report.tables import verdict_table
+from vdfmu.study.run.scene import arm_of
 from vdfmu.study.run.verdict import run_checks
 
 ROOT = Path(vdfmu.__file__).resolve().parents[1]
@@ -39,10 +40,6 @@ DATA = re.compile('<script id="data" type="application/json">(.*)</script>')
 
 def data_of(path: Path) -> dict:
     return json.loads(DATA.findall(path.read_text())[0])
-
-
-def numbers(text: str, kind: str = "<f4") -> np.ndarray:
-    return np.frombuffer(base64.b64decode(text), kind)
 
 
 def curves(figure: dict) -> tuple[np.ndarray, np.ndarray]:
@@ -339,8 +336,8 @@ def test_vendored_files_are_those_of_the_pinned_build():
 
 @pytest.mark.parametrize(
     "modules",
-    [(*MODULES, *STUDY), WORKER, STUDY_ALONE, GALLERY, ROBOT, WORDS],
-    ids=["page", "worker", "study", "gallery", "robot", "words"],
+    [(*MODULES, *STUDY), WORKER, STUDY_ALONE, ROBOT, WORDS],
+    ids=["page", "worker", "study", "robot", "words"],
 )
 def test_modules_join_into_one_script(modules):
     exported: dict[str, set[str]] = {}
@@ -358,7 +355,7 @@ def test_modules_join_into_one_script(modules):
 
 def test_the_pages_own_modules_are_all_used_and_few():
     listed = {path.name for path in WEB.glob("*.js")} - {"three_uplot.min.js"}
-    assert {*MODULES, *WORKER, *STUDY_ALONE, *GALLERY, *ROBOT, *WORDS} == listed
+    assert {*MODULES, *WORKER, *STUDY_ALONE, *ROBOT, *WORDS} == listed
     own = [*WEB.glob("*.css"), *(WEB / name for name in listed)]
     assert sum(len(p.read_text().splitlines()) for p in own if not p.name.endswith("min.css")) < 4000
 

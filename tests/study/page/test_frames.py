@@ -6,29 +6,19 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.study.page.test_content import numbers
+from tests.study.page.shown import numbers, still_and_quick
 from vdfmu.base.errors import UsageError
 from vdfmu.base.json_text import to_json
 from vdfmu.base.thinning import bends
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report import content
-from vdfmu.study.report.content import arm_of, content_of
+from vdfmu.study.report.content import content_of
 from vdfmu.study.report.shapes import FRAMES, Chain, drawing_of
-from vdfmu.study.report.summary_keys import read_summary
-from vdfmu.study.report.world import carriers_first, scene_of
+from vdfmu.study.run.scene import arm_of, carriers_first, scene_of
+from vdfmu.study.run.summary_keys import read_summary
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
-
-
-def still_and_quick(rows: int, stop: float) -> Results:
-    """Return a run of the planar arm: joints turn by 1 and by -0.5 rad from 0.5 to 2.5 s, and rest until `stop`."""
-    t = np.linspace(0.0, stop, rows)
-    s = np.clip((t - 0.5) / 2.0, 0.0, 1.0)
-    q = np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), [1.0, -0.5])
-    signals = [Signal(f"plant.q[{i + 1}]", "real", "rad", i) for i in range(2)]
-    arm = arm_of(vdfmu.load_robot("planar_2dof"), {})
-    return Results(t, signals, {"real": q}, {"scenario": "still", "robot": "planar_2dof", "joints": 2, "arm": arm})
 
 
 def frames_of(results: Results) -> tuple[np.ndarray, np.ndarray]:

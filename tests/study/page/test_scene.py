@@ -7,12 +7,12 @@ import pytest
 
 import vdfmu
 from tests.study.page.browser import show
-from tests.study.page.test_frames import still_and_quick
+from tests.study.page.shown import still_and_quick
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.run.scene import arm_of
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 SCENE = """const scene = report.player.scene, [{ arms, objects }] = scene.puppets;

@@ -5,7 +5,7 @@ import pytest
 
 import vdfmu
 from tests.study.page.browser import show
-from tests.system.package.test_diagram import NAMES, picture
+from tests.system.package.pictures import NAMES, picture
 from vdfmu.engine.results.results import Results
 
 pytestmark = [pytest.mark.heavy]

@@ -4,8 +4,8 @@ import io
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from rich.console import Console
-from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.arm.dynamics import forward_kinematics

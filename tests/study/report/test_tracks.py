@@ -9,8 +9,10 @@ import vdfmu
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.linear.linearise import Linearisation, changed, with_part
 from vdfmu.engine.masters.components import Components
+from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
+from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
@@ -41,7 +43,7 @@ def found(checked: Checked, chosen: list[dict[str, Any]]) -> list[list[Any]]:
 def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
     (own,) = found(planar, [GAIN])
     with Simulator(planar.system, isolate=False, algorithm="gauss-seidel") as simulator:
-        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), visitor=(poses := Poses("tau", TIED)))
+        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), taps=[poses := Poses("tau", TIED)])
     margins, least = poses.loops.margins(), poses.loops.nearest().modulus
     # a track ends at the last place that is found stable, 1 / 16 of 25 notches before one that is not; margins
     # lie between frequencies 10^(4 / 400) apart, which is below that
@@ -78,16 +80,16 @@ def test_factors_of_a_slider():
     assert factor({"least": 0.0, "most": 3.0}, -100) == 0.0
 
 
-class Visitor:
+class Look(Tap):
     """Linearises the arm at a row, as it is and as another instance of it."""
 
-    def rows(self, n: int) -> frozenset[int]:
+    def rows(self, grid: Grid) -> frozenset[int]:
         """Return the row in the middle."""
-        return frozenset({n // 2})
+        return frozenset({grid.n // 2})
 
-    def visit(self, components: Components, time: float, step: float) -> None:
+    def take(self, k: int, time: float, components: Components) -> None:
         """Linearise all components, then the arm by itself with its own and with another mass."""
-        self.system = Linearisation(components, step).at(time)
+        self.system = Linearisation(components, STEP).at(time)
         with changed(components, "plant", {}) as arm:
             self.same = with_part(self.system, arm, time)
         with changed(components, "plant", {"mass[2]": 20.0}) as arm:
@@ -95,13 +97,13 @@ class Visitor:
 
 
 def test_another_instance_has_the_same_derivatives_at_the_same_place(planar):
-    visitor = Visitor()
+    look = Look()
     with Simulator(planar.system, isolate=False, algorithm="gauss-seidel") as simulator:
-        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), visitor=visitor)
+        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), taps=[look])
     for name in "ABCD":
-        ours, same = getattr(visitor.system.parts, name), getattr(visitor.same.parts, name)
+        ours, same = getattr(look.system.parts, name), getattr(look.same.parts, name)
         np.testing.assert_array_equal(ours, same)
-    assert np.abs(visitor.other.parts.A - visitor.system.parts.A).max() > 1.0
+    assert np.abs(look.other.parts.A - look.system.parts.A).max() > 1.0
 
 
 def test_causes_are_those_that_the_system_has(planar):

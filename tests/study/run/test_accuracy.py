@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.arm.equations.feedforward import desired_drive_motion, feedforward_inverse
+from vdfmu.arm.equations.desired_drive import desired_drive_motion
+from vdfmu.arm.equations.feedforward import feedforward_inverse
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.system.scenario import load_scenario
@@ -38,7 +39,7 @@ def lacking(T: float, h: float) -> float:
     return float(ARM.I_m[0] * np.abs(np.diff(places, 2)).max() / h**2)
 
 
-def test_a_run_says_what_the_inverse_of_coupled_rotors_leaves_out() -> None:
+def test_a_run_says_what_the_inverse_of_coupled_rotors_leaves_out():
     _, (note,) = run({"trajectory.T": 0.25}, 0.3)
     assert "motor 1 in a step, for its rotors are coupled and the motion is fast" in note
     said = float(note.partition("leaves out ")[2].partition(" of ")[0])
@@ -59,14 +60,14 @@ QUIET = (STIFF | LET_GO | LINEAR, STIFF | LET_GO | {"plant.kappa_dot_0": 0.0}, L
 """Springs that do not stiffen, stiff ones that hardly swing, and those of the arm."""
 
 
-def test_a_run_says_that_stiff_springs_which_swing_depend_on_the_tolerance() -> None:
+def test_a_run_says_that_stiff_springs_which_swing_depend_on_the_tolerance():
     _, (note,) = run(STIFF | LET_GO, 0.1)
     assert "of up to" in note and note.endswith("Compare with plant.tolerance = 1e-9.")
     assert [run(settings, 0.1)[1] for settings in QUIET] == [[], [], []]
 
 
 @pytest.mark.heavy
-def test_their_energy_at_an_instant_does_and_that_of_others_does_not() -> None:
+def test_their_energy_at_an_instant_does_and_that_of_others_does_not():
     off: list[float] = []
     for settings in (STIFF | LET_GO, *QUIET):
         loose, tight = (run(settings | {"plant.tolerance": tol}, 0.2)[0]["plant.E_spring"] for tol in (1e-7, 1e-9))

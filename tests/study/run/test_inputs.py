@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
 from vdfmu.base.errors import ModelError, UsageError

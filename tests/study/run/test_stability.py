@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
 from vdfmu.base.errors import CosimError
@@ -91,7 +91,7 @@ def test_default_gains_are_stable_with_the_margin_of_the_system_at_that_time():
     assert found["state"] == "good"
     with packaged("planar_tracking") as (package, options):
         with Simulator(package, isolate=False, **options) as simulator:
-            simulator.run(stop=0.5, visitor=(poses := Poses("tau", TIED)))
+            simulator.run(stop=0.5, taps=[poses := Poses("tau", TIED)])
     modulus, time, opened = poses.loops.nearest()
     assert f"modulus margin of {modulus:.2g} at joint {opened[-2]}, {time:.3g} s" in found["text"]
     exact = linearized("planar_tracking", time)
@@ -110,7 +110,7 @@ def test_the_rate_is_that_of_a_nudge():
     settings |= {"trajectory.q_end": [-1.5707963267948966, 0.0], "controller.K_v[1]": 2.4 * 40.0}
     with packaged("planar_tracking", settings) as (package, options):
         with Simulator(package, isolate=False, **(options | {"algorithm": "jacobi"})) as simulator:
-            simulator.run(stop=0.02, visitor=(poses := Poses("tau", TIED)))
+            simulator.run(stop=0.02, taps=[poses := Poses("tau", TIED)])
             rate, state = fastest_mode(poses.loops.part(poses.loops.rows[0].matrix))
             runs = [
                 simulator.run(stop=0.15, parameters={"plant.q_dot_0[1]": move})["plant.kappa_dot"][:, 0]
@@ -132,7 +132,7 @@ def test_the_rate_of_a_slow_controller_is_that_of_a_nudge(tmp_path):
     settings |= {"trajectory.q_end": [-1.5707963267948966, 0.0], "controller.D[1]": 0.65}
     with packaged(slow, settings) as (package, options):
         with Simulator(package, isolate=False, **options) as simulator:
-            simulator.run(stop=0.02, visitor=(poses := Poses("tau", TIED)))
+            simulator.run(stop=0.02, taps=[poses := Poses("tau", TIED)])
             rate, state = fastest_mode(poses.loops.part(poses.loops.rows[0].matrix))
             runs = [
                 simulator.run(stop=0.15, parameters={"plant.q_dot_0[1]": move})["plant.kappa_dot"][:, 0]
@@ -156,7 +156,7 @@ def test_springs_that_are_loaded_fast_are_not_a_growth():
                 simulator.run(
                     stop=0.2,
                     parameters={"plant.q_0[1]": -1.0 + nudge, "plant.q_0[2]": 0.0},
-                    visitor=(poses := Poses("tau", TIED)),
+                    taps=[poses := Poses("tau", TIED)],
                 )
                 for nudge in (0.0, 1e-6)
             ]

@@ -8,7 +8,7 @@ import pytest
 import vdfmu
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.package_run import run_system
-from vdfmu.study.report.summary_keys import KEYS, Keyed, List, Record, read_summary, typed
+from vdfmu.study.run.summary_keys import KEYS, Keyed, List, Record, read_summary, typed
 
 
 def undeclared(value, of, where=""):

@@ -6,8 +6,8 @@ import re
 import matplotlib.image
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from matplotlib.colors import to_rgb
-from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.base.errors import UsageError

@@ -8,7 +8,7 @@ import tomllib
 import numpy as np
 import pyarrow.parquet
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
 from tests.study.sweeps.conftest import table

@@ -12,8 +12,7 @@ from queue import Empty
 
 import numpy as np
 import pytest
-import typer
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import vdfmu
 from vdfmu.base.bars import Bars, errors
@@ -23,8 +22,8 @@ from vdfmu.cli.terminal import console
 from vdfmu.cli.view import live_view
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.shapes import mesh_parts
+from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.live import HEAD, LiveView
 from vdfmu.study.view.live_server import ViewServer
 from vdfmu.study.view.robot import RobotView
@@ -305,9 +304,9 @@ def test_quiet_leaves_the_address_of_a_view_and_bars_end_before_it_waits(monkeyp
     monkeypatch.setattr(console, "bars", Bars("run"))
     with live_view(True, None, None):
         pass
-    with pytest.raises(typer.Exit) as end, live_view(True, None, None):
+    with pytest.raises(SystemExit) as end, live_view(True, None, None):
         raise CosimError("plant", "fmi2DoStep", 0.5, "it failed")
-    assert end.value.exit_code == 1
+    assert end.value.code == 1
     assert seen == [None, None]
     output = capsys.readouterr()
     assert output.out.splitlines() == ["Live view: http://127.0.0.1:1"] * 2

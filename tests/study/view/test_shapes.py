@@ -7,8 +7,8 @@ import pytest
 
 import vdfmu
 from vdfmu.study.analysis.modes import middle_pose
-from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.shapes import Chain, half_axes, inertia_parts, own_shapes, turn_to
+from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.robot import mode_facts
 
 ROBOTS = vdfmu.robot_names()

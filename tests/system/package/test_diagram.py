@@ -1,34 +1,14 @@
 """The diagram of a system: wires end at connectors and pass no card, and labels do not overlap."""
 
-from functools import lru_cache
 from itertools import combinations, pairwise
 from xml.etree import ElementTree
 
 import pytest
 
-from vdfmu.system.package.description import SystemDescription
+from tests.system.package.pictures import NAMES, picture
 from vdfmu.system.package.diagram import LETTER, Card, Net, PlacedSystem, arrange
-from vdfmu.system.package.drawing import draw_system
-from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.decomposed import decomposed
 
-NAMES = (
-    "tracking", "two_joint", "two_arms", "screw", "wall", "estimation", "foreign",
-    pytest.param("tracking, decomposed", marks=pytest.mark.heavy),
-)  # fmt: skip
 SVG = "{http://www.w3.org/2000/svg}"
-
-
-@lru_cache
-def picture(name, version="1.0"):
-    """Return the diagram of a scenario, or one as of another tool: no places, and an order against the flow."""
-    scenario = load_scenario("tracking" if name == "foreign" else name.partition(",")[0])
-    scenario, values = decomposed(scenario) if "," in name else (scenario, None)
-    description = SystemDescription(scenario, values, version)
-    if name == "foreign":
-        description.tables = dict(reversed(description.tables.items()))
-        description.corners = {}
-    return draw_system(description, {})
 
 
 def boxes_of(root):

@@ -1,7 +1,5 @@
 """The default experiment and its annotations: what is written is read back, and what cannot be run is a problem."""
 
-from __future__ import annotations
-
 import dataclasses
 import zipfile
 

@@ -1,7 +1,5 @@
 """Reading of packages that are broken or mean harm."""
 
-from __future__ import annotations
-
 import zipfile
 
 import pytest

@@ -44,11 +44,6 @@ OPTION_STATES = {option.state.name: name for name, option in OPTIONS.items() if 
 """State to the option of the robot that has it."""
 
 
-def link_torques(robot: Any, q: Any) -> Any:
-    """Torque of options on the links alone that every motion meets: (n,) [N m or N], link-side; 0 without."""
-    return sum(option.link_torque(robot, q) for option, _ in options_of(robot))
-
-
 def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:
     """Return the options that a robot has, each with its state; None for one that `states` do not have."""
     given = states or {}

@@ -2,16 +2,21 @@
 
 The joint's base is part of the link before it and its output link part of the link after it (Table 1 gives their
 masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). What is left is the rotor: a body that
-turns about its axis on the base, with its mass in the base's link.
+turns about its axis on the base, with its mass in the base's link; and the torques of spring, friction and motor, to
+which the options of a drive add theirs.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.drive.options import options_of
+from vdfmu.arm.drive.option import JointMotion
+from vdfmu.arm.drive.options import OPTION_STATES, options_of
+from vdfmu.arm.equations.friction import friction_level, friction_loss, friction_velocity, joint_friction
 from vdfmu.arm.equations.harmonic_drive import (
     deformation,
     deformation_derivative,
@@ -22,7 +27,37 @@ from vdfmu.arm.equations.harmonic_drive import (
 from vdfmu.arm.equations.rigid_body import coriolis_force
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
 
-_z_tau = joint_axis("revolute")
+Z_TAU = joint_axis("revolute")
+"""Axis z_tau of every rotor in {D}."""
+
+
+class PlantState(NamedTuple):
+    """State of the plant, each (n,): link positions, link and rotor velocities, link-side spring torques.
+
+    And the states of options by name, such as link-side torques of hysteresis.
+    """
+
+    q: Any
+    q_dot: Any
+    kappa_dot: Any
+    tau_s: Any
+    options: Mapping[str, Any] = MappingProxyType({})
+
+
+def state_names(robot: Any) -> list[str]:
+    """Names of a robot's states, in their order."""
+    added = [name for name, option in OPTION_STATES.items() if getattr(robot, option)]
+    return ["q", "q_dot", "kappa_dot", "tau_s", *added]
+
+
+def split_state(robot: Any, x: np.ndarray) -> PlantState:
+    """View of a state vector ``x = [q, q_dot, kappa_dot, tau_s, ..]`` : (4 n,), longer with options."""
+    names = state_names(robot)
+    parts = np.split(x, len(names))
+    return PlantState(*parts[:4], options=dict(zip(names[4:], parts[4:], strict=True)))
+
+
+# the rotor as a body
 
 
 def rotor_velocity(V_B: np.ndarray, U_BD: np.ndarray, ell: Any, kappa_dot: Any) -> np.ndarray:
@@ -34,33 +69,24 @@ def rotor_velocity(V_B: np.ndarray, U_BD: np.ndarray, ell: Any, kappa_dot: Any) 
     U_BD : (6, 6) force transformation from the rotor frame {D} to {B}
     kappa_dot : float [rad/s] rotor speed divided by ell
     """
-    return _z_tau * (ell * kappa_dot) + U_BD.T @ V_B
-
-
-def rotor_torque(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
-    """Torque on the rotors about their axes, ``z.T F_Dk = tau - tau_t - xi_m`` after Eq. (11).
-
-    Parameters
-    ----------
-    tau : (n,) [N m] motor torque, motor-side
-    tau_s : (n,) [N m or N] spring torque, link-side; ``tau_t = tau_s / ell``
-    xi_m : (n,) [N m] friction on the rotor, motor-side
-
-    Returns
-    -------
-    tau_k : (n,) [N m], motor-side. In pure rotation (56) it is ``I_m kappa_ddot``.
-    """
-    return tau - tau_s / robot.ell - xi_m
+    return Z_TAU * (ell * kappa_dot) + U_BD.T @ V_B
 
 
 def rotor_transform(robot: Any, i: int) -> np.ndarray:
     """Force transformation U_BD from the rotor frame {D_i} to {B_(i-1)}, which carries the rotor: (6, 6).
 
     {D_i} has the place and axes of {B_i} at q_i = 0. It does not turn with the rotor, whose inertia is the same in
-    every frame about its axis; so the transformation is constant. It is 0 for rotors in pure rotation (56), which feel
-    nothing of their base's motion and act on it with nothing but the drive's torque.
+    every frame about its axis; so the transformation is constant.
     """
-    return float(robot.rotor_coupling) * force_transform(robot.rotation[i], robot.offset[i])
+    return force_transform(robot.rotation[i], robot.offset[i])
+
+
+def rotor_reaction(robot: Any, i: int, F_Dk: np.ndarray) -> np.ndarray:
+    """Force of rotor i on the link that carries it, ``U_BD F_Dk`` of Eq. (11): (6,) in {B_(i-1)}.
+
+    A rotor in pure rotation (56) acts on the link with nothing but the drive's torque: 0.
+    """
+    return rotor_transform(robot, i) @ F_Dk if robot.rotor_coupling else np.zeros(6)
 
 
 def rotor_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
@@ -69,7 +95,7 @@ def rotor_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
     The mass and the inertia across the axis are in the link that carries the rotor: 0 here. About the axis it is
     ``J_r = I_m / ell`` [kg m2], a part that the link's own inertia must not contain.
     """
-    return 0.0, np.zeros(3), robot.I_m[i] / robot.ell[i] * np.outer(_z_tau[3:], _z_tau[3:])
+    return 0.0, np.zeros(3), robot.I_m[i] / robot.ell[i] * np.outer(Z_TAU[3:], Z_TAU[3:])
 
 
 def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
@@ -77,7 +103,7 @@ def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
 
     What is left of (7) is the gyroscopic moment: the axial part of ``M_D V_D_dot`` is tau_k, and the mass is 0.
     """
-    return _z_tau * tau_k + coriolis_force(*rotor_body(robot, i), V_D)
+    return Z_TAU * tau_k + coriolis_force(*rotor_body(robot, i), V_D)
 
 
 def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any) -> list[np.ndarray]:
@@ -91,7 +117,7 @@ def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any
     kappa_dot : (n,) [rad/s] rotor speed divided by ell
     V_S : (6,) [m/s, rad/s] velocity of the base of the first joint
     """
-    bases = [V_S, *V_B[:-1]]
+    bases = [V_S, *V_B[:-1]] if robot.rotor_coupling else [np.zeros(6)] * robot.n  # (56): nothing of their motion
     return [rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i]) for i, V_A in enumerate(bases)]
 
 
@@ -103,8 +129,9 @@ def inertia_torques(robot: Any, V_D_dot: list[np.ndarray], kappa_ddot: Any) -> A
     V_D_dot : n times (6,) [m/s2, rad/s2]
     kappa_ddot : (n,) [rad/s2 or m/s2], to which V_D_dot belongs
     """
-    turning = robot.I_m / robot.ell * np.array([V_Dk_dot[5] for V_Dk_dot in V_D_dot])  # (7)
-    return np.where(robot.rotor_coupling, turning, robot.I_m * kappa_ddot)  # (56)
+    if not robot.rotor_coupling:
+        return robot.I_m * kappa_ddot  # (56)
+    return robot.I_m / robot.ell * np.array([V_Dk_dot[5] for V_Dk_dot in V_D_dot])  # (7)
 
 
 def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> list[np.ndarray]:
@@ -122,9 +149,20 @@ def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> li
     return [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]
 
 
+def driven_rotor_forces(robot: Any, motion: Any, kappa_dot: Any, tau_k: Any) -> list[np.ndarray]:
+    """Force from the base to every rotor for given torques about their axes, Eq. (4) and (10): as above.
+
+    Parameters
+    ----------
+    tau_k : (n,) [N m] motor-side, see :func:`plant_torques`; the others as above
+    """
+    V_D = rotor_velocities(robot, motion.V_B, kappa_dot, motion.base.V_S)
+    return [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]
+
+
 def axial_torques(F_Dk: list[np.ndarray]) -> np.ndarray:
     """Torque about the axis of every rotor, ``z.T F_Dk``: (n,) [N m], motor-side."""
-    return np.array([_z_tau @ F for F in F_Dk])
+    return np.array([Z_TAU @ F for F in F_Dk])
 
 
 def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
@@ -143,11 +181,14 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     kappa_ddot : (n,) [rad/s2 or m/s2]
     """
     kappa_ddot = tau_k / robot.I_m
-    if motion is None:
+    if motion is None or not robot.rotor_coupling:
         return kappa_ddot
     bases = [motion.base.V_S_dot, *motion.V_B_dot[:-1]]
     carried = np.array([(rotor_transform(robot, i).T @ V_A_dot)[5] for i, V_A_dot in enumerate(bases)])
     return kappa_ddot - carried / robot.ell
+
+
+# the spring
 
 
 def stretch_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any) -> Any:
@@ -193,3 +234,108 @@ def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
         residual = kappa - free - kinematic_error(robot, kappa)
         kappa = kappa - residual / (1.0 - kinematic_error_slope(robot, kappa))
     return kappa
+
+
+# torques of drives on links and rotors, and the options' states
+
+
+def rotor_torque(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
+    """Torque on the rotors about their axes, ``z.T F_Dk = tau - tau_t - xi_m`` after Eq. (11).
+
+    Parameters
+    ----------
+    tau : (n,) [N m] motor torque, motor-side
+    tau_s : (n,) [N m or N] spring torque, link-side; ``tau_t = tau_s / ell``
+    xi_m : (n,) [N m] friction on the rotor, motor-side
+
+    Returns
+    -------
+    tau_k : (n,) [N m], motor-side. In pure rotation (56) it is ``I_m kappa_ddot``.
+    """
+    return tau - tau_s / robot.ell - xi_m
+
+
+def drive_torque(robot: Any, state: PlantState) -> Any:
+    """Torque of the drives on the links, of springs and of options: (n,) [N m or N], link-side."""
+    load = state.tau_s
+    for option, own in options_of(robot, state.options):
+        load = load + option.torque(robot, own)
+    return load
+
+
+def link_torques(robot: Any, q: Any) -> Any:
+    """Torque of options on the links alone that every motion meets: (n,) [N m or N], link-side; 0 without."""
+    return sum(option.link_torque(robot, q) for option, _ in options_of(robot))
+
+
+def plant_torques(robot: Any, state: PlantState, tau: Any) -> tuple[Any, Any]:
+    """Torques on the links, ``tau_s - xi_l`` of (9) with those of options, and on the rotors, (n,) each.
+
+    Returns
+    -------
+    tau_l : (n,) [N m or N], link-side
+    tau_k : (n,) [N m], motor-side, ``z.T F_Dk = tau - tau_s / ell - xi_m`` after (11)
+    """
+    load = drive_torque(robot, state)
+    xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot, load, state.options)
+    tau_l = load - xi_l
+    for option, own in options_of(robot, state.options):
+        tau_l = tau_l + option.stop_torque(robot, state.q, state.q_dot)
+        tau = option.motor(tau, robot, state.kappa_dot, own)
+    tau_l = tau_l + link_torques(robot, state.q)
+    return tau_l, rotor_torque(robot, tau, load, xi_m)
+
+
+def _stretch(robot: Any, state: PlantState) -> Any:
+    """Rate at which the drives are deformed: (n,) [rad/s or m/s]."""
+    kappa = rotor_position(robot, state.q, state.tau_s)
+    return stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
+
+
+def drive_losses(robot: Any, state: PlantState) -> Any:
+    """Power that friction and hysteresis turn into heat, never negative: (n,) [W]."""
+    load, stretch = drive_torque(robot, state), _stretch(robot, state)
+    loss = friction_loss(robot, state.q_dot, state.kappa_dot, load, state.options)
+    for option, own in options_of(robot, state.options):
+        loss = loss + option.loss(robot, stretch, own)
+    return loss
+
+
+def option_rates(robot: Any, state: PlantState, tau: Any) -> dict[str, Any]:
+    """Return the rates of the states that options add, (n,) each, by the state's name. `tau` as in the plant."""
+    rates: dict[str, Any] = {}
+    if not state.options:
+        return rates
+    velocity = friction_velocity(robot, state.q_dot, state.kappa_dot)
+    motion = JointMotion(
+        kappa_dot=state.kappa_dot,
+        stretch=_stretch(robot, state),
+        velocity=velocity,
+        level=friction_level(robot, velocity),
+        tau=tau,
+        loss=drive_losses(robot, state),
+    )
+    for option, own in options_of(robot, state.options):
+        if option.state:
+            rates[option.state.name] = option.rate(robot, motion, own)
+        motion = motion._replace(tau=option.motor(motion.tau, robot, state.kappa_dot, own))
+    return rates
+
+
+def rest_state(robot: Any, tau_s: Any) -> dict[str, Any]:
+    """States that options add, where springs and motors hold the arm at rest: (n,) each, except for temperatures.
+
+    Hysteresis and bristles are relaxed: the springs carry the load.
+    """
+    rest = {option.state.name: option.rest(robot, tau_s) for option, _ in options_of(robot) if option.state}
+    return {name: value for name, value in rest.items() if value is not None}
+
+
+def stored_energy(robot: Any, state: PlantState) -> Any:
+    """Elastic energy of drives, end stops and counterbalances: a number [J]."""
+    energy = np.sum(elastic_energy(robot, state.tau_s))
+    for option, own in options_of(robot, state.options):
+        energy = energy + np.sum(option.energy(robot, own))
+    for option, _ in options_of(robot):
+        energy = energy + np.sum(option.link_energy(robot, state.q))
+    return energy

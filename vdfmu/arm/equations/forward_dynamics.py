@@ -1,4 +1,4 @@
-"""Forward dynamics of links and rotors: articulated recursion, and the paper's route by mapping matrices."""
+"""Forward dynamics of the links by the articulated recursion: Eq. (44)-(47) solved for the accelerations."""
 
 from __future__ import annotations
 
@@ -6,37 +6,37 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.drive.options import link_torques
-from vdfmu.arm.equations.flexible_joint import rotor_force, rotor_transform, rotor_velocity
-from vdfmu.arm.equations.inverse_dynamics import driven_velocity, gravity_in_links, inverse_dynamics
+from vdfmu.arm.equations.inverse_dynamics import (
+    AT_REST,
+    NO_WRENCH,
+    Base,
+    driven_velocity,
+    gravity_in_links,
+    rotor_reaction,
+)
 from vdfmu.arm.equations.kinematics import joint_placements, tool_transform
-from vdfmu.arm.equations.mapping import joint_space_mass_matrix
-from vdfmu.arm.equations.rigid_body import bias_force, link_body, mass_matrix
+from vdfmu.arm.equations.rigid_body import bias_force, mass_matrix
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis, transform_mass_matrix
-from vdfmu.arm.world.attachment import FREE, NO_WRENCH, Ends, point_acceleration
-from vdfmu.compiler.scalar.elimination import factorize, solve, sparse_of
-from vdfmu.compiler.scalar.generic import zeros
 
 
-class Rotors(NamedTuple):
-    """Rotors: speed kappa_dot (n,) [rad/s] divided by ell, torque tau_k (n,) [N m, motor-side] about the axis."""
+class Hanging(NamedTuple):
+    """A body that hangs on a frame, as the frame feels it: it asks for the force ``M V_dot + p``, both in the frame."""
 
-    kappa_dot: Any
-    tau_k: Any
+    M: Any
+    """(6, 6) [kg, kg m, kg m2] apparent mass matrix, symmetric."""
+    p: Any
+    """(6,) [N, N m] bias force, at ``V_dot = 0``."""
 
 
-class _Articulated(NamedTuple):
+class Articulated(NamedTuple):
     """Result of passes 1 and 2 for each link: the acceleration of its base is all that is missing."""
 
-    placements: list[tuple[np.ndarray, np.ndarray]]
-    U_AB: Any
-    c_B: Any
+    U_AB: list[np.ndarray]
+    c_B: list[np.ndarray]
     """Part of V_B_dot that is quadratic in velocities."""
-    M_A: Any
-    p_A: Any
     joints: list[Eliminated]
-    p_S: Any
-    """Force of the first rotor on the base, in {S}."""
+    arm: Hanging
+    """The arm, as its base feels it: in {S}, without the rotor of the first joint."""
 
 
 class Eliminated(NamedTuple):
@@ -60,11 +60,18 @@ def eliminate(z: np.ndarray, M_B: np.ndarray, p_B: np.ndarray, tau: Any) -> Elim
     return Eliminated(M_z, z @ M_z, tau - z @ p_B)
 
 
-def _articulated(
-    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: Any, rotors: Rotors | None, ends: Ends
-) -> _Articulated:
+def articulated(
+    robot: Any,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    tau: np.ndarray,
+    F_e: np.ndarray,
+    F_Dk: list[np.ndarray] | None,
+    base: Base,
+    load: Hanging | None,
+) -> Articulated:
     """Eliminate the accelerations link by link, see :func:`forward_dynamics`."""
-    n, base = robot.n, ends.base
+    n = robot.n
     z = [joint_axis(joint_type) for joint_type in robot.joint_types]
 
     # pass 1, base to end effector: velocities (31), and the forces at zero joint acceleration (47)
@@ -75,50 +82,39 @@ def _articulated(
     c_B: list[np.ndarray] = []
     M_A: list[np.ndarray] = []
     p_A: list[np.ndarray] = []
-    p_S = np.zeros(6)
     for i in range(n):
-        V_A = V_B[i - 1] if i > 0 else base.V_S
-        V_B.append(driven_velocity(z[i], U_AB[i], V_A, q_dot[i]))
+        V_B.append(driven_velocity(z[i], U_AB[i], V_B[i - 1] if i > 0 else base.V_S, q_dot[i]))
         c_B.append(cross_motion(V_B[i]) @ (z[i] * q_dot[i]))
-        body = link_body(robot, i)
-        M_A.append(mass_matrix(*body))
-        p_A.append(bias_force(*body, g_B[i], V_B[i]))
-        if rotors is not None:
-            U_BD = rotor_transform(robot, i)
-            V_D = rotor_velocity(V_A, U_BD, robot.ell[i], rotors.kappa_dot[i])  # (4)
-            F_B = U_BD @ rotor_force(robot, i, V_D, rotors.tau_k[i])  # (10)-(11)
-            if i > 0:
-                p_A[i - 1] = p_A[i - 1] + F_B
-            else:
-                p_S = F_B
-    U_O, V_O = tool_transform(robot), tool_transform(robot).T @ V_B[-1]
-    p_A[-1] = p_A[-1] + U_O @ F_e
-    # a load that is a body of its own: its part of F is M_e A_O
-    M_A[-1] = M_A[-1] + transform_mass_matrix(robot.tool_rotation, robot.tool_offset, ends.M_e)
-    p_A[-1] = p_A[-1] + U_O @ (ends.M_e @ point_acceleration(V_O, np.zeros(6)))
+        m_B, r_B, I_B = robot.body(i)
+        M_A.append(mass_matrix(m_B, r_B, I_B))
+        p_A.append(bias_force(m_B, r_B, I_B, g_B[i], V_B[i]))
+        if F_Dk is not None and i > 0:
+            p_A[i - 1] = p_A[i - 1] + rotor_reaction(robot, i, F_Dk[i])  # (11)
+    p_A[-1] = p_A[-1] + tool_transform(robot) @ F_e  # (44)
+    if load is not None:
+        M_A[-1], p_A[-1] = M_A[-1] + load.M, p_A[-1] + load.p
 
     # pass 2, end effector to base: eliminate q_ddot_i, hand the rest to the previous link
-    tau = tau + link_torques(robot, q)
     joints: list[Any] = [None] * n
+    arm: Any = None
     for i in reversed(range(n)):
         joints[i] = eliminate(z[i], M_A[i], p_A[i], tau[i])
+        arm = handed_on(placements[i], U_AB[i], M_A[i], p_A[i], c_B[i], joints[i])
         if i > 0:
-            M_a, p_a = handed_on(placements[i], U_AB[i], M_A[i], p_A[i], c_B[i], joints[i])
-            M_A[i - 1] = M_A[i - 1] + M_a
-            p_A[i - 1] = p_A[i - 1] + p_a
-    return _Articulated(placements, U_AB, c_B, M_A, p_A, joints, p_S)
+            M_A[i - 1], p_A[i - 1] = M_A[i - 1] + arm.M, p_A[i - 1] + arm.p
+    return Articulated(U_AB, c_B, joints, arm)
 
 
 def handed_on(
     placement: tuple[np.ndarray, np.ndarray], U_AB: np.ndarray, M_B: Any, p_B: Any, c_B: Any, joint: Eliminated
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mass matrix (6, 6) and force (6,) of what hangs on a joint, as the link {A} before it feels them.
+) -> Hanging:
+    """Return a body that hangs on a joint, as the link {A} before it feels it.
 
     `c_B` is the part of V_B_dot that is quadratic in velocities; other parameters as in :func:`eliminate`.
     """
     M_a = M_B - np.outer(joint.M_z, joint.M_z / joint.d)
     p_a = p_B + M_a @ c_B + joint.M_z * (joint.u / joint.d)
-    return transform_mass_matrix(*placement, M_a), U_AB @ p_a
+    return Hanging(transform_mass_matrix(*placement, M_a), U_AB @ p_a)
 
 
 def accelerate(
@@ -136,8 +132,9 @@ def forward_dynamics(
     q_dot: np.ndarray,
     tau: np.ndarray,
     F_e: np.ndarray = NO_WRENCH,
-    rotors: Rotors | None = None,
-    ends: Ends = FREE,
+    F_Dk: list[np.ndarray] | None = None,
+    base: Base = AT_REST,
+    load: Hanging | None = None,
 ) -> np.ndarray:
     """Joint accelerations of the arm by the articulated recursion. The cost is O(n).
 
@@ -148,63 +145,27 @@ def forward_dynamics(
     Parameters
     ----------
     q, q_dot : (n,) [rad or m, per s]
-    tau : (n,) [N m or N], link-side, without counterbalances
-    F_e : (6,) [N, N m] wrench on the surroundings in {O}; with a load ``ends.M_e`` that at ``A_O = 0``
-    rotors : Rotors, optional
-        Rotors whose reaction on the links counts, Eq. (11). It holds no acceleration, because the torque about the
-        rotor's axis is known: the recursion stays that of the links alone.
-    ends : Ends
-        Motion of the base, and mass of the load.
+    tau : (n,) [N m or N], link-side, on the links, see :func:`.inverse_dynamics`
+    F_e : (6,) [N, N m] wrench on the surroundings in {O}
+    F_Dk : n times (6,) [N, N m], optional
+        Force from the base to every rotor whose reaction on the links counts, Eq. (11). It holds no acceleration,
+        because the torque about the rotor's axis is known: the recursion stays that of the links alone.
+    base : Base
+        Its motion, default at rest.
+    load : Hanging, optional
+        A body that hangs on the last link, in {B_n}.
 
     Returns
     -------
     q_ddot : (n,) [rad/s2 or m/s2]
     """
-    a_ = _articulated(robot, q, q_dot, tau, F_e, rotors, ends)
+    a = articulated(robot, q, q_dot, tau, F_e, F_Dk, base, load)
 
     # pass 3, base to end effector: accelerations
-    q_ddot = zeros((robot.n,), q, q_dot, tau)
-    V_A_dot = ends.base.V_S_dot
+    q_ddot: list[Any] = []
+    V_A_dot = base.V_S_dot
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
-        q_ddot[i], V_A_dot = accelerate(z, a_.U_AB[i], V_A_dot, a_.c_B[i], a_.joints[i])
-    return q_ddot
-
-
-def apparent_load(
-    robot: Any,
-    q: np.ndarray,
-    q_dot: np.ndarray,
-    tau: np.ndarray,
-    F_e: np.ndarray = NO_WRENCH,
-    rotors: Rotors | None = None,
-    ends: Ends = FREE,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what an arm is for its base, a load of the wrench ``M_S A_S + F_S0``, by the same recursion one link on.
-
-    Parameters
-    ----------
-    q, q_dot, tau, F_e, rotors : as in :func:`forward_dynamics`
-    ends : Ends
-        With a base that has no linear velocity, of which `V_S_dot` does not count, since A_S is left open.
-
-    Returns
-    -------
-    M_S : (6, 6) [kg, kg m, kg m2] in {S}, symmetric
-    F_S0 : (6,) [N, N m] wrench on the base where its acceleration A_S is 0, in {S}
-    """
-    a = _articulated(robot, q, q_dot, tau, F_e, rotors, ends)
-    M_S, p_a = handed_on(a.placements[0], a.U_AB[0], a.M_A[0], a.p_A[0], a.c_B[0], a.joints[0])
-    return M_S, p_a + a.p_S
-
-
-def forward_dynamics_by_mapping(
-    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray = NO_WRENCH
-) -> np.ndarray:
-    """Joint accelerations by the mapping matrices (37)-(43): ``M q_ddot = tau - ID(q, q_dot, 0)``.
-
-    The cost is O(n^3). Parameters and result as in :func:`forward_dynamics`; the two agree to rounding.
-    """
-    M = joint_space_mass_matrix(robot, q)
-    bias = inverse_dynamics(robot, q, q_dot, np.zeros(robot.n), F_e)
-    return solve(factorize(sparse_of(M)), tau - bias)
+        q_ddot_i, V_A_dot = accelerate(z, a.U_AB[i], V_A_dot, a.c_B[i], a.joints[i])
+        q_ddot.append(q_ddot_i)
+    return np.array(q_ddot)

@@ -10,13 +10,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.drive.options import link_torques
-from vdfmu.arm.equations.flexible_joint import rotor_forces, rotor_transform
+from vdfmu.arm.equations.flexible_joint import rotor_forces, rotor_reaction
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
-from vdfmu.arm.equations.rigid_body import link_body, net_force
-from vdfmu.arm.equations.spatial import cross_motion, joint_axis
-from vdfmu.arm.world.attachment import AT_REST, NO_WRENCH, Base
-from vdfmu.compiler.scalar.generic import cut
+from vdfmu.arm.equations.rigid_body import net_force
+from vdfmu.arm.equations.spatial import LinkVectors, cross_motion, joint_axis
+
+NO_WRENCH = np.zeros(6)
+
+
+class Base(NamedTuple):
+    """Motion of the base frame {S} relative to an inertial frame in which its origin passes by at `V_S[:3]`.
+
+    Forces are the same in all of them (Galilei): for these the linear velocity may be 0.
+    """
+
+    R_S: Any = np.eye(3)
+    """(3, 3) rotation of {S} in {I}, in which the gravity vector of (62) is given."""
+    V_S: Any = np.zeros(6)
+    """(6,) [m/s, rad/s] velocity of {S} in {S}."""
+    V_S_dot: Any = np.zeros(6)
+    """(6,) [m/s2, rad/s2] derivative of the coordinates V_S."""
+
+
+AT_REST = Base()
+"""{S} is the inertial frame {I}, as in the paper: its zeros fold away in the generated code."""
 
 # pass 1, base to end effector: velocities, accelerations and gravity
 
@@ -45,7 +62,7 @@ def driven_acceleration(
 
 
 class ChainMotion(NamedTuple):
-    """Motion of base and links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
+    """Motion of base and links: force transformations U_AB (32), velocities V_B (29)-(31), and V_B_dot or none."""
 
     U_AB: list[np.ndarray]
     V_B: list[np.ndarray]
@@ -53,7 +70,18 @@ class ChainMotion(NamedTuple):
     base: Base
 
 
-def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, base: Base = AT_REST) -> ChainMotion:
+def link_velocities(robot: Any, q: np.ndarray, q_dot: Any, base: Base = AT_REST) -> ChainMotion:
+    """Return the motion of the links without accelerations; see :func:`link_motion`."""
+    U_AB, V_B = joint_transforms(robot, q), LinkVectors(robot.n)
+    for i in range(robot.n):
+        V_A = V_B[i - 1] if i > 0 else base.V_S
+        V_B[i] = driven_velocity(joint_axis(robot.joint_types[i]), U_AB[i], V_A, q_dot[i])  # (29)-(31), (48)-(49)
+    return ChainMotion(U_AB, V_B, [], base)
+
+
+def link_motion(
+    robot: Any, q: np.ndarray, q_dot: Any, q_ddot: Any, base: Base = AT_REST, measured: Any = None
+) -> ChainMotion:
     """Velocities of all links by Eq. (29)-(31), and their derivatives.
 
     Deviation: (30)-(31) are printed for i = 2..5; they run to i = n, and (29) is (31) on a base at rest.
@@ -63,25 +91,25 @@ def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray
     q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
     base : Base
         Its motion, default at rest.
+    measured : (n,) [rad/s or m/s], optional
+        Velocity of the joints with which U_AB moves, for required velocities `q_dot`, (48)-(49); default `q_dot`.
     """
-    U_AB = joint_transforms(robot, q)
-    V_B: list[np.ndarray] = []
-    V_B_dot: list[np.ndarray] = []
+    motion = link_velocities(robot, q, q_dot, base)
+    moving = q_dot if measured is None else measured
+    V_B_dot = LinkVectors(robot.n)
     for i in range(robot.n):
-        z = joint_axis(robot.joint_types[i])
-        V_A, V_A_dot = (V_B[-1], V_B_dot[-1]) if i > 0 else (base.V_S, base.V_S_dot)
-        V_B.append(cut(i, driven_velocity(z, U_AB[i], V_A, q_dot[i])))  # (29)-(31)
-        V_B_dot.append(cut(i, driven_acceleration(z, U_AB[i], V_A_dot, V_B[i], q_dot[i], q_ddot[i])))
-    return ChainMotion(U_AB, V_B, V_B_dot, base)
+        z, V_A_dot = joint_axis(robot.joint_types[i]), V_B_dot[i - 1] if i > 0 else base.V_S_dot
+        V_B_dot[i] = driven_acceleration(z, motion.U_AB[i], V_A_dot, motion.V_B[i], moving[i], q_ddot[i])
+    return motion._replace(V_B_dot=V_B_dot)
 
 
 def gravity_in_links(robot: Any, U_AB: list[np.ndarray], base: Base = AT_REST) -> list[np.ndarray]:
     """Vector g of (62) in every link frame, ``R_BI @ g`` : n times (3,) [m/s2]."""
-    g_B = []
-    g = base.R_S.T @ robot.gravity
+    g_B = LinkVectors(robot.n)
+    g_A = base.R_S.T @ robot.gravity
     for i, U in enumerate(U_AB):
-        g = cut(i, U[:3, :3].T @ g)
-        g_B.append(g)
+        g_B[i] = U[:3, :3].T @ g_A
+        g_A = g_B[i]
     return g_B
 
 
@@ -104,25 +132,36 @@ def link_forces(
     -------
     F_B : n times (6,) [N, N m] in {B_i}
     """
-    n = robot.n
     g_B = gravity_in_links(robot, motion.U_AB, motion.base)
-    F_B: list[np.ndarray] = [np.zeros(6)] * n
-    for i in reversed(range(n)):
-        F_B[i] = net_force(*link_body(robot, i), g_B[i], motion.V_B[i], motion.V_B_dot[i])  # (47)
-        if i == n - 1:
-            F_B[i] = F_B[i] + tool_transform(robot) @ F_e  # (44)
-        else:
-            F_B[i] = F_B[i] + motion.U_AB[i + 1] @ F_B[i + 1]  # (46)
-            if F_Dk is not None:
-                F_B[i] = F_B[i] + rotor_transform(robot, i + 1) @ F_Dk[i + 1]  # (11)
-        F_B[i] = cut(i, F_B[i])
+    F_B_star: list[np.ndarray] = []
+    for i in range(robot.n):
+        m_B, r_B, I_B = robot.body(i)
+        F_B_star.append(net_force(m_B, r_B, I_B, g_B[i], motion.V_B[i], motion.V_B_dot[i]))  # (47)
+    return handed_back(robot, motion.U_AB, F_B_star, F_e, F_Dk)
+
+
+def handed_back(
+    robot: Any, U_AB: list[np.ndarray], F_B_star: list[np.ndarray], F_e: np.ndarray, F_Dk: list[np.ndarray] | None
+) -> list[np.ndarray]:
+    """Force on every driven cutting point from the net forces, Eq. (44)-(46), and (51)-(53) of required ones.
+
+    Parameters
+    ----------
+    F_B_star : n times (6,) [N, N m] net forces of the links, in {B_i}
+    F_e, F_Dk : as in :func:`link_forces`
+    """
+    n = robot.n
+    F_B = LinkVectors(n)
+    F_B[n - 1] = F_B_star[n - 1] + tool_transform(robot) @ F_e  # (44), (51)
+    for i in reversed(range(n - 1)):
+        F = F_B_star[i] + U_AB[i + 1] @ F_B[i + 1]  # (46), (52)-(53)
+        F_B[i] = F if F_Dk is None else F + rotor_reaction(robot, i + 1, F_Dk[i + 1])  # (11), (19), (24)-(25)
     return F_B
 
 
-def joint_torques(robot: Any, q: np.ndarray, F_B: list[np.ndarray]) -> np.ndarray:
-    """Component of every F_B along its joint axis, ``z.T @ F_B``, less counterbalances: (n,) [N m or N], link-side."""
-    along = np.array([joint_axis(joint_type) @ F for joint_type, F in zip(robot.joint_types, F_B, strict=True)])
-    return along - link_torques(robot, q)
+def joint_torques(robot: Any, F_B: list[np.ndarray]) -> np.ndarray:
+    """Component of every F_B along its joint axis, ``z.T @ F_B``: (n,) [N m or N], link-side."""
+    return np.array([joint_axis(joint_type) @ F for joint_type, F in zip(robot.joint_types, F_B, strict=True)])
 
 
 def inverse_dynamics(
@@ -147,8 +186,8 @@ def inverse_dynamics(
 
     Returns
     -------
-    tau : (n,) [N m or N], link-side, without friction, of drives: those of counterbalances are taken off
+    tau : (n,) [N m or N], link-side, on the links: of drives, and of what acts beside them, such as counterbalances
     """
     motion = link_motion(robot, q, q_dot, q_ddot, base=base)
     F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)
-    return joint_torques(robot, q, link_forces(robot, motion, F_e, F_Dk))
+    return joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))

@@ -1,8 +1,8 @@
 """The classic Newton-Euler recursion in 3-vectors, which the paper compares with in section IV-A.
 
 Written from the text-book recursion (Luh, Walker and Paul 1980), not from the paper's 6-vectors: of
-:mod:`vdfmu.arm.equations.inverse_dynamics` it shares only what a link with a payload weighs and the torque of
-counterbalances, so that agreement of the two means something.
+:mod:`vdfmu.arm.equations.inverse_dynamics` it shares only what a link with a payload weighs, so that agreement of
+the two means something.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import link_torques
-from vdfmu.arm.equations.rigid_body import link_body
 from vdfmu.compiler.scalar.generic import zeros
 
 _AXIS = np.array([0.0, 0.0, 1.0])
@@ -52,7 +50,7 @@ def newton_euler(
         else:
             w = w_parent + _AXIS * q_dot[i]
             dw = dw_parent + _cross(w_parent, _AXIS * q_dot[i]) + _AXIS * q_ddot[i]
-        mass, r, inertia = link_body(robot, i)
+        mass, r, inertia = robot.body(i)
         a_centre = a + _cross(dw, r) + _cross(w, _cross(w, r))
         rotations.append(R)
         arms.append(p)
@@ -73,4 +71,4 @@ def newton_euler(
         m = m + moments[i] + _cross(centres[i], forces[i])
         f = f + forces[i]
         tau[i] = f[2] if robot.joint_types[i] == "prismatic" else m[2]
-    return tau - link_torques(robot, q)
+    return tau

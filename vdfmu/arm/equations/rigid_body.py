@@ -15,23 +15,6 @@ PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 """Rows and columns of its moments of inertia."""
 
 
-def link_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Return mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m2] of link `i`, from 0, in {B_i}.
-
-    A payload is one body with the last link: the F_l of (51) is in its net force. With mass and inertia 0 the numbers
-    are those of the link, to the bit.
-    """
-    m_B, r_B, I_B = robot.mass[i], robot.centroid[i], robot.inertia[i]
-    if not robot.payload or i < robot.n - 1:
-        return m_B, r_B, I_B
-    m_l = robot.payload_mass[()]
-    share = m_l / (m_B + m_l)
-    R = robot.tool_rotation
-    d = robot.tool_offset + R @ robot.payload_centroid - r_B
-    d_cross = skew(d)
-    return (m_B + m_l, r_B + share * d, I_B + R @ robot.payload_inertia @ R.T - (m_B * share) * (d_cross @ d_cross))
-
-
 def mass_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:
     """Mass matrix M_B, Eq. (60).
 
@@ -123,37 +106,7 @@ def body_parameters(robot: Any) -> np.ndarray:
     """Return the parameters :data:`BODY` of all links, (10 n,), a payload with the last."""
     found: list[float] = []
     for i in range(robot.n):
-        m, c, inertia = link_body(robot, i)
+        m, c, inertia = robot.body(i)
         about_origin = inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
         found += [m, *(m * c), *(about_origin[i, j] for i, j in PAIRS)]
     return np.array(found, dtype=float)
-
-
-def body_regressor(V_B: np.ndarray, V_B_r: np.ndarray, V_B_r_dot: np.ndarray, g_B: np.ndarray) -> np.ndarray:
-    """Return Y_B with ``Y_B @ phi = M_B V_B_r_dot + C V_B_r + G_B``, phi the parameters :data:`BODY`.
-
-    Deviation: C of (61) is not linear in ten parameters; virtual decomposition control takes 13. The C here is, with
-    ``-(I_o omega) x`` in the lower right, ``-m omega x r x`` and its opposite beside it: it is skew-symmetric too, and
-    ``C V_B`` is that of (61).
-
-    Parameters
-    ----------
-    V_B : (6,) [m/s, rad/s] velocity of {B} in {B}
-    V_B_r, V_B_r_dot : (6,) [m/s, rad/s, and per s] required velocity, and its derivative
-    g_B : (3,) [m/s2] see :func:`gravity_force`
-
-    Returns
-    -------
-    Y_B : (6, 10)
-    """
-    omega_cross, omega_r_cross = skew(V_B[3:]), skew(V_B_r[3:])
-    a = V_B_r_dot[:3] + omega_cross @ V_B_r[:3] + g_B
-    Y_B = zeros((6, 10), V_B, V_B_r, V_B_r_dot, g_B)
-    Y_B[:3, 0] = a
-    Y_B[:3, 1:4] = skew(V_B_r_dot[3:]) + omega_cross @ omega_r_cross
-    Y_B[3:, 1:4] = -skew(a)
-    for k, (i, j) in enumerate(PAIRS, 4):
-        part = np.zeros((3, 3))
-        part[i, j] = part[j, i] = 1.0
-        Y_B[3:, k] = part @ V_B_r_dot[3:] + omega_r_cross @ (part @ V_B[3:])
-    return Y_B

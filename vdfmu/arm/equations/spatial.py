@@ -6,9 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import zeros
+from vdfmu.compiler.scalar.generic import cut, zeros
 
 _AXES = {"revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "prismatic": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])}
+
+
+class LinkVectors(list[Any]):
+    """A vector for each of n links, which a recursion fills one by one; the solver of a long chain cuts it there."""
+
+    def __init__(self, n: int) -> None:
+        super().__init__([None] * n)
+
+    def __setitem__(self, i: Any, vector: Any) -> None:
+        super().__setitem__(i, cut(i, vector))
 
 
 def joint_axis(joint_type: str) -> np.ndarray:

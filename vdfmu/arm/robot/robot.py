@@ -27,6 +27,7 @@ from vdfmu.arm.robot.parameters import (
 from vdfmu.arm.robot.physical import requirements
 from vdfmu.arm.robot.structure import parameters, set_parameters, shorter_robots, structure_key, symbolic_robot, values
 from vdfmu.arm.robot.visual import Visual
+from vdfmu.arm.world.payload import link_body
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.machine import Entry, Facts
 
@@ -82,6 +83,7 @@ class Robot(Parameters):
     # see Machine
     entries, with_values, symbolic, key = parameters, set_parameters, symbolic_robot, structure_key
     values, requirements, shorter = values, requirements, shorter_robots
+    body = link_body
 
     name: str
     description: str

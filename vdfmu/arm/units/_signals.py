@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.equations.inverse_dynamics import AT_REST, Base
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
-from vdfmu.arm.world.attachment import AT_REST, Base, moving_base
+from vdfmu.arm.world.attachment import moving_base
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
 from vdfmu.compiler.unit.variable import NO_LIMIT
 

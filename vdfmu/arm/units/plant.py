@@ -7,16 +7,9 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
-from vdfmu.arm.equations.plant import (
-    balance,
-    base_load,
-    equilibrium_torque,
-    plant_derivative,
-    plant_outputs,
-    rest_state,
-    state_names,
-    tool_motion,
-)
+from vdfmu.arm.equations.flexible_joint import rest_state, state_names
+from vdfmu.arm.equations.inverse_dynamics import AT_REST, Base
+from vdfmu.arm.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.arm.units._signals import (
     ACCELERATION,
     MASS,
@@ -29,7 +22,7 @@ from vdfmu.arm.units._signals import (
     wave_wrench,
     wrench,
 )
-from vdfmu.arm.world.attachment import AT_REST, Base, Ends
+from vdfmu.arm.world.attachment import Load, base_load, tool_motion
 from vdfmu.compiler.unit import (
     JOINTS,
     Derivative,
@@ -164,8 +157,8 @@ class Plant(Unit):
         """State, or with the prefix ``der_`` its derivative."""
         return np.concatenate([getattr(self, prefix + name) for name in state_names(self.of_robot)])
 
-    def _ends(self) -> Ends:
-        return Ends(base_of(self), self.M_e) if self.robot.coupled_tool else Ends(base_of(self))
+    def _ends(self) -> tuple[Base, Load | None]:
+        return base_of(self), Load(self.M_e) if self.robot.coupled_tool else None
 
     def start(self) -> None:
         """Rest under the wrench on a base at rest, or what the parameters say."""
@@ -186,24 +179,24 @@ class Plant(Unit):
         base = (self.p_S, Base(self.R_S, self.V_S)) if robot.moving_base else ()
         self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(robot, x, *base)
         if robot.coupled_tool:
-            V_O, self.A_O = tool_motion(robot, x, self.tau, self.F_e, self._ends())
+            V_O, self.A_O = tool_motion(robot, x, self.tau, self.F_e, *self._ends())
             if robot.moving_base:
                 V_O = V_O + np.concatenate([self.R_O.T @ (self.R_S @ self.V_S[:3]), np.zeros(3)])
             self.V_O = V_O
         if robot.moving_base:
-            self.M_S, self.F_S0 = base_load(robot, x, self.tau, self.F_e, self._ends())
+            self.M_S, self.F_S0 = base_load(robot, x, self.tau, self.F_e, *self._ends())
             self.F_S = self.M_S @ self.A_S + self.F_S0
 
     def derivatives(self) -> None:
         """Eq. (9), (10) and the springs, in the order of the docstring; then the states of options."""
-        x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e, self._ends())
+        x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e, *self._ends())
         names = state_names(self.of_robot)
         for name, rate in zip(names, np.split(x_dot, len(names)), strict=True):
             setattr(self, f"der_{name}", rate)
 
     def balance(self) -> Any:
         """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""
-        return balance(self.robot, self._x(), self._x("der_"), self.tau, self.F_e, self._ends())
+        return balance(self.robot, self._x(), self._x("der_"), self.tau, self.F_e, *self._ends())
 
     def experiment(self) -> None:
         """Torques that hold the arm at its start and push it somewhat harder than friction, and a small wrench."""

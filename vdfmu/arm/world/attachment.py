@@ -1,47 +1,42 @@
 """The ends of an arm: a moving base, a load that has a mass. Not in the paper; off by default.
 
 Virtual decomposition cuts a system into subsystems that know of each other what acts at the cutting point: a motion
-one way, a wrench the other. Of what hangs on an arm the wrench depends on the acceleration of the cutting point,
-``M_e A_O + F_e``, and the acceleration on the wrench. What is handed over is M_e and F_e: they need no acceleration.
+one way, a wrench the other. The wrench of a load depends on the acceleration of the cutting point, ``M_e A_O + F_e``,
+and that acceleration on the wrench. The load hands over M_e and F_e: they need no acceleration.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.arm.equations.flexible_joint import rotor_reaction, split_state
+from vdfmu.arm.equations.forward_dynamics import Hanging, articulated, forward_dynamics
+from vdfmu.arm.equations.inverse_dynamics import Base, ChainMotion, link_motion
 from vdfmu.arm.equations.kinematics import tool_transform
-from vdfmu.arm.equations.spatial import skew
+from vdfmu.arm.equations.plant import driven
+from vdfmu.arm.equations.spatial import skew, transform_mass_matrix
+from vdfmu.compiler.scalar.jet import jets
 
 
-class Base(NamedTuple):
-    """Motion of the base frame {S} relative to an inertial frame in which its origin passes by at `V_S[:3]`.
+class Load(NamedTuple):
+    """A load at the end effector, such as a second arm: the wrench of the arm on it is ``M_e A_O + F_e``."""
 
-    Forces are the same in all of them (Galilei): for these the linear velocity may be 0.
-    """
+    M_e: Any
+    """(6, 6) [kg, kg m, kg m2] apparent mass matrix in {O}, symmetric."""
 
-    R_S: Any = np.eye(3)
-    """(3, 3) rotation of {S} in {I}, in which the gravity vector of (62) is given."""
-    V_S: Any = np.zeros(6)
-    """(6,) [m/s, rad/s] velocity of {S} in {S}."""
-    V_S_dot: Any = np.zeros(6)
-    """(6,) [m/s2, rad/s2] derivative of the coordinates V_S."""
+    def hanging(self, robot: Any, V_B: np.ndarray) -> Hanging:
+        """Return it as a body at the last link, which moves with `V_B`: its part of F is ``M_e A_O``."""
+        U_O = tool_transform(robot)
+        turning = point_acceleration(U_O.T @ V_B, np.zeros(6))
+        M = transform_mass_matrix(robot.tool_rotation, robot.tool_offset, self.M_e)
+        return Hanging(M, U_O @ (self.M_e @ turning))
 
-
-class Ends(NamedTuple):
-    """Both ends of an arm."""
-
-    base: Base = Base()
-    M_e: Any = np.zeros((6, 6))
-    """(6, 6) [kg, kg m, kg m2] apparent mass matrix of the load in {O}, symmetric; 0: its wrench is F_e alone."""
-
-
-AT_REST = Base()
-"""{S} is the inertial frame {I}, as in the paper: its zeros fold away in the generated code."""
-FREE = Ends()
-"""Base at rest, no load with a mass."""
-NO_WRENCH = np.zeros(6)
+    def wrench(self, robot: Any, motion: ChainMotion) -> np.ndarray:
+        """Return ``M_e A_O`` for a motion of the links: (6,) [N, N m] in {O}."""
+        return self.M_e @ tool_acceleration(robot, motion.V_B[-1], motion.V_B_dot[-1])
 
 
 def moving_base(R_S: np.ndarray, omega_S: Any, A_S: np.ndarray) -> Base:
@@ -54,6 +49,22 @@ def moving_base(R_S: np.ndarray, omega_S: Any, A_S: np.ndarray) -> Base:
     A_S : (6,) [m/s2, rad/s2] acceleration of the origin of {S}, as of a point, and angular acceleration, in {S}
     """
     return Base(R_S, np.concatenate([np.zeros(3), omega_S]), A_S)
+
+
+def turning_gravity(g: np.ndarray, V: np.ndarray, V_dot: np.ndarray) -> Any:
+    """Gravity (3,) [m/s2] in a frame that moves with `V` and `V_dot`, (6,) each, with two derivatives: jets."""
+    turning = skew(V[3:])
+    g_dot = -(turning @ g)
+    return jets(g, g_dot, -(skew(V_dot[3:]) @ g) - turning @ g_dot)
+
+
+def seen_from_base(robot: Any, base: Base) -> tuple[Any, Base]:
+    """Return the arm and its base in {S}, with two derivatives in time: gravity turns there. A_S stays constant."""
+    zero = np.zeros(6)
+    # the linear velocity stays 0: see `moving_base`
+    V_S_dot = np.concatenate([np.zeros(3), base.V_S_dot[3:]])
+    seen = replace(robot, gravity=turning_gravity(base.R_S.T @ robot.gravity, base.V_S, base.V_S_dot))
+    return seen, Base(np.eye(3), jets(base.V_S, V_S_dot, zero), jets(base.V_S_dot, zero, zero))
 
 
 def point_acceleration(V: np.ndarray, V_dot: np.ndarray) -> np.ndarray:
@@ -73,3 +84,34 @@ def tool_acceleration(robot: Any, V_B: np.ndarray, V_B_dot: np.ndarray) -> np.nd
     """
     U_O = tool_transform(robot)
     return point_acceleration(U_O.T @ V_B, U_O.T @ V_B_dot)
+
+
+def base_load(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base, load: Load | None) -> Hanging:
+    """Return the plant as its base feels it, in {S}: the wrench of the base on it is ``M_S A_S + F_S0``.
+
+    Parameters
+    ----------
+    x, tau, F_e, load : as in :func:`.plant_derivative`
+    base : Base
+        Without linear velocity; `V_S_dot` does not count, since A_S is left open.
+    """
+    state = split_state(robot, x)
+    tau_l, _, F_Dk, hanging = driven(robot, state, tau, base, load)
+    arm = articulated(robot, state.q, state.q_dot, tau_l, F_e, F_Dk, base, hanging).arm
+    return Hanging(arm.M, arm.p + rotor_reaction(robot, 0, F_Dk[0]))
+
+
+def tool_motion(
+    robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base, load: Load | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return velocity V_O and acceleration A_O of the end-effector frame {O}, (6,) each, in {O}.
+
+    V_O is relative to the frame in which `base` has no linear velocity; A_O is that of :func:`tool_acceleration`.
+    Parameters: see :func:`.plant_derivative`.
+    """
+    state = split_state(robot, x)
+    tau_l, _, F_Dk, hanging = driven(robot, state, tau, base, load)
+    q_ddot = forward_dynamics(robot, state.q, state.q_dot, tau_l, F_e, F_Dk, base, hanging)
+    motion = link_motion(robot, state.q, state.q_dot, q_ddot, base)
+    V_B, V_B_dot = motion.V_B[-1], motion.V_B_dot[-1]
+    return tool_transform(robot).T @ V_B, tool_acceleration(robot, V_B, V_B_dot)

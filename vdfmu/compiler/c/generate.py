@@ -18,7 +18,7 @@ from vdfmu.base.version import __version__
 from vdfmu.compiler.c.expressions import c_constant, c_prototype
 from vdfmu.compiler.c.files import avx2_copies, kernel_files
 from vdfmu.compiler.c.grow import grown
-from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, string, wrapped
+from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, setting_lines, string, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS
 from vdfmu.compiler.functions.switching import NEVER
 from vdfmu.compiler.unit.declaration import PHASES
@@ -247,27 +247,18 @@ class _UnitGenerator:
         return lines
 
     def _forth(self, call: Call) -> list[str]:
-        function = self.functions[call.function]
-        given = [self._place("m", call.group(name)) for name in function.name_in()]
-        return self._set("m", function.name(), given, call)
+        return self._set("m", "", call)
 
     def _forward(self, call: Call) -> list[str]:
-        function = self.functions[call.function]
-        given = [self._place(memory, call.group(name)) for memory in "md" for name in function.name_in()]
-        return self._set("d", f"{function.name()}_forward", given, call)
+        return self._set("md", "_forward", call)
 
-    def _set(self, memory: str, name: str, given: list[str], call: Call) -> list[str]:
-        """Lines of a call that sets its results in a memory, by way of copies where it may read them."""
-        made = {name: call.group(name) for name in self.functions[call.function].name_out()}
-        new = {name: group for name, group in made.items() if name != group}
-        if not new:
-            return call_lines(name, [*given, *(self._place(memory, group) for group in made)])
-        declared = fields((f"{name}[{self._size(group)}]" for name, group in new.items()), indent="")
-        copies = [
-            f"memcpy({self._place(memory, group)}, {name}, {self._size(group)} * sizeof(double));"
-            for name, group in new.items()
-        ]
-        return [*f"double {declared};".splitlines(), *call_lines(name, [*given, *made]), *copies]
+    def _set(self, memories: str, ending: str, call: Call) -> list[str]:
+        """Lines of a call that reads memories and sets its results in the last."""
+        function = self.functions[call.function]
+        given = [self._place(memory, call.group(name)) for memory in memories for name in function.name_in()]
+        groups = ((name, call.group(name)) for name in function.name_out())
+        made = [(name, self._place(memories[-1], group), self._size(group), name != group) for name, group in groups]
+        return setting_lines(f"{function.name()}{ending}", given, made)
 
     def _reverse(self, call: Call) -> list[str]:
         function = self.functions[call.function]

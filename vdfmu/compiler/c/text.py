@@ -78,6 +78,19 @@ def call_lines(name: str, places: Sequence[str]) -> list[str]:
     return [line.rstrip() for line in lines]
 
 
+def setting_lines(name: str, given: Sequence[str], made: Sequence[tuple[str, str, int, bool]]) -> list[str]:
+    """Lines of a call that sets its results in a memory.
+
+    `made` has name, place and size of each result, and whether the call may read there: it is then copied in the end.
+    """
+    lines = call_lines(name, [*given, *(result if read else place for result, place, _, read in made)])
+    copied = [(result, place, size) for result, place, size, read in made if read]
+    if copied:
+        declared = fields((f"{result}[{size}]" for result, _, size in copied), indent="")
+        lines = [*f"double {declared};".splitlines(), *lines]
+    return lines + [f"memcpy({place}, {result}, {size} * sizeof(double));" for result, place, size in copied]
+
+
 def wrapped(prototype: str) -> str:
     """Return a prototype in lines of limited width."""
     name, _, arguments = prototype.partition("(")

@@ -17,10 +17,11 @@ from vdfmu.compiler.unit.declaration import (
     Switch,
     Terminal,
 )
+from vdfmu.compiler.unit.factories import casadi_unit, linear_unit, table_unit
 from vdfmu.compiler.unit.unit import Unit
 
 __all__ = [
     "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",
-    "Terminal", "Unit", "casadi_call", "clip", "cut", "expm", "interpolate", "inv", "lookup", "maximum", "minimum",
-    "normal", "seeded", "sgn", "solve", "uniform", "where", "zeros",
+    "Terminal", "Unit", "casadi_call", "casadi_unit", "clip", "cut", "expm", "interpolate", "inv", "linear_unit",
+    "lookup", "maximum", "minimum", "normal", "seeded", "sgn", "solve", "table_unit", "uniform", "where", "zeros",
 ]  # fmt: skip

@@ -9,7 +9,7 @@ import math
 import re
 import sys
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -30,33 +30,10 @@ from vdfmu.compiler.unit.declaration import (
     constant,
 )
 from vdfmu.compiler.unit.machine import Machine
+from vdfmu.compiler.unit.values import Values
 
 ABOUT = ("version", "author", "copyright", "license")
 """Attributes of a unit's class, and of a model description, in their order there."""
-
-
-class Watch(Protocol):
-    """Sees what a method of a unit reads and sets, and decides what it reads; see :mod:`vdfmu.compiler.unit.trace`."""
-
-    def read(self, declared: Declared) -> Any:
-        """Value of a variable."""
-        ...
-
-    def write(self, declared: Declared, value: Any) -> None:
-        """Take the value of a variable."""
-        ...
-
-    def keep(self, name: str) -> None:
-        """Allow an attribute that is not a variable to be set; UnitError if it may not."""
-        ...
-
-    def time(self) -> Any:
-        """Time [s]."""
-        ...
-
-    def robot(self, fields: tuple[str, ...]) -> Any:
-        """Robot with what a unit declares of it."""
-        ...
 
 
 class BaseUnit:
@@ -86,13 +63,14 @@ class BaseUnit:
     """Variables by name: of the class all, of an instance those that it has for its robot."""
     robot_fields: ClassVar[tuple[str, ...] | None] = None
     """Fields of the :class:`RobotParameters`; empty: all; None: the unit has none."""
-    _watch: Watch | None = None
+    in_use: Values
+    """The values that the methods read and set: those of the instance, but in a run on others."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         own = {key: v for key, v in vars(cls).items() if isinstance(v, (Declared, RobotParameters))}
         for name in own:
-            if hasattr(BaseUnit, name) or name in ("of_robot", "store"):
+            if hasattr(BaseUnit, name) or name in ("of_robot", "store", "in_use"):
                 raise UnitError(f"{cls.__name__}: a variable cannot be called {name}, which every unit has already.")
         found = dict(cls.declared)
         for name, value in own.items():
@@ -117,17 +95,18 @@ class BaseUnit:
     def __init__(self, robot: Machine | None = None, **values: Any) -> None:
         if robot is None and self.needs_robot():
             raise UnitError(f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..).")
+        self.in_use = self.store = Values(self)
         self.of_robot = robot
         self.declared = self.declared_for(robot)
-        self.store: dict[str, Any] = {}
-        self.t = 0.0
         for name, declared in self.declared.items():
             if declared.set_by is None:
                 start = declared.start_value(robot)[()]
-                self.store[name] = declared.choices[int(start)] if declared.choices else start
+                self.store.sets[name] = declared.choices[int(start)] if declared.choices else start
         for name, value in values.items():
-            if name not in self.store:
-                raise UsageError(f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}.")
+            if name not in self.store.sets:
+                raise UsageError(
+                    f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store.sets)}."
+                )
             setattr(self, name, value)
 
     @classmethod
@@ -195,29 +174,18 @@ class BaseUnit:
 
     # ---------------------------------------------------------------- values
 
-    def watch(self, watch: Watch | None) -> None:
-        """Let `watch` decide what is read and take what is set; None: the instance's own values."""
-        self._watch = watch
-
     def __setattr__(self, name: str, value: Any) -> None:
-        if self._watch is not None and name not in self.declared and name != "_watch":
-            self._watch.keep(name)
+        if name not in self.declared and name not in ("in_use", "store"):
+            self.in_use.keep(name)
         super().__setattr__(name, value)
 
     def _read(self, declared: Declared) -> Any:
         self._check_there(declared)
-        if self._watch is not None:
-            return self._watch.read(declared)
-        if declared.name not in self.store:
-            raise UnitError(f"{type(self).__name__}.{declared.name} is read before it is set.")
-        return self.store[declared.name]
+        return self.in_use.read(declared)
 
     def _write(self, declared: Declared, value: Any) -> None:
         self._check_there(declared)
-        if self._watch is not None:
-            self._watch.write(declared, value)
-            return
-        self.store[declared.name] = self.fitting(declared, value)
+        self.in_use.write(declared, value)
 
     def _check_there(self, declared: Declared) -> None:
         if declared.name not in self.declared:
@@ -249,16 +217,14 @@ class BaseUnit:
     @property
     def t(self) -> Any:
         """Time [s]."""
-        return self._watch.time() if self._watch is not None else self._time
+        return self.in_use.time()
 
     @t.setter
     def t(self, value: float) -> None:
-        self._time = value
+        self.store.now = value
 
     def _robot(self, fields: tuple[str, ...]) -> Any:
-        if self._watch is not None:
-            return self._watch.robot(fields)
-        return self.of_robot
+        return self.in_use.robot(fields)
 
 
 def unit_name(unit: type[BaseUnit]) -> str:
@@ -294,10 +260,7 @@ _SOLVER = "Internal steps of the solver: as many as the tolerance needs, or that
 def _start_parameter(state: State) -> Parameter:
     text = state.text if isinstance(state.text, str) else list(state.text)
     text = f"start of {text or state.name}" if isinstance(text, str) else [f"start of {one}" for one in text]
-    return Parameter(
-        state.unit, state.shape, text, start=state.start, minimum=state.minimum, maximum=state.maximum,
-        when=state.when,
-    )  # fmt: skip
+    return Parameter(state.unit, state.shape, text, start=state.start, when=state.when, **state.attributes())
 
 
 def _tolerance() -> Parameter:

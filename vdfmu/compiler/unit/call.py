@@ -16,7 +16,7 @@ from vdfmu.compiler.scalar.symbol import refusal, refusals
 
 
 def call(method: Callable[[], Any], file: Path | None) -> Any:
-    """Call a method; what a watch or a symbol refuses is raised even where the method catches it.
+    """Call a method, and raise what values or a symbol refuse, even if the method catches it.
 
     So are errors of types and attributes in the code of `file` and the files beside it: functions of numpy and other
     libraries raise them for objects, which they do not know.

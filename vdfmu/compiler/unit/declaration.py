@@ -15,7 +15,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, field, fields
 from typing import Any, ClassVar, Literal, Self, overload
 
 import numpy as np
@@ -43,7 +43,20 @@ PHASES = ("start", "outputs", "derivatives", "update")
 """The methods of a unit: what they set is in `Declared.set_by`."""
 
 
-class Declared:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Attributes:
+    """Attributes of FMI that the elements of a variable share. A model description has them as they are here."""
+
+    minimum: float | None = None
+    maximum: float | None = None
+
+    def attributes(self) -> dict[str, Any]:
+        """Return the attributes by name."""
+        return {each.name: getattr(self, each.name) for each in fields(Attributes)}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Declared(Attributes):
     """A variable of a unit, an attribute of its class.
 
     On an instance it is the variable's value: a number of shape ``()``, else an array.
@@ -67,32 +80,26 @@ class Declared:
     """
 
     causality: ClassVar[str] = "parameter"
-    variability: str = "continuous"
     type: ClassVar[str] = "Real"
     set_by: ClassVar[str | None] = None
-    choices: tuple[str, ...] = ()
+    variability = "continuous"
     name = ""
+    choices: tuple[str, ...] = field(default=(), init=False)
+    unit: str | Sequence[str] = "1"
+    shape: Any = ()
+    text: str | Sequence[str] = ""
+    _: KW_ONLY
+    start: Any = 0.0
+    when: str | None = None
 
-    def __init__(
-        self,
-        unit: str | Sequence[str] = "1",
-        shape: Axis | tuple[Axis, ...] = (),
-        text: str | Sequence[str] = "",
-        *,
-        start: Any = 0.0,
-        minimum: float | None = None,
-        maximum: float | None = None,
-        when: str | None = None,
-    ) -> None:
-        self.unit = unit
-        self.shape = shape if isinstance(shape, tuple) else (shape,)
-        self.text = text
-        self.start = start
-        self.minimum, self.maximum = minimum, maximum
-        self.when = when
+    def __post_init__(self) -> None:
+        self._set("shape", self.shape if isinstance(self.shape, tuple) else (self.shape,))
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
+        self._set("name", name)
 
     @overload
     def __get__(self, unit: None, owner: type) -> Self: ...
@@ -152,6 +159,7 @@ class State(Declared):
     set_by = "start"
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Sampled(State):
     """A state that ``update`` sets every ``period``, a parameter of the unit [s]; it is held in between.
 
@@ -164,21 +172,8 @@ class Sampled(State):
     """
 
     variability = "discrete"
-
-    def __init__(
-        self,
-        unit: str | Sequence[str] = "1",
-        shape: Axis | tuple[Axis, ...] = (),
-        text: str | Sequence[str] = "",
-        *,
-        start: Any = 0.0,
-        minimum: float | None = None,
-        maximum: float | None = None,
-        when: str | None = None,
-        delayed: bool = False,
-    ) -> None:
-        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum, when=when)
-        self.delayed = delayed
+    _: KW_ONLY
+    delayed: bool = False
 
 
 class Derivative(Declared):
@@ -186,32 +181,26 @@ class Derivative(Declared):
 
     causality = "local"
     set_by = "derivatives"
+    state: State
 
     def __init__(self, state: State) -> None:
         super().__init__(state.unit, state.shape, state.text, when=state.when)
-        self.state = state
+        self._set("state", state)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Parameter(Declared):
     """A value that is fixed over a run, or `tunable` in it.
 
     Parameters: see :class:`Declared`.
     """
 
-    def __init__(
-        self,
-        unit: str | Sequence[str] = "1",
-        shape: Axis | tuple[Axis, ...] = (),
-        text: str | Sequence[str] = "",
-        *,
-        start: Any = 0.0,
-        minimum: float | None = None,
-        maximum: float | None = None,
-        when: str | None = None,
-        tunable: bool = False,
-    ) -> None:
-        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum, when=when)
-        self.variability = "tunable" if tunable else "fixed"
+    _: KW_ONLY
+    tunable: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set("variability", "tunable" if self.tunable else "fixed")
 
 
 class Choice(Declared):
@@ -222,7 +211,7 @@ class Choice(Declared):
 
     def __init__(self, *choices: str, text: str = "") -> None:
         super().__init__(text=text, start=0, minimum=0, maximum=len(choices) - 1)
-        self.choices = choices
+        self._set("choices", choices)
 
 
 class Switch(Declared):

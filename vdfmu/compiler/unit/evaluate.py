@@ -15,6 +15,7 @@ from vdfmu.compiler.unit.declaration import PHASES, Choice, Declared, Derivative
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.trace import argument_name, run
+from vdfmu.compiler.unit.values import Values
 
 Conditions = list[tuple[Floats, float]]
 """Choices in the memory of a unit, and the values with which something holds."""
@@ -142,12 +143,12 @@ class Traced(Evaluation):
         return run_chosen
 
 
-class Plain(Evaluation):
-    """The methods themselves, in numpy."""
+class Plain(Evaluation, Values):
+    """The methods themselves, in numpy, on the memory as their values."""
 
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         super().__init__(interface, memory)
-        unit = self._unit = interface.unit(interface.robot)
+        unit = self.unit = interface.unit(interface.robot)
         self._robot: tuple[bytes, Any] = (b"", None)
         self.start, self.outputs, self.derivatives, self.update = (partial(run, unit, phase, self) for phase in PHASES)
         self.experiment = partial(run, unit, "experiment", self)
@@ -155,47 +156,38 @@ class Plain(Evaluation):
         self.requirements = partial(run, unit, "requirements", self)
         """Return what the unit requires of its parameters."""
 
-    # what the unit sees: a `Watch`
-
     def read(self, declared: Declared) -> Any:
-        """Value of a variable."""
-        if isinstance(declared, (Choice, Switch)):
-            value = int(self._place(declared)[0])
-            return declared.choices[value] if declared.choices else bool(value)
-        shape = declared.sizes(self._unit.n)
+        """Return the value of a variable."""
         place = self._place(declared)
+        if isinstance(declared, (Choice, Switch)):
+            value = int(place[0])
+            return declared.choices[value] if declared.choices else bool(value)
+        shape = declared.sizes(self.unit.n)
         return constant(place.reshape(shape), shape) if shape else float(place[0])
 
     def write(self, declared: Declared, value: Any) -> None:
-        """Take the value of a variable."""
-        self._place(declared)[:] = np.ravel(self._unit.fitting(declared, value))
-
-    def keep(self, name: str) -> None:
-        """Allow any attribute."""
+        """Set a variable."""
+        self._place(declared)[:] = np.ravel(self.unit.fitting(declared, value))
 
     def _place(self, declared: Declared) -> Floats:
-        if isinstance(declared, Derivative):
-            start = self.interface.groups[declared.state.name].start - self.interface.states.start
-            size = int(np.prod(declared.sizes(self._unit.n), dtype=int))
-            return self.x_dot[start : start + size]
-        return self.group(declared.name)
+        state = declared.state if isinstance(declared, Derivative) else declared
+        place = self.interface.groups[state.name]
+        shift = self.interface.derivatives.start - self.interface.states.start if state is not declared else 0
+        return self.memory[place.start + shift : place.stop + shift]
 
     def time(self) -> float:
-        """Time [s]."""
+        """Return the time [s]."""
         return float(self.memory[-1])
 
     def robot(self, fields: tuple[str, ...]) -> Any:
-        """Robot with the parameters in the memory."""
+        """Return the robot with the parameters in the memory."""
         robot = self.interface.robot
         assert robot is not None
         values = self.argument("p") if not fields else np.concatenate([self.group(field) for field in fields])
         key = values.tobytes()
         if self._robot[0] != key:
-            if fields:
-                made = robot.with_parameters(**{field: self.group(field) for field in fields})
-            else:
-                made = robot.with_values(values)
-            self._robot = key, made
+            parameters = {field: self.group(field) for field in fields}
+            self._robot = key, robot.with_parameters(**parameters) if fields else robot.with_values(values)
         return self._robot[1]
 
 

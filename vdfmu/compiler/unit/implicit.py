@@ -12,7 +12,7 @@ from vdfmu.compiler.scalar.elimination import factorize, solve
 from vdfmu.compiler.scalar.generic import cutting
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 from vdfmu.compiler.unit.base import BaseUnit
-from vdfmu.compiler.unit.trace import SymbolicWatch, argument_name, run, state_slices
+from vdfmu.compiler.unit.trace import Symbols, argument_name, run, state_slices
 
 
 class ImplicitEquations:
@@ -24,12 +24,12 @@ class ImplicitEquations:
     columns. `order` is the order of elimination.
     """
 
-    def __init__(self, watch: SymbolicWatch, cut: bool = False) -> None:
-        unit, where = watch.unit, state_slices(watch.unit)
+    def __init__(self, record: Symbols, cut: bool = False) -> None:
+        unit, where = record.unit, state_slices(record.unit)
         n_x = where[""].stop
-        self.inputs = watch.symbols
-        x = self.x = watch.symbol("x", n_x)
-        self.x_dot = watch.expressions()["x_dot"]
+        self.inputs = record.symbols
+        x = self.x = record.symbol("x", n_x)
+        self.x_dot = record.expressions()["x_dot"]
         inputs = [argument_name(name) for name, d in unit.declared.items() if d.causality == "input"]
         given = [name for name in self.inputs if name in inputs]
         self.rates = {name: ca.SX.sym(f"rate_{name}", self.inputs[name].numel()) for name in given}
@@ -44,7 +44,7 @@ class ImplicitEquations:
             self.Ef_t = _along(self.x_dot, changing, changes)
             self._residual = None
         else:
-            balance = SymbolicWatch(unit, "balance", watch.fixed, watch)
+            balance = Symbols(unit, "balance", record.fixed, record)
             x_dot = balance.symbol("x_dot", n_x)
             long = cut and unit.chain is not None and unit.n >= unit.chain
             with cutting(balance.cut if long else None):
@@ -139,7 +139,7 @@ def _along_chain(states: list[int], n: int, n_x: int, cuts: list[tuple[int, ca.S
     ----------
     states : places of the first joint's states, in their order for one joint
     n, n_x : joints and states
-    cuts : see :class:`SymbolicWatch`; their unknowns come after the states
+    cuts : see :class:`Symbols`; their unknowns come after the states
     """
     ends = n_x + np.cumsum([symbols.numel() for _, symbols, _ in cuts])
     order: list[int] = []

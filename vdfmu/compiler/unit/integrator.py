@@ -17,6 +17,8 @@ MINIMUM_STEP = 1e-12
 """Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
 MAXIMUM_STEPS = 1_000_000
 """Internal steps, rejected ones too, in one call: 10 s of the six-joint arm at 150 rad/s take 300,000."""
+FIRST_STEP = 1e-4
+"""Step that is tried first [s]."""
 _ADVICE = "Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance."
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
@@ -47,7 +49,7 @@ class Integrator(Solver):
         self._steps = [
             (unit.conditions(call), unit.bound(call.function, **shared)) for call in unit.interface.program.step
         ]
-        self.h = 1e-4
+        self.h = FIRST_STEP
         self.steps = self.rejected = 0
 
     @property

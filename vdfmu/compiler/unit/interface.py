@@ -29,7 +29,7 @@ from vdfmu.compiler.unit.trace import argument_name
 from vdfmu.compiler.unit.variable import Variable, derivative_variables, scalar_variables
 
 _CAST = {"Real": float, "Integer": int, "Boolean": bool}
-_TIME = Variable("time", (), "Real", "independent", "continuous", "s", None, None, None, "Time of the simulation")
+_TIME = Variable("time", (), "Real", "independent", "continuous", "s", None, "Time of the simulation")
 
 
 @dataclass(frozen=True)

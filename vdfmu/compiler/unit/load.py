@@ -111,8 +111,8 @@ def _twice(path: Path, unit: type[Unit]) -> Iterator[str]:
     lines: dict[str, list[int]] = {}
     for line, name in declarations(path.read_text(encoding="utf-8"), unit.__name__):
         lines.setdefault(name, []).append(line)
-    if len(lines[""]) > 1:
-        lines = {"": lines[""]}  # what both classes declare is there twice as well
+    if len(of_class := lines.get("", [])) > 1:
+        lines = {"": of_class}  # what both classes declare is there twice as well
     for name, found in lines.items():
         if len(found) > 1 and (not name or name in unit.declared or callable(getattr(unit, name, None))):
             what = f"{unit.__name__}: {name}" if name else f"class {unit.__name__}"

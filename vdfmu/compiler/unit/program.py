@@ -25,7 +25,7 @@ from vdfmu.compiler.unit.declaration import PHASES
 from vdfmu.compiler.unit.implicit import ImplicitEquations
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import place, shown, source_file
-from vdfmu.compiler.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run
+from vdfmu.compiler.unit.trace import Leaf, Symbols, argument_name, leaves, run
 from vdfmu.compiler.unit.variable import scalar_variables
 
 
@@ -179,8 +179,8 @@ class UnitFunctions(Functions):
     def made(self, name: str) -> ca.Function:
         """Trace a function."""
         if name in self._leaves:
-            watch = self._traced(self._leaves[name])
-            return traced_function(name, watch.symbols, watch.expressions())
+            record = self._traced(self._leaves[name])
+            return traced_function(name, record.symbols, record.expressions())
         kind, derivatives = self._related[name]
         if kind == "left":
             return self._left(derivatives)[1]
@@ -200,12 +200,12 @@ class UnitFunctions(Functions):
 
     def _left(self, derivatives: str) -> tuple[bool, ca.Function]:
         """Return whether derivatives switch by time, and the function of the time until they do."""
-        watch, function = self._traced(self._leaves[derivatives]), self.casadi_function(derivatives)
-        given = watch.symbols
+        record, function = self._traced(self._leaves[derivatives]), self.casadi_function(derivatives)
+        given = record.symbols
         declared = self.unit.declared.items()
         inputs = [argument_name(name) for name, d in declared if d.causality == "input"]
         rates = {name: ca.SX.sym(f"rate_{name}", given[name].numel()) for name in inputs if name in given}
-        changing = rates | ({"x": watch.expressions()["x_dot"]} if "x" in given else {})
+        changing = rates | ({"x": record.expressions()["x_dot"]} if "x" in given else {})
         try:
             left = time_left(function, given, changing)
         except ValueError as error:
@@ -224,11 +224,11 @@ class UnitFunctions(Functions):
             return derivative(self.casadi_function(base), direction, rounded=True)
         return super()._made(name)
 
-    def _traced(self, leaf: Leaf) -> SymbolicWatch:
+    def _traced(self, leaf: Leaf) -> Symbols:
         instance = self.unit(self.robot)
-        watch = SymbolicWatch(instance, leaf.phase, leaf.fixed)
-        run(instance, leaf.phase, watch)
-        return watch
+        record = Symbols(instance, leaf.phase, leaf.fixed)
+        run(instance, leaf.phase, record)
+        return record
 
 
 def _choice_name(unit: type[BaseUnit], name: str, value: int) -> str:

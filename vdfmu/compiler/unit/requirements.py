@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.evaluate import Floats, Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.machine import STRICT, Entry, Requirement, margins
 from vdfmu.compiler.unit.place import place
-from vdfmu.compiler.unit.trace import SymbolicWatch, run
+from vdfmu.compiler.unit.trace import Symbols, run
 
 
 def unmet(interface: Interface, memory: Floats) -> list[str]:
@@ -44,10 +44,10 @@ def traced_requirements(interface: Interface) -> tuple[list[Requirement], ca.Fun
     if interface.unit.requirements is BaseUnit.requirements:
         return [], None
     unit = interface.unit(interface.robot)
-    watch = SymbolicWatch(unit, "requirements", {})
-    found = _listed(interface, run(unit, "requirements", watch))
+    record = Symbols(unit, "requirements", {})
+    found = _listed(interface, run(unit, "requirements", record))
     sizes = ca.vertcat(*(to_sx(margin) for _, margin in found))
-    inputs = {name: watch.symbols[name] for name in watch.reads}
+    inputs = {name: record.symbols[name] for name in record.reads}
     function = traced_function(f"{interface.name}_requirements", inputs, {"margin": sizes})
     return [requirement for requirement, _ in found], function
 

@@ -18,6 +18,7 @@ from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.call import call
 from vdfmu.compiler.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
 from vdfmu.compiler.unit.place import place, shown, source_file
+from vdfmu.compiler.unit.values import Values
 
 Fixed = Mapping[str, int]
 """Choice or switch to its value."""
@@ -64,15 +65,25 @@ class _ForkError(Exception):
         self.choice = choice
 
 
-class _TraceWatch:
-    """Common parts of the watches on floats and on symbols."""
+class Recording(Values):
+    """Record of what a method reads and sets, on the values of the instance.
+
+    Attributes
+    ----------
+    phase, fixed : str and mapping
+        The method, and the choices that it may read.
+    reads : dict
+        Arguments of traced functions that the method reads.
+    sets : dict of str to value
+    """
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed) -> None:
-        self.unit, self.phase, self.fixed = unit, phase, fixed
+        super().__init__(unit)
+        self.phase, self.fixed = phase, fixed
         self.reads: dict[str, None] = {}
-        self.sets: dict[str, Any] = {}
 
     def read(self, declared: Declared) -> Any:
+        """Return the value of a variable that the method may read."""
         choice = isinstance(declared, (Choice, Switch))
         if self.phase == "requirements" and (choice or declared.causality != "parameter"):
             raise refusal(UnitError(f"{declared.name} is not a parameter with numbers"))
@@ -91,80 +102,59 @@ class _TraceWatch:
         return self.value(declared)
 
     def write(self, declared: Declared, value: Any) -> None:
+        """Take the value of a variable that the method may set."""
         if not isinstance(declared, _MAY_SET[self.phase]):
             raise refusal(UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not"))
-        self.sets[declared.name] = self.unit.fitting(declared, value)
+        super().write(declared, value)
+        made = np.asarray(self.sets[declared.name])
+        if made.dtype != object and not np.isfinite(made).all():
+            raise UnitError(f"{declared.name} is {made} at the start values, expected finite numbers")
 
     def keep(self, name: str) -> None:
-        if self.unit.backend == "python":
-            return
-        raise refusal(
-            UnitError(f"{self.phase}() sets {name}, which {type(self.unit).__name__} does not declare. {_MEMORY}")
-        )
+        """Raise for an attribute that a trace would not see."""
+        if self.unit.backend != "python":
+            raise refusal(
+                UnitError(f"{self.phase}() sets {name}, which {type(self.unit).__name__} does not declare. {_MEMORY}")
+            )
 
     def time(self) -> Any:
+        """Return the time [s]."""
         self.reads["t"] = None
-        return self.time_value()
+        return super().time()
 
     def robot(self, fields: tuple[str, ...]) -> Any:
-        if not fields:
-            self.reads["p"] = None
-            return self.robot_value()
-        return _RobotPart(self, fields)
+        """Return the robot with the fields that the unit declares."""
+        if fields:
+            return _RobotPart(self, fields)
+        self.reads["p"] = None
+        return super().robot(fields)
 
     def value(self, declared: Declared) -> Any:
-        raise NotImplementedError
+        """Return the value of a variable."""
+        return self.unit.store.read(declared)
 
     def field(self, name: str) -> Any:
-        raise NotImplementedError
-
-    def time_value(self) -> Any:
-        raise NotImplementedError
-
-    def robot_value(self) -> Any:
-        raise NotImplementedError
+        """Return a field of the robot."""
+        return getattr(self.unit.of_robot, name)
 
 
 class _RobotPart:
     """The fields of a robot that a unit declares."""
 
-    def __init__(self, watch: _TraceWatch, fields: tuple[str, ...]) -> None:
-        self._watch, self._fields = watch, fields
-        self.n = watch.unit.n
+    def __init__(self, record: Recording, fields: tuple[str, ...]) -> None:
+        self._record, self._fields = record, fields
+        self.n = record.unit.n
 
     def __getattr__(self, name: str) -> Any:
         if name not in self._fields:
             known = ", ".join(repr(field) for field in (*self._fields, name))
             raise refusal(UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})"))
-        self._watch.reads[argument_name(name)] = None
-        return self._watch.field(name)
+        self._record.reads[argument_name(name)] = None
+        return self._record.field(name)
 
 
-class _FloatWatch(_TraceWatch):
-    """Runs a method on the values of an instance, to see what it reads and sets."""
-
-    def write(self, declared: Declared, value: Any) -> None:
-        super().write(declared, value)
-        if not np.isfinite(np.asarray(self.sets[declared.name], dtype=float)).all():
-            raise UnitError(
-                f"{declared.name} is {self.sets[declared.name]} at the start values, expected finite numbers"
-            )
-
-    def value(self, declared: Declared) -> Any:
-        return self.unit.store[declared.name]
-
-    def field(self, name: str) -> Any:
-        return getattr(self.unit.of_robot, name)
-
-    def time_value(self) -> float:
-        return 0.0
-
-    def robot_value(self) -> Any:
-        return self.unit.of_robot
-
-
-class SymbolicWatch(_TraceWatch):
-    """Runs a method on symbols, new ones or the symbols of another watch.
+class Symbols(Recording):
+    """Record of a method that runs on symbols, new ones or the symbols of another record.
 
     Attributes
     ----------
@@ -174,7 +164,7 @@ class SymbolicWatch(_TraceWatch):
         Expressions that :meth:`cut` has replaced by symbols, in the order of their calculation.
     """
 
-    def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed, other: SymbolicWatch | None = None) -> None:
+    def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed, other: Symbols | None = None) -> None:
         super().__init__(unit, phase, fixed)
         self.symbols: dict[str, ca.SX] = {} if other is None else dict(other.symbols)
         self._robot: Any = None if other is None else other._robot
@@ -198,33 +188,32 @@ class SymbolicWatch(_TraceWatch):
         return out
 
     def value(self, declared: Declared) -> Any:
-        """Symbols of a variable."""
-        where = state_slices(self.unit)
-        shape = declared.sizes(self.unit.n)
-        size = int(np.prod(shape, dtype=int))
+        """Return the symbols of a variable."""
+        where, shape = state_slices(self.unit), declared.sizes(self.unit.n)
         state = declared.state if isinstance(declared, Derivative) else declared
         if state.name in where:
             column = self.symbol("x_dot" if isinstance(declared, Derivative) else "x", where[""].stop)
             column = column[where[state.name]]
         else:
-            column = self.symbol(argument_name(declared.name), size)
+            column = self.symbol(argument_name(declared.name), int(np.prod(shape, dtype=int)))
         array = from_sx(ca.SX(column)).reshape(shape)
         return array.view(SymbolArray) if shape else array[()]
 
     def field(self, name: str) -> Any:
-        """Symbols of a field of the robot."""
+        """Return the symbols of a field of the robot."""
         return from_sx(self.symbol(argument_name(name), self.unit.n)).view(SymbolArray)
 
-    def time_value(self) -> Any:
-        """Symbol of the time."""
+    def time(self) -> Any:
+        """Return the symbol of the time."""
+        super().time()
         return from_sx(self.symbol("t", 1))[0]
 
-    def robot_value(self) -> Any:
-        """Robot whose run-time parameters are symbols."""
-        if self._robot is None:
-            assert self.unit.of_robot is not None
+    def robot(self, fields: tuple[str, ...]) -> Any:
+        """Return the robot, whose run-time parameters are symbols."""
+        if not fields and self._robot is None:
             self._robot, self.symbols["p"] = self.unit.of_robot.symbolic()
-        return self._robot
+        part = super().robot(fields)
+        return part if fields else self._robot
 
     def expressions(self) -> dict[str, ca.SX]:
         """Return what the method has set, as columns; continuous states as ``x``, derivatives as ``x_dot``."""
@@ -275,26 +264,26 @@ def leaves(unit: BaseUnit, phase: str) -> list[Leaf]:
 
 
 def _leaves(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
-    watch = _FloatWatch(unit, phase, fixed)
+    record = Recording(unit, phase, fixed)
     try:
-        run(unit, phase, watch)
+        run(unit, phase, record)
     except _ForkError as fork:
         choice = fork.choice
         for value in range(max(2, len(choice.choices))):
             yield from _leaves(unit, phase, {**fixed, choice.name: value})
         return
-    _check_complete(unit, phase, fixed, watch.sets)
+    _check_complete(unit, phase, fixed, record.sets)
     if unit.backend != "python":
-        _check_repeatable(unit, phase, watch)
-    for name, value in watch.sets.items():
-        unit.store.setdefault(name, value)
-    if watch.sets:
-        yield Leaf(phase, fixed, tuple(watch.reads), tuple(map(argument_name, watch.sets)))
+        _check_repeatable(unit, phase, record)
+    for name, value in record.sets.items():
+        unit.store.sets.setdefault(name, value)
+    if record.sets:
+        yield Leaf(phase, fixed, tuple(record.reads), tuple(map(argument_name, record.sets)))
 
 
-def _check_repeatable(unit: BaseUnit, phase: str, first: _FloatWatch) -> None:
+def _check_repeatable(unit: BaseUnit, phase: str, first: Recording) -> None:
     """Raise for a method that gives something else the second time: its trace would be one case of many."""
-    again = _FloatWatch(unit, phase, first.fixed)
+    again = Recording(unit, phase, first.fixed)
     run(unit, phase, again)
     for name, value in first.sets.items():
         if not np.array_equal(value, again.sets.get(name, np.nan)):
@@ -322,16 +311,16 @@ def _check_complete(unit: BaseUnit, phase: str, fixed: Fixed, sets: Mapping[str,
         raise UnitError(f"{place(type(unit), where)}: {what}.")
 
 
-def run(unit: BaseUnit, phase: str, watch: Any) -> Any:
-    """Run a method of a unit under a watch.
+def run(unit: BaseUnit, phase: str, values: Values) -> Any:
+    """Run a method of a unit on values.
 
     Raises
     ------
     UnitError
         Naming file, line and reason.
     """
-    unit.watch(watch)
-    symbols = isinstance(watch, SymbolicWatch)
+    unit.in_use = values
+    symbols = isinstance(values, Symbols)
     try:
         return call(getattr(unit, phase), source_file(type(unit)) if symbols else None)
     except _ForkError:
@@ -346,7 +335,7 @@ def run(unit: BaseUnit, phase: str, watch: Any) -> Any:
             reason = "an element of a variable cannot be set alone. Set the variable as a whole, self.y = array"
         _fail(unit, phase, error, reason, symbols and "self.y" not in reason)
     finally:
-        unit.watch(None)
+        unit.in_use = unit.store
 
 
 _WAY_OUT = (

@@ -14,7 +14,7 @@ import numpy as np
 
 from vdfmu.base.measure import POSITIVE, derivative_of, measure, unit_of
 from vdfmu.compiler.unit.base import BaseUnit
-from vdfmu.compiler.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State
+from vdfmu.compiler.unit.declaration import JOINTS, Attributes, Declared, Derivative, Input, Output, Sampled, State
 from vdfmu.compiler.unit.machine import Entry, Machine
 
 NO_LIMIT = 1e12
@@ -22,7 +22,7 @@ NO_LIMIT = 1e12
 
 
 @dataclass(frozen=True)
-class Variable:
+class Variable(Attributes):
     """One scalar variable.
 
     Attributes
@@ -51,8 +51,6 @@ class Variable:
     variability: str
     unit: str | None
     start: Any
-    minimum: float | None
-    maximum: float | None
     description: str
     choices: tuple[str, ...] = ()
 
@@ -138,10 +136,9 @@ def _scalars(declared: Declared, robot: Machine | None) -> Iterator[Variable]:
             declared.variability,
             (derivative_of(unit) if isinstance(declared, Derivative) else unit) if declared.type == "Real" else None,
             None if start is None else start[index].item(),
-            declared.minimum,
-            declared.maximum,
             _text(declared, position, index),
             declared.choices,
+            **declared.attributes(),
         )
 
 
@@ -172,6 +169,6 @@ def _robot_parameters(robot: Machine, fields: tuple[str, ...]) -> Iterator[Varia
         facts = robot.facts(entry)
         start = float(getattr(robot, entry.field)[entry.index])
         yield Variable(
-            entry.field, entry.index, "Real", "parameter", "fixed", facts.unit, start, facts.minimum, facts.maximum,
-            facts.text,
+            entry.field, entry.index, "Real", "parameter", "fixed", facts.unit, start, facts.text,
+            minimum=facts.minimum, maximum=facts.maximum,
         )  # fmt: skip

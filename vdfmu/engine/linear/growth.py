@@ -29,7 +29,9 @@ from vdfmu.engine.linear.loops import (
 )
 from vdfmu.engine.linear.system import LinearSystem, Places
 from vdfmu.engine.masters.components import Components
+from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.system import Value
+from vdfmu.engine.plan.grid import Grid
 
 _HARM = 50.0
 """Factor by which disturbances grow, beyond what the rate `SLOW` gives, before a run is unstable: vibration and the
@@ -291,8 +293,8 @@ def _change(before: Pose, after: Pose) -> float:
     return change
 
 
-class Poses:
-    """Linearises the loops of a run at some of its rows: a visitor of the run.
+class Poses(Tap):
+    """Linearises the loops of a run at some of its rows, if its components are in this process.
 
     Parameters
     ----------
@@ -320,7 +322,7 @@ class Poses:
         Those of the second look.
     components : Components or None
     seconds : float
-        Wall time of the visits [s].
+        Wall time of the looks [s].
     """
 
     def __init__(
@@ -339,27 +341,30 @@ class Poses:
         self._loops: Along | None = None
         self._linked: Any = None
 
-    def rows(self, n: int) -> Container[int]:
-        """Return the rows of a run with n steps, which are chosen as it goes."""
-        self._rows = _ChosenRows(n, self._more)
+    def rows(self, grid: Grid) -> Container[int]:
+        """Begin a run; its rows are chosen as it goes."""
+        self._rows, self._step = _ChosenRows(grid.n, self._more), grid.step
         return self._rows
 
-    def visit(self, components: Components, time: float, step: float) -> None:
+    def take(self, k: int, time: float, components: Any) -> None:
         """Linearise the components."""
+        if not isinstance(components, Components):
+            self._rows.stop()
+            return
         began = clock.perf_counter()
         try:
-            self._visit(components, time, step)
+            self._look(components, time)
         except (VdfmuError, np.linalg.LinAlgError) as error:
             if isinstance(error, VdfmuError) or self._loops is None or not self._loops.rows:
                 self.lacking = str(error)
             self._rows.stop()  # numbers that grow beyond all bounds: what is known until here is enough
         self.seconds += clock.perf_counter() - began
 
-    def _visit(self, components: Components, time: float, step: float) -> None:
+    def _look(self, components: Components, time: float) -> None:
         if self.lacking:
             return
         if self._linearisation is None:
-            self.components, self._linearisation = components, Linearisation(components, step, loops=True)
+            self.components, self._linearisation = components, Linearisation(components, self._step, loops=True)
         system = self._linearisation.at(time, values=self._whole)
         if self._loops is None:
             self._loops = self._begin(system)

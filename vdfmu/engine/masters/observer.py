@@ -1,4 +1,4 @@
-"""Who sees a run in progress: observers, visitors, and probes of its components at some rows."""
+"""Taps of a run: what looks at its components at some rows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from vdfmu.engine.fmu.access import DTYPES, Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
 
@@ -46,47 +45,45 @@ class Observer(Protocol):
         ...
 
 
-class Visitor(Protocol):
-    """Sees the components of a run at some of its rows, to query them; it leaves them unchanged."""
+class Tap:
+    """Looks at the components of a run at some rows. It leaves them unchanged."""
 
-    def rows(self, n: int) -> Container[int]:
-        """Return the rows of a run of n steps that it wants to see."""
-        ...
+    def rows(self, grid: Grid) -> Container[int]:
+        """Begin a run; return its rows to look at, by default all."""
+        return range(grid.n + 1)
 
-    def visit(self, components: Any, time: float, step: float) -> None:
-        """Take the components, as they are at a time [s], and the communication step [s]."""
-        ...
+    def take(self, k: int, time: float, components: Any) -> None:
+        """Look at the components in row `k`, at a time [s]."""
+        raise NotImplementedError
 
-
-def visited(visitor: Visitor, components: Any, grid: Grid, store: Callable[[int], None]) -> Callable[[int], None]:
-    """Return a function that stores a row k and shows the components to its visitor."""
-    rows = visitor.rows(grid.n)
-
-    def storing(k: int) -> None:
-        store(k)
-        if k in rows:
-            visitor.visit(components, grid.time(k), grid.step)
-
-    return storing
+    def end(self, components: Any) -> None:
+        """Look at the components after the last row of a run that reached its end."""
 
 
-def observed(
-    observer: Observer, exchange: Exchange, about: Mapping[str, Any], grid: Grid, store: Callable[[int], None]
-) -> Callable[[int], None]:
-    """Return a function that stores row k and shows it to the observer when due."""
-    names, memory, places = exchange.reals(getattr(observer, "wanted", ("*",)))
-    getattr(observer, "begin", lambda names, about: None)(names, about)
-    period, due, now = getattr(observer, "period", 0.0), 0.0, clock.perf_counter
-    columns = np.array(places, np.intp)
+class Finite(Tap):
+    """Refuses rows with an output that is not finite, if it is read or recorded."""
 
-    def storing(k: int) -> None:
-        nonlocal due
-        store(k)
-        if now() >= due:
-            observer.row(grid.time(k), memory.take(columns))
-            due = now() + period
+    def take(self, k: int, time: float, components: Any) -> None:
+        """Raise CosimError for a number that is not finite."""
+        exchange: Exchange = components.exchange
+        if not exchange.finite():
+            exchange.refuse_not_finite("doStep" if k else "initialization", time)
 
-    return storing
+
+class Observed(Tap):
+    """Shows rows to an observer, at most one in each of its periods."""
+
+    def __init__(self, observer: Observer, exchange: Exchange, about: Mapping[str, Any]) -> None:
+        names, self._memory, places = exchange.reals(getattr(observer, "wanted", ("*",)))
+        getattr(observer, "begin", lambda names, about: None)(names, about)
+        self._row, self._period, self._due = observer.row, getattr(observer, "period", 0.0), 0.0
+        self._columns = np.array(places, np.intp)
+
+    def take(self, k: int, time: float, components: Any) -> None:
+        """Show the row if it is due."""
+        if clock.perf_counter() >= self._due:
+            self._row(time, self._memory.take(self._columns))
+            self._due = clock.perf_counter() + self._period
 
 
 _PLACES = (0.0, 0.21, 0.47, 0.76, 1.0)
@@ -122,7 +119,7 @@ class Reading(NamedTuple):
     after: Mapping[str, Numbers]
 
 
-class Probe:
+class Probe(Tap):
     """Reads all numbers of some components at five rows of a run.
 
     Their states are kept during the run, and restored and read after it: the run is the same with and without.
@@ -146,36 +143,35 @@ class Probe:
         self.failure = ""
         self._rows: dict[int, float] = {}
 
-    def keeping(
-        self, components: Kept, checked: Checked, grid: Grid, store: Callable[[int], None]
-    ) -> Callable[[int], None]:
-        """Return a function that stores row k, and keeps the states if it is one of the five."""
-        whole = int(np.lcm.reduce(list(checked.multiples.values()) or [1]))  # where all steps end
-        rows = {grid.n if place == 1.0 else whole * round(place * grid.n / whole) for place in _PLACES}
-        clock, size = components.exchange.clock, components.exchange.size
-        self.readings, self.failure, self._rows = [], "", {}
+    def rows(self, grid: Grid) -> Container[int]:
+        """Begin a run; where all steps end together, its first row tells."""
+        self._grid, self.readings, self.failure = grid, [], ""
+        return range(grid.n + 1)
 
-        def storing(k: int) -> None:
-            store(k)
-            if k in rows and not self.failure:
-                try:
-                    components.keep(list(self.steps))
-                except CosimError as error:
-                    self.failure = str(error)
-                self._rows[k] = clock.value + size.value if k else grid.begin
+    def take(self, k: int, time: float, components: Kept) -> None:
+        """Keep the states if the row is one of the five."""
+        exchange, n = components.exchange, self._grid.n
+        if k == 0:
+            whole = int(np.lcm.reduce(list(exchange.checked.multiples.values()) or [1]))
+            self._rows = {n if place == 1.0 else whole * round(place * n / whole): time for place in _PLACES}
+        if k in self._rows and not self.failure:
+            try:
+                components.keep(list(self.steps))
+            except CosimError as error:
+                self.failure = str(error)
+            self._rows[k] = exchange.clock.value + exchange.size.value if k else time
 
-        return storing
-
-    def read(self, components: Kept, checked: Checked, end: float) -> None:
-        """Read the kept states of a run that is over."""
+    def end(self, components: Kept) -> None:
+        """Read the kept states."""
         if self.failure:
             return
         try:
-            found = components.look(dict(self.steps), list(self._rows.values()), end)
+            found = components.look(dict(self.steps), list(self._rows.values()), self._grid.end)
         except CosimError as error:
             self.failure = str(error)
             return
-        of = {name: numeric(checked.descriptions[name].variables) for name in self.steps}
+        descriptions = components.exchange.checked.descriptions
+        of = {name: numeric(descriptions[name].variables) for name in self.steps}
         for (row, time), each in zip(self._rows.items(), found, strict=True):
             parts: list[dict[str, Numbers]] = [{}, {}]
             for name, listed in each.items():

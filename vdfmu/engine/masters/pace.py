@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.masters.observer import Tap
 
 _SPIN = 2e-4
 """Time before a row is due from which on the clock is looked at all the time [s]: sleeps end later than this rarely."""
@@ -21,8 +22,8 @@ _NAP = 0.1
 """Longest sleep [s], after which a signal is seen."""
 
 
-class Pace:
-    """Stores rows, each not before it is due. In its block Python does not look for what is garbage, for milliseconds.
+class Pace(Tap):
+    """Ends rows, each not before it is due. In its block Python does not look for what is garbage, for milliseconds.
 
     Parameters
     ----------
@@ -30,18 +31,14 @@ class Pace:
         Time of the run over wall time; 1 is real time.
     step : float [s]
         Between two rows. The clock starts with the second row: the first step of all loads code.
-    store : callable
-        Stores a row k.
     pressed : callable
         Whether the user stops the run, which then waits no longer.
     """
 
-    def __init__(
-        self, speed: float, step: float, store: Callable[[int], None], pressed: Callable[[], bool] = lambda: False
-    ) -> None:
+    def __init__(self, speed: float, step: float, pressed: Callable[[], bool] = lambda: False) -> None:
         if not 0.0 < speed < np.inf:
             raise UsageError(f"pace: expected a positive number of simulated seconds a second, got {speed:g}.")
-        self._speed, self._interval, self._store, self._pressed = speed, step / speed, store, pressed
+        self._speed, self._interval, self._pressed = speed, step / speed, pressed
         self._began, self._late, self._over = 0.0, array("d"), 0
         self.waited = 0.0
         """Wall time of the waiting [s]."""
@@ -54,9 +51,8 @@ class Pace:
         if self._collects:
             gc.enable()
 
-    def store(self, k: int) -> None:
-        """Store row k, and wait until it is due."""
-        self._store(k)
+    def take(self, k: int, time: float, components: Any) -> None:
+        """Wait until row `k` is due."""
         now = clock.perf_counter()
         if k < 2:
             self._began = now - k * self._interval

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
+from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.results.formats import Stream, format_of
 from vdfmu.engine.results.recorded import Signal, no_rows
 
@@ -21,7 +22,25 @@ SECONDS = 2.0
 """Longest time that a row is kept in memory, if another follows."""
 
 
-class Recorder:
+class RowsInMemory(Tap):
+    """Keeps all rows in memory: `put` stores the current signals in a row of `data`, arrays by kind."""
+
+    seconds = 0.0
+    """Wall time that writing took [s]."""
+
+    def __init__(self, data: Mapping[str, NDArray[Any]], put: Callable[[int], None]) -> None:
+        self._data, self._put = data, put
+
+    def take(self, k: int, time: float, components: Any) -> None:
+        """Store row `k`."""
+        self._put(k)
+
+    def finish(self, time: Floats) -> Mapping[str, NDArray[Any]]:
+        """Return the rows up to the last `time`, by kind."""
+        return {kind: array[: len(time)] for kind, array in self._data.items()}
+
+
+class Recorder(RowsInMemory):
     """Writes rows to disk block by block, at least every two seconds or the time that is given.
 
     Parameters
@@ -40,11 +59,6 @@ class Recorder:
     longest : float [s]
         Longest wall time that a row is kept in memory, if another follows.
 
-    Attributes
-    ----------
-    seconds : float [s]
-        Wall time that writing took.
-
     Raises
     ------
     VdfmuError
@@ -60,13 +74,13 @@ class Recorder:
         times: Callable[[int, int], Floats],
         longest: float = SECONDS,
     ) -> None:
+        super().__init__(data, put)
         streams = [(path, stream) for path in paths if (stream := format_of(path).streams)]
-        self._path, self._data = streams[0][0] if streams else paths[0], data
+        self._path = streams[0][0] if streams else paths[0]
         self._signals = [signal for signal in signals if not signal.of]
-        self._put, self._times = put, times
+        self._times = times
         self._first, self._rows, self._longest = 0, min(map(len, data.values()), default=ROWS), longest
         self._due = clock.perf_counter() + longest
-        self.seconds = 0.0
         self._files: dict[str, BinaryIO] = {}
         self._texts: list[tuple[BinaryIO, Stream]] = []
         try:
@@ -80,7 +94,7 @@ class Recorder:
         except OSError as error:
             raise no_rows(self._path, error) from error
 
-    def store(self, k: int) -> None:
+    def take(self, k: int, time: float, components: Any) -> None:
         """Store row `k`, the one after the last."""
         if k - self._first == self._rows or clock.perf_counter() > self._due:
             self._flush(self._times(self._first, k))

@@ -14,15 +14,13 @@ import numpy as np
 from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.fmu.messages import LogMessage
-from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.observer import Probe, Visitor, observed, visited
+from vdfmu.engine.masters.observer import Finite, Observed, Tap
 from vdfmu.engine.masters.pace import Pace
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.formats import format_of, suffix_of
 from vdfmu.engine.results.recorded import copies_of
-from vdfmu.engine.results.recorder import ROWS, SECONDS, Recorder
+from vdfmu.engine.results.recorder import ROWS, SECONDS, Recorder, RowsInMemory
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run.isolated import Isolated
 from vdfmu.engine.run.session import Session
 
 
@@ -49,7 +47,7 @@ class Run:
         See :class:`vdfmu.engine.options.RowOptions`; of these `record`, `observer` and `pace` count here.
     files : sequence of Path
         Where its rows go.
-    probe, visitor
+    taps : sequence of Tap
         See :meth:`vdfmu.Simulator.run`.
     """
 
@@ -60,33 +58,27 @@ class Run:
         summary: dict[str, Any],
         options: Mapping[str, Any],
         files: Sequence[Path] = (),
-        probe: Probe | None = None,
-        visitor: Visitor | None = None,
+        taps: Sequence[Tap] = (),
     ) -> None:
-        self._session, self._grid, self.summary, self._files = session, grid, summary, files
-        self._observer, self._probe, speed = options["observer"], probe, options["pace"]
+        self._session, self._grid, self.summary, self._files, self._more = session, grid, summary, files, taps
+        self._observer, speed = options["observer"], options["pace"]
         self._done = -1
         """The last complete row."""
-        exchange, components = session.exchange, session.components
+        exchange = session.exchange
         self._one = session.stepping(grid)
-        block = ROWS if files and speed is None else grid.n + 1
-        self._signals, self._data, store = exchange.recorders(block, options["record"])
-        self._recorder = None
+        block, longest = (ROWS, SECONDS) if files and speed is None else (grid.n + 1, np.inf)
+        self._signals, data, put = exchange.recorders(block, options["record"])
+        self._rows = RowsInMemory(data, put)
         if files:
-            longest = SECONDS if speed is None else np.inf
-            self._recorder = Recorder(files, self._signals, self._data, store, grid.times, longest)
-            store = self._recorder.store
+            self._rows = Recorder(files, self._signals, data, put, grid.times, longest)
+        listed: list[Tap] = [Finite(), self._rows]
         if self._observer is not None:
-            store = observed(self._observer, exchange, summary, grid, store)
-        if probe is not None:
-            assert isinstance(components, (Components, Isolated))
-            store = probe.keeping(components, session.checked, grid, store)
-        if visitor is not None and isinstance(components, Components):
-            store = visited(visitor, components, grid, store)
+            listed.append(Observed(self._observer, exchange, summary))
         guard = self._guard = InterruptGuard()
         self._stopped = lambda: guard.number != 0  # the stepper keeps this, and not the rows
-        self._pace = None if speed is None else Pace(speed, grid.step, store, self._stopped)
-        self._store = store if self._pace is None else self._pace.store
+        self._pace = None if speed is None else Pace(speed, grid.step, self._stopped)
+        listed += [*taps, *([] if self._pace is None else [self._pace])]
+        self._taps = [(tap.rows(grid), tap.take) for tap in listed]
 
     def steps(self, progress: Any) -> Results:
         """Do the steps and return the results; `progress` is called as ``progress(k, n)``, if it is not None."""
@@ -95,10 +87,9 @@ class Run:
         self._began = clock.perf_counter()
         stride = max(1, -(-grid.n // 100))
         try:
-            with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # finite() looks for them
+            with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # Finite looks for them
                 session.stepper.pressed = self._stopped
-                session.exchange.refuse_not_finite("initialization", grid.begin)
-                self._store(0)
+                self._row(0)
                 self._done = 0
                 if progress is not None:
                     progress(0, grid.n)
@@ -121,18 +112,24 @@ class Run:
             box.pending.append(LogMessage("", box.time, "note", "", note))
         box.flush()
         found = self._results()
-        if self._probe is not None and not box.ended:
-            assert isinstance(session.components, (Components, Isolated))
-            self._probe.read(session.components, session.checked, grid.end)
+        for tap in () if box.ended else self._more:
+            tap.end(session.components)
         return found
+
+    def _row(self, k: int) -> None:
+        """Show row `k` to the taps."""
+        time, components = self._grid.time(k), self._session.components
+        for rows, take in self._taps:
+            if k in rows:
+                take(k, time, components)
 
     def _do(self, steps: range) -> None:
         """Do some steps, until a component ends the simulation."""
-        box, one, store, guard = self._session.box, self._one, self._store, self._guard
+        box, one, row, guard = self._session.box, self._one, self._row, self._guard
         pending, ended = box.pending, box.ended
         for k in steps:
             one(k)
-            store(k + 1)
+            row(k + 1)
             self._done = k + 1
             if ended:
                 self._done = self._end(k, box.time)
@@ -160,19 +157,18 @@ class Run:
 
     def _results(self) -> Results:
         """Return the rows so far, and write them to files whose format does not stream."""
-        summary, done, box, recorder = self.summary, self._done, self._session.box, self._recorder
-        summary["wall_s"] = clock.perf_counter() - self._began - (recorder.seconds if recorder else 0.0)
+        summary, done, box, rows = self.summary, self._done, self._session.box, self._rows
+        summary["wall_s"] = clock.perf_counter() - self._began - rows.seconds
         if self._pace is not None:
             summary["wall_s"] -= self._pace.waited
             summary["pace"] = self._pace.facts()
         summary |= self._session.stepper.facts()
-        if recorder:
+        if self._files:
             summary["copies"] = copies_of(self._signals)
-        time, rows = self._grid.times(0, done + 1), slice(0, done + 1)
+        time = self._grid.times(0, done + 1)
         if done == self._grid.n or "ended" in summary:
             time[done] = summary["stop"]
-        kept = recorder.finish(time) if recorder else {kind: array[rows] for kind, array in self._data.items()}
-        found = Results(time, self._signals, kept, summary, box.kept)
+        found = Results(time, self._signals, rows.finish(time), summary, box.kept)
         for path in self._files if done >= 0 else ():
             if not (form := format_of(path)).streams:
                 form.write(found, path)

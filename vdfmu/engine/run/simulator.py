@@ -17,7 +17,7 @@ from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
 from vdfmu.engine.masters.multirate import with_steps
-from vdfmu.engine.masters.observer import Probe, Visitor
+from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System, Value
@@ -143,12 +143,7 @@ class Simulator:
 
     @with_options
     def run(
-        self,
-        *,
-        parameters: Mapping[str, Value] | None = None,
-        probe: Probe | None = None,
-        visitor: Visitor | None = None,
-        **options: Unpack[RowOptions],
+        self, *, parameters: Mapping[str, Value] | None = None, taps: Sequence[Tap] = (), **options: Unpack[RowOptions]
     ) -> Results:
         """Run the system, from its start.
 
@@ -156,10 +151,8 @@ class Simulator:
         ----------
         parameters : mapping of str to value, optional
             For this run, before the simulator's.
-        probe : Probe, optional
-            Reads the numbers of some components at five rows.
-        visitor : Visitor, optional
-            Sees the components at some rows, if they are in this process.
+        taps : sequence of Tap
+            Look at the components at some rows, see `vdfmu.engine.masters.observer.Tap`.
         **options
             :class:`vdfmu.engine.options.RowOptions`.
 
@@ -186,7 +179,7 @@ class Simulator:
             }  # fmt: skip
             self._couple(session, grid, options["record"])
             with shown_steps(options["progress"], "co-simulation") as progress:
-                run = Run(session, grid, summary, options, files, probe, visitor)
+                run = Run(session, grid, summary, options, files, taps)
                 session.results = run.steps(progress)
         return session.results
 

@@ -9,18 +9,20 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.option import with_options
 from vdfmu.engine.linear.growth import Along, Growth, Poses
 from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.system import packaged
+from vdfmu.study.options import LoopOptions
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.values import system_values
@@ -40,7 +42,7 @@ class Judged(NamedTuple):
 
 
 def poses_of(system: SystemDescription, **options: Any) -> Poses:
-    """Return the visitor of a run of a scenario, see :class:`~vdfmu.engine.linear.growth.Poses`."""
+    """Return the tap of the loops of a scenario, see :class:`~vdfmu.engine.linear.growth.Poses`."""
     robots = system.resolved.robots
     split = [p for p in system.resolved.plants if (robot := robots[p]) and robot.friction == "split"]
     return Poses("tau", TIED, without={p: least_dry_friction(system.values[p]) for p in split}, **options)
@@ -121,9 +123,7 @@ def run_along(
     at: Sequence[float] = (),
     *,
     again: bool = False,
-    master: str | None = None,
-    settings: Mapping[str, Any] | None = None,
-    backend: str | None = None,
+    **options: Unpack[LoopOptions],
 ) -> Generator[tuple[Poses, Grid, str]]:
     """Run a scenario or package; yield its loops, also at the times `at` [s], the times of the run, and why it failed.
 
@@ -132,8 +132,8 @@ def run_along(
     """
     package = not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp"
     scenario = system if isinstance(system, Scenario) or package else load_scenario(system)
-    with packaged(scenario, settings, backend, master) as (path, options):
-        with Simulator(path, isolate=False, **options) as simulator:
+    with packaged(scenario, **options) as (path, taken):
+        with Simulator(path, isolate=False, **taken) as simulator:
             grid = simulator.grid(None, None, None)
             rows = [round((t - grid.begin) / grid.step) if math.isfinite(t) else -1 for t in at]
             if beyond := [f"{t:g}" for t, row in zip(at, rows, strict=True) if not 0 <= row <= grid.n]:
@@ -142,12 +142,12 @@ def run_along(
                 )
             known: dict[str, Any] = {"opened": opened, "more": rows, "again": again, "noted": True}
             if isinstance(scenario, Scenario):
-                poses = poses_of(SystemDescription(scenario, system_values(scenario, settings)), **known)
+                poses = poses_of(SystemDescription(scenario, system_values(scenario, options.get("settings"))), **known)
             else:
                 poses = Poses("tau", TIED, **known)
             failed = ""
             try:
-                simulator.run(record=(), visitor=poses)
+                simulator.run(record=(), taps=[poses])
             except CosimError as error:
                 if poses.lacking:
                     raise
@@ -176,32 +176,32 @@ class SystemMargins(NamedTuple):
         return min(range(len(self.times)), key=lambda k: (self.margins[k].modulus[loop], -self.margins[k].rate))
 
 
+@with_options
 def margins_along(
     system: Scenario | str | os.PathLike[str],
     opened: Sequence[str] = (),
     at: Sequence[float] = (),
-    *,
-    master: str | None = None,
-    settings: Mapping[str, Any] | None = None,
-    backend: str | None = None,
+    **options: Unpack[LoopOptions],
 ) -> SystemMargins:
     """Margins of the loops of a scenario or package along its run, or at some times of it.
 
     Parameters
     ----------
-    system, settings, backend, master
-        See :func:`vdfmu.study.analysis.system.packaged`.
+    system
+        A scenario, its name or file, or an ``.ssp``.
     opened : sequence of str
         Connected inputs at which the loops are opened; default the motor torques, ``tau``, of all components.
     at : sequence of float [s]
         Times, rounded to communication points; default those by which the run is judged.
+    **options
+        :class:`vdfmu.study.options.LoopOptions`.
 
     Raises
     ------
     UsageError, SspError, CosimError
         See :class:`vdfmu.Simulator`; for times that the run does not have, and loops that are not known.
     """
-    with run_along(system, opened, at, master=master, settings=settings, backend=backend) as (poses, grid, failed):
+    with run_along(system, opened, at, **options) as (poses, grid, failed):
         found = judged(poses, grid.begin, grid.end, bool(failed))
     every = found.loops.poses
     if found.loops.lacking:

@@ -6,11 +6,12 @@ import os
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from vdfmu.base.files import temporary_folder
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.engine.linear.system import LinearSystem
+from vdfmu.engine.options import CouplingOptions
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.parts import cached_fmus
@@ -23,21 +24,24 @@ def packaged(
     settings: Mapping[str, Any] | None = None,
     backend: str | None = None,
     master: str | None = None,
+    **coupling: Unpack[CouplingOptions],
 ) -> Generator[tuple[Path, dict[str, Any]]]:
     """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
 
     The system is a scenario, its name or file, or an ``.ssp``; `settings` change its parameters, `backend` is the kind
-    of a scenario's FMUs, ``native`` or ``python``, and `master` replaces its own.
+    of a scenario's FMUs, ``native`` or ``python``. `master` and `coupling` replace its own.
     """
+    given = {name: value for name, value in coupling.items() if value is not None}
     if not isinstance(system, Scenario):
         if Path(system).suffix.lower() == ".ssp":
-            yield Path(system), {"parameters": settings, "algorithm": master}
+            yield Path(system), {**given, "parameters": settings, "algorithm": master}
             return
         system = load_scenario(system)
     values = system_values(system, settings)
     with temporary_folder("vdfmu_") as folder:
         built = cached_fmus(system, folder, backend)
-        options = {"algorithm": master or system.master, "inputs": system.inputs, "input_hold": system.input_hold}
+        own = system.coupling if master in (None, system.master) else {**system.options, "algorithm": master}
+        options = {**own, **given, "inputs": system.inputs, "input_hold": system.input_hold}
         yield write_ssp(system, built, Path(folder) / "system.ssp", values, mixed=True), options
 
 

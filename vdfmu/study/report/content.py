@@ -14,22 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.equations.kinematics import frames
-from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import with_named
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.base.thinning import extremes
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.curves import Curve, CurveTable, Figure, Terms, recipes_of, values_of
-from vdfmu.study.report.joints import UNITS
-from vdfmu.study.report.shapes import FRAMES, ArmFrames, principal
+from vdfmu.study.report.shapes import FRAMES, ArmFrames
+from vdfmu.study.run.scene import BASE
 
 EXTREMES = 1000
 """Stretches whose smallest and largest values are kept, shared among the curves of a figure."""
-_DENSITY = 2700.0
-"""Of a payload that is drawn as a cube, aluminium [kg/m3]."""
 _BLOCK = 20_000
 """Rows that are in memory at a time."""
 
@@ -63,41 +60,11 @@ _FIGURES = (
 """Key, title, name of the largest value, and what is drawn: solid, then dashed; {} becomes torque or force."""
 
 
-BASE = "base"
-"""Position of an arm's base in {I}, then its rotation, row by row: 12 signals."""
 WRENCHES = {
     "F_e": ("of the arm on its surroundings in {O}", "wrench of {} on its surroundings"),
     "F_S": ("of the base on the arm in {S}", "wrench of the base on {}"),
 }
 """Six signals, force and moment: words for a title, and for the arrow."""
-
-
-def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the facts from which a robot is drawn: geometry, ratios, and the shapes of its file except meshes.
-
-    `values` of the plant, such as ``offset[2,3]``, count instead of the robot's.
-    """
-    numbers = frames(robot) | {"gravity": robot.gravity, "ell": robot.ell}
-    return {
-        "types": list(robot.joint_types),
-        **{name: with_named(of_file, name, values).tolist() for name, of_file in numbers.items()},
-        **({"payload": _payload(robot, values)} if robot.payload else {}),
-        "shapes": [] if any(v.shape == "mesh" for v in robot.visuals) else [v.to_dict() for v in robot.visuals],
-    }
-
-
-def _payload(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return sides, offset and rotation in {O} of the uniform box with the inertia of the payload; a cube of a point.
-
-    Sides by ``a^2 = 6 (I_y + I_z - I_x) / m`` (Meriam and Kraige, Engineering Mechanics: Dynamics, Table D/4).
-    """
-    names = ("payload_mass", "payload_centroid", "payload_inertia")
-    mass, centroid, inertia = (with_named(getattr(robot, name), name, values) for name in names)
-    moments, axes = principal(inertia)
-    squares = 6.0 * (moments.sum() - 2.0 * moments) / max(float(mass), 1e-9)
-    cube = (float(mass) / _DENSITY) ** (1.0 / 3.0)
-    sides = np.sqrt(np.maximum(squares, cube**2 / 25.0)) if squares.max() > cube**2 / 25.0 else np.full(3, cube)
-    return {"size": sides.tolist(), "offset": centroid.tolist(), "rotation": axes.tolist()}
 
 
 def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -207,7 +174,7 @@ def _figures(before: str, of: str, arm: Mapping[str, Any], sums: Mapping[str, Se
     `before` and `of` stand before keys and titles.
     """
     types: Sequence[str] = arm["types"]
-    for kind, unit in UNITS.items():
+    for kind, unit in JOINT_UNITS.items():
         joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""
         for key, title, peak, drawn in _FIGURES:

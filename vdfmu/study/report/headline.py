@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from vdfmu.base.measure import quantity
-from vdfmu.study.report.sheets import energies
-from vdfmu.study.report.summary_keys import Summary
+from vdfmu.study.run.summary import energies
+from vdfmu.study.run.summary_keys import Summary
 
 
 class Tile(NamedTuple):

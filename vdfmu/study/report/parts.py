@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import SspError
-from vdfmu.base.measure import quantity
+from vdfmu.base.measure import number, quantity
 from vdfmu.base.page import table
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.verdict import GOOD, checks_line, checks_of, state_of
 from vdfmu.study.report.headline import Tile
-from vdfmu.study.report.sheets import TRACKING, Sheet, Summary, facts, number, sheets, units_of
+from vdfmu.study.report.sheets import TRACKING, Sheet, facts, sheets, units_of
 from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.run.summary_keys import Summary
 
 
 def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:

@@ -21,9 +21,10 @@ from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import Robot
 from vdfmu.base import style
 from vdfmu.base.arrays import Floats
+from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.captions import run_caption
-from vdfmu.study.report.joints import UNITS, Group, group_joints, panel_letter
+from vdfmu.study.report.joints import Group, group_joints, panel_letter
 from vdfmu.system.scenario import Scenario
 
 # --- figures ---------------------------------------------------------------------------------------------
@@ -203,7 +204,7 @@ def _legend() -> list[Line2D]:
 
 def _over_each_other(axes: Axes, title: str, robot: Robot, i: int, time: Floats, back: Floats, on_top: Floats) -> None:
     """Draw two torques (m, n) of joint `i` over each other."""
-    unit = UNITS[robot.joint_types[i]]
+    unit = JOINT_UNITS[robot.joint_types[i]]
     style.curve(axes, time, back[:, i], **style.BACK)
     style.curve(axes, time, on_top[:, i], **style.ON_TOP)
     style.dress(axes, title, unit.noun.capitalize(), unit.torque, time)

@@ -29,8 +29,6 @@ STUDY = ("lab_plots.js", "lab.js", "lab_main.js")
 """Further modules of the page of a study."""
 STUDY_ALONE = ("data.js", "numbers.js", *STUDY)
 """Modules of the page of a study that simulates nothing."""
-GALLERY = ("gallery.js",)
-"""Modules of the page of a folder of runs."""
 WORDS = ("server.js", "words.js")
 """Modules of the page of a view that has words alone."""
 ROBOT = (

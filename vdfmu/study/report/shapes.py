@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.arm.equations.kinematics import joint_placements, poses
 from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.physical import principal
 from vdfmu.base.arrays import Floats
 from vdfmu.base.thinning import bends
 from vdfmu.engine.results.recorded import Signal
@@ -46,7 +47,7 @@ class DrawnShape(NamedTuple):
 
 
 class Chain:
-    """The frames of an arm, from the facts of :func:`vdfmu.study.report.content.arm_of`."""
+    """The frames of an arm, from the facts of :func:`vdfmu.study.run.scene.arm_of`."""
 
     def __init__(self, arm: Mapping[str, Any]) -> None:
         self.types: list[str] = list(arm["types"])
@@ -155,13 +156,6 @@ def turn_to(direction: Floats) -> Floats:
     return np.array([x, np.cross(z, x), z], dtype=np.float64).T
 
 
-def principal(inertia: Floats) -> tuple[Floats, Floats]:
-    """Return the principal moments of inertia, (3,), from small to large, and their right-handed axes as columns."""
-    moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    return moments, axes
-
-
 def half_axes(mass: float, moments: Floats) -> Floats:
     """Half-axes of the uniform solid ellipsoid of a mass [kg] and principal moments of inertia [kg.m2]: (3,) [m].
 
@@ -250,7 +244,7 @@ class ArmFrames:
     name : str
         Its component.
     arm : mapping
-        See :func:`vdfmu.study.report.content.arm_of`; None for a run whose times alone are of interest.
+        See :func:`vdfmu.study.run.scene.arm_of`; None for a run whose times alone are of interest.
     motion : mapping of str to terms
         What moves: q, and what is drawn with it; ``base``: position and rotation of its base, row by row.
     """

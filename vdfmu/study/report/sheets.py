@@ -10,9 +10,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from vdfmu.base.measure import quantity
+from vdfmu.base.measure import number, quantity
 from vdfmu.base.standards import FMI_2
-from vdfmu.study.report.summary_keys import Summary
+from vdfmu.study.run.summary import energies
+from vdfmu.study.run.summary_keys import Summary
 
 
 class Sheet(NamedTuple):
@@ -210,16 +211,6 @@ def facts(summary: Summary) -> Iterator[tuple[str, str]]:
         yield "Chaotic loop", f"rotor inertias larger by {separation['change']:g} of themselves {moved}"
     if settings := summary.get("settings"):
         yield "Settings", ", ".join(f"{key} = {value}" for key, value in settings.items())
-
-
-def energies(bond: Summary) -> tuple[float, float]:
-    """Return the energy that the coupling adds or takes, sum of absolute values, and that it exchanges, in all [J]."""
-    return sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
-
-
-def number(value: float) -> str:
-    """Return a number with three significant digits."""
-    return f"{value:.3g}"
 
 
 def _joints(summary: Summary, n: int) -> list[str]:

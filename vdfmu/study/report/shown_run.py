@@ -10,7 +10,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.folder import PARTIAL
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.summary_keys import read_summary
+from vdfmu.study.run.summary_keys import read_summary
 
 
 class ShownRun(NamedTuple):

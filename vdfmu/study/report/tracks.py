@@ -104,7 +104,7 @@ def _tracks(
     start, stop, step = span
     poses = Poses("tau", TIED, again=True)
     with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
-        simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
+        simulator.run(start=start, stop=stop, step=step, record=(), taps=[poses])
         if poses.lacking:
             return [[None] for _ in knobs]
         still = {} if dry else {unit: least_dry_friction(values) for unit, values in parameters.items()}

@@ -13,10 +13,10 @@ from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.compiler.unit.variable import NO_LIMIT
 from vdfmu.engine.results.results import Results
 from vdfmu.study.analysis.modes import natural_modes
-from vdfmu.study.report.joints import UNITS
 from vdfmu.study.run.at_limits import ArmLimits
 from vdfmu.study.run.summary import has_signals
 from vdfmu.system.reference.reference import BLOCK
@@ -58,7 +58,7 @@ def key_figures(
     """
     found: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
-        units = [UNITS[kind] for kind in robot.joint_types]
+        units = [JOINT_UNITS[kind] for kind in robot.joint_types]
         scale = np.array([unit.factor for unit in units])
         peaks, reached = _Peaks(robot.n + 1), _Peaks(2 * robot.n + 1)
         first = None
@@ -139,13 +139,13 @@ def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, 
         Size of the tool's motion [m]; infinite if its error is not known.
     """
     kinds, arm = robot.joint_types, length(robot)
-    least = [_SMALL * UNITS[kind].factor * (1.0 if kind == "revolute" else arm) for kind in kinds]
+    least = [_SMALL * JOINT_UNITS[kind].factor * (1.0 if kind == "revolute" else arm) for kind in kinds]
     each = [max(least[i], *(sizes[j] for j in range(robot.n) if kinds[j] == kinds[i])) for i in range(robot.n)]
     size = np.array([*each, max(tool, _SMALL * arm)])
     share = peaks.most / size
     off = share / np.array([off_from(f"joint {i + 1}") for i in range(robot.n)] + [off_from("tool")])
     i = int(np.lexsort([off, share >= STANDING])[-1])
-    place, unit = ("tool", "m") if i == robot.n else (f"joint {i + 1}", UNITS[kinds[i]].position)
+    place, unit = ("tool", "m") if i == robot.n else (f"joint {i + 1}", JOINT_UNITS[kinds[i]].position)
     return {
         "value": float(peaks.most[i]), "size": float(size[i]), "unit": unit, "place": place, "at_s": float(peaks.at[i]),
     }  # fmt: skip
@@ -169,7 +169,7 @@ def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, 
         if arm is not None and "plant.kappa_dot[1]" in results:
             tau = arm.given(np.clip(tau, -arm.tau_max, arm.tau_max), part["plant.kappa_dot"])
         peaks.add(part.time, np.abs(robot.ell * tau))
-    return peaks.worst([UNITS[kind].torque for kind in robot.joint_types], limit)
+    return peaks.worst([JOINT_UNITS[kind].torque for kind in robot.joint_types], limit)
 
 
 def _modes(results: Results, robot: Robot) -> Iterable[tuple[float, float]]:

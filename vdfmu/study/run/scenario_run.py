@@ -1,14 +1,12 @@
-"""The main job: build stale FMUs, pack, co-simulate, solve the references, compare, write tables and figures."""
+"""The run of a scenario: build stale FMUs, pack, co-simulate, solve the references, compare, judge."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -17,9 +15,8 @@ import numpy as np
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import temporary_folder
-from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.progress import doing, report, with_progress
+from vdfmu.base.progress import doing, report
 from vdfmu.base.seal import seal
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
@@ -28,30 +25,16 @@ from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.engine.results.folder import (
-    DRAWN,
-    SUFFIXES,
-    SYSTEM_OUTPUTS,
-    keep,
-    known_formats,
-    known_pictures,
-    replacing_results,
-    write_summary,
-)
+from vdfmu.engine.results.folder import keep, write_summary
 from vdfmu.engine.run import Interrupted, LogMessage, Results
 from vdfmu.engine.run.simulator import check_coupling
 from vdfmu.study.analysis.loops import poses_of
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
-from vdfmu.study.report.content import arm_of
-from vdfmu.study.report.page import NAME, write_failed, write_report
-from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
-from vdfmu.study.report.shown_run import ShownRun
-from vdfmu.study.report.simulation import compiling_modules
-from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.accuracy import accuracy_notes
 from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
 from vdfmu.study.run.key_figures import key_figures
+from vdfmu.study.run.scene import arm_of, scene_of
 from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
     compare,
@@ -74,13 +57,6 @@ from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.replace import with_payload, with_units
 from vdfmu.system.scenario.values import robot_with, system_values
 
-RUN_OUTPUTS = (
-    *SYSTEM_OUTPUTS,
-    "system.ssp",
-    *(f"{name}.{suffix}" for name in sorted({*chain(*PICTURES.values())}) for suffix in SUFFIXES),
-    NAME,
-)
-"""Files that the run of a scenario writes and replaces."""
 _LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
 _JOINED = "connected too, since the unit instead of the system's has such a signal, in a terminal of one name"
 _NUDGE = 1e-9
@@ -127,96 +103,70 @@ def prepare(
     return scenario
 
 
-@with_progress
-@one_job()
-@with_options
-def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioRunOptions]) -> Results:
-    """Run a scenario and write its results, ``summary.json`` and figures.
+class ScenarioRun:
+    """The run of a scenario in stages: pack, simulate, judge.
 
     Parameters
     ----------
-    scenario : Scenario, str or path
-        Loaded, or the name of a shipped one, or a file; or "reach", a first motion of any robot.
-    **options
-        :class:`vdfmu.study.options.ScenarioRunOptions`.
-
-    Returns
-    -------
-    Results
-        Recorded signals; `summary` is the content of ``summary.json``.
-
-    Raises
-    ------
-    UsageError, ModelError, SspError
-        Before the run, for faults of scenario, robot, options or system.
-    CosimError, vdfmu.engine.run.Interrupted
-        A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
+    scenario : Scenario
+        Of :func:`prepare`.
+    options : mapping
+        :class:`vdfmu.study.options.ScenarioRunOptions`. If `out` is False, the run writes nothing but its package.
+    folder : Path
+        Of the package, and of the rows.
     """
-    scenario = prepare(scenario, **pick(ScenarioOptions, options))
-    known_formats(options["formats"])
-    known_pictures(options["pictures"])
-    out, observer, fmi_version = options["out"], options["observer"], options["fmi_version"]
-    folder = Path(out or "") if out is not None else Path("results") / scenario.name
-    place = (
-        temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
-    )
-    native = options["backend"] is None and fmi_version != PYTHON_FMI.name
-    backend = choose_backend("native" if native else options["backend"])
-    say = partial(_say, options["log"])
-    system = SystemDescription(scenario, system_values(scenario, options["settings"]))
-    for note in _notes(scenario, backend, options["settings"]):
-        say(note)
-    with place as made, ExitStack() as stack:
-        made = Path(made)
+
+    def __init__(self, scenario: Scenario, options: ScenarioRunOptions, folder: Path) -> None:
+        self.scenario, self.folder, self._options = scenario, folder, options
+        fmi_version, say = options["fmi_version"], self._say
+        native = options["backend"] is None and fmi_version != PYTHON_FMI.name
+        backend = choose_backend("native" if native else options["backend"])
+        self.system = SystemDescription(scenario, system_values(scenario, options["settings"]))
+        for note in _notes(scenario, backend, options["settings"]):
+            say(note)
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend, fmi_version)
-            package = write_ssp(scenario, built, made / "system.ssp", system.values, mixed=True)
-        facts = _facts(system, options, backend) | {"seal": seal(package)}
-        witness, poses = Witness(system), poses_of(system)
+            self.package = write_ssp(scenario, built, folder / "system.ssp", self.system.values, mixed=True)
+        self._facts = _facts(self.system, options, backend) | {"seal": seal(self.package)}
+        self._poses, self._limits = poses_of(self.system), limits_of(self.system)
+
+    def simulate(self) -> Results:
+        """Co-simulate; return rows and the numbers that need no reference. A failed run keeps its summary."""
+        options, written = self._options, self._options["out"] is not False
+        witness = Witness(self.system)
         try:
             results = simulated(
-                scenario, package, progress=partial(report, "co-simulation"), log=options["log"], about=facts,
-                observer=observer, probe=witness.probe, visitor=poses, pace=options["pace"],
-                stream=[] if out is False else [made / f"results.{form}" for form in options["formats"]],
+                self.scenario, self.package, progress=partial(report, "co-simulation"), log=options["log"],
+                about=self._facts, observer=options["observer"], taps=[witness.probe, self._poses],
+                pace=options["pace"],
+                stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
-            unstable = explain(error, poses)
-            if out is not False:
+            unstable = explain(error, self._poses)
+            if written:
                 if error.results is not None and unstable:
                     error.results.summary["key_figures"] = unstable[0].figures
-                keep(error, made, [found.check for found in unstable])
-                write_failed(scenario.name, package, made, error)
+                keep(error, self.folder, [found.check for found in unstable])
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
-        for note in (*start_notes(results, scenario), *accuracy_notes(results, system)):
+        for note in (*start_notes(results, self.scenario), *accuracy_notes(results, self.system)):
             summary["notes"].append(note)
-            say(note)
-        limits = limits_of(system)
-        summary |= _numbers(results, system, limits)
-        if out is not False:
-            write_summary(summary, made)
-        simulate = bool(options["simulate"] and out is not False)
-        modules = stack.enter_context(compiling_modules(summary, package)) if simulate else None
-        if options["reference"]:
-            summary |= _references(system, package, results)
-        _judge(results, system, poses, limits)
-        if out is False:
-            return results
-        with doing("figures"):
-            _draw(results, scenario, made, options["pictures"])
-        with doing("page"):
-            if modules is not None:
-                modules()
-            write_report([ShownRun(scenario.name, results, summary, package)], made / NAME, simulate=simulate)
-            getattr(observer, "page", lambda path: None)(made / NAME)
-        write_summary(summary, made)
+            self._say(note)
+        summary |= _numbers(results, self.system, self._limits)
+        if written:
+            write_summary(summary, self.folder)
         return results
 
+    def judge(self, results: Results) -> None:
+        """Compare with the references if the options say so, and put key figures and verdict into the summary."""
+        if self._options["reference"]:
+            results.summary |= _references(self.system, self.package, results)
+        _judge(results, self.system, self._poses, self._limits)
 
-def _say(log: Callable[[LogMessage], None] | None, note: str) -> None:
-    if log is not None:
-        log(LogMessage("", 0.0, "note", "", note))
+    def _say(self, note: str) -> None:
+        if (log := self._options["log"]) is not None:
+            log(LogMessage("", 0.0, "note", "", note))
 
 
 def _notes(scenario: Scenario, backend: str, settings: Mapping[str, Any] | None) -> Iterator[str]:
@@ -264,16 +214,6 @@ def _judge(results: Results, system: SystemDescription, poses: Poses, limits: li
         figures |= key_figures(results, scenario.robot, limits, plant, touches)
     summary["key_figures"] = figures | {name: one for loop in loops for name, one in loop.figures.items()}
     summary["verdict"] = verdict(summary, [loop.check for loop in loops])
-
-
-def _draw(results: Results, scenario: Scenario, folder: Path, pictures: Sequence[str]) -> None:
-    """Draw the pictures of the paper's signals, of other systems their own signals."""
-    if scenario.robot is not None and has_signals(results, *SIGNALS):
-        write_pictures(results.thinned(DRAWN), scenario, folder, pictures)
-    else:
-        from vdfmu.engine.results.picture import signals_figure  # takes long to import
-
-        signals_figure(results.thinned(DRAWN), folder, pictures=pictures)
 
 
 def _references(system: SystemDescription, package: Path, results: Results) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -12,10 +12,9 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.base.measure import unit_of
+from vdfmu.base.measure import JOINT_UNITS, unit_of
 from vdfmu.base.version import FORMAT, __version__
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.joints import UNITS
 from vdfmu.study.run.at_limits import ArmLimits
 from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import Scenario
@@ -87,7 +86,7 @@ def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] 
     """
     if not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m"):
         return {}
-    units = [UNITS[kind] for kind in robot.joint_types]
+    units = [JOINT_UNITS[kind] for kind in robot.joint_types]
     scale = np.array([unit.factor for unit in units])
     motors = next((one for one in limits if one.plant == "plant" and f"{one.plant}.kappa_dot[1]" in results), None)
     squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
@@ -222,3 +221,8 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
         energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
     names = ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j")
     return {"power_bond": dict(zip(names, energies.tolist(), strict=True))}
+
+
+def energies(bond: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the energy that the coupling adds or takes, sum of absolute values, and that it exchanges, in all [J]."""
+    return sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])

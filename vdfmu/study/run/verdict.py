@@ -9,12 +9,12 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from vdfmu.base.measure import quantity
+from vdfmu.base.measure import number, quantity
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check, verdict_of
 from vdfmu.study.analysis.loops import since
-from vdfmu.study.report.sheets import energies, number
-from vdfmu.study.report.summary_keys import Summary
 from vdfmu.study.run.key_figures import STANDING, off_from
+from vdfmu.study.run.summary import energies
+from vdfmu.study.run.summary_keys import Summary
 from vdfmu.system.reference.solution import SHORT
 
 VISIBLE = 1e-3

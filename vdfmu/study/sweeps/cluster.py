@@ -18,6 +18,8 @@ from vdfmu.study.sweeps.worker import Worker
 
 _PATIENCE = 300.0
 """Time [s] that a scheduler, or all of its workers, may be gone."""
+_CONNECTING = 30.0
+"""Time [s] that a connection may take: a scheduler of a loaded machine has taken 10 s to start."""
 _ASKED = 0.5
 """Interval [s] at which a scheduler is asked for its workers."""
 _TRIES = 10
@@ -43,7 +45,7 @@ def run_there(
         ) from None
     try:
         get_address_host_port(address)  # a client of a bad address complains when Python ends
-        client = Client(address, timeout=10, set_as_default=False)
+        client = Client(address, timeout=_CONNECTING, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
     waiting: list[tuple[list[Task], int]] = []
@@ -65,9 +67,9 @@ def run_there(
 def _connected(kind: Any, address: str) -> Any:
     """Return a client of the scheduler as soon as there is one; None if it takes too long."""
     end = time.monotonic() + _PATIENCE
-    while time.monotonic() < end:
+    while (left := end - time.monotonic()) > 0.0:
         try:
-            return kind(address, timeout=5, set_as_default=False)
+            return kind(address, timeout=min(left, _CONNECTING), set_as_default=False)
         except (OSError, TimeoutError):
             time.sleep(_ASKED)
     return None

@@ -169,7 +169,10 @@ class Bench:
             loops = Poses("tau", TIED)
         try:
             results = self._simulator(number).run(
-                parameters=system.parameters(values), record=self._job.record, visitor=loops, **system.run
+                parameters=system.parameters(values),
+                record=self._job.record,
+                taps=[loops] if loops else [],
+                **system.run,
             )
         except CosimError as error:
             if loops is not None:

@@ -271,7 +271,7 @@ def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]
     ``component.variable``, ``rows`` the places of points, ``values`` little-endian numbers, point by point. VdfmuError
     where it cannot.
     """
-    from vdfmu.study.run.scenario_run import run
+    from vdfmu.study.runs import run
 
     study.require_own()
     facts, best = study.facts, study.row("best")

@@ -17,7 +17,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.seal import is_own
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
-from vdfmu.study.report.summary_keys import ANY, TEXT, WHOLE, Keyed, List, Record, typed
+from vdfmu.study.run.summary_keys import ANY, TEXT, WHOLE, Keyed, List, Record, typed
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
 

@@ -42,7 +42,7 @@ class LiveView:
     port : int, optional
         Port on loopback; default a free one.
     arm : mapping, optional
-        See :func:`vdfmu.study.report.content.arm_of`; for a system that does not name its arm.
+        See :func:`vdfmu.study.run.scene.arm_of`; for a system that does not name its arm.
     say : callable, optional
         Takes the address, and notes on things that cannot be shown.
 

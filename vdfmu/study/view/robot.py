@@ -15,13 +15,13 @@ import numpy as np
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.base.page import page
 from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
-from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.curves import packed
-from vdfmu.study.report.joints import UNITS
 from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, scripts_of
 from vdfmu.study.report.shapes import Chain, DrawnShape, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
+from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.server import PERIOD, PageServer
 
 _SECTIONS = (("joints", "Joints"), ("modes", "Modes"))
@@ -128,7 +128,7 @@ class RobotView:
 def _slider(robot: Robot, i: int, q: float) -> dict[str, Any]:
     """Return ends and start of the slider of a joint, to a tenth of its unit within the end stops."""
     kind = robot.joint_types[i]
-    unit = UNITS[kind]
+    unit = JOINT_UNITS[kind]
     low, high = (-np.pi, np.pi) if kind == "revolute" else (-0.5, 0.5)
     if robot.limits:
         low, high = float(robot.q_min[i]), float(robot.q_max[i])

@@ -14,6 +14,7 @@ from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN, loaded
 from vdfmu.compiler.c.platforms import native_available
+from vdfmu.compiler.c.text import setting_lines
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.program import Call
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits
@@ -104,21 +105,15 @@ class Code:
                     yield from self.call(action.unit, unit, call)
 
     def call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
-        """Yield the lines of a call; what it sets of what it reads is copied when all is calculated."""
+        """Yield the lines of a call."""
         interface, begin = unit.interface, self.system.begin(name)
         function = self.take(interface.functions.casadi_function(call.function))
         self.joints[function.name()] = interface.joints
-        places = {group: begin + interface.arguments[call.group(group)].start for group in function.name_in()}
-        made = {group: begin + interface.arguments[call.group(group)].start for group in function.name_out()}
-        new = {group: function.numel_out(group) for group in made if call.group(group) != group}
-        arguments = [f"m + {place}" for place in places.values()]
-        arguments += [group if group in new else f"m + {place}" for group, place in made.items()]
-        copies = [f"memcpy(m + {made[group]}, {group}, sizeof {group});" for group in new]
-        yield "{"
-        yield from (f"    double {group}[{size}];" for group, size in new.items())
-        yield f"    {function.name()}({', '.join(arguments)});"
-        yield from (f"    {copy}" for copy in copies)
-        yield "}"
+        names = (*function.name_in(), *function.name_out())
+        places = {name: f"m + {begin + interface.arguments[call.group(name)].start}" for name in names}
+        given = [places[name] for name in function.name_in()]
+        made = [(key, places[key], function.numel_out(key), call.group(key) != key) for key in function.name_out()]
+        yield from ("{", *(f"    {line}" for line in setting_lines(function.name(), given, made)), "}")
 
     def take(self, function: ca.Function) -> ca.Function:
         """Note that a traced function is called; return it, under another name where another robot's has its own."""

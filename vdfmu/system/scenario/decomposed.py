@@ -12,7 +12,6 @@ import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.arm.equations.rigid_body import link_body
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Row
 from vdfmu.arm.units import package_units
@@ -190,7 +189,7 @@ def _values(
         elif v.group == "rotor_coupling":
             yield v.name, robot.rotor_coupling
         elif row is not None and not _is_off(robot, row, i):
-            body: dict[str, Any] = dict(zip(("mass", "centroid", "inertia"), link_body(robot, i), strict=True))
+            body: dict[str, Any] = dict(zip(("mass", "centroid", "inertia"), robot.body(i), strict=True))
             array = np.asarray(body.get(v.group, getattr(robot, v.group)[i if row.per_joint else ...]))
             yield v.name, float(array[v.index])
         elif v.causality in ("input", "parameter"):

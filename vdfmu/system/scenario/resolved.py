@@ -89,7 +89,7 @@ def _variables(found: Any) -> Iterator[Variable]:
         index = tuple(int(i) - 1 for i in match[2].split(",")) if match else ()
         yield Variable(
             group, index, type_of(found.type), found.causality, found.variability or "continuous", unit,
-            start if settable else None, low, high, found.description or "",
+            start if settable else None, found.description or "", minimum=low, maximum=high,
         )  # fmt: skip
 
 

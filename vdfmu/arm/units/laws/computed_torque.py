@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vdfmu.arm.equations.flexible_joint import axial_torques, rotor_forces
+from vdfmu.arm.equations.flexible_joint import axial_torques, link_torques, rotor_forces
 from vdfmu.arm.equations.inverse_dynamics import joint_torques, link_forces, link_motion
 from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain
 from vdfmu.arm.units.laws._law import Law
@@ -45,6 +45,6 @@ class ComputedTorque(Law):
         )
         motion = link_motion(self.robot, self.q, self.q_dot, a, base_of(self))
         F_Dk = rotor_forces(self.robot, motion, self.kappa_dot, a_k)
-        links = joint_torques(self.robot, self.q, link_forces(self.robot, motion, F_Dk=F_Dk))
+        links = joint_torques(self.robot, link_forces(self.robot, motion, F_Dk=F_Dk)) - link_torques(self.robot, self.q)
         rotors = self.robot.ell * axial_torques(F_Dk)
         self.command(links + rotors + self.K_v * (self.q_d_dot - self.kappa_dot))

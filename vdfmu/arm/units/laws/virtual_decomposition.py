@@ -6,9 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.equations.feedforward import adaptive_torques
+from vdfmu.arm.equations.flexible_joint import link_torques
 from vdfmu.arm.equations.friction import friction_regressor, linear_friction
+from vdfmu.arm.equations.inverse_dynamics import (
+    AT_REST,
+    NO_WRENCH,
+    Base,
+    gravity_in_links,
+    handed_back,
+    joint_torques,
+    link_motion,
+    link_velocities,
+)
 from vdfmu.arm.equations.rigid_body import PAIRS, body_parameters
+from vdfmu.arm.equations.spatial import skew
 from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain
 from vdfmu.arm.units.laws._law import TORQUE, Law
 from vdfmu.compiler.scalar.generic import zeros
@@ -31,6 +42,70 @@ def parameter_scales(robot: Any) -> np.ndarray:
     m, moment = phi[:, :1], phi[:, 4:5] + phi[:, 6:7] + phi[:, 9:10]
     length = np.sqrt(0.5 * moment / m)
     return np.hstack([m, np.repeat(m * length, 3, axis=1), np.repeat(m * length**2, 6, axis=1)])
+
+
+def body_regressor(V_B: np.ndarray, V_B_r: np.ndarray, V_B_r_dot: np.ndarray, g_B: np.ndarray) -> np.ndarray:
+    """Return Y_B with ``Y_B @ phi = M_B V_B_r_dot + C V_B_r + G_B``, phi the parameters :data:`BODY`.
+
+    Deviation: C of (61) is not linear in ten parameters; virtual decomposition control takes 13. The C here is, with
+    ``-(I_o omega) x`` in the lower right, ``-m omega x r x`` and its opposite beside it: it is skew-symmetric too, and
+    ``C V_B`` is that of (61).
+
+    Parameters
+    ----------
+    V_B : (6,) [m/s, rad/s] velocity of {B} in {B}
+    V_B_r, V_B_r_dot : (6,) [m/s, rad/s, and per s] required velocity, and its derivative
+    g_B : (3,) [m/s2] see :func:`gravity_force`
+
+    Returns
+    -------
+    Y_B : (6, 10)
+    """
+    omega_cross, omega_r_cross = skew(V_B[3:]), skew(V_B_r[3:])
+    a = V_B_r_dot[:3] + omega_cross @ V_B_r[:3] + g_B
+    Y_B = zeros((6, 10), V_B, V_B_r, V_B_r_dot, g_B)
+    Y_B[:3, 0] = a
+    Y_B[:3, 1:4] = skew(V_B_r_dot[3:]) + omega_cross @ omega_r_cross
+    Y_B[3:, 1:4] = -skew(a)
+    for k, (i, j) in enumerate(PAIRS, 4):
+        part = np.zeros((3, 3))
+        part[i, j] = part[j, i] = 1.0
+        Y_B[3:, k] = part @ V_B_r_dot[3:] + omega_r_cross @ (part @ V_B[3:])
+    return Y_B
+
+
+def adaptive_torques(
+    robot: Any, phi: np.ndarray, K_V: Any, q: np.ndarray, q_dot: np.ndarray, q_dot_r: Any, q_ddot_r: Any,
+    base: Base = AT_REST,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return the axis components of the required forces (50)-(53) for estimated bodies, and what drives the estimates.
+
+    As the feedforward, with ``M V_r_dot + C V_r + G = Y_B phi`` of :func:`body_regressor`, without a wrench of the tool
+    and the rotors' part.
+
+    Parameters
+    ----------
+    phi : (n, 10) estimated parameters of the bodies
+    K_V : (n,) gain of (50), in SI units
+    q, q_dot : (n,) measured
+    q_dot_r, q_ddot_r : (n,) required velocity (12), and its derivative
+
+    Returns
+    -------
+    tau_q : (n,) [N m or N], link-side, of the drives
+    s : (n, 10) ``Y_B.T (V_B_r - V_B)``
+    """
+    U_AB, V_B, _, _ = link_velocities(robot, q, q_dot, base)
+    _, V_B_r, V_B_r_dot, _ = link_motion(robot, q, q_dot_r, q_ddot_r, base, q_dot)
+    g_B = gravity_in_links(robot, U_AB, base)
+    s: list[np.ndarray] = []
+    F_B_r_star: list[np.ndarray] = []
+    for i in range(robot.n):
+        Y_B, e_B = body_regressor(V_B[i], V_B_r[i], V_B_r_dot[i], g_B[i]), V_B_r[i] - V_B[i]
+        s.append(Y_B.T @ e_B)
+        F_B_r_star.append(Y_B @ phi[i] + K_V[i] * e_B)
+    F_B_r = handed_back(robot, U_AB, F_B_r_star, NO_WRENCH, None)
+    return joint_torques(robot, F_B_r) - link_torques(robot, q), np.array(s)
 
 
 def projected(phi: Any, s: Any, rate: Any, scale: Any, middle: Any, span: Any) -> Any:

@@ -10,15 +10,15 @@ import numpy as np
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.friction import linear_friction
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
-from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import joint_space_mass_matrix
+from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, expm
 
 
 def _rest(robot: Any, q: Any) -> Any:
     """Positions of the rotors [rad or m] and motor torques [N m] that hold a pose, (n,) each."""
-    held = inverse_dynamics(robot, q, np.zeros(robot.n), np.zeros(robot.n))
+    held = equilibrium_torque(robot, q)
     return rotor_position(robot, q, held), held / robot.ell
 
 
@@ -30,7 +30,7 @@ def _model(robot: Any, q: Any, period: float) -> Any:
     on_rotor = viscous * float(robot.friction == "lumped")
     joints = []
     for i, (M, J, K, ell) in enumerate(zip(links, robot.I_m * robot.ell, stiffness, robot.ell, strict=True)):
-        turned = inverse_dynamics(robot, jets(q, np.eye(robot.n)[i], zero), zero, zero)
+        turned = equilibrium_torque(robot, jets(q, np.eye(robot.n)[i], zero))
         K_g, b, b_q = derivative(turned, 1)[i], on_rotor[i], viscous[i] - on_rotor[i]
         rates = np.zeros((6, 6))
         rates[:4] = [

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import link_torques
+from vdfmu.arm.equations.flexible_joint import link_torques
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import jacobian
@@ -23,7 +23,7 @@ def momentum(robot: Any, q: Any, q_dot: Any, kappa_dot: Any) -> tuple[Any, Any]:
     """
     zero, still = np.zeros(robot.n), replace(robot, gravity=np.zeros(3))
     along = jets(q, q_dot, zero)
-    p = inverse_dynamics(still, along, zero, q_dot, rotors=(zero, kappa_dot)) + link_torques(robot, along)
+    p = inverse_dynamics(still, along, zero, q_dot, rotors=(zero, kappa_dot))
     return derivative(p, 0), derivative(p, 1)
 
 
@@ -66,7 +66,7 @@ class MomentumObserver(Unit):
         p, change = momentum(robot, self.q, self.q_dot, self.kappa_dot)
         xi_l, _ = joint_friction(robot, self.q_dot, self.kappa_dot, self.tau_s)
         held = inverse_dynamics(robot, self.q, self.q_dot, zero, rotors=(self.kappa_dot, zero))  # C q_dot + G
-        b = self.tau_s - xi_l + change - held
+        b = self.tau_s - xi_l + change - (held - link_torques(robot, self.q))
         a = np.exp(-self.K_o * self.period)
         seen = 0.5 * (b + self.b_before) - (p - self.p_before) / self.period
         self.r = a * self.r + (1.0 - a) * self.count * seen

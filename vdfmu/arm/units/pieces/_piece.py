@@ -15,6 +15,7 @@ import numpy as np
 from vdfmu.arm.drive.options import OPTIONS, OptionName
 from vdfmu.arm.robot.parameters import ENDS, PARAMETERS, Section
 from vdfmu.arm.units._signals import ACCELERATION, MASS, VELOCITY, WRENCH, six
+from vdfmu.arm.world.payload import link_body
 from vdfmu.base.measure import derivative_of, unit_of
 from vdfmu.compiler.scalar.jet import jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, State, Switch, Unit
@@ -150,4 +151,6 @@ class Piece(Unit):
         arrays = {name: np.asarray(v)[None if PARAMETERS[name].per_joint else ...] for name, v in known.items()}
         flags = dict.fromkeys((*OPTIONS, "payload", "rotor_coupling", *ENDS), False)
         flags |= dict.fromkeys({PARAMETERS[name].section for name in known}.intersection(STATELESS), True)
-        return SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **others})
+        robot = SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **others})
+        robot.body = lambda i: link_body(robot, i)
+        return robot

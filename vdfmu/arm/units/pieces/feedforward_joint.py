@@ -6,20 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.equations.desired_drive import desired_jets, drive_motion
 from vdfmu.arm.equations.feedforward import (
     FeedbackGains,
-    LinkVelocities,
-    desired_jets,
-    drive_motion,
     drive_torques,
     feedforward_torque,
     required_motion,
     required_rotor_forces,
-    turning_gravity,
 )
-from vdfmu.arm.equations.flexible_joint import axial_torques, rotor_forces, rotor_transform
-from vdfmu.arm.equations.friction import joint_friction
-from vdfmu.arm.equations.inverse_dynamics import ChainMotion, driven_acceleration, driven_velocity, joint_torques
+from vdfmu.arm.equations.flexible_joint import axial_torques, link_torques, rotor_forces, rotor_reaction
+from vdfmu.arm.equations.inverse_dynamics import Base, ChainMotion, driven_acceleration, driven_velocity, joint_torques
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
 from vdfmu.arm.equations.trajectory import Desired
@@ -34,7 +30,7 @@ from vdfmu.arm.units.pieces._piece import (
     of_joint,
     row_pair,
 )
-from vdfmu.arm.world.attachment import Base
+from vdfmu.arm.world.attachment import turning_gravity
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Terminal
 
@@ -94,13 +90,13 @@ class FeedforwardJoint(Piece):
         v_B_dot = driven_acceleration(z, U_AB, v_A_dot, v_B, q_d_dot[0], q_d_ddot[0])
         self.V_B_d = np.stack([derivative(v_B, 0), *(derivative(v_B_dot, k) for k in range(3))])
         self.g_B_d = derivative(R_AB.T @ turning_gravity(self.g_A_d, V, V_dot), 0)
-        F_B_d, F_B_k, U_BD = jets(*self.F_B_d[:3]), self.F_B_d[3], rotor_transform(robot, 0)
+        F_B_d, F_B_k = jets(*self.F_B_d[:3]), self.F_B_d[3]
         motion = ChainMotion([U_AB], [v_B], [v_B_dot], Base(V_S=v_A, V_S_dot=v_A_dot))
-        F_A_d = U_AB @ F_B_d + U_BD @ rotor_forces(robot, motion, q_d_dot, q_d_ddot)[0]
-        drive = drive_motion(robot, q_d, q_d_dot, joint_torques(robot, q_d, [F_B_d]))
+        F_A_d = U_AB @ F_B_d + rotor_reaction(robot, 0, rotor_forces(robot, motion, q_d_dot, q_d_ddot)[0])
+        drive = drive_motion(robot, q_d, q_d_dot, joint_torques(robot, [F_B_d]))
         motion = motion._replace(base=Base(V_S=V, V_S_dot=V_dot))
         F_Dk = rotor_forces(robot, motion, drive.kappa_dot, drive.kappa_ddot)
-        F_A_k = derivative(U_AB, 0) @ F_B_k + U_BD @ F_Dk[0]
+        F_A_k = derivative(U_AB, 0) @ F_B_k + rotor_reaction(robot, 0, F_Dk[0])
         self.F_A_d = np.stack([*(derivative(F_A_d, k) for k in range(3)), F_A_k])
         self.kappa_dot_d = drive.kappa_dot[0]
 
@@ -115,16 +111,17 @@ class FeedforwardJoint(Piece):
         self.V_B_r = V_B_r
         self.V_B_r_dot = driven_acceleration(z, U_AB, self.V_A_r_dot, V_B_r, self.q_dot, asked.q_ddot_r[0])
         self.g_B = R_AB.T @ self.g_A
-        links, at_base = LinkVelocities([], [], []), LinkVelocities([self.V_A], [self.V_A_r], [self.V_A_r_dot])
-        F_D_r_star = required_rotor_forces(robot, links, kappa_dot, asked, at_base)
-        self.F_A_r = U_AB @ self.F_B_r + U_BD @ F_D_r_star[0]
-        friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
+        bases = Base(V_S=self.V_A), Base(V_S=self.V_A_r, V_S_dot=self.V_A_r_dot)
+        links, links_r = (ChainMotion([U_AB], [], [], base) for base in bases)
+        F_D_r_star = required_rotor_forces(robot, links, links_r, kappa_dot, asked)
+        self.F_A_r = U_AB @ self.F_B_r + rotor_reaction(robot, 0, F_D_r_star[0])
         if self.mode == "inverse":
-            with_rotors = joint_torques(robot, desired.q_d, [F_B_k]) + friction[0]
+            with_rotors = joint_torques(robot, [F_B_k]) - link_torques(robot, desired.q_d) + drive.xi_l
             tau_s = with_rotors if self.rotor_coupling else drive.tau_s
-            tau_m = feedforward_torque(robot, axial_torques(F_Dk), tau_s, friction[1])
+            tau_m = feedforward_torque(robot, axial_torques(F_Dk), tau_s, drive.xi_m)
         else:
-            tau_q, tau_kr = joint_torques(robot, q, [self.F_B_r]), axial_torques(F_D_r_star)
+            tau_q = joint_torques(robot, [self.F_B_r]) - link_torques(robot, q)
+            friction, tau_kr = (drive.xi_l, drive.xi_m), axial_torques(F_D_r_star)
             tau_t, tau_m = drive_torques(robot, gains, asked, tau_q, tau_kr, friction, q_dot, kappa_dot)
             tau_s = robot.ell * tau_t
         self.tau_m, self.tau_s = tau_m[0], tau_s[0]

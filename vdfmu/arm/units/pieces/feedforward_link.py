@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.arm.equations.feedforward import required_net_force, turning_gravity
-from vdfmu.arm.equations.rigid_body import link_body, net_force
+from vdfmu.arm.equations.feedforward import required_net_force
+from vdfmu.arm.equations.rigid_body import net_force
 from vdfmu.arm.units.pieces._piece import Piece, desired_forces, desired_ports, numbers, row_pair
+from vdfmu.arm.world.attachment import turning_gravity
 from vdfmu.compiler.scalar.jet import derivative
 from vdfmu.compiler.unit import Input, Output, Parameter, Terminal
 
@@ -33,11 +34,11 @@ class FeedforwardLink(Piece):
 
     def outputs(self) -> None:
         """Hand on velocities and forces."""
-        body = link_body(self.one(), 0)
+        m_B, r_B, I_B = body = self.one().body(0)
         self.V_C_d, self.g_C_d = self.V_B_d, self.g_B_d
         self.V_C, self.V_C_r, self.V_C_r_dot, self.g_C = self.V_B, self.V_B_r, self.V_B_r_dot, self.g_B
         g = turning_gravity(self.g_B_d, *self.V_B_d[:2])
-        own, hanging = net_force(*body, g, *row_pair(self.V_B_d)), self.F_C_d + self.F_D_d
+        own, hanging = net_force(m_B, r_B, I_B, g, *row_pair(self.V_B_d)), self.F_C_d + self.F_D_d
         self.F_B_d = np.stack([derivative(own, k) for k in (0, 1, 2, 0)]) + hanging
         own_r = required_net_force(body, self.K_V, self.g_B, self.V_B, self.V_B_r, self.V_B_r_dot)
         self.F_B_r = own_r + self.F_C_r + self.F_D_r

@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import link_torques
 from vdfmu.arm.equations.flexible_joint import (
+    PlantState,
+    driven_rotor_forces,
+    link_torques,
+    plant_torques,
     rotor_acceleration,
-    rotor_force,
     rotor_position,
-    rotor_transform,
-    rotor_velocity,
+    rotor_reaction,
     spring_rate,
 )
 from vdfmu.arm.equations.forward_dynamics import accelerate, eliminate, handed_on
-from vdfmu.arm.equations.inverse_dynamics import ChainMotion, driven_velocity, joint_torques
+from vdfmu.arm.equations.inverse_dynamics import Base, ChainMotion, driven_velocity, joint_torques
 from vdfmu.arm.equations.kinematics import joint_placement
-from vdfmu.arm.equations.plant import PlantState, plant_torques
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis
 from vdfmu.arm.units._signals import MEASURED, WRENCH
 from vdfmu.arm.units.pieces._piece import (
@@ -31,7 +31,6 @@ from vdfmu.arm.units.pieces._piece import (
     plant_ports,
     six_vector,
 )
-from vdfmu.arm.world.attachment import Base
 from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Switch, Terminal
 
 
@@ -91,7 +90,8 @@ class PlantJoint(Piece):
         self.q, self.q_dot = self.q_0, self.q_dot_0
         if self.equilibrium:
             self.kappa_dot = self.q_dot_0
-            self.tau_s = joint_torques(self.one(), np.array([self.q_0]), [self.p_B])[0]
+            robot = self.one()
+            self.tau_s = (joint_torques(robot, [self.p_B]) - link_torques(robot, np.array([self.q_0])))[0]
         else:
             self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
 
@@ -103,9 +103,7 @@ class PlantJoint(Piece):
     def _drive(self) -> tuple[Any, Any, Any]:
         """Return the robot of this joint, and torques on link and rotor, (1,) each."""
         robot = self.one(friction=self.friction, rotor_coupling=self.rotor_coupling)
-        state = self._state()
-        tau_l, tau_k = plant_torques(robot, state, np.array([self.tau]))
-        return robot, tau_l + link_torques(robot, state.q), tau_k
+        return robot, *plant_torques(robot, self._state(), np.array([self.tau]))
 
     def _motion(self, robot: Any, tau_l: Any, tau_k: Any) -> dict[str, Any]:
         """Return what the joint hands on, by name, and its accelerations."""
@@ -117,11 +115,9 @@ class PlantJoint(Piece):
         M_A, p_A = handed_on(placement, U_AB, self.M_B, self.p_B, c_B, joint)
         q_ddot, V_B_dot = accelerate(z, U_AB, self.V_A_dot, c_B, joint)
         F_B = self.M_B @ V_B_dot + self.p_B
-        U_BD = rotor_transform(robot, 0)
-        V_D = rotor_velocity(self.V_A, U_BD, robot.ell[0], self.kappa_dot)  # (4)
-        F_D = U_BD @ rotor_force(robot, 0, V_D, tau_k[0])  # (10)-(11)
-        F_A = U_AB @ F_B + F_D
         motion = ChainMotion([U_AB], [V_B], [V_B_dot], Base(V_S=self.V_A, V_S_dot=self.V_A_dot))
+        F_D = rotor_reaction(robot, 0, driven_rotor_forces(robot, motion, [self.kappa_dot], tau_k)[0])  # (4), (10)-(11)
+        F_A = U_AB @ F_B + F_D
         return {
             "V_B": V_B, "V_B_dot": V_B_dot, "g_B": placement[0].T @ self.g_A, "M_A": M_A, "p_A": p_A + F_D, "F_A": F_A,
             "F_B": F_B, "P_A": self.V_A @ F_A, "P_B": V_B @ F_B, "der_q_dot": q_ddot,

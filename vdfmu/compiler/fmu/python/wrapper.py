@@ -46,12 +46,16 @@ class RefusalError(FmuError):
         return str(self)
 
 
-def refusal(text: str) -> RefusalError:
-    """Return the error of a call that fails.
+def refusal(text: str, slave: Any = None) -> RefusalError:
+    """Return the error of a call of a slave that fails. None: it is not known whose, or there is no slave yet.
 
     Its text goes to the logger ``vdfmu.compiler.fmu`` too: in many importers the FMI logger is off unless asked for,
     and then they show nothing but "fatal".
     """
+    if slave is not None:
+        slave.log_queue.clear()
+    for each in [entry[0] for entry in _held] if slave is None else [slave]:
+        _for_ever.append(_references(each, 2))
     text = plain(text)
     _logger.error("%s", text)
     return RefusalError(text)
@@ -70,18 +74,6 @@ def hold(slave: Any) -> None:
         _held.remove(entry)
         _for_ever.append(entry)
     _held.append(_references(slave, _SPARE))
-
-
-def hold_for_ever(slave: Any) -> None:
-    """Keep a slave whose call fails; once more for each such call."""
-    slave.log_queue.clear()
-    _for_ever.append(_references(slave, 2))
-
-
-def hold_all_for_ever() -> None:
-    """Keep all slaves: a call failed and it is not known whose, or a slave could not be made."""
-    for entry in _held:
-        _for_ever.append(_references(entry[0], 2))
 
 
 def hold_globals(script: dict[str, Any]) -> None:

@@ -7,8 +7,9 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,17 @@ from fmpy.fmi2 import (
 
 from tests.conftest import TYPICAL, heavy
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import shipped_units
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+
+BOTH = pytest.mark.parametrize("backend", ["python", "native"])
+"""A native unit computes, saves, refuses and says what the Python unit does: the same tests, the same words."""
 
 
 class Lazy(dict[str, Any]):
@@ -135,40 +145,69 @@ class Unit:
 
 
 @pytest.fixture(scope="session")
-def robots() -> dict[str, Robot]:
+def robots():
     """Return the shipped robots by name."""
     return {name: load_robot(name) for name in TYPICAL}
 
 
 @pytest.fixture(scope="session")
-def planar(robots: dict[str, Robot]) -> Robot:
+def planar(robots):
     """Return the small robot that most tests use."""
     return robots["planar_2dof"]
 
 
-@pytest.fixture(scope="session")
-def fmus(robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Mapping[str, Path]]:
-    """FMUs by robot and unit, built when they are first asked for."""
-    return Lazy(lambda robot: build_fmus(robots[robot], tmp_path_factory.mktemp(robot), backend="python"))
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Let one process of the test session build at a time: the next finds what it needs in the cache."""
+    with (folder / "build.lock").open("w") as file:
+        if fcntl:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 @pytest.fixture(scope="session")
-def folders(
-    fmus: Mapping[str, Mapping[str, Path]], tmp_path_factory: pytest.TempPathFactory
-) -> Mapping[str, Mapping[str, Path]]:
-    """Return them unpacked."""
+def built(robots, tmp_path_factory, kernel_cache):
+    """Return ``built(backend, robot, version)``: the FMUs of a robot by unit, built when they are first asked for."""
 
-    def unpack(robot: str) -> dict[str, Path]:
-        return {
-            unit: Path(fmpy.extract(path, tmp_path_factory.mktemp(f"{robot}_{unit}")))
-            for unit, path in fmus[robot].items()
-        }
+    @cache
+    def build(backend: str, robot: str, version: str = "2.0") -> dict[str, Path]:
+        with alone(kernel_cache):
+            return build_fmus(robots[robot], tmp_path_factory.mktemp(robot), backend=backend, fmi_version=version)
 
-    return Lazy(unpack)
+    return build
+
+
+@pytest.fixture(scope="session")
+def unpacked(built, tmp_path_factory):
+    """Return ``unpacked(backend, robot, unit)``: the folder of an FMU of FMI 2.0."""
+
+    @cache
+    def unpack(backend: str, robot: str, unit: str) -> Path:
+        return Path(fmpy.extract(built(backend, robot)[unit], tmp_path_factory.mktemp(f"{robot}_{unit}")))
+
+    return unpack
 
 
 @pytest.fixture
-def open_unit(folders: Mapping[str, Mapping[str, Path]]) -> Iterator[Callable[..., Unit]]:
+def backend():
+    """Return the kind of the FMUs: Python ones, except where a test is marked with `BOTH`."""
+    return "python"
+
+
+@pytest.fixture
+def fmus(built, backend):
+    """FMUs by robot and unit."""
+    return Lazy(lambda robot: built(backend, robot))
+
+
+@pytest.fixture
+def folders(unpacked, backend):
+    """Return them unpacked."""
+    return Lazy(lambda robot: Lazy(lambda unit: unpacked(backend, robot, unit)))
+
+
+@pytest.fixture
+def open_unit(folders):
     """Instantiate a unit, of the planar robot if none is named; freed at the end of the test."""
     opened: list[Unit] = []
 
@@ -182,7 +221,7 @@ def open_unit(folders: Mapping[str, Mapping[str, Path]]) -> Iterator[Callable[..
 
 
 @pytest.fixture
-def words_of_refusal() -> Callable[[Path], str]:
+def words_of_refusal():
     """Instantiate a unit from a folder, which must fail, and return what its user reads."""
 
     def instantiate(folder: Path) -> str:
@@ -195,7 +234,7 @@ def words_of_refusal() -> Callable[[Path], str]:
 
 
 @pytest.fixture
-def copy_of(folders: Mapping[str, Mapping[str, Path]], tmp_path: Path) -> Callable[[str], Path]:
+def copy_of(folders, tmp_path):
     """Copy the unpacked FMU of a unit of the planar robot, free to change."""
 
     def copy(unit: str) -> Path:
@@ -205,7 +244,7 @@ def copy_of(folders: Mapping[str, Mapping[str, Path]], tmp_path: Path) -> Callab
 
 
 @pytest.fixture
-def run_python() -> Callable[..., str]:
+def run_python():
     """Run a script in a Python of its own; return what it prints. Fails if the process crashes."""
 
     def run(script: str, *arguments: Any, cwd: Path | None = None, **environment: str) -> str:
@@ -224,12 +263,12 @@ def run_python() -> Callable[..., str]:
 
 
 @pytest.fixture(params=shipped_units())
-def unit_name(request: pytest.FixtureRequest) -> str:
+def unit_name(request):
     """Each of the units."""
     return request.param
 
 
 @pytest.fixture(params=[*heavy(*TYPICAL[:1]), *TYPICAL[1:]])
-def robot_name(request: pytest.FixtureRequest) -> str:
+def robot_name(request):
     """Each of the typical robots."""
     return request.param

@@ -10,22 +10,29 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.equations.kinematics import frames
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.physical import principal
 from vdfmu.arm.units.screw import Screw
 from vdfmu.arm.units.wall import Wall
+from vdfmu.base.arrays import with_named
 from vdfmu.compiler.unit.interface import general_description
-from vdfmu.study.report.content import BASE, arm_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import group_of
 
 _OBJECTS = {Wall: ("plane", "normal", ()), Screw: ("screw", "axis", ("pitch", "turn_seat"))}
 """Unit to how it is drawn, the parameter of its direction, and more of them."""
+BASE = "base"
+"""Position of an arm's base in {I}, then its rotation, row by row: 12 signals."""
+_DENSITY = 2700.0
+"""Of a payload that is drawn as a cube, aluminium [kg/m3]."""
 
 
 def scene_of(system: SystemDescription) -> dict[str, Any]:
     """Return the entry ``scene`` of a summary.
 
-    ``arms``: the facts of each plant, see :func:`vdfmu.study.report.content.arm_of`; its component; ``signals``, by the
-    names of the shipped systems and those of :mod:`vdfmu.study.report.content`; ``constants``, values that its inputs
+    ``arms``: the facts of each plant, see :func:`arm_of`; its component; ``signals``, by the
+    names of the shipped systems, ``base``, ``F_e`` and ``F_S``; ``constants``, values that its inputs
     have where nothing feeds them, unless 0; ``mounted``, the plant whose tool is its base, or empty.
     ``objects``: planes and screws, with direction, and distance from the origin of {I} along it.
     """
@@ -102,3 +109,31 @@ def _object(system: SystemDescription, name: str) -> list[dict[str, Any]]:
                 "forces": {f"{name}.{v.name}": general_description(v.description) for v in outputs},
             }]  # fmt: skip
     return []
+
+
+def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the facts from which a robot is drawn: geometry, ratios, and the shapes of its file except meshes.
+
+    `values` of the plant, such as ``offset[2,3]``, count instead of the robot's.
+    """
+    numbers = frames(robot) | {"gravity": robot.gravity, "ell": robot.ell}
+    return {
+        "types": list(robot.joint_types),
+        **{name: with_named(of_file, name, values).tolist() for name, of_file in numbers.items()},
+        **({"payload": _payload(robot, values)} if robot.payload else {}),
+        "shapes": [] if any(v.shape == "mesh" for v in robot.visuals) else [v.to_dict() for v in robot.visuals],
+    }
+
+
+def _payload(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return sides, offset and rotation in {O} of the uniform box with the inertia of the payload; a cube of a point.
+
+    Sides by ``a^2 = 6 (I_y + I_z - I_x) / m`` (Meriam and Kraige, Engineering Mechanics: Dynamics, Table D/4).
+    """
+    names = ("payload_mass", "payload_centroid", "payload_inertia")
+    mass, centroid, inertia = (with_named(getattr(robot, name), name, values) for name in names)
+    moments, axes = principal(inertia)
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / max(float(mass), 1e-9)
+    cube = (float(mass) / _DENSITY) ** (1.0 / 3.0)
+    sides = np.sqrt(np.maximum(squares, cube**2 / 25.0)) if squares.max() > cube**2 / 25.0 else np.full(3, cube)
+    return {"size": sides.tolist(), "offset": centroid.tolist(), "rotation": axes.tolist()}

@@ -1,0 +1,72 @@
+"""What libraries of Linux, Windows and macOS export, read from their tables."""
+
+import struct
+
+REFERENCE = "extra/org.fmi-standard.fmi-ls-ref/"
+"""Folder of the reference results in a native FMU."""
+
+
+def elf_exports(data: bytes) -> set[str]:
+    """Names of defined dynamic symbols of a 64-bit library."""
+    (table,) = struct.unpack_from("<Q", data, 0x28)
+    size, count = struct.unpack_from("<HH", data, 0x3A)
+    sections = [struct.unpack_from("<IIQQQQIIQQ", data, table + i * size) for i in range(count)]
+    (dynamic,) = [s for s in sections if s[1] == 11]
+    names = sections[dynamic[6]]
+    found: set[str] = set()
+    for at in range(dynamic[4], dynamic[4] + dynamic[5], 24):
+        name, _, _, section = struct.unpack_from("<IBBH", data, at)
+        if section:
+            found.add(text_at(data, names[4] + name))
+    return found
+
+
+def pe_exports(data: bytes) -> set[str]:
+    """Names that a 64-bit DLL exports."""
+    (header,) = struct.unpack_from("<I", data, 0x3C)
+    count, _, _, _, optional = struct.unpack_from("<HIIIH", data, header + 6)
+    (exports,) = struct.unpack_from("<I", data, header + 24 + 112)
+    sections = [struct.unpack_from("<8sIIII", data, header + 24 + optional + 40 * i) for i in range(count)]
+
+    def offset(address: int) -> int:
+        for _, size, start, _, where in sections:
+            if start <= address < start + size:
+                return address - start + where
+        raise AssertionError(address)
+
+    number, _, names = struct.unpack_from("<III", data, offset(exports) + 24)
+    table = struct.unpack_from(f"<{number}I", data, offset(names))
+    return {text_at(data, offset(address)) for address in table}
+
+
+def text_at(data: bytes, start: int) -> str:
+    """Return a text that ends with a zero."""
+    return data[start : data.index(b"\0", start)].decode()
+
+
+def macho_parts(data: bytes) -> dict[int, bytes]:
+    """Processor to library; a universal binary of macOS has several."""
+    if data[:4] != b"\xca\xfe\xba\xbe":
+        return {struct.unpack_from("<I", data, 4)[0]: data}
+    (count,) = struct.unpack_from(">I", data, 4)
+    rows = [struct.unpack_from(">5I", data, 8 + 20 * k) for k in range(count)]
+    assert all(offset % (1 << align) == 0 for _, _, offset, _, align in rows)
+    return {cpu: data[offset : offset + size] for cpu, _, offset, size, _ in rows}
+
+
+def macho_exports(data: bytes) -> set[str]:
+    """Names that a Mach-O library defines for others."""
+    magic, _, _, filetype, n_commands = struct.unpack_from("<5I", data, 0)
+    assert (magic, filetype) == (0xFEEDFACF, 6)  # 64 bits, shared library
+    place, found = 32, set()
+    for _ in range(n_commands):
+        command, size = struct.unpack_from("<2I", data, place)
+        if command == 2:  # LC_SYMTAB
+            symbols, count, strings, _ = struct.unpack_from("<4I", data, place + 8)
+            for k in range(count):
+                name, kind, section, _, _ = struct.unpack_from("<IBBHQ", data, symbols + 16 * k)
+                if kind & 1 and not kind & 0x10 and section:  # external, not private, defined
+                    end = data.index(b"\0", strings + name)
+                    found.add(data[strings + name : end].decode())
+        place += size
+    return found

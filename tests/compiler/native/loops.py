@@ -1,0 +1,63 @@
+"""Functions in C, compiled and called: loops against straight lines, and derivatives against those of CasADi."""
+
+import ctypes
+import subprocess
+from functools import partial
+
+import numpy as np
+
+from tests.cc import CC
+from vdfmu.compiler.c.expressions import c_prototype
+from vdfmu.compiler.c.functions import c_texts
+from vdfmu.compiler.c.loop_text import c_loops
+from vdfmu.compiler.c.operations import c_derivatives, c_operations
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
+
+
+def results_of(text, function, given, tmp_path, name="kernel", level="-O1"):
+    """Compile the C text of a function, without a warning, and return its results for given arguments.
+
+    It is called twice: the second time has what the first has left in memory.
+    """
+    source, library = tmp_path / f"{name}.c", tmp_path / f"{name}.so"
+    source.write_text(f"#include <math.h>\n{c_prototype(function)};\n{text}")
+    for file, other in c_operations().items():
+        (tmp_path / file).write_text(other)
+    sources = [source, *([tmp_path / "operations.c"] if "Operations" in text else [])]
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", level, "-ffp-contract=off", "-shared", "-fPIC"]
+    subprocess.run([*CC, *flags, "-o", library, *sources, "-lm"], check=True)
+    made = [np.full(function.numel_out(i), np.nan) for i in range(function.n_out())]
+    arguments = [a.ctypes.data_as(ctypes.c_void_p) for a in (*given, *made)]
+    called = ctypes.CDLL(str(library))[function.name()]
+    called(*arguments)
+    first = np.concatenate(made)
+    called(*arguments)
+    np.testing.assert_array_equal(np.concatenate(made), first)
+    return first
+
+
+def check_bits(function, loops, tmp_path):
+    assert loops is not None
+    text = c_loops(loops)
+    rng = np.random.default_rng(1)
+    given = [rng.uniform(0.5, 1.5, function.numel_in(i)) for i in range(function.n_in())]
+    expected = results_of("\n".join(c_texts(function)), function, given, tmp_path, "line", "-O0")
+    np.testing.assert_array_equal(results_of(text, function, given, tmp_path, "loops"), expected)
+    return text
+
+
+def derivatives(function, loops, direction, random, tmp_path):
+    """Return the results of a derivative at random arguments, of the table and by CasADi."""
+    traced = derivative(function, direction)
+    given = [random(traced.numel_in(i)) for i in range(traced.n_in())]
+    text = f'#include "operations.h"\n{c_derivatives(loops)}'
+    found = results_of(text, traced, given, tmp_path, direction)
+    return found, np.concatenate([each.full().ravel() for each in traced.call(given)])
+
+
+def check_derivatives(function, loops, tmp_path):
+    """Compare the derivatives of the table with CasADi's, which add the same terms in another order."""
+    rng = np.random.default_rng(2)
+    for direction in DIRECTIONS:
+        found, expected = derivatives(function, loops, direction, partial(rng.uniform, 0.5, 1.5), tmp_path)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(found).max())

@@ -1,0 +1,144 @@
+"""Declared options as options of the command line, and their place in the help."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin
+
+import click
+
+from vdfmu.base.option import Option, declared, taken_options
+
+WIDTH = 80
+"""Columns of the help."""
+_FLAGS = 29
+"""Columns of the help before the text of an option."""
+_TASKS = {
+    "System": "robot set unit backend fmi input input-hold variant",
+    "Time": "start stop step at",
+    "Coupling": "master adaptive tolerance isolate memory-limit wait-limit ignore-unmatched unpack-limit",
+    "Federates": "split federate broker core",
+    "Points": "vary sample points seed spread spread-points together",
+    "Judgement": "reference measure cost limit combine margin method evaluations",
+    "Runs": "engine workers scheduler chunk time-limit retry",
+    "One point of a sweep": "from row by trust",
+    "Browser": "live port pace open simulate",
+    "Log": "column time band prior score truth",
+    "Motion to log (--design)": "design duration pose bits noise no-links",
+    "Output": "out overwrite format record pictures plot residuals json",
+}
+"""Tasks, and their options in order; other options stand below "Options"."""
+
+
+class Positional(Option):
+    """Declaration of an argument: a word without a flag."""
+
+
+class _Number(click.types.FloatParamType):
+    """A number."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        found = super().convert(value, param, ctx)
+        return self.fail("expected a number, got nan", param, ctx) if found != found else found
+
+
+_KINDS: dict[Any, click.ParamType[Any]] = {
+    str: click.STRING, int: click.INT, float: _Number(), Path: click.Path(path_type=Path),
+}  # fmt: skip
+"""Types on the command line."""
+
+
+def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
+    """Return the arguments and options of a command, with those of its ``**options``."""
+    found: list[click.Parameter] = []
+    for one in inspect.signature(function, eval_str=True).parameters.values():
+        if one.kind is not one.VAR_KEYWORD:
+            kind, option = get_args(one.annotation)
+            found.append(parameter(one.name, option.typed or kind, replace(option, default=one.default)))
+    taken = taken_options(function)
+    shown = [each for each in declared(taken) if each.option.flag is not None] if taken else []
+    return [*found, *(parameter(each.name, each.option.typed or each.type, each.option) for each in shown)]
+
+
+def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.Parameter:
+    """Return a declared option, or argument, of a type on the command line."""
+    kind = next(one for one in get_args(kind) if one is not NoneType) if isinstance(kind, UnionType) else kind
+    many = get_origin(kind) is list
+    base = get_args(kind)[0] if many else kind
+    required, default = option.default is inspect.Parameter.empty, option.default
+
+    def read(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+        if value is None or value == ():
+            return None if required else default
+        if option.read is not None:
+            return option.read(value)
+        return list(value) if many else value.split(",") if base is str and isinstance(default, tuple) else value
+
+    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+        return [word for word in (option.names or (lambda: option.choices))() if word.startswith(incomplete)]
+
+    settings: dict[str, Any] = {
+        "required": required, "callback": read, "shell_complete": complete, "help": option.text,
+        "metavar": option.metavar or "|".join(option.choices) or None,
+    }  # fmt: skip
+    if not required and not many:
+        settings["default"] = (",".join(default) or None) if isinstance(default, tuple) else default
+    settings |= {"is_flag": True} if kind is bool else {"type": _KINDS[base]}
+    if isinstance(option, Positional):
+        made = click.Argument([name], nargs=-1 if many else 1, **settings)
+    else:
+        flag = option.flag or f"--{name.replace('_', '-')}"
+        both = f"{flag}/--no-{name}" if kind is bool and default is True and not option.flag else flag
+        letters = ["-o"] if name == "out" else [letter] if letter else []
+        made = click.Option([name, *letters, both], multiple=many, **settings)
+    made.more = option.more  # type: ignore[attr-defined] - for the reference of commands
+    return made
+
+
+def rows_by_task(parameters: Iterable[click.Parameter]) -> dict[str, list[tuple[str, str]]]:
+    """Return words and text of each parameter, grouped by task."""
+    places = [(task, name) for task, names in _TASKS.items() for name in names.split()]
+    rows: dict[str, dict[int, tuple[str, str]]] = {}
+    for k, one in enumerate(parameters, len(places)):
+        text = getattr(one, "help", None) or ""
+        if isinstance(one.default, (str, int, float)) and not isinstance(one.default, bool):
+            text = f"{text.rstrip('.')} [{one.default}]."
+        task = "Options" if isinstance(one, click.Option) else "Arguments"
+        words = _words(one) if isinstance(one, click.Option) else one.make_metavar(click.get_current_context())
+        place = next((i for i, (_, name) in enumerate(places) if task == "Options" and f"--{name}" in one.opts), k)
+        rows.setdefault(places[place][0] if place < k else task, {})[place] = words, text
+    order = ("Arguments", *_TASKS, "Options")
+    return {task: [rows[task][i] for i in sorted(rows[task])] for task in order if task in rows}
+
+
+def _words(one: click.Option) -> str:
+    """Return the flags of an option and a word for its value."""
+    flags = ", ".join(one.opts)
+    if one.is_flag:
+        return "/".join([flags, *one.secondary_opts])
+    word = one.metavar or one.type.name.upper()
+    return f"{flags} {word if len(flags) + len(word) < _FLAGS - 4 else 'NAME'}"
+
+
+def in_columns(rows: Iterable[tuple[str, str]]) -> str:
+    """Return lines of two columns; those of commands are narrower."""
+    rows = list(rows)
+    width = 12 if all(word.isalpha() for word, _ in rows) else _FLAGS
+    return "".join(f"  {word:<{width - 3}} {text}".rstrip() + "\n" for word, text in rows)
+
+
+def in_lines(example: str) -> str:
+    """Return a command, broken before options by backslashes that the shell understands."""
+    lines = [""]
+    for part in re.split(r" (?=--)", example):
+        if lines[-1] and len(lines[-1]) + len(part) > WIDTH - 4:
+            lines.append("   ")
+        lines[-1] = f"{lines[-1]} {part}" if lines[-1] else part
+    return " \\\n".join(lines)

@@ -1,0 +1,266 @@
+"""Unit classes of a linear system, a CasADi function or a table of data."""
+
+from __future__ import annotations
+
+import csv
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.base.errors import UsageError
+from vdfmu.compiler.scalar.casadi_call import casadi_call, shape_of
+from vdfmu.compiler.scalar.generic import clip, lookup
+from vdfmu.compiler.unit.declaration import Declared, Derivative, Input, Output, Parameter, Sampled, State
+from vdfmu.compiler.unit.declaration_check import check_unit
+from vdfmu.compiler.unit.unit import Unit
+
+
+def linear_unit(
+    A: npt.ArrayLike,
+    B: npt.ArrayLike,
+    C: npt.ArrayLike,
+    D: npt.ArrayLike,
+    dt: float | None = None,
+    *,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    states: Sequence[str] = (),
+    name: str = "LinearUnit",
+) -> type[Unit]:
+    """Make the unit of a linear system: ``x_dot = A x + B u``, or ``x[k+1] = A x[k] + B u[k]``; ``y = C x + D u``.
+
+    Its variables are ``u`` (m,), ``y`` (p,), ``x`` (n,) and the start ``x_0`` (n,), without units of measurement.
+
+    Parameters
+    ----------
+    A, B, C, D : (n, n), (n, m), (p, n), (p, m) array_like
+        A system without states, n = 0, is a matrix of gains: ``y = D u``.
+    dt : float, optional [s]
+        Time between samples of a discrete system; None or 0: continuous time.
+    inputs, outputs, states : sequences of str, optional
+        Descriptions of the elements.
+    name : str, optional
+        Name of the class and of its FMU.
+
+    Raises
+    ------
+    UsageError
+        For matrices that do not fit together or are not finite real numbers, or a time that is not positive.
+    UnitError
+        For a name that a unit cannot have.
+    """
+    a, b, c, d = _matrices(A, B, C, D)
+    if dt is True or not 0.0 <= float(dt or 0.0) < np.inf:
+        raise UsageError(f"dt must be the time between samples in s, such as dt=0.001, got {dt}.")
+    n, (p, m), period = len(a), d.shape, float(dt or 0.0) if len(a) else 0.0
+    output, state = (Sampled, Sampled) if period else (Output, State)
+    variables: dict[str, Any] = {
+        "u": Input("1", m, list(inputs) or "input"),
+        "y": output("1", p, list(outputs) or "output"),
+    }
+    if n:
+        variables["x"] = state("1", n, list(states) or "state")
+    if period:
+        variables["period"] = Parameter("s", text="time between samples", start=period, minimum=period, maximum=period)
+    elif n:
+        variables["x_dot"] = Derivative(variables["x"])
+
+    class LinearEquations(Unit):
+        u: Any
+
+        def outputs(self) -> None:
+            if not period:
+                self.y = c @ self.x + d @ self.u if n else d @ self.u
+
+        def derivatives(self) -> None:
+            if n and not period:
+                self.x_dot = a @ self.x + b @ self.u
+
+        def update(self) -> None:
+            if period:
+                self.y, self.x = c @ self.x + d @ self.u, a @ self.x + b @ self.u
+
+    states_text = "x[k+1] = A x[k] + B u[k]" if period else "x_dot = A x + B u"
+    text = f"{states_text}\n    y = C x + D u" if n else "y = D u"
+    return _made(LinearEquations, name, variables, f"Linear system.\n\n::\n\n    {text}\n")
+
+
+def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name: str = "CasadiUnit") -> type[Unit]:
+    """Make the unit of a CasADi function, with the variables of its names and shapes, without units of measurement.
+
+    As in CasADi's integrators, ``x`` and ``ode`` are a state and its derivative, ``p`` a parameter, ``t`` the time.
+    Other arguments are inputs, other results outputs.
+
+    Parameters
+    ----------
+    function : casadi.Function, str or Path
+        A function of scalar operations, or its file, written by ``Function.save``.
+    trust : bool
+        Load a file, although it can hold code that runs then.
+    name : str, optional
+        Name of the class and of its FMU.
+
+    Raises
+    ------
+    UsageError
+        For a file without `trust`, or a function that cannot be a unit.
+    UnitError
+        For names that a unit and its variables cannot have.
+    """
+    if not isinstance(function, ca.Function):
+        if not trust:
+            raise UsageError(
+                f"{function}: a CasADi file can hold code that runs. If you trust who made it, give --trust, or "
+                "trust=True in Python."
+            )
+        function = ca.Function.load(str(function))
+    scalar = _scalar(function)
+    given, made = scalar.name_in(), scalar.name_out()
+    variables: dict[str, Any] = {}
+    for key in (key for key in (*given, *made) if key != "t"):
+        kind = Parameter if key == "p" else State if key == "x" and "ode" in made else Input if key in given else Output
+        size = scalar.size_in(key) if key in given else scalar.size_out(key)
+        variables[key] = kind("1", shape_of(size), f"{key} of {function.name()}")
+    if "x" in given and "ode" in made:
+        variables["ode"] = Derivative(variables["x"])
+
+    class Evaluated(Unit):
+        def outputs(self) -> None:
+            self._set(Output)
+
+        def derivatives(self) -> None:
+            self._set(Derivative)
+
+        def _set(self, kind: type[Declared]) -> None:
+            results = casadi_call(scalar, *(getattr(self, key) for key in given))
+            for key, value in zip(made, [results] if len(made) == 1 else results, strict=True):
+                if isinstance(self.declared[key], kind):
+                    setattr(self, key, value)
+
+    return _made(Evaluated, name, variables, f"CasADi function {function.name()}.")
+
+
+def table_unit(table: Mapping[str, npt.ArrayLike] | str | Path, *, name: str = "TableUnit") -> type[Unit]:
+    """Make the unit of a table: linear between the rows, with the first and last values beyond them.
+
+    The first column is the input, or the time if it is called ``t`` or ``time``. The others are the outputs.
+
+    Parameters
+    ----------
+    table : mapping of str to (m,) array_like, str or Path
+        Columns by name, with their units of measurement in brackets: ``{"T [s]": [0, 20], "R [Ohm]": [1, 1.2]}``;
+        or a CSV file with such names in its first line. Its units may be in a line of their own. Semicolons may
+        separate its columns; its numbers may then have decimal commas.
+    name : str, optional
+        Name of the class and of its FMU.
+
+    Raises
+    ------
+    UsageError
+        For a table without two columns and two rows of numbers, or whose first column does not increase.
+    UnitError
+        For names and units of measurement that a unit cannot have.
+    """
+    columns = list(table.items()) if isinstance(table, Mapping) else _columns(Path(table))
+    heads = [head.partition("[") for head, _ in columns]
+    first, *names = (re.sub(r"\W+", "_", head[0].strip()).strip("_") for head in heads or [""])
+    units = [head[2].strip().removesuffix("]") or "1" for head in heads]
+    if double := next((key for key in names if [first, *names].count(key) > 1), ""):
+        raise UsageError(f"{double} must be one column of the table, got two. Rename one.")
+    numbers = np.array([values for _, values in columns], float).T
+    if not names or len(numbers) < 2 or not np.isfinite(numbers).all():
+        raise UsageError("A table must have names, and two columns and two rows of finite numbers.")
+    x, y = numbers[:, 0], numbers[:, 1:]
+    if (np.diff(x) <= 0.0).any():
+        raise UsageError(f"Column {first} must increase from row to row. Sort the rows.")
+    rows = np.hstack([numbers[:-1], np.diff(y, axis=0) / np.diff(x)[:, None]])
+    timed = first == "t" or first.lower() == "time"
+
+    class Interpolated(Unit):
+        def outputs(self) -> None:
+            at = clip(self.t if timed else getattr(self, first), x[0], x[-1])
+            begin, *rest = lookup(at, x, rows)
+            for k, key in enumerate(names):
+                setattr(self, key, rest[k] + (at - begin) * rest[len(names) + k])
+
+    variables: dict[str, Declared] = {} if timed else {first: Input(units[0], text=first)}
+    variables |= {key: Output(unit, text=key) for key, unit in zip(names, units[1:], strict=True)}
+    between = "linear between its rows, with the first and last values beyond them"
+    return _made(Interpolated, name, variables, f"Table over {'t' if timed else first}: {between}.")
+
+
+def _made(base: type[Unit], name: str, variables: Mapping[str, Declared], doc: str) -> type[Unit]:
+    """Return a class of the module that calls a factory."""
+    module = sys._getframe(2).f_globals.get("__name__", __name__)  # pyright: ignore[reportPrivateUsage]
+    unit: Any = type(name, (base,), {**variables, "__module__": module, "__doc__": doc})
+    check_unit(unit, None)
+    return unit
+
+
+def _matrices(*given: npt.ArrayLike) -> list[npt.NDArray[np.float64]]:
+    """Return the matrices A, B, C and D of one system."""
+    found = [np.atleast_2d(np.asarray(matrix)) for matrix in given]
+    n, (p, m) = len(found[0]) if found[0].size else 0, found[3].shape
+    shapes = ((n, n), (n, m), (p, n), (p, m))
+    for key, matrix, shape in zip("ABCD", found, shapes, strict=True):
+        if matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
+            raise UsageError(f"{key} must hold finite real numbers.")
+        if matrix.shape != shape and matrix.size + np.prod(shape):
+            raise UsageError(f"{key} must have shape {shape}, since D has {(p, m)}, got {matrix.shape}.")
+    if not found[3].size:
+        raise UsageError("A linear system must have an input and an output.")
+    return [matrix.astype(float).reshape(shape) for matrix, shape in zip(found, shapes, strict=True)]
+
+
+def _scalar(function: ca.Function) -> ca.Function:
+    """Return a function of scalar operations alone."""
+    name = function.name()
+    given = {function.name_in(k): function.sparsity_in(k) for k in range(function.n_in())}
+    made = {function.name_out(k): function.sparsity_out(k) for k in range(function.n_out())}
+    for key, sparsity in (given | made).items():
+        if not sparsity.numel() or (key in given and not sparsity.is_dense()):
+            raise UsageError(
+                f"{name}: {key} must be dense, got a matrix that is {'sparse' if sparsity.numel() else 'empty'}."
+            )
+    if "alg" in made:
+        raise UsageError(f"{name}: alg has to be 0, which no unit can have. Solve for z, or give ode alone.")
+    if "x" in given and "ode" in made and given["x"].shape != made["ode"].shape:
+        raise UsageError(f"{name}: ode must have the shape of x, {given['x'].shape}, got {made['ode'].shape}.")
+    try:
+        scalar = function.expand()
+    except RuntimeError:
+        scalar = None
+    if scalar is None or ca.OP_CALL in map(scalar.instruction_id, range(scalar.n_instructions())):
+        raise UsageError(
+            f"{name} must have scalar operations alone, of which C is made. Replace its solver or interpolant."
+        )
+    return scalar
+
+
+def _columns(path: Path) -> list[tuple[str, Sequence[float]]]:
+    """Return names, with units in brackets, and numbers of the columns of a CSV file."""
+    text = path.read_text(encoding="utf-8-sig")
+    separator = ";" if ";" in text.partition("\n")[0] else ","
+    heads, *lines = [line for line in csv.reader(text.splitlines(), delimiter=separator) if any(line)] or [[""]]
+    rows = [_numbers(line, decimal="," if separator == ";" else ".") for line in lines]
+    if rows and not rows[0]:
+        heads, rows = [f"{head}[{unit.strip()}]" for head, unit in zip(heads, lines[0], strict=False)], rows[1:]
+    if bad := next((k for k, row in enumerate(rows, 1) if len(row) != len(heads)), 0):
+        raise UsageError(
+            f"Row {bad} must have {len(heads)} numbers, got {separator.join(lines[bad - len(rows) - 1])!r}."
+        )
+    return list(zip(heads, zip(*rows, strict=True), strict=False))
+
+
+def _numbers(line: Sequence[str], decimal: str) -> list[float]:
+    """Return the numbers of a line, none if a cell is something else."""
+    try:
+        return [float(cell.replace(decimal, ".")) for cell in line]
+    except ValueError:
+        return []

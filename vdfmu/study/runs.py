@@ -1,0 +1,111 @@
+"""The main job: run a scenario, draw its pictures, write its page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from itertools import chain
+from pathlib import Path
+from typing import Unpack
+
+from vdfmu.base.errors import CosimError
+from vdfmu.base.files import temporary_folder
+from vdfmu.base.once import one_job
+from vdfmu.base.option import pick, with_options
+from vdfmu.base.progress import doing, with_progress
+from vdfmu.engine.results.folder import (
+    DRAWN,
+    SUFFIXES,
+    SYSTEM_OUTPUTS,
+    known_formats,
+    known_pictures,
+    replacing_results,
+    write_summary,
+)
+from vdfmu.engine.run import Interrupted, Results
+from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
+from vdfmu.study.report.page import NAME, write_failed, write_report
+from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
+from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.report.simulation import compiling_modules
+from vdfmu.study.run.scenario_run import ScenarioRun, prepare
+from vdfmu.study.run.summary import has_signals
+from vdfmu.system.scenario import Scenario
+
+RUN_OUTPUTS = (
+    *SYSTEM_OUTPUTS,
+    "system.ssp",
+    *(f"{name}.{suffix}" for name in sorted({*chain(*PICTURES.values())}) for suffix in SUFFIXES),
+    NAME,
+)
+"""Files that the run of a scenario writes and replaces."""
+
+
+@with_progress
+@one_job()
+@with_options
+def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioRunOptions]) -> Results:
+    """Run a scenario and write its results, ``summary.json`` and figures.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        Loaded, or the name of a shipped one, or a file; or "reach", a first motion of any robot.
+    **options
+        :class:`vdfmu.study.options.ScenarioRunOptions`.
+
+    Returns
+    -------
+    Results
+        Recorded signals; `summary` is the content of ``summary.json``.
+
+    Raises
+    ------
+    UsageError, ModelError, SspError
+        Before the run, for faults of scenario, robot, options or system.
+    CosimError, vdfmu.engine.run.Interrupted
+        A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
+    """
+    scenario = prepare(scenario, **pick(ScenarioOptions, options))
+    known_formats(options["formats"])
+    known_pictures(options["pictures"])
+    out, observer = options["out"], options["observer"]
+    folder = Path(out or "") if out is not None else Path("results") / scenario.name
+    place = (
+        temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
+    )
+    with place as made, ExitStack() as stack:
+        made = Path(made)
+        job = ScenarioRun(scenario, options, made)
+        try:
+            results = job.simulate()
+        except (CosimError, Interrupted) as error:
+            if out is not False:
+                write_failed(scenario.name, job.package, made, error)
+            raise
+        summary = results.summary
+        simulate = bool(options["simulate"] and out is not False)
+        modules = stack.enter_context(compiling_modules(summary, job.package)) if simulate else None
+        job.judge(results)
+        if out is False:
+            return results
+        with doing("figures"):
+            _draw(results, scenario, made, options["pictures"])
+        with doing("page"):
+            if modules is not None:
+                modules()
+            write_report([ShownRun(scenario.name, results, summary, job.package)], made / NAME, simulate=simulate)
+            getattr(observer, "page", lambda path: None)(made / NAME)
+        write_summary(summary, made)
+        return results
+
+
+def _draw(results: Results, scenario: Scenario, folder: Path, pictures: Sequence[str]) -> None:
+    """Draw the pictures of the paper's signals, of other systems their own signals."""
+    if scenario.robot is not None and has_signals(results, *SIGNALS):
+        write_pictures(results.thinned(DRAWN), scenario, folder, pictures)
+    else:
+        from vdfmu.engine.results.picture import signals_figure  # takes long to import
+
+        signals_figure(results.thinned(DRAWN), folder, pictures=pictures)
