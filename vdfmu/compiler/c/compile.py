@@ -64,15 +64,12 @@ class Compilation:
         One of :data:`~vdfmu.compiler.c.platforms.PLATFORMS`.
     flags : tuple of str
         Further flags of the compiler and the linker.
-    exported : tuple of str
-        Functions that a module of WebAssembly exports, without what none of them calls; default: all.
     """
 
     name: str
     sources: Mapping[str, bytes]
     platform: str
     flags: tuple[str, ...] = ()
-    exported: tuple[str, ...] = ()
 
     @cached_property
     def target(self) -> Platform:
@@ -110,7 +107,7 @@ class Compilation:
     @cached_property
     def key(self) -> str:
         """Key of the library."""
-        how = [repr(self.target), *self.exported, *self.objects.values()]
+        how = [repr(self.target), *self.objects.values()]
         return self._key(f"library {' '.join(how)}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
@@ -281,7 +278,7 @@ class _Workshop:
         if job.platform.endswith("darwin"):
             extra.append(f"-Wl,-install_name,@rpath/{library}")
         if job.platform == WASM:
-            extra += [f"-Wl,--export={function}" for function in job.exported] or ["-Wl,--export-dynamic"]
+            extra.append("-Wl,--export-dynamic")
         self._run(job, place, library, [*job.target.link, "-s", *job.flags, "-o", library, *files, *extra])
         return _without_time((place / library).read_bytes())
 

@@ -6,7 +6,6 @@ import dataclasses
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -20,7 +19,6 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report, with_progress
-from vdfmu.base.seal import seal
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
@@ -47,7 +45,7 @@ from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.page import NAME, write_failed, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
 from vdfmu.study.report.shown_run import ShownRun
-from vdfmu.study.report.simulation import compiling_modules
+from vdfmu.study.report.simulation import keep_program
 from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.accuracy import accuracy_notes
 from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
@@ -166,12 +164,14 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     system = SystemDescription(scenario, system_values(scenario, options["settings"]))
     for note in _notes(scenario, backend, options["settings"]):
         say(note)
-    with place as made, ExitStack() as stack:
+    with place as made:
         made = Path(made)
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend, fmi_version)
             package = write_ssp(scenario, built, made / "system.ssp", system.values, mixed=True)
-        facts = _facts(system, options, backend) | {"seal": seal(package)}
+            if out is not False:
+                keep_program(system, package)
+        facts = _facts(system, options, backend)
         witness, poses = Witness(system), poses_of(system)
         try:
             results = simulated(
@@ -196,8 +196,6 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         summary |= _numbers(results, system, limits)
         if out is not False:
             write_summary(summary, made)
-        simulate = bool(options["simulate"] and out is not False)
-        modules = stack.enter_context(compiling_modules(summary, package)) if simulate else None
         if options["reference"]:
             summary |= _references(system, package, results)
         _judge(results, system, poses, limits)
@@ -206,9 +204,8 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         with doing("figures"):
             _draw(results, scenario, made, options["pictures"])
         with doing("page"):
-            if modules is not None:
-                modules()
-            write_report([ShownRun(scenario.name, results, summary, package)], made / NAME, simulate=simulate)
+            shown = ShownRun(scenario.name, results, summary, package)
+            write_report([shown], made / NAME, simulate=bool(options["simulate"]))
             getattr(observer, "page", lambda path: None)(made / NAME)
         write_summary(summary, made)
         return results
