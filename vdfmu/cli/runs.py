@@ -221,9 +221,7 @@ def report(
         Path | None,
         out_option("File to write; default report.html in the folder, of several comparison.html beside it."),
     ] = None,
-    simulate: Annotated[
-        bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")
-    ] = True,
+    simulate: Annotated[bool, typer.Option(help="Let the page run them again, with sliders.")] = True,
     opened: OpenOption = False,
     overwrite: ForeignOption = False,
 ) -> None:

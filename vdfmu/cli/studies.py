@@ -134,7 +134,7 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 def report(
     study: StudyArgument,
     out: Annotated[Path | None, out_option("File; default report.html in the folder.")] = None,
-    simulate: Annotated[bool, typer.Option(help="Let the page run any point, where the compiler is installed.")] = True,
+    simulate: Annotated[bool, typer.Option(help="Let the page run any point.")] = True,
     overwrite: ForeignOption = False,
 ) -> None:
     """Write a page of a study: its points in pictures that choose together, measures, and failures by cause."""

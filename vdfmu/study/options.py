@@ -86,8 +86,8 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
     pictures: Annotated[Sequence[str], Option("Kinds of the figures: png, svg and pdf, separated by commas.",
         "sequence of str", default=("png",), typed=str, choices=SUFFIXES)]
     simulate: Annotated[bool | None, Option("Let report.html run the scenario again, with sliders.",
-        more="Its units are compiled for WebAssembly for that, once for each structure; default on the command line, "
-        "but not in Python.", flag="--simulate/--no-simulate")]
+        more="The page gets the system as WebAssembly; default on the command line, but not in Python.",
+        flag="--simulate/--no-simulate")]
 
 
 class SeedOptions(TypedDict, total=False):
