@@ -14,7 +14,7 @@ from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
-from vdfmu.compiler.wasm.functions import OPERATIONS, TracedFunctions
+from vdfmu.compiler.wasm.functions import OPERATIONS, WrittenFunctions
 from vdfmu.compiler.wasm.module import Assembler, base_module, unsigned
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import WiredUnits
@@ -49,7 +49,7 @@ class Instance:
 
     def __init__(self, functions: Sequence[ca.Function], own: bool = True) -> None:
         assembler = Assembler(imported_base() if own else base_module())
-        traced = TracedFunctions(assembler)
+        traced = WrittenFunctions(assembler)
         exported = {f"f{k}": traced.index(function) for k, function in enumerate(functions)}
         self.functions, self.place = functions, assembler.room(200_000)
         engine = wasmtime.Engine()
@@ -149,7 +149,7 @@ def test_a_value_read_once_is_calculated_where_it_is_read_and_locals_are_used_ag
 def test_an_operation_without_code_is_said():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match=r"^wrong: CasADi's operation \d+ has no code in WebAssembly\.$"):
-        TracedFunctions(Assembler(base_module())).index(ca.Function("wrong", [x], [ca.erf(x)]))
+        WrittenFunctions(Assembler(base_module())).index(ca.Function("wrong", [x], [ca.erf(x)]))
 
 
 @pytest.mark.parametrize("scenario", ["tracking", "screw", "estimation", "kr300"])

@@ -12,7 +12,7 @@ import vdfmu
 from tests.conftest import heavy
 from tests.study.batch.test_batch import CHOPPER, NOISY, POSITION, REST, scenario_file
 from vdfmu.study.batch.module import write_module
-from vdfmu.study.batch.program import Program
+from vdfmu.study.batch.program import SystemProgram
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import system_values
@@ -23,7 +23,7 @@ class Module:
 
     def __init__(self, scenario: Any, settings: dict[str, Any], **changed: float) -> None:
         scenario = prepare(scenario)
-        self.program = Program(SystemDescription(scenario, system_values(scenario, settings)))
+        self.program = SystemProgram(SystemDescription(scenario, system_values(scenario, settings)))
         content, self._address = write_module(self.program)
         engine = wasmtime.Engine()
         self._store = wasmtime.Store(engine)
@@ -102,4 +102,4 @@ def test_what_is_not_met_and_what_stops_are_told():
 def test_a_system_that_has_no_program_has_all_reasons():
     scenario = dataclasses.replace(prepare("planar_tracking"), master="iterative", adaptive=1e-3)
     with pytest.raises(vdfmu.VdfmuError, match="master: expected gauss-seidel or jacobi, got iterative\nadaptive: "):
-        Program(SystemDescription(scenario))
+        SystemProgram(SystemDescription(scenario))

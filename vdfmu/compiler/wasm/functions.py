@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -9,6 +10,7 @@ from collections.abc import Iterator, Sequence
 import casadi as ca
 
 from vdfmu.base.errors import KernelError
+from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.wasm.module import (
@@ -28,63 +30,40 @@ from vdfmu.compiler.wasm.module import (
 Pieces = tuple[int | bytes, ...]
 """Code, with numbers of values in it."""
 _ZERO = number(0.0)
-OPERATIONS: dict[int, tuple[int | bytes | str, ...]] = {
+_WORDS = {
+    "+": b"\xa0", "-": b"\xa1", "*": b"\xa2", "/": b"\xa3", "<": b"\x63\xb7", "<=": b"\x65\xb7", "==": b"\x61\xb7",
+    "!=": b"\x62\xb7", "sqrt": b"\x9f", "floor": b"\x9c", "ceil": b"\x9b", "fabs": b"\x99", "copysign": b"\xa6",
+}  # fmt: skip
+"""Words of the C that are instructions; other functions are called, fmin and fmax too: the instructions pass NaN on."""
+_PATTERN = re.compile(r"(\w+)\(\{0\}(?:, (\{1\}))?\)|\{0\} (\S+) (\{1\})(?: \? 1\.0 : 0\.0)?")
+"""C that calls a function, or has a word between operands; what is compared gives 1 or 0."""
+
+
+def _operations() -> Iterator[tuple[int, tuple[int | bytes | str, ...]]]:
+    for operation, text in EXPRESSIONS.items():
+        if found := _PATTERN.fullmatch(text):
+            word = found[1] or found[3]
+            yield operation, (0, *([1] if found[2] or found[4] else []), _WORDS.get(word, word))
+
+
+OPERATIONS: dict[int, tuple[int | bytes | str, ...]] = dict(_operations()) | {
     ca.OP_ASSIGN: (0,),
     ca.OP_NEG: (0, b"\x9a"),
-    ca.OP_ADD: (0, 1, b"\xa0"),
-    ca.OP_SUB: (0, 1, b"\xa1"),
-    ca.OP_MUL: (0, 1, b"\xa2"),
-    ca.OP_DIV: (0, 1, b"\xa3"),
     ca.OP_SQ: (0, 0, b"\xa2"),
     ca.OP_TWICE: (number(2.0), 0, b"\xa2"),
     ca.OP_INV: (number(1.0), 0, b"\xa3"),
-    ca.OP_SQRT: (0, b"\x9f"),
-    ca.OP_FLOOR: (0, b"\x9c"),
-    ca.OP_CEIL: (0, b"\x9b"),
-    ca.OP_FABS: (0, b"\x99"),
-    ca.OP_COPYSIGN: (0, 1, b"\xa6"),
     ca.OP_SIGN: (0, _ZERO, b"\x64\xb7", 0, _ZERO, b"\x63\xb7\xa1"),
-    ca.OP_LT: (0, 1, b"\x63\xb7"),
-    ca.OP_LE: (0, 1, b"\x65\xb7"),
-    ca.OP_EQ: (0, 1, b"\x61\xb7"),
-    ca.OP_NE: (0, 1, b"\x62\xb7"),
     ca.OP_NOT: (0, _ZERO, b"\x61\xb7"),
     ca.OP_AND: (0, _ZERO, b"\x62", 1, _ZERO, b"\x62\x71\xb7"),
     ca.OP_OR: (0, _ZERO, b"\x62", 1, _ZERO, b"\x62\x72\xb7"),
     ca.OP_IF_ELSE_ZERO: (1, _ZERO, 0, _ZERO, b"\x62\x1b"),
-    ca.OP_POW: (0, 1, "pow"),
-    ca.OP_CONSTPOW: (0, 1, "pow"),
-    ca.OP_SIN: (0, "sin"),
-    ca.OP_COS: (0, "cos"),
-    ca.OP_TAN: (0, "tan"),
-    ca.OP_ASIN: (0, "asin"),
-    ca.OP_ACOS: (0, "acos"),
-    ca.OP_ATAN: (0, "atan"),
-    ca.OP_ATAN2: (0, 1, "atan2"),
-    ca.OP_SINH: (0, "sinh"),
-    ca.OP_COSH: (0, "cosh"),
-    ca.OP_TANH: (0, "tanh"),
-    ca.OP_ASINH: (0, "asinh"),
-    ca.OP_ACOSH: (0, "acosh"),
-    ca.OP_ATANH: (0, "atanh"),
-    ca.OP_HYPOT: (0, 1, "hypot"),
-    ca.OP_EXP: (0, "exp"),
-    ca.OP_EXPM1: (0, "expm1"),
-    ca.OP_LOG: (0, "log"),
-    ca.OP_LOG1P: (0, "log1p"),
-    ca.OP_FMOD: (0, 1, "fmod"),
-    ca.OP_FMIN: (0, 1, "fmin"),
-    ca.OP_FMAX: (0, 1, "fmax"),
 }
-"""Operation to its code: operands, instructions, and calls of functions of the C library.
-
-Comparisons give 1 or 0 as numbers. `fmin` and `fmax` are called, since the instructions let NaN pass.
-"""
+"""Operation to its code: operands, instructions, and functions of the C library; most are read off their C."""
 _LONGEST = 120
 """Bytes of code from which a value goes into a local though it is read once: longer code would be copied too often."""
 
 
-class TracedFunctions:
+class WrittenFunctions:
     """The functions of an assembler that come from traces: each once, with an address for each argument and result."""
 
     def __init__(self, assembler: Assembler) -> None:
@@ -132,7 +111,7 @@ class TracedFunctions:
 
     def _straight(self, function: ca.Function) -> int:
         """Add a function of operations."""
-        body = _Body(function, self)
+        body = _TraceCode(function, self)
         code = b"".join(body.statements())
         groups = [(body.rows, INTEGER), (body.numbers, NUMBER)]
         return self._assembler.function(INTEGER * body.pointers, b"", groups, code)
@@ -161,7 +140,7 @@ class TracedFunctions:
         return constant(edges) + constant(count), place
 
 
-class _Body:
+class _TraceCode:
     """Code of a trace. A value that is read once is calculated where it is read, others go into locals.
 
     Attributes
@@ -170,7 +149,7 @@ class _Body:
         Locals, in this order: addresses of arguments and results, addresses of rows of tables, values.
     """
 
-    def __init__(self, function: ca.Function, functions: TracedFunctions) -> None:
+    def __init__(self, function: ca.Function, functions: WrittenFunctions) -> None:
         self._function, self._functions = function, functions
         self.pointers = function.n_in() + function.n_out()
         self.rows = self.numbers = 0

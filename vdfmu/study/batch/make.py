@@ -18,7 +18,7 @@ from vdfmu.compiler.c.text import head
 from vdfmu.compiler.unit.evaluate import Evaluation, Traced
 from vdfmu.compiler.unit.program import Call
 from vdfmu.study.batch.engine import BatchProgram
-from vdfmu.study.batch.program import MovingUnit, Program
+from vdfmu.study.batch.program import MovingUnit, SystemProgram
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.compiled import Code
 
@@ -27,7 +27,7 @@ _DIVISION = re.compile(r" / (w\d+);")
 _ROUNDS = {ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD}
 
 
-def lane_sources(program: Program) -> tuple[dict[str, bytes], list[list[int]]]:
+def lane_sources(program: SystemProgram) -> tuple[dict[str, bytes], list[list[int]]]:
     """Return file name to content of the C, and the places set by each call that runs only where these are recorded.
 
     Choices are compiled as they are in the memory of the system. KernelError if a traced function has no C text.
@@ -46,7 +46,7 @@ class _LaneCode(Code):
     head = "double *m, double t, const bool *shown"
     unused = "(void)t, (void)shown;"
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: SystemProgram) -> None:
         super().__init__(program.system)
         self.program = program
         self.optional: dict[tuple[str, str], list[int]] = {}
@@ -164,7 +164,7 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
     """
     if not native_available():
         raise UsageError("it needs the compiler ziglang: pip install 'vdfmu[native]'")
-    program = Program(description, varied)
+    program = SystemProgram(description, varied)
     try:
         files, optional = lane_sources(program)
     except KernelError as error:

@@ -12,7 +12,7 @@ import casadi as ca
 
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.wasm.functions import TracedFunctions
+from vdfmu.compiler.wasm.functions import WrittenFunctions
 from vdfmu.compiler.wasm.module import (
     COPY,
     INTEGER,
@@ -28,22 +28,22 @@ from vdfmu.compiler.wasm.module import (
     return_if_not,
     unsigned,
 )
-from vdfmu.study.batch.program import MovingUnit, Program
+from vdfmu.study.batch.program import MovingUnit, SystemProgram
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, TimeSetter
 
 
-def write_module(program: Program) -> tuple[bytes, int]:
+def write_module(program: SystemProgram) -> tuple[bytes, int]:
     """Return a module, and the address of the memory of the system in its own.
 
     It exports ``begin()`` and ``step(t, size)``. These return 0, or the number from 1 on of the condition that is not
-    met, or of the unit in `Program.moving` whose solver fails. KernelError if an operation has no code.
+    met, or of the unit in `SystemProgram.moving` whose solver fails. KernelError if an operation has no code.
     """
-    writer = _Writer(program)
+    writer = _ModuleWriter(program)
     exported = {"begin": writer.begin(), "step": writer.step()}
     return writer.assembler.module(exported), writer.at
 
 
-def page_program(program: Program) -> dict[str, Any]:
+def page_program(program: SystemProgram) -> dict[str, Any]:
     """Return what a page needs to run a program, ready for JSON: ``web/master.js`` reads it.
 
     UsageError for inputs from outside, KernelError if an operation has no code.
@@ -77,12 +77,12 @@ def page_program(program: Program) -> dict[str, Any]:
     }
 
 
-class _Writer:
+class _ModuleWriter:
     """Writes the functions of a system. `at`: address of its memory."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: SystemProgram) -> None:
         self.program, self.assembler = program, Assembler(base_module())
-        self._functions = TracedFunctions(self.assembler)
+        self._functions = WrittenFunctions(self.assembler)
         self.at = self.assembler.room(8 * program.system.memory.size)
         self._still = self.assembler.room(8 * max(unit.interface.size for unit in program.system.units.values()))
         """Rates of the inputs."""

@@ -57,7 +57,7 @@ class MovingUnit(NamedTuple):
         return self.begin + where
 
 
-class Condition(NamedTuple):
+class ParameterCondition(NamedTuple):
     """What the parameters of a unit must meet together: each margin of a function holds from 0 on."""
 
     function: ca.Function
@@ -66,7 +66,7 @@ class Condition(NamedTuple):
     words: tuple[str, ...]
 
 
-class Program:
+class SystemProgram:
     """The communication steps of a system of traced units.
 
     Parameters
@@ -83,7 +83,7 @@ class Program:
         ``begin``, ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
     moving : list of MovingUnit
         In the order of a step.
-    conditions : list of Condition
+    conditions : list of ParameterCondition
     points, sizes : (n,) begin and length of each step [s]
     time : (n + 1,) times of the rows [s]
 
@@ -148,7 +148,7 @@ class Program:
         update = tuple(call for call in program.update if unit.takes(call))
         return MovingUnit(name, unit, self.system.begin(name), step, left, update)
 
-    def _conditions(self, step: float) -> Iterator[Condition]:
+    def _conditions(self, step: float) -> Iterator[ParameterCondition]:
         for name in self.system.units:
             table, begin = self.unit(name).interface, self.system.begin(name)
             robot = table.robot if table.has_robot else None
@@ -160,10 +160,10 @@ class Program:
             for listed, made in found:
                 places = tuple(begin + table.arguments[group].start for group in made.name_in())
                 words = (f"{name}: {each.parameters[0].name}: expected {each.expected}." for each in listed)
-                yield Condition(made, places, tuple(words))
+                yield ParameterCondition(made, places, tuple(words))
             if table.is_sampled and not self.system.linked.isdisjoint(range(begin, begin + table.size)):
                 words = (f"{name}: period: expected a whole multiple of the communication step, {step:g} s.",)
-                yield Condition(_whole_multiple(step), (begin + table.groups["period"].start,), words)
+                yield ParameterCondition(_whole_multiple(step), (begin + table.groups["period"].start,), words)
 
     def limits(self) -> dict[str, tuple[int, float, float]]:
         """Variables that a run may set, ``component.variable``: place, least and largest value."""

@@ -23,7 +23,7 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.study.batch.module import page_program
-from vdfmu.study.batch.program import Program
+from vdfmu.study.batch.program import SystemProgram
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.tracks import GOOD, POOR, tracks
@@ -79,7 +79,7 @@ KNOBS = (
 def keep_program(system: SystemDescription, package: Path) -> None:
     """Keep the program of a system for the pages of its package, or why there is none."""
     try:
-        content = page_program(Program(system))
+        content = page_program(SystemProgram(system))
     except VdfmuError as error:
         content = {"reason": str(error).splitlines()[0].rstrip(".")}
     store(_kept(package), json.dumps(content).encode())
