@@ -76,9 +76,10 @@ lock: $(VENV)/supply  ## choose the versions and write their hashes; LOCK=--upgr
 	$(VENV)/tools/bin/python requirements/lock.py $(LOCK)
 
 # Needs node and npm; nothing else does. The versions are those of requirements/web/package-lock.json, held against hashes.
-vendor:  ## pack three.js and uPlot, which the pages of runs are drawn with, into the package
+vendor: $(VENV)/test  ## put what pages need into the package: three.js, uPlot, and functions of the C library
 	npm --prefix requirements/web ci --ignore-scripts --no-audit --no-fund
 	node requirements/web/build.mjs
+	$(BIN)/python requirements/wasm/build.py
 
 clean:  ## remove the environment and all that was built
 	rm -rf $(VENV) build dist site results .pytest_cache .ruff_cache .hypothesis

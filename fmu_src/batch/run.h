@@ -1,7 +1,6 @@
 /* Runs of a system in lanes: the communication steps, and in them the internal steps of each lane.
  *
- * The generated part before this file has `start` and `communication_step`, SIZE (of the memory), MOVING (units with states)
- * and MOST_STATES.
+ * The generated part before this file has `start`, `communication_step` and MOVING (units with states).
  */
 #include "shown.h"
 

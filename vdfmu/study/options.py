@@ -95,8 +95,8 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
     pictures: Annotated[Sequence[str], Option("Kinds of figures, separated by commas.",
         "sequence of str", default=("png",), typed=str, choices=SUFFIXES)]
     simulate: Annotated[bool | None, Option("Let report.html run it again, with sliders.",
-        more="Its units are compiled for WebAssembly for that, once for each structure; default on the command line, "
-        "but not in Python.", flag="--simulate/--no-simulate")]
+        more="The page gets the system as WebAssembly; default on the command line, but not in Python.",
+        flag="--simulate/--no-simulate")]
 
 
 class SeedOptions(TypedDict, total=False):

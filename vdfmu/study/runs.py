@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
 from typing import Unpack
@@ -28,7 +27,7 @@ from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.page import NAME, write_failed, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
 from vdfmu.study.report.shown_run import ShownRun
-from vdfmu.study.report.simulation import compiling_modules
+from vdfmu.study.report.simulation import keep_program
 from vdfmu.study.run.scenario_run import ScenarioRun, prepare
 from vdfmu.study.run.summary import has_signals
 from vdfmu.system.scenario import Scenario
@@ -75,9 +74,11 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     place = (
         temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
     )
-    with place as made, ExitStack() as stack:
+    with place as made:
         made = Path(made)
         job = ScenarioRun(scenario, options, made)
+        if out is not False:
+            keep_program(job.system, job.package)
         try:
             results = job.simulate()
         except (CosimError, Interrupted) as error:
@@ -85,17 +86,14 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
                 write_failed(scenario.name, job.package, made, error)
             raise
         summary = results.summary
-        simulate = bool(options["simulate"] and out is not False)
-        modules = stack.enter_context(compiling_modules(summary, job.package)) if simulate else None
         job.judge(results)
         if out is False:
             return results
         with doing("figures"):
             _draw(results, scenario, made, options["pictures"])
         with doing("page"):
-            if modules is not None:
-                modules()
-            write_report([ShownRun(scenario.name, results, summary, job.package)], made / NAME, simulate=simulate)
+            shown = ShownRun(scenario.name, results, summary, job.package)
+            write_report([shown], made / NAME, simulate=bool(options["simulate"]))
             getattr(observer, "page", lambda path: None)(made / NAME)
         write_summary(summary, made)
         return results

@@ -105,6 +105,13 @@ def test_inputs_from_outside_and_both_masters(bench, master):
         assert not bench.needed
 
 
+def test_a_solver_with_a_fixed_number_of_steps(bench):
+    options = {"stop": 0.05, "settings": {"plant.solver": "fixed_2"}}
+    rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0], "controller.K_p[1]": [1e3, 2e3]}, **options)
+    assert_same_runs(rows, others)
+    assert not bench.needed
+
+
 @pytest.mark.heavy
 def test_lanes_that_fail_have_the_reason_of_the_fmus_and_disturb_no_other(bench):
     options = {"stop": 0.2}
@@ -184,7 +191,6 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
     [
         ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
         ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: decides what is compiled"),
-        ({"plant.mass[1]": "1, 2"}, {"settings": {"plant.solver": "fixed_1"}}, r"plant.solver: expected adaptive"),
         ({"plant.mass[1]": "1, 2"}, {"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
     ],
 )
@@ -238,6 +244,80 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     assert_same_runs(rows, others)
     assert not bench.needed
     assert len({row["end"] for row in rows}) == 12
+
+
+CHOPPER = """
+import numpy as np
+
+from vdfmu.unit import Derivative, Input, Parameter, State, Unit, where
+
+
+class Chopper(Unit):
+    \"\"\"A low pass of a voltage that is switched by time.\"\"\"
+
+    u = Input("V")
+    f = Parameter("1/s", text="frequency", start=40.0)
+    y = State("V", text="filtered voltage")
+    y_dot = Derivative(y)
+
+    def derivatives(self) -> None:
+        \"\"\"On in the first third of each period.\"\"\"
+        on = self.t * self.f - np.floor(self.t * self.f) < 0.3
+        self.y_dot = 100.0 * (where(on, 1.0 + self.u, 0.0) - self.y)
+"""
+NOISY = """
+import numpy as np
+
+from vdfmu.unit import Derivative, Input, Parameter, Sampled, State, Unit, normal, seeded
+
+
+class Noisy(Unit):
+    \"\"\"A sampled, rounded and noisy value, and the sum of its input.\"\"\"
+
+    y = Input("V")
+    seed = Parameter("1", text="seed", start=3.0)
+    period = Parameter("s", text="time between samples", start=7e-3, minimum=1e-6)
+    s = State("V.s", text="sum")
+    s_dot = Derivative(s)
+    random = Sampled("1", 6, "state of the random numbers")
+    z = Sampled("V", text="measured value")
+
+    def start(self) -> None:
+        \"\"\"Seed.\"\"\"
+        self.random, self.z, self.s = seeded(self.seed), 0.0, 0.0
+
+    def update(self) -> None:
+        \"\"\"Draw and round.\"\"\"
+        (noise,), self.random = normal(self.random, 1)
+        self.z = 0.01 * np.floor((self.y + 0.02 * noise) / 0.01 + 0.5)
+
+    def derivatives(self) -> None:
+        \"\"\"Integrate.\"\"\"
+        self.s_dot = self.y + self.z
+"""
+
+
+@pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])
+def test_units_that_are_sampled_or_switched_by_time(bench, tmp_path, master):
+    (tmp_path / "chopper.py").write_text(CHOPPER)
+    (tmp_path / "noisy.py").write_text(NOISY)
+    units = 'a = "chopper.py"\nb = "noisy.py"\n\n[connections]\n"a.y" = ["b.y"]\n"b.z" = ["a.u"]\n'
+    over = {"b.period": "0.01, 0.02, 0.07", "b.seed": "3, 4", "a.f": "7, 100"}
+    rows, others = bench(scenario_file(tmp_path, units), over, measure=["end=final(b.s)"], master=master)
+    assert_same_runs(rows, others)
+    assert not bench.needed
+    assert len({row["end"] for row in rows}) == 12
+    for row in bench(scenario_file(tmp_path, units), {"b.period": "0.015, 0.005"}, measure=["end=final(b.s)"])[0]:
+        assert "expected a whole multiple of its step 0.01 s" in row["failed"]  # by the FMUs, to which it was left
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("law", ["disturbance_observer", "virtual_decomposition"])
+def test_sampled_laws_of_control(bench, law):
+    options = {"units": {"controller": law}, "stop": 0.1}
+    rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, **options)
+    assert_same_runs(rows, others)
+    assert not bench.needed
 
 
 @pytest.mark.heavy

@@ -36,20 +36,6 @@ def planar(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.fixture
-def made(monkeypatch) -> list[Any]:
-    """Return the modules that would be compiled, as what is asked for; each is a module of a few bytes."""
-    jobs: list[Any] = []
-
-    def compiled(asked: Any) -> list[bytes]:
-        asked = list(asked)
-        jobs.extend(asked)
-        return [f"module of {job.name}".encode() for job in asked]
-
-    monkeypatch.setattr(simulation, "compile_libraries", compiled)
-    return jobs
-
-
 def found_in(folder: Path, **changed: Any) -> tuple[dict[str, Any], dict[str, str]]:
     """Return simulation and modules of a run, whose summary is changed."""
     run, binaries = read_run(folder), dict[str, str]()
@@ -58,7 +44,7 @@ def found_in(folder: Path, **changed: Any) -> tuple[dict[str, Any], dict[str, st
 
 
 @pytest.mark.heavy
-def test_sliders_at_1_have_the_margin_of_the_verdict_and_none_where_it_has_none(planar, made):
+def test_sliders_at_1_have_the_margin_of_the_verdict_and_none_where_it_has_none(planar):
     figures = read_run(planar).summary["key_figures"]
     at_1 = {track["modulus"][4] for knob in found_in(planar)[0]["knobs"] if (track := knob["tracks"][0])}
     assert at_1 == {round(figures["margin"]["value"], 3)}  # the same rows
@@ -71,38 +57,21 @@ def test_sliders_at_1_have_the_margin_of_the_verdict_and_none_where_it_has_none(
         assert all(knob["tracks"] == [None] and knob["why"].endswith(why) for knob in sliders)
 
 
-@pytest.mark.heavy
-def test_the_page_has_what_the_master_needs(planar, made):
+def test_the_page_has_the_program_of_the_run(planar):
     found, binaries = found_in(planar)
-    units = {unit["name"]: unit for unit in found["units"]}
-    assert [found["units"][k]["name"] for k in found["order"]] == read_run(planar).summary["order"]
-    # gauss-seidel: the plant reads the torque of this step, the feedforward the motion of the last
-    assert (units["plant"]["fresh"], units["feedforward"]["fresh"]) == (2, 0)
-    assert units["controller"]["fresh"] == 4  # tau_m and kappa_dot_d of two joints
-    names = [name for unit in found["units"] for name in unit["names"]]
-    torques = [names[k] for k in units["plant"]["sources"]]
-    assert torques == ["controller.tau[1]", "controller.tau[2]"]
-    position, value = units["controller"]["parameters"]["K_p[2]"]
-    references, values = units["controller"]["start"]["Real"]
-    assert value == 1500 == values[references.index(position)]
+    units = {unit["name"]: unit["parameters"] for unit in found["units"]}
+    assert [*units] == ["trajectory", "feedforward", "controller", "plant"]
+    place, value, least, most = units["controller"]["K_p[2]"]
+    assert (value, least, most) == (1500.0, 0.0, None) and found["memory"][place] == 1500.0
     assert (found["steps"], found["last"]) == (200, pytest.approx(1e-3, rel=1e-12))
-    assert {digest: gzip.decompress(base64.b64decode(text)) for digest, text in binaries.items()} == {
-        unit["binary"]: f"module of {job.name}".encode() for unit, job in zip(found["units"], made, strict=True)
-    }
+    assert found["moving"] == ["plant"] and len(found["names"]) == len(found["places"])
+    assert "plant: f_s[1]: expected f_s >= f_c." in found["conditions"]
+    (module,) = binaries.values()
+    assert gzip.decompress(base64.b64decode(module)).startswith(b"\0asm\1\0\0\0")
+    assert [*binaries] == [found["module"]]
 
 
-@pytest.mark.heavy
-def test_a_module_has_the_c_of_the_fmu_but_for_derivatives(planar, made):
-    found_in(planar)
-    plant = next(job for job in made if job.name == "Plant")
-    kernels = [name for name in plant.sources if name.startswith("kernel_")]
-    assert "kernel_plant_step.c" in kernels
-    assert not [name for name in kernels if "forward" in name or "reverse" in name or "avx2" in name]
-    assert {"fmi2.c", "unit.c", "step.c", "fmi2Functions.h"} <= plant.sources.keys()
-    assert plant.sources["absent.c"].count(b"__builtin_trap") == plant.sources["kernel.h"].count(b"_forward(") * 2
-
-
-def test_recorded_rows_are_those_of_the_run(planar, made):
+def test_recorded_rows_are_those_of_the_run(planar):
     recorded = found_in(planar)[0]["recorded"]
     results = Results.read(planar / "results.csv")
     values = np.frombuffer(base64.b64decode(recorded["values"]), "<f8").reshape(len(recorded["rows"]), -1)
@@ -112,14 +81,14 @@ def test_recorded_rows_are_those_of_the_run(planar, made):
         np.testing.assert_array_equal(column, results[name][recorded["rows"]])
 
 
-def test_a_loop_whose_solutions_separate_is_judged_by_how_far(planar, made):
+def test_a_loop_whose_solutions_separate_is_judged_by_how_far(planar):
     assert found_in(planar)[0]["recorded"]["limit"] == simulation.LIMIT
     apart = {"change": 1e-9, "max_position_difference_rad": 1e-3}
     recorded = found_in(planar, separation=apart)[0]["recorded"]
     assert recorded["limit"] == pytest.approx(3e-3, rel=1e-12) and "separate" in recorded["note"]
 
 
-def test_knobs_are_parameters_of_the_run(planar, made):
+def test_knobs_are_parameters_of_the_run(planar):
     found = found_in(planar)[0]
     knobs = {knob["key"]: knob for knob in found["knobs"]}
     assert list(knobs) == ["controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0", "plant.f_c", "trajectory.T"]
@@ -166,54 +135,54 @@ def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own(tmp
     assert [{target["unit"] for target in knob["known"]} for knob in masses] == [{"feedforward"}, {"feedforward_2"}]
 
 
-def test_a_run_without_references_says_why_its_loop_may_differ(planar, made):
+def test_a_run_without_references_says_why_its_loop_may_differ(planar):
     recorded = found_in(planar)[0]["recorded"]
     assert recorded["note"] == "" and "was not found out: the run has no reference" in recorded["doubt"]
     assert found_in(planar, reference={"sampled": {}})[0]["recorded"]["doubt"] == ""
 
 
-def test_a_page_of_several_runs_stays_below_its_size(planar, made, monkeypatch):
+def test_a_page_stays_below_its_size(planar, monkeypatch):
     run, binaries = read_run(planar), dict[str, str]()
     assert "units" in simulation_of(run.results, run.summary, run.package, binaries)
     monkeypatch.setattr(simulation, "MOST_MODULES", sum(map(len, binaries.values())))
     assert "units" in simulation_of(run.results, run.summary, run.package, binaries)  # it adds nothing
-    before = dict(binaries)
-    monkeypatch.setattr(simulation, "compile_libraries", lambda asked: [f"other {job.name}".encode() for job in asked])
+    binaries["another"] = "module"
     found = simulation_of(run.results, run.summary, run.package, binaries)
     assert re.search(r"larger than 1 MB; make a page of this run alone\.$", found["reason"])
-    assert binaries == before
 
 
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"algorithm": "iterative"}, "its master is iterative, and the page's is gauss-seidel or jacobi"),
-        ({"backend": "python"}, "its units are Python FMUs"),
-        ({"inputs": ["wrench.csv"]}, "some of its inputs come from files"),
         ({"package": Path("none.ssp")}, "its package, system.ssp, is not beside the results"),
-        ({"steps": 10_000_000}, "it has 10000000 steps of .* signals, too much for a page"),
+        ({"package": Path(__file__)}, "it was not made with this cache"),
     ],
 )
-def test_why_a_run_is_not_simulated_is_said(planar, made, changed, words):
+def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
     found, binaries = found_in(planar, **changed)
-    assert list(found) == ["reason"] and not binaries and not made
+    assert list(found) == ["reason"] and not binaries
     assert found["reason"].startswith("This run is not simulated here: ")
-    assert re.search(words, found["reason"])
+    assert words in found["reason"]
 
 
-def test_a_run_of_a_package_and_one_without_a_compiler_are_not_simulated(planar, made, monkeypatch):
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
+        ({"inputs": {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}}, "some of its inputs come from files"),
+    ],
+)
+def test_a_system_without_a_program_is_not_simulated(tmp_path, options, words):
+    vdfmu.run("planar_tracking", stop=0.01, out=tmp_path, reference=False, **options)
+    assert words in found_in(tmp_path)[0]["reason"]
+
+
+def test_a_long_run_and_one_of_a_package_are_not_simulated(planar, monkeypatch):
     run = read_run(planar)
     summary = {name: value for name, value in run.summary.items() if name != "scenario"}
     assert "only those of scenarios" in simulation_of(run.results, summary, run.package, {})["reason"]
-    monkeypatch.setattr(simulation, "native_available", lambda: False)
-    assert "pip install vdfmu[native]" in found_in(planar)[0]["reason"]
-
-
-def test_units_too_large_for_a_page_are_not_compiled(planar, made, monkeypatch):
-    monkeypatch.setattr(simulation, "MOST_C", 50_000)
-    found, binaries = found_in(planar)
-    assert re.search(r"its units, 0\.[12] MB of C, would make the page larger than 1 MB\.$", found["reason"])
-    assert not made and not binaries
+    monkeypatch.setattr(simulation, "MOST_VALUES", 1000)
+    assert re.search("it has 200 steps of .* signals, too much for a page", found_in(planar)[0]["reason"])
 
 
 def test_a_page_says_how_to_get_its_simulation(planar):
@@ -226,7 +195,7 @@ def test_a_page_says_how_to_get_its_simulation(planar):
 TOLERANCES = {"rad": 1e-9, "m": 1e-9, "1": 1e-9, "rad/s": 1e-7, "N.m": 1e-5, "J": 1e-7}
 """Of angles 1e-9 rad, which is promised; they swing below 100/s, and gains of 3e3 N.m/rad make 3e-6 N.m of it.
 
-Seen: 1e-15 rad, as the same C is stepped in the same order, with other sin, cos and tanh.
+Seen: 1e-15 rad, as the same operations are stepped in the same order, with other sin, cos and tanh.
 """
 
 
@@ -313,7 +282,7 @@ def test_what_a_unit_refuses_is_said_and_a_run_can_be_stopped(planar, browser, t
         return said;
     })()""")
     assert said == [
-        "plant: setReal failed: mass[2]: expected a number above 0, got -1 kg.", "Error",
+        "plant: mass[2] must be above 0, got -1.", "Error",
         "plant has no parameter weight.", "Error", "The run was stopped.", "AbortError", 201,
     ]  # fmt: skip
     assert browser.problems == []

@@ -17,7 +17,7 @@ from vdfmu.study.report.shown_run import read_run
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 EQUAL = 1e-9
-"""rad; the same C in the same order, but sin, cos and tanh of another library: seen 1e-15."""
+"""rad; the same operations in the same order, but sin, cos and tanh of another library: seen 1e-15."""
 DONE = "while (report.simulation.busy) await new Promise((done) => setTimeout(done, 10));"
 
 
@@ -268,7 +268,7 @@ def test_a_value_that_a_unit_refuses_is_said(run, browser):
     opened(browser, run / "report.html")
     browser.run("report.simulation.sliders.find(({ knob }) => knob.words.startsWith('Masses')).knob.least = -1")
     slide(browser, "Masses", -100)
-    assert "mass[1]: expected a number above 0" in words_of(browser, "#simulate [role=alert]")
+    assert "mass[1] must be above 0" in words_of(browser, "#simulate [role=alert]")
     assert "–" in words_of(browser, "#simulate tbody")
 
 

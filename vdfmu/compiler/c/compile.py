@@ -13,9 +13,9 @@ import struct
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -64,15 +64,12 @@ class Compilation:
         One of :data:`~vdfmu.compiler.c.platforms.PLATFORMS`.
     flags : tuple of str
         Further flags of the compiler and the linker.
-    exported : tuple of str
-        Functions that a module of WebAssembly exports, without what none of them calls; default: all.
     """
 
     name: str
     sources: Mapping[str, bytes]
     platform: str
     flags: tuple[str, ...] = ()
-    exported: tuple[str, ...] = ()
 
     @cached_property
     def target(self) -> Platform:
@@ -110,7 +107,7 @@ class Compilation:
     @cached_property
     def key(self) -> str:
         """Key of the library."""
-        how = [repr(self.target), *self.exported, *self.objects.values()]
+        how = [repr(self.target), *self.objects.values()]
         return self._key(f"library {' '.join(how)}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
@@ -136,16 +133,6 @@ def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
     FmuError
         If the compiler is not installed, refuses a file, or the disk is full.
     """
-    with compiling(jobs) as libraries:
-        return libraries()
-
-
-@contextmanager
-def compiling(jobs: Iterable[Compilation]) -> Generator[Callable[[], list[bytes]]]:
-    """Compile libraries while the block runs; see :func:`compile_libraries`, whose result the yielded function returns.
-
-    If the block ends by an error, so does the work.
-    """
     found: dict[int, bytes] = {}
 
     def not_found() -> Iterator[tuple[int, Compilation]]:
@@ -157,23 +144,14 @@ def compiling(jobs: Iterable[Compilation]) -> Generator[Callable[[], list[bytes]
                 found[i] = library
 
     missing = not_found()
-    with ExitStack() as stack:
-        made: Callable[[], dict[int, tuple[str, bytes]]] = dict[int, tuple[str, bytes]]
-        with _saying_where():
-            first = next(missing, None)
-            if first is not None:
-                zig()
-                workshop = _Workshop(stack.enter_context(temporary_folder("vdfmu_native_")))
-                made = stack.enter_context(workshop.making(chain([first], missing)))
-
-        def libraries() -> list[bytes]:
-            with _saying_where():
-                for i, (key, library) in made().items():
+    with _saying_where():
+        if (first := next(missing, None)) is not None:
+            zig()
+            with temporary_folder("vdfmu_native_") as folder:
+                for i, (key, library) in _Workshop(folder).make(chain([first], missing)).items():
                     store(cache_folder() / "native" / key, library)
                     found[i] = library
-            return [found[i] for i in sorted(found)]
-
-        yield libraries
+    return [found[i] for i in sorted(found)]
 
 
 @contextmanager
@@ -217,9 +195,8 @@ class _Workshop:
         except OSError:
             return str(self._folder / "zig_support")
 
-    @contextmanager
-    def making(self, jobs: Iterable[tuple[int, Compilation]]) -> Generator[Callable[[], dict[int, tuple[str, bytes]]]]:
-        """Make libraries while the block runs; the yielded function returns key and library of each job's number."""
+    def make(self, jobs: Iterable[tuple[int, Compilation]]) -> dict[int, tuple[str, bytes]]:
+        """Make libraries; return key and library of each job's number."""
         places: dict[int, tuple[Compilation, Path]] = {}
         objects: dict[str, Path] = {}
         with self._pool() as pool:
@@ -231,14 +208,10 @@ class _Workshop:
                     (place / name).write_bytes(text)
                 places[i] = job, place
                 tasks += self._compile(pool, job, place, objects)
-
-            def made() -> dict[int, tuple[str, bytes]]:
-                for task in counted("compile", as_completed(tasks), len(tasks)):
-                    task.result()
-                links = {i: pool.submit(self._link, *where, objects) for i, where in places.items()}
-                return {i: (places[i][0].key, link.result()) for i, link in links.items()}
-
-            yield made
+            for task in counted("compile", as_completed(tasks), len(tasks)):
+                task.result()
+            links = {i: pool.submit(self._link, *where, objects) for i, where in places.items()}
+            return {i: (places[i][0].key, link.result()) for i, link in links.items()}
 
     @contextmanager
     def _pool(self) -> Generator[ThreadPoolExecutor]:
@@ -281,7 +254,7 @@ class _Workshop:
         if job.platform.endswith("darwin"):
             extra.append(f"-Wl,-install_name,@rpath/{library}")
         if job.platform == WASM:
-            extra += [f"-Wl,--export={function}" for function in job.exported] or ["-Wl,--export-dynamic"]
+            extra.append("-Wl,--export-dynamic")
         self._run(job, place, library, [*job.target.link, "-s", *job.flags, "-o", library, *files, *extra])
         return _without_time((place / library).read_bytes())
 

@@ -291,7 +291,7 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
     Raises
     ------
     UsageError
-        For systems that the batch engine cannot run, such as those with sampled units.
+        For systems that the batch engine cannot run, such as those with FMUs of other tools.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}

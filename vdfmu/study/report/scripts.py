@@ -36,7 +36,7 @@ ROBOT = (
     "live.js", "robot.js",
 )  # fmt: skip
 """Modules of the page of a robot."""
-WORKER = ("packed.js", "fmu.js", "master.js")
+WORKER = ("packed.js", "master.js")
 """Modules of the worker that simulates, which the page holds as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 

@@ -1,8 +1,6 @@
-"""Data for the page of a run to run it again by itself: units as WebAssembly, start values, connections, knobs.
+"""Data for the page of a run to run it again by itself: the program of its system, sliders, what it is held against.
 
-A unit is compiled from the C files in its FMU, without the derivatives of its functions, which the page does not need.
-The functions are FMI 2.0's, in which a value reference is a position, whatever the version of the FMU.
-``web/master.js`` steps the units like :class:`~vdfmu.engine.masters.sampled.SampledStepper`.
+A run keeps the program in the cache, under the digest of its package. So a page runs only what this user has made.
 """
 
 from __future__ import annotations
@@ -10,34 +8,26 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-import re
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from hashlib import sha256
+from collections.abc import Iterator, Mapping, Sequence
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
-from vdfmu.base.files import data_path, source_bytes
-from vdfmu.base.seal import is_own
-from vdfmu.base.standards import FMI_2
-from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling
-from vdfmu.compiler.c.platforms import WASM, native_available
-from vdfmu.compiler.fmu.content import installed_digest
-from vdfmu.compiler.fmu.native import fmi_headers
-from vdfmu.engine.algorithms import ALGORITHMS, choice
+from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.fmu.variables import FmuVariable, Value
-from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
-from vdfmu.engine.plan.conversion import Link
-from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
+from vdfmu.study.batch.module import page_program
+from vdfmu.study.batch.program import SystemProgram
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.tracks import GOOD, POOR, tracks
+from vdfmu.system.package.description import SystemDescription
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
@@ -57,21 +47,8 @@ NOT_MADE = (
     "and simulate=True in Python."
 )
 """Shown instead of one."""
-MOST_C = 2_400_000
-"""Bytes of generated C of a run, a fifth of it as compressed modules: it keeps a page below 1 MB."""
 MOST_MODULES = 660_000
-"""Characters of the compressed modules of a page of several runs, for the same reason."""
-_FUNCTIONS = (
-    "fmi2Instantiate", "fmi2SetupExperiment", "fmi2EnterInitializationMode", "fmi2ExitInitializationMode",
-    "fmi2SetReal", "fmi2SetInteger", "fmi2SetBoolean", "fmi2GetReal", "fmi2DoStep",
-)  # fmt: skip
-"""Functions that the page calls; code that only others call is not in its modules."""
-_DERIVATIVE = re.compile(r"^(void \w+_(?:forward|reverse)\([^;]*\));", re.MULTILINE)
-_LEFT_OUT = re.compile(r"kernel_\w+_(forward|reverse)(_part_\d+)?\.c|kernel_\w+_avx2\.c|operations\.[ch]|fmi3\.c")
-
-
-class _CannotError(Exception):
-    """Why a run cannot be simulated in its page, in plain words."""
+"""Characters of the compressed modules of a page: they keep it below 1 MB."""
 
 
 class Knob(NamedTuple):
@@ -99,110 +76,53 @@ KNOBS = (
 """Parameters that the sliders may change, where a system has them; an empty model is any."""
 
 
+def keep_program(system: SystemDescription, package: Path) -> None:
+    """Keep the program of a system for the pages of its package, or why there is none."""
+    try:
+        content = page_program(SystemProgram(system))
+    except VdfmuError as error:
+        content = {"reason": str(error).splitlines()[0].rstrip(".")}
+    store(_kept(package), json.dumps(content).encode())
+
+
+def _kept(package: Path) -> Path:
+    with package.open("rb") as file:
+        digest = file_digest(file, "sha256").hexdigest()
+    return cache_folder() / "programs" / sha256(f"{source_digest('study.batch')} {digest}".encode()).hexdigest()
+
+
 def simulation_of(
     results: Results, summary: Mapping[str, Any], package: Path, binaries: dict[str, str] | None
 ) -> dict[str, Any]:
-    """Return the page's simulation, ready for JSON; ``{"reason": ..}`` where it cannot.
+    """Return the page's simulation, ready for JSON; ``{"reason": ..}`` if it has none.
 
-    `binaries`: digest to base64 of a compressed module, to which those of the run's units are added. None: the page is
-    to have none.
+    `binaries`: digest to base64 of a compressed module, to which the run's is added. None: the page is to have none.
     """
-    try:
-        _refuse(summary, package)
-        if binaries is None:
-            return {"reason": NOT_MADE}
-        checked = _checked(summary, package)
-        steps = int(summary["steps"])
-        outputs = sum(len(_outputs(checked, name)) for name in checked.descriptions)
-        if steps * outputs > MOST_VALUES:
-            raise _CannotError(f"it has {steps} steps of {outputs} signals, too much for a page")
-        return _simulation(results, summary, checked, _modules(checked, binaries))
-    except _CannotError as error:
-        return {"reason": f"This run is not simulated here: {error}."}
-    except VdfmuError as error:
-        return {"reason": f"This run is not simulated here: {str(error).splitlines()[0]}"}
-
-
-def _refuse(summary: Mapping[str, Any], package: Path) -> None:
-    """Raise for a run that the page's master cannot make, as far as its summary tells."""
-    master = str(summary.get("algorithm"))
+    kept = load(_kept(package)) if package.is_file() else None
     if "scenario" not in summary:
-        raise _CannotError("only those of scenarios are, which 'vdfmu run' makes")
-    if summary.get("backend") != "native":
-        raise _CannotError("its units are Python FMUs")
-    if master not in ALGORITHMS or ALGORITHMS[master].substeps != 1:
-        raise _CannotError(f"its master is {master}, and the page's is {choice(substeps=1)}")
-    if summary.get("inputs"):
-        raise _CannotError("some of its inputs come from files")
-    if not package.is_file():
-        raise _CannotError("its package, system.ssp, is not beside the results")
-    if not native_available():
-        raise _CannotError("the compiler was not there when the page was made; 'pip install vdfmu[native]'")
-    if not is_own(summary.get("seal"), package):
-        raise _CannotError("it was not made with this cache, and a look at a run does not run its code")
-
-
-def _checked(summary: Mapping[str, Any], package: Path) -> Checked:
-    """Return the run's system, if the page's master can run it."""
-    checked = check_system(load_ssp(package), algorithm=summary["algorithm"])
-    if checked.multiples or any(component.step is not None for component in checked.system.components):
-        raise _CannotError("its units have steps of their own")
-    if checked.schedule.groups:
-        raise _CannotError("components of it are integrated together")
-    if checked.schedule.initial.torn:
-        raise _CannotError("its initial values depend on each other")
-    other = [str(link) for link in checked.links if {link.source.type, link.sink.type} != {"Real"}]
-    if other:
-        raise _CannotError(f"a connection carries other than real numbers, {other[0]}")
-    return checked
-
-
-@contextmanager
-def compiling_modules(summary: Mapping[str, Any], package: Path) -> Generator[Callable[[], None]]:
-    """Compile what a page's simulation needs while the block runs; the yielded function waits until the cache has it.
-
-    Nothing is compiled for a run that :func:`simulation_of` refuses.
-    """
-    with ExitStack() as stack:
-        made: Callable[[], object] = list[bytes]
-        with suppress(_CannotError, VdfmuError):
-            _refuse(summary, package)
-            jobs = _compilations(_checked(summary, package))
-            made = stack.enter_context(compiling(jobs.values()))
-
-        def wait() -> None:
-            with suppress(VdfmuError):  # which the page will say
-                made()
-
-        yield wait
-
-
-def _compilations(checked: Checked) -> dict[str, Compilation]:
-    """Return the module to make of each FMU, by source."""
-    sources = {d.source: d for d in checked.descriptions.values()}
-    jobs: dict[str, Compilation] = {}
-    path = checked.system.path
-    with Archive(path, path.name) as package:
-        for source, description in sources.items():
-            with package.opened(source, source) as unit:
-                files = _sources(unit, source) | fmi_headers(FMI_2.name)
-            jobs[source] = Compilation(description.identifier, files, WASM, exported=_FUNCTIONS)
-    size = sum(len(c) for job in jobs.values() for name, c in job.sources.items() if name.startswith("kernel_"))
-    if size > MOST_C:
-        raise _CannotError(f"its units, {size / 1e6:.1f} MB of C, would make the page larger than 1 MB")
-    return jobs
-
-
-def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
-    """Return the digest of the module of each unit's FMU, and add the modules."""
-    jobs = _compilations(checked)
-    modules = dict(zip(jobs, compile_libraries(jobs.values()), strict=True))
-    found = {source: sha256(module).hexdigest()[:16] for source, module in modules.items()}
-    added = {found[source]: compressed(module) for source, module in modules.items()}
-    if binaries and sum(map(len, (binaries | added).values())) > MOST_MODULES:
-        raise _CannotError("with its units too the page would be larger than 1 MB; make a page of this run alone")
-    binaries |= added
-    return found
+        reason = "only those of scenarios are, which 'vdfmu run' makes"
+    elif kept is None:
+        reason = "it was not made with this cache, and a look at a run does not run its code"
+        reason = reason if package.is_file() else "its package, system.ssp, is not beside the results"
+    elif "reason" in (program := json.loads(kept)):
+        reason = program["reason"]
+    elif (program["steps"] + 1) * len(program["names"]) > MOST_VALUES:
+        reason = f"it has {program['steps']} steps of {len(program['names'])} signals, too much for a page"
+    elif sum(map(len, {*(binaries or {}).values(), program["module"]})) > MOST_MODULES:
+        reason = "with its units the page would be larger than 1 MB; make a page of this run alone"
+    elif binaries is None:
+        return {"reason": NOT_MADE}
+    else:
+        module = program["module"]
+        program["module"] = sha256(module.encode()).hexdigest()[:16]
+        try:
+            found = program | _judged(results, summary, package, program)
+        except VdfmuError as error:
+            reason = str(error).splitlines()[0].rstrip(".")
+        else:
+            binaries[program["module"]] = module
+            return found
+    return {"reason": f"This run is not simulated here: {reason}."}
 
 
 def compressed(content: bytes) -> str:
@@ -210,40 +130,9 @@ def compressed(content: bytes) -> str:
     return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
-def _sources(unit: Archive, source: str) -> dict[str, bytes]:
-    """Return the C files of a unit that the page needs."""
-    if "extra/vdfmu/vdfmu.json" not in unit.names or "sources/unit.c" not in unit.names:
-        raise _CannotError(f"{source} was built by another tool")
-    names = [name for name in unit.names if name.startswith("sources/") and name.endswith((".c", ".h"))]
-    files = {name.removeprefix("sources/"): unit.read(name) for name in names}
-    if "fmi2.c" not in files:  # an FMU of FMI 3.0
-        built = json.loads(unit.read("extra/vdfmu/vdfmu.json"))
-        if built.get("digest") != installed_digest("native", built.get("module"), built.get("reader")):
-            raise _CannotError(f"{source} was built by another version of vdfmu")
-        files["fmi2.c"] = source_bytes(data_path("fmu_src") / "c" / "fmi2.c")
-    absent = _DERIVATIVE.findall(files["kernel.h"].decode())
-    text = "".join(f"{prototype}\n{{\n    __builtin_trap();\n}}\n" for prototype in absent)
-    kept = {name: content for name, content in files.items() if not _LEFT_OUT.fullmatch(name)}
-    return kept | {"absent.c": f'#include "kernel.h"\n{text}'.encode()}
-
-
-def _position(variable: FmuVariable) -> int:
-    """Return the value reference in FMI 2.0; in FMI 3.0 an array has its first element's."""
-    return variable.reference + variable.index
-
-
-def _outputs(checked: Checked, name: str) -> list[FmuVariable]:
-    return [v for v in checked.descriptions[name].named("output") if v.type == "Real"]
-
-
-def _simulation(
-    results: Results, summary: Mapping[str, Any], checked: Checked, modules: Mapping[str, str]
-) -> dict[str, Any]:
-    names = list(checked.descriptions)
-    places = {
-        port: place for place, port in enumerate((name, v.name) for name in names for v in _outputs(checked, name))
-    }
-    begin, stop, step, steps = (summary[key] for key in ("start", "stop", "step", "steps"))
+def _judged(results: Results, summary: Mapping[str, Any], package: Path, program: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the sliders with their tracks, the causes, and what the page's own run is held against."""
+    checked = check_system(load_ssp(package), algorithm=summary["algorithm"])
     sliders = list(knobs(checked))
     values = values_of(checked)
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
@@ -253,55 +142,18 @@ def _simulation(
     margin = figures.get("margin", {})
     if not margin.get("value", 1.0):
         why = f"no margins along it: the run has none at {margin['at_s']:.3g} s"
+    span = program["start"], program["stop"], program["step"]
     dry = "without_dry_friction" not in margin
-    given = [[None]] * len(sliders) if why else tracks(checked, sliders, values, (begin, stop, step), dry)
+    given = [[None]] * len(sliders) if why else tracks(checked, sliders, values, span, dry)
     for slider, found in zip(sliders, given, strict=True):
         slider["tracks"] = found
         slider["why"] = why
+    fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
-        "units": [_unit(checked, name, modules, places) for name in names],
-        "order": [names.index(name) for name in checked.schedule.units],
-        "initial": [_carried(link, names) for link in checked.schedule.initial.links],
-        "start": begin,
-        "stop": stop,
-        "step": step,
-        "steps": steps,
-        "last": Grid(begin, stop, step, steps).last,
         "knobs": sliders,
-        "causes": list(causes(values, sliders, steps * len(places) * LESS <= MOST_VALUES)),
+        "causes": list(causes(values, sliders, fast)),
         "margins": {"good": GOOD, "poor": POOR},
-        "recorded": _recorded(results, summary, [".".join(port) for port in places]),
-    }
-
-
-def _unit(
-    checked: Checked, name: str, modules: Mapping[str, str], places: Mapping[tuple[str, str], int]
-) -> dict[str, Any]:
-    description, fresh = checked.descriptions[name], checked.schedule.fresh
-    links = [link for link in checked.links if link.stepped and link.end[0] == name]
-    links.sort(key=lambda link: link.end not in fresh)
-    outputs = _outputs(checked, name)
-    starts = checked.starts.get(name, ())
-    return {
-        "name": name,
-        "binary": modules[description.source],
-        "token": description.guid,
-        "start": {
-            kind: [[_position(v) for v, _ in chosen], [float(value) for _, value in chosen]]
-            for kind in ("Real", "Integer", "Boolean")
-            if (chosen := [(v, value) for v, value in starts if v.kind == kind])
-        },
-        "parameters": {v.name: [_position(v), value] for v, value in _parameters(checked, name).items()},
-        "outputs": [_position(v) for v in outputs],
-        "names": [f"{name}.{v.name}" for v in outputs],
-        "inputs": [_position(link.sink) for link in links],
-        "sources": [places[link.start] for link in links],
-        "fresh": sum(link.end in fresh for link in links),
-        "conversions": [
-            [k, link.conversion.factor, link.conversion.offset]
-            for k, link in enumerate(links)
-            if not link.conversion.trivial
-        ],
+        "recorded": _recorded(results, summary, program["names"]),
     }
 
 
@@ -316,11 +168,6 @@ def _parameters(checked: Checked, name: str) -> dict[FmuVariable, float]:
 def values_of(checked: Checked) -> dict[str, dict[str, float]]:
     """Return the real parameters of all units by their names."""
     return {name: {v.name: value for v, value in _parameters(checked, name).items()} for name in checked.descriptions}
-
-
-def _carried(link: Link, names: Sequence[str]) -> list[float]:
-    ends = (names.index(link.start[0]), _position(link.source), names.index(link.end[0]), _position(link.sink))
-    return [*ends, link.conversion.factor, link.conversion.offset]
 
 
 def knobs(checked: Checked) -> Iterator[dict[str, Any]]:

@@ -129,7 +129,6 @@ KEYS: Mapping[str, Key] = {
     "arm": Key(_arm(True), "Geometry of the arm, of which it is drawn."),
     "scene": Key(_SCENE, "Every arm of the system, with the signals that its drawing shows, and what the arms touch."),
     "package": Key(TEXT, "The package that was run."),
-    "seal": Key(TEXT, "Seal of system.ssp, by which its user's reports run it again."),
     "system": Key(TEXT, "Name of the system."),
     "algorithm": Key(TEXT, "Master algorithm of the run."),
     "order": Key(_LINES, "Components in the order of their steps."),

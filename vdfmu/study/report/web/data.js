@@ -10,7 +10,7 @@ export const live = content.live;
 export const robot = content.robot;
 /** The cells of a comparison of control laws, in its page. */
 export const compared = content.compared;
-/** Digest to module, of the units of all runs that can be simulated. */
+/** Digest to module, of the systems that can be simulated. */
 export const binaries = content.binaries;
 
 /** The result of no simulation. */

@@ -18,7 +18,7 @@ class Simulation {
     this.verdict = make("ul");
     this.failure = make("div", { class: "failure", role: "alert", hidden: true });
     this.back = make("button", { type: "button", click: () => this.reset() }, "Reset");
-    this.hint = make("p", { class: "note" }, "Move a slider: this browser runs the C of the FMUs again, and draws the simulated run over the recorded one. A double click puts a slider back.");
+    this.hint = make("p", { class: "note" }, "Move a slider: this browser runs the equations of the FMUs again, and draws the simulated run over the recorded one. A double click puts a slider back.");
     this.legend = make("p", { class: "note" });
     this.knobs = make("div", { class: "knobs" });
     this.results = make("table");

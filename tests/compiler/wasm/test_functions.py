@@ -1,0 +1,172 @@
+"""Traced functions as WebAssembly, in wasmtime: operation by operation and whole, their bits are those of CasADi."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+import pytest
+import wasmtime
+
+from vdfmu.base.errors import KernelError
+from vdfmu.compiler.c.expressions import EXPRESSIONS
+from vdfmu.compiler.c.functions import lookup_table
+from vdfmu.compiler.scalar.symbol import LOOKUP
+from vdfmu.compiler.wasm.functions import OPERATIONS, WrittenFunctions
+from vdfmu.compiler.wasm.module import Assembler, base_module, unsigned
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference.wired import WiredUnits
+from vdfmu.system.scenario import load_scenario
+
+CALLED = sorted({piece for pieces in OPERATIONS.values() for piece in pieces if isinstance(piece, str)})
+TWO = {"pow", "atan2", "hypot", "fmod", "fmin", "fmax"}
+SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, -2.5, 3.75, 1e-300, 1e300, math.inf, -math.inf, math.nan]
+
+
+def imported_base() -> bytes:
+    """Return a module of imported functions alone, so that those of CasADi's own C library can be called."""
+
+    def section(kind: int, *items: bytes) -> bytes:
+        content = unsigned(len(items)) + b"".join(items)
+        return bytes([kind]) + unsigned(len(content)) + content
+
+    def name(text: str) -> bytes:
+        return unsigned(len(text)) + text.encode()
+
+    names = [*CALLED, "table_row"]
+    types = b"\x60\1\x7c\1\x7c", b"\x60\2\x7c\x7c\1\x7c", b"\x60\3\x7f\x7f\x7c\1\x7f"
+    kinds = {one: 2 if one == "table_row" else int(one in TWO) for one in names}
+    imports = [name("c") + name(one) + b"\0" + unsigned(kind) for one, kind in kinds.items()]
+    exports = [name(one) + b"\0" + unsigned(k) for k, one in enumerate(names)]
+    parts = section(1, *types), section(2, *imports), section(4, b"\x70\0\1"), section(5, b"\0\1"), section(7, *exports)
+    return b"\0asm\1\0\0\0" + b"".join(parts)
+
+
+class Instance:
+    """The functions of traces in a module; with `own` it calls functions of the C library of this machine."""
+
+    def __init__(self, functions: Sequence[ca.Function], own: bool = True) -> None:
+        assembler = Assembler(imported_base() if own else base_module())
+        traced = WrittenFunctions(assembler)
+        exported = {f"f{k}": traced.index(function) for k, function in enumerate(functions)}
+        self.functions, self.place = functions, assembler.room(200_000)
+        engine = wasmtime.Engine()
+        self.store = wasmtime.Store(engine)
+        module, imports = wasmtime.Module(engine, assembler.module(exported)), self._imports(functions) if own else []
+        self.exports = wasmtime.Instance(self.store, module, imports).exports(self.store)
+
+    def _imports(self, functions: Sequence[ca.Function]) -> list[wasmtime.Func]:
+        number, integer = wasmtime.ValType.f64(), wasmtime.ValType.i32()
+        symbols = ca.SX.sym("x"), ca.SX.sym("y")
+        found = []
+        for name in CALLED:  # CasADi's own, which calls the C library
+            operation = next(key for key, pieces in OPERATIONS.items() if name in pieces)
+            given = symbols[: 1 + (name in TWO)]
+            make = ca.SX.binary if name in TWO else ca.SX.unary
+            called = ca.Function(name, given, [make(operation, *given)])
+            kind = wasmtime.FuncType([number] * len(given), [number])
+            found.append(wasmtime.Func(self.store, kind, lambda *a, called=called: float(called(*a))))
+        tables = [one for f in functions for one in f.find_functions() if one.name().startswith(LOOKUP)]
+        edges = np.array(lookup_table(tables[0])[0]) if tables else np.zeros(2)
+        row = lambda _, n, x: int(np.clip(np.searchsorted(edges, x, "right") - 1, 0, n - 1))  # noqa: E731
+        kind = wasmtime.FuncType([integer, integer, number], [integer])
+        return [*found, wasmtime.Func(self.store, kind, row)]
+
+    def __call__(self, k: int, *arguments: np.ndarray) -> list[np.ndarray]:
+        """Call a function with values of its arguments."""
+        function, memory, at = self.functions[k], self.exports["memory"], self.place
+        addresses = []
+        for values in arguments:
+            content = np.ascontiguousarray(values, dtype="<f8").tobytes()
+            memory.write(self.store, content, at)
+            addresses.append(at)
+            at += len(content)
+        sizes = [8 * function.numel_out(i) for i in range(function.n_out())]
+        results = [at + sum(sizes[:i]) for i in range(len(sizes))]
+        self.exports[f"f{k}"](self.store, *addresses, *results)
+        contents = [memory.read(self.store, at, at + size) for at, size in zip(results, sizes, strict=True)]
+        return [np.frombuffer(bytes(content), "<f8") for content in contents]
+
+
+def expected(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+    """Return CasADi's values."""
+    given = [values.reshape(function.size_in(i), order="F") for i, values in enumerate(arguments)]
+    return [np.array(one.full()).ravel(order="F") for one in function.call(given)]
+
+
+def assert_same_bits(found: np.ndarray, values: np.ndarray, where: str) -> None:
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(values), err_msg=where)  # whose bits no standard fixes
+    rest = ~np.isnan(values)
+    np.testing.assert_array_equal(found[rest].view(np.int64), values[rest].view(np.int64), err_msg=where)
+
+
+def operation_functions() -> dict[int, ca.Function]:
+    """Return a function of each operation, of all operands side by side."""
+    found = {}
+    for key, pieces in OPERATIONS.items():
+        given = [ca.SX.sym(name) for name in "xy"[: 2 if 1 in pieces else 1]]
+        made = (ca.SX.binary if len(given) == 2 else ca.SX.unary)(key, *given)
+        found[key] = ca.Function(f"operation_{key}", given, [made])
+    return found
+
+
+def test_there_is_code_of_each_operation_that_has_c():
+    assert OPERATIONS.keys() == EXPRESSIONS.keys()
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_an_operation_has_the_bits_of_casadi(own):
+    functions = operation_functions()
+    instance = Instance(list(functions.values()), own)
+    for k, (key, function) in enumerate(functions.items()):
+        exact = own or not any(isinstance(piece, str) for piece in OPERATIONS[key])
+        for x in SPECIAL:
+            for y in SPECIAL if function.n_in() == 2 else [0.0]:
+                given = [np.array([x]), np.array([y])][: function.n_in()]
+                (found,), (value,) = instance(k, *given), expected(function, *given)
+                if key == ca.OP_SIGN:  # CasADi has the sign of -0 and of NaN; this is the C of the FMUs
+                    value = np.array([float(x > 0.0) - float(x < 0.0)])
+                if exact:
+                    assert_same_bits(found, value, f"{function} {given}")
+                else:  # another C library: both are within two units in the last place
+                    np.testing.assert_allclose(found, value, rtol=4 * 2.3e-16, atol=0.0, err_msg=f"{function} {given}")
+
+
+def test_a_value_read_once_is_calculated_where_it_is_read_and_locals_are_used_again():
+    x = ca.SX.sym("x", 400)
+    total = x[0]
+    for k in range(1, 400):
+        total = total * x[k] + ca.sin(total) if k % 7 else total + x[k]
+    function = ca.Function("chain", [x], [total, x * x])
+    (instance,) = [Instance([function])]
+    values = np.random.default_rng(1).uniform(-1.0, 1.0, 400)
+    for found, value in zip(instance(0, values), expected(function, values), strict=True):
+        assert_same_bits(found, value, "chain")
+
+
+def test_an_operation_without_code_is_said():
+    x = ca.SX.sym("x")
+    with pytest.raises(KernelError, match=r"^wrong: CasADi's operation \d+ has no code in WebAssembly\.$"):
+        WrittenFunctions(Assembler(base_module())).index(ca.Function("wrong", [x], [ca.erf(x)]))
+
+
+@pytest.mark.parametrize("scenario", ["tracking", "screw", "estimation", "kr300"])
+def test_the_units_of_a_scenario_have_the_bits_of_casadi(scenario):
+    """Start, outputs, derivatives, updates and steps of the solver, with numbers of which the results depend."""
+    system = WiredUnits(SystemDescription(load_scenario(scenario)))
+    random = np.random.default_rng(2)
+    for name, unit in system.units.items():
+        program = unit.interface.program
+        calls = [call for call in (*program.calls, *program.step, *program.left) if unit.takes(call)]
+        functions = [unit.interface.functions.casadi_function(call.function) for call in calls]
+        instance = Instance(functions)
+        for k, function in enumerate(functions):
+            given = []
+            for group in function.name_in():
+                size, where = function.numel_in(group), unit.interface.arguments.get(group)
+                own = np.full(size, 1e-3) if where is None else unit.memory[where]
+                given.append(own * random.uniform(0.9, 1.1, size) + 1e-3 * random.uniform(size=size))
+            for found, value in zip(instance(k, *given), expected(function, *given), strict=True):
+                assert_same_bits(found, value, f"{name} {function.name()}")

@@ -1,0 +1,105 @@
+"""The program of a system as WebAssembly, in wasmtime: its run is that of the FMUs, and it says what stops it."""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import wasmtime
+
+import vdfmu
+from tests.conftest import heavy
+from tests.study.batch.test_batch import CHOPPER, NOISY, POSITION, REST, scenario_file
+from vdfmu.study.batch.module import write_module
+from vdfmu.study.batch.program import SystemProgram
+from vdfmu.study.run.scenario_run import prepare
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario.values import system_values
+
+
+class Module:
+    """A program in a module, with changed values before the start."""
+
+    def __init__(self, scenario: Any, settings: dict[str, Any], **changed: float) -> None:
+        scenario = prepare(scenario)
+        self.program = SystemProgram(SystemDescription(scenario, system_values(scenario, settings)))
+        content, self._address = write_module(self.program)
+        engine = wasmtime.Engine()
+        self._store = wasmtime.Store(engine)
+        self._exports = wasmtime.Instance(self._store, wasmtime.Module(engine, content), []).exports(self._store)
+        memory = self.program.system.memory.copy()
+        for name, value in changed.items():
+            memory[self.program.limits()[name][0]] = value
+        self._exports["memory"].write(self._store, memory.astype("<f8").tobytes(), self._address)
+        self.begun = self._exports["begin"](self._store)
+
+    def memory(self) -> np.ndarray:
+        """Values of the system."""
+        end = self._address + 8 * self.program.system.memory.size
+        return np.frombuffer(bytes(self._exports["memory"].read(self._store, self._address, end)), "<f8")
+
+    def steps(self) -> Iterator[int]:
+        """Yield what each step returns."""
+        for t, size in zip(self.program.points.tolist(), self.program.sizes.tolist(), strict=True):
+            yield self._exports["step"](self._store, t, size)
+
+
+def assert_same_run(scenario: Any, settings: dict[str, Any] | None = None) -> None:
+    module = Module(scenario, settings or {})
+    assert module.begun == 0
+    rows = [module.memory()]
+    for stopped in module.steps():
+        assert stopped == 0
+        rows.append(module.memory())
+    results = vdfmu.run(scenario, out=False, reference=False, settings=settings)
+    compared = {name: place for name, (place, _) in module.program.signals().items() if name in set(results.names)}
+    assert len(compared) > 3
+    for name, place in compared.items():
+        found, value = np.array(rows)[:, place], results[name]
+        atol = POSITION if results.units[name] == "rad" else REST * max(1.0, np.abs(value).max())
+        np.testing.assert_allclose(found, value, rtol=0.0, atol=atol, err_msg=name)
+    assert max(np.ptp(results[name]) for name in compared) > 1e3 * POSITION
+
+
+@pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])
+def test_units_that_are_sampled_or_switched_by_time(tmp_path, master):
+    (tmp_path / "chopper.py").write_text(CHOPPER)
+    (tmp_path / "noisy.py").write_text(NOISY)
+    units = 'a = "chopper.py"\nb = "noisy.py"\n\n[connections]\n"a.y" = ["b.y"]\n"b.z" = ["a.u"]\n'
+    scenario = prepare(scenario_file(tmp_path, units), master=master)
+    assert_same_run(scenario, {"b.period": 0.02, "a.f": 33.0})
+
+
+@pytest.mark.parametrize(
+    "options", [{"stop": 0.1}, *heavy({"stop": 0.05, "units": {"controller": "disturbance_observer"}})]
+)
+def test_an_arm_and_a_sampled_law(options):
+    assert_same_run(prepare("planar_tracking", **options))
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["tracking", "two_arms", "slider_tracking", "wall", "screw", "estimation"])
+def test_the_shipped_scenarios(name):
+    assert_same_run(prepare(name, stop=0.1))
+
+
+def test_a_fixed_number_of_steps():
+    assert_same_run(prepare("planar_tracking", stop=0.05), {"plant.solver": "fixed_2"})
+
+
+def test_what_is_not_met_and_what_stops_are_told():
+    scenario = prepare("planar_tracking", stop=0.2)
+    module = Module(scenario, {}, **{"plant.f_s[1]": 0.01})
+    words = [words for condition in module.program.conditions for words in condition.words]
+    assert words[module.begun - 1] == "plant: f_s[1]: expected f_s >= f_c."
+    unstable = Module(scenario, {}, **{"controller.K_v[2]": 1e9})
+    assert unstable.begun == 0
+    (stopped,) = {found for found in unstable.steps() if found}
+    assert unstable.program.moving[stopped - 1].name == "plant"
+
+
+def test_a_system_that_has_no_program_has_all_reasons():
+    scenario = dataclasses.replace(prepare("planar_tracking"), master="iterative", adaptive=1e-3)
+    with pytest.raises(vdfmu.VdfmuError, match="master: expected gauss-seidel or jacobi, got iterative\nadaptive: "):
+        SystemProgram(SystemDescription(scenario))

@@ -1,0 +1,1 @@
+"""Systems as WebAssembly, written without a compiler: traced functions, and the module that they are put into."""
