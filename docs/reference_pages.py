@@ -40,7 +40,7 @@ def _command(name: str, command: Any) -> Iterator[str]:
 
 def _names(parameter: Any) -> str:
     if parameter.param_type_name == "argument":
-        return f"`{parameter.metavar or parameter.name.upper()}`"
+        return f"`{(parameter.metavar or parameter.name.upper()).strip('[]')}`"
     names = ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts))
     return names + (f" `{parameter.metavar}`" if parameter.metavar else "")
 
@@ -139,9 +139,9 @@ standard error.
 
 | option | standard output | standard error |
 | --- | --- | --- |
-| none | tables, files written | notes, warnings, errors, bars |
+| none | verdict, tables, files written | notes, warnings, errors, bars |
 | `--quiet`, `-q` | a line `Written to` | errors |
-| `--verbose`, `-v` | as without | also stages, times, sources of errors |
+| `--verbose`, `-v` | also the tables of a run | also stages, times, places of errors |
 
 With `--quiet`, `run`, `simulate`, `federate`, `sweep` and `tune` print that one line. `sweep` adds its failed points.
 Bars appear on a terminal only. They are ASCII without UTF-8, and have no colours under `NO_COLOR`.
