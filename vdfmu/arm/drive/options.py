@@ -45,13 +45,10 @@ OPTION_STATES = {option.state.name: name for name, option in OPTIONS.items() if 
 
 
 def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:
-    """Return the options that a robot has, each with its state; None for one that `states` do not have."""
+    """Return the options of a robot, those of its own drive last, each with its state; None if `states` lack it."""
     given = states or {}
-    return [
-        (option, given.get(option.state.name) if option.state else None)
-        for name, option in OPTIONS.items()
-        if getattr(robot, name)
-    ]
+    listed = [option for name, option in OPTIONS.items() if getattr(robot, name)] + [*getattr(robot, "own", ())]
+    return [(option, given.get(option.state.name) if option.state else None) for option in listed]
 
 
 def dry_friction(names: Collection[str]) -> set[str]:

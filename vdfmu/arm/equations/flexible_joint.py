@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.arm.drive.option import JointMotion, Parallel, Sliding, Spring
-from vdfmu.arm.drive.options import OPTION_STATES, options_of
+from vdfmu.arm.drive.options import options_of
 from vdfmu.arm.equations.friction import friction_loss, friction_terms, friction_velocity, joint_friction, sliding_at
 from vdfmu.arm.equations.harmonic_drive import (
     deformation,
@@ -46,7 +46,7 @@ class PlantState(NamedTuple):
 
 def state_names(robot: Any) -> list[str]:
     """Names of a robot's states, in their order."""
-    added = [name for name, option in OPTION_STATES.items() if getattr(robot, option)]
+    added = [option.state.name for option, _ in options_of(robot) if option.state]
     return ["q", "q_dot", "kappa_dot", "tau_s", *added]
 
 
