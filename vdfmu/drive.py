@@ -1,4 +1,4 @@
-"""Everything to write a drive of one's own: options with their laws, and Dahl's element, a spring that slips."""
+"""Everything to write a drive: options with their laws, and Dahl's element, a spring that slips."""
 
 from vdfmu.arm.drive.dahl import dahl_energy, dahl_loss, dahl_rate
 from vdfmu.arm.drive.option import (
@@ -18,21 +18,6 @@ from vdfmu.base.measure import POSITIVE
 from vdfmu.compiler.scalar.generic import clip, sgn
 
 __all__ = [
-    "POSITIVE",
-    "Array",
-    "Condition",
-    "DriveOption",
-    "Friction",
-    "JointMotion",
-    "LinkTorque",
-    "OptionState",
-    "Parallel",
-    "Sliding",
-    "Spring",
-    "clip",
-    "dahl_energy",
-    "dahl_loss",
-    "dahl_rate",
-    "row",
-    "sgn",
-]
+    "POSITIVE", "Array", "Condition", "DriveOption", "Friction", "JointMotion", "LinkTorque", "OptionState", "Parallel",
+    "Sliding", "Spring", "clip", "dahl_energy", "dahl_loss", "dahl_rate", "row", "sgn",
+]  # fmt: skip

@@ -70,10 +70,10 @@ class Parallel(NamedTuple):
 
 
 class Friction(NamedTuple):
-    """Friction of the joints, each (n,).
+    """Friction of the joints, each (n,): `dry` and `f_v` link-side, `mesh` motor-side.
 
-    Dry friction of (54), with its sign [N m or N], and the coefficient f_v of viscous friction [N m s/rad or N s/m],
-    link-side; friction on the rotor in addition [N m], motor-side; power of friction that is stored [W]; energy [J].
+    `dry` is the friction of (54) with its sign [N m or N], `f_v` the viscous coefficient [N m s/rad or N s/m], `mesh`
+    acts on the rotor in addition [N m]. Of the power, `stored` [W] is not heat. Its integral is `energy` [J].
     """
 
     dry: Any
@@ -93,8 +93,8 @@ class LinkTorque(NamedTuple):
 class Sliding(NamedTuple):
     """Quantities that friction depends on, each (n,).
 
-    Velocity at which (54) acts [rad/s or m/s]; Coulomb and Stribeck friction there, without sign [N m or N], link-side;
-    speed of the rotor divided by ell [rad/s or m/s]; torque of the drive [N m or N], link-side.
+    `velocity` is the argument of (54), `level` its friction without sign [N m or N], `kappa_dot` the speed of the rotor
+    divided by ell, `load` the torque of the drive [N m or N], link-side.
     """
 
     velocity: Any
@@ -106,8 +106,8 @@ class Sliding(NamedTuple):
 class JointMotion(NamedTuple):
     """Quantities that the rates of states depend on, each (n,): those of :class:`Sliding`, and three more.
 
-    Rate at which the drive is deformed [rad/s or m/s]; torque that the motor is asked for [N m], motor-side; power that
-    friction and the laws beside the spring turn into heat [W].
+    `stretch` is the rate of the deformation [rad/s or m/s], `tau` the torque asked of the motor [N m], motor-side,
+    `loss` the power that friction and the laws beside the spring turn into heat [W].
     """
 
     velocity: Any
@@ -142,13 +142,13 @@ class DriveOption:
     """Parameters that must be 0 at prismatic joints."""
 
     spring: Law = _same
-    """(spring, robot, tau_s): :class:`Spring`; what is in series adds deformation, compliance and energy."""
+    """(spring, robot, tau_s): :class:`Spring`. In series, deformations, compliances and energies add."""
     parallel: Law | None = None
     """(robot, stretch, own): :class:`Parallel`, added to the spring's torque."""
     friction: Law = _same
     """(friction, robot, sliding, own): :class:`Friction` where the joint slides, by a :class:`Sliding`."""
     link: Law | None = None
-    """(robot, q, q_dot): :class:`LinkTorque`; `q_dot` is None where a motion is planned, which meets no stop."""
+    """(robot, q, q_dot): :class:`LinkTorque`. A planned motion meets no stop: `q_dot` is None."""
     motor: Law = _same
     """(tau, robot, kappa_dot, own): torque of the motor where `tau` is asked for [N m], motor-side."""
     rate: Law | None = None

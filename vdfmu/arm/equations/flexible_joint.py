@@ -2,8 +2,8 @@
 
 The joint's base is part of the link before it and its output link part of the link after it (Table 1 gives their
 masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). What is left is the rotor: a body that
-turns about its axis on the base, with its mass in the base's link; and the torques of spring, friction and motor, to
-which the options of a drive add theirs.
+turns about its axis on the base, with its mass in the base's link. The options of a drive add to the torques of
+spring, friction and motor.
 """
 
 from __future__ import annotations
@@ -198,11 +198,11 @@ def stretch_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any) -> Any:
 
 
 def spring(robot: Any, tau_s: Any) -> Spring:
-    """Return deformation, compliance and energy of the springs, (2)-(3), with what options put in series: (n,) each."""
-    found = Spring(deformation(robot, tau_s), deformation_derivative(robot, tau_s), spring_energy(robot, tau_s))
+    """Deformation, compliance and energy of the springs, (2)-(3) and those of options, (n,) each."""
+    springs = Spring(deformation(robot, tau_s), deformation_derivative(robot, tau_s), spring_energy(robot, tau_s))
     for option, _ in options_of(robot):
-        found = option.spring(found, robot, tau_s)
-    return found
+        springs = option.spring(springs, robot, tau_s)
+    return springs
 
 
 def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) -> Any:
@@ -256,7 +256,7 @@ def _stretch(robot: Any, state: PlantState) -> Any:
 
 
 def _parallel(robot: Any, state: PlantState) -> Parallel:
-    """Return what options put beside the springs, in sum."""
+    """Sum of the options' laws beside the springs."""
     laws = [(option.parallel, own) for option, own in options_of(robot, state.options) if option.parallel]
     if not laws:
         return Parallel()
@@ -276,7 +276,7 @@ def link_torques(robot: Any, q: Any, q_dot: Any = None) -> Any:
     ----------
     q : (n,) [rad or m]
     q_dot : (n,) [rad/s or m/s], optional
-        Without it the motion is a planned one, which meets no end stop.
+        Without it the motion is planned: it meets no end stop.
     """
     return sum(option.link(robot, q, q_dot).torque for option, _ in options_of(robot) if option.link)
 

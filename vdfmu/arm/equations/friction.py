@@ -20,12 +20,12 @@ def friction_level(robot: Any, velocity: Any) -> Any:
 
 
 def sliding_at(robot: Any, velocity: Any, kappa_dot: Any, load: Any) -> Sliding:
-    """Return what friction depends on, at the velocity of (54); the others as in :func:`joint_friction`."""
+    """Quantities that friction depends on, at the velocity of (54). Parameters: see :func:`joint_friction`."""
     return Sliding(velocity, friction_level(robot, velocity), kappa_dot, load)
 
 
 def friction_terms(robot: Any, sliding: Sliding, states: States | None = None) -> Friction:
-    """Return the terms of Eq. (54), with what options make of them."""
+    """Terms of Eq. (54), changed by the options."""
     friction = Friction(sliding.level * np.tanh(sliding.velocity / robot.eps), robot.f_v)
     for option, own in options_of(robot, states):
         friction = option.friction(friction, robot, sliding, own)

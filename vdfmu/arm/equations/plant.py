@@ -45,7 +45,7 @@ class Outputs(NamedTuple):
 
 
 def driven(robot: Any, state: PlantState, tau: Any, base: Base, load: Any) -> tuple[Any, Any, list[np.ndarray], Any]:
-    """Return what moves links and rotors in a state; parameters as in :func:`plant_derivative`.
+    """Torques and forces that move links and rotors in a state. Parameters: see :func:`plant_derivative`.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def plant_derivative(
     ----------
     x : (4 n,) state, longer with options
     tau : (n,) [N m] motor torques, motor-side; with `winding` those that are asked for
-    F_e : (6,) [N, N m] wrench that the arm exerts on its surroundings, in {O}; on a load that of `A_O = 0`
+    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O}, and on a load if it has `A_O = 0`
     base : Base
         Its motion, default at rest.
     load : vdfmu.arm.world.attachment.Load, optional

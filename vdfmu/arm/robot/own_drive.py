@@ -1,4 +1,4 @@
-"""A drive of one's own: a file of options of drives, with laws as in `vdfmu.arm.drive`, that belongs to a robot."""
+"""Drives by a user's file: options with laws as in `vdfmu.arm.drive`, and the class of their robots."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vdfmu.compiler.unit.load import check_may_run
 
 
 def drive_text(value: str, folder: Path) -> str:
-    """Return the text of a drive, from the path of its file, or as it is; UsageError if there is no file."""
+    """Read the file of a drive. A text of several lines is returned as it is. UsageError without a file."""
     if "\n" in value:
         return value
     try:
@@ -51,16 +51,16 @@ def robot_class(text: str) -> type[Robot]:
     except Exception as error:  # whatever code of others raises
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == module.__name__]
         raise UnitError(f"drive, line {lines[-1]}: {kind_text(error)}." if lines else f"drive: {error}.") from None
-    found: list[tuple[str, Any]] = [*vars(module).items()]
-    options = {name: value for name, value in found if isinstance(value, DriveOption) and not name.startswith("_")}
-    tables = [each for _, each in found if dataclasses.is_dataclass(each) and each.__module__ == module.__name__]
+    members: list[tuple[str, Any]] = [*vars(module).items()]
+    options = {name: value for name, value in members if isinstance(value, DriveOption) and not name.startswith("_")}
+    tables = [each for _, each in members if dataclasses.is_dataclass(each) and each.__module__ == module.__name__]
     fields = [f for each in tables for f in dataclasses.fields(each) if f.metadata]
     rows = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields}
     _check(options, rows)
-    members: dict[str, Any] = {"rows": PARAMETERS | rows, "own": tuple(options.values()), "drive": text}
-    members["joint_fields"] = (*Robot.joint_fields, *(name for name, row in rows.items() if not row.shape))
-    members |= {"__doc__": Robot.__doc__, "__reduce__": _reduced}
-    robot: Any = type("Robot", (*tables, Robot), members)  # pyright: ignore[reportArgumentType]
+    attributes: dict[str, Any] = {"rows": PARAMETERS | rows, "own": tuple(options.values()), "drive": text}
+    attributes["joint_fields"] = (*Robot.joint_fields, *(name for name, row in rows.items() if not row.shape))
+    attributes |= {"__doc__": Robot.__doc__, "__reduce__": _reduced}
+    robot: Any = type("Robot", (*tables, Robot), attributes)  # pyright: ignore[reportArgumentType]
     return dataclasses.dataclass(frozen=True, eq=False, kw_only=True)(robot)
 
 

@@ -230,7 +230,7 @@ class Parameters(OptionRows, ArmParameters):
     """The table: a field is a row, in the order of the FMI value references. Arrays have the joint first."""
 
     rows: ClassVar[dict[str, Row]]
-    """Name of a parameter to its row: :data:`PARAMETERS`, and those of a drive of the robot's own."""
+    """Name of a parameter to its row: :data:`PARAMETERS`, and the rows of the robot's own drive."""
 
     # fmt: off
     theta_err_amplitude: Array = row(

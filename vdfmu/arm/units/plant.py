@@ -170,7 +170,7 @@ class Plant(Unit):
 
     @classmethod
     def declared_for(cls, robot: Any) -> dict[str, Declared]:
-        """Return the variables of a robot, those of the states of its own drive among them."""
+        """Variables by name, with the states of the robot's own drive."""
         states = [option.state for option in getattr(robot, "own", ()) if option.state]
         own = {d.name: d for state in states for d in _own_variables(state)}
         if taken := own.keys() & cls.declared.keys():

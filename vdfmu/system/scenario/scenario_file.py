@@ -149,7 +149,7 @@ KEYS = {
     "inputs": "CSV file of signals for inputs that nothing is connected to",
     "input_hold": "Hold these until the next row",
     "payload": "",
-    "joints": "A drive of one's own: its file, and a table of numbers for all joints or for each",
+    "joints": "File of a drive, and tables of its numbers, for all joints or for each",
     "motion": "Motion of the joints instead of (57), or the TOML file with it; each kind has keys of its own",
     "plant_factors": "",
     "paper": "",
@@ -278,7 +278,7 @@ def _moved(
 
 
 def _with_drive(table: Table, robot: Robot) -> Robot:
-    """Return a robot with the drive of a table [joints]; other entries are tables of numbers, or of lists by joint."""
+    """Return a robot with the drive of a table [joints], and the numbers of its other entries, or lists by joint."""
     where = table.problems.where
     try:
         data: dict[str, Any] = robot.to_dict() | {"drive": drive_text(table.text("drive"), Path(where).parent)}
