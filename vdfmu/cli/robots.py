@@ -42,7 +42,7 @@ def show_robot(name: RobotArgument) -> None:
     import numpy as np
 
     from vdfmu.arm.robot import load_robot
-    from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS, section
+    from vdfmu.arm.robot.parameters import OPTIONAL, section
 
     robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
@@ -55,7 +55,7 @@ def show_robot(name: RobotArgument) -> None:
     if robot.payload:
         load = [f"{row.name} {_number(getattr(robot, row.name))} {row.unit()}".rstrip() for row in section("payload")]
         console.print(", ".join(load))
-    per_joint = [row for row in PARAMETERS.values() if row.per_joint and row.fold != "always"]
+    per_joint = [row for row in robot.rows.values() if row.per_joint and row.fold != "always"]
     for part, group in groupby(per_joint, lambda row: row.section):
         if part in OPTIONAL and not getattr(robot, part):
             continue

@@ -19,7 +19,7 @@ OPTION = '''
 
 from dataclasses import dataclass
 
-from vdfmu.arm.drive.option import Array, DriveOption, OptionState, row
+from vdfmu.arm.drive.option import Array, DriveOption, OptionState, Parallel, row
 from vdfmu.base.measure import POSITIVE
 
 
@@ -34,10 +34,10 @@ class CreepRows:
 
 CREEP = DriveOption(
     state=OptionState("tau_x", "torque", "torque of the element, link-side", "its start, without equilibrium"),
-    torque=lambda robot, tau_x: tau_x,
+    parallel=lambda robot, stretch, tau_x: Parallel(
+        torque=tau_x, loss=tau_x * tau_x / (robot.K_x * robot.T_x), energy=tau_x * tau_x / (2.0 * robot.K_x)
+    ),
     rate=lambda robot, motion, tau_x: robot.K_x * motion.stretch - tau_x / robot.T_x,
-    energy=lambda robot, tau_x: tau_x * tau_x / (2.0 * robot.K_x),
-    loss=lambda robot, stretch, tau_x: tau_x * tau_x / (robot.K_x * robot.T_x),
 )
 '''
 

@@ -9,6 +9,7 @@ from vdfmu.arm.drive.backlash import gap_compliance, gap_deformation, gap_energy
 from vdfmu.arm.drive.bristles import bristle_rate, bristle_torque
 from vdfmu.arm.drive.dahl import dahl_energy, dahl_loss, dahl_rate
 from vdfmu.arm.drive.load_loss import efficiency, mesh_friction
+from vdfmu.arm.drive.option import Friction
 from vdfmu.arm.drive.options import OPTION_STATES
 from vdfmu.arm.drive.thermal import THERMAL, temperature_rate, warm_viscosity
 from vdfmu.arm.drive.winding import current_rate, winding_voltage
@@ -97,7 +98,7 @@ def test_viscous_friction_falls_with_the_temperature_that_losses_make(with_optio
     robot = with_options("thermal")
     np.testing.assert_allclose(warm_viscosity(robot.f_v, robot, robot.T_ref), robot.f_v)
     np.testing.assert_allclose(warm_viscosity(robot.f_v, robot, robot.T_ref + 20.0), robot.f_v / np.e, rtol=4 * EPS)
-    np.testing.assert_array_equal(THERMAL.viscosity(2.0, robot, 0.0, robot.T_ref), 2.0)  # of another option
+    np.testing.assert_array_equal(THERMAL.friction(Friction(0.0, 2.0), robot, None, robot.T_ref).f_v, 2.0)  # so far
     np.testing.assert_array_equal(warm_viscosity(robot.f_v, robot), warm_viscosity(robot.f_v, robot, robot.T_amb))
     warm = solve_ivp(
         lambda _, T: temperature_rate(robot, np.full(2, 30.0), T), (0.0, 5e3), np.full(2, 300.0), rtol=1e-9

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.option import Array, DriveOption, row
+from vdfmu.arm.drive.option import Array, DriveOption, Spring, row
 from vdfmu.base.measure import POSITIVE
 
 
@@ -53,4 +53,9 @@ def gap_energy(robot: Any, tau_s: Any) -> Any:
     return 0.5 * robot.w_gap * robot.tau_gap * (1.0 - 1.0 / np.sqrt(1.0 + x * x))
 
 
-BACKLASH = DriveOption(deformation=gap_deformation, compliance=gap_compliance, elastic_energy=gap_energy)
+def _spring(spring: Spring, robot: Any, tau_s: Any) -> Spring:
+    gap = gap_deformation(robot, tau_s), gap_compliance(robot, tau_s), gap_energy(robot, tau_s)
+    return Spring(*(a + b for a, b in zip(spring, gap, strict=True)))
+
+
+BACKLASH = DriveOption(spring=_spring)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vdfmu.arm.drive.dahl import dahl_energy, dahl_rate
-from vdfmu.arm.drive.option import Array, DriveOption, OptionState, row
+from vdfmu.arm.drive.option import Array, DriveOption, Friction, OptionState, Sliding, row
 from vdfmu.base.measure import POSITIVE
 
 _LEAST = 1e-9
@@ -50,12 +50,13 @@ def _damping(robot: Any, velocity: Any, level: Any) -> Any:
     return robot.sigma_1 / (1.0 + 0.25 * robot.sigma_1 * abs(velocity) / (level + _LEAST))
 
 
-def _dry_friction(xi: Any, robot: Any, velocity: Any, level: Any, tau_z: Any) -> Any:
-    return xi if tau_z is None else bristle_torque(robot, velocity, tau_z, level)
-
-
-def _stored(robot: Any, velocity: Any, level: Any, tau_z: Any) -> Any:
-    return 0.0 if tau_z is None else tau_z * bristle_rate(robot, velocity, tau_z, level) / robot.sigma_0
+def _friction(friction: Friction, robot: Any, sliding: Sliding, tau_z: Any) -> Friction:
+    if tau_z is None:
+        return friction
+    velocity, level = sliding.velocity, sliding.level
+    stored = tau_z * bristle_rate(robot, velocity, tau_z, level) / robot.sigma_0
+    dry, energy = bristle_torque(robot, velocity, tau_z, level), dahl_energy(robot.sigma_0, tau_z)
+    return friction._replace(dry=dry, stored=stored, energy=energy)
 
 
 BRISTLES = DriveOption(
@@ -63,8 +64,7 @@ BRISTLES = DriveOption(
         "tau_z", "torque", "torque of the bristles of friction, link-side", "start of the bristles, without equilibrium"
     ),
     dry_parameters=("sigma_0", "sigma_1"),
-    dry_friction=_dry_friction,
-    stored=_stored,
+    replaces_dry_friction=True,
+    friction=_friction,
     rate=lambda robot, motion, tau_z: bristle_rate(robot, motion.velocity, tau_z, motion.level),
-    energy=lambda robot, tau_z: dahl_energy(robot.sigma_0, tau_z),
 )

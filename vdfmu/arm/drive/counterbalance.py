@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.option import Array, Condition, DriveOption, row
+from vdfmu.arm.drive.option import Array, Condition, DriveOption, LinkTorque, row
 from vdfmu.compiler.scalar.elimination import is_zero
 
 
@@ -73,8 +73,7 @@ def counterbalance_energy(robot: Any, q: Any) -> np.ndarray:
 
 
 COUNTERBALANCE = DriveOption(
-    link_torque=counterbalance_torque,
-    link_energy=counterbalance_energy,
+    link=lambda robot, q, _: LinkTorque(counterbalance_torque(robot, q), counterbalance_energy(robot, q)),
     revolute_only=("F_cb",),
     conditions=(
         Condition("r_cb", "r_cb > 0", lambda robot: robot.r_cb, "The crank has a length."),

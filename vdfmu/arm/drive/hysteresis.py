@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vdfmu.arm.drive.dahl import dahl_energy, dahl_loss, dahl_rate
-from vdfmu.arm.drive.option import Array, DriveOption, OptionState, row
+from vdfmu.arm.drive.option import Array, DriveOption, OptionState, Parallel, row
 from vdfmu.base.measure import POSITIVE
 
 
@@ -27,8 +27,8 @@ HYSTERESIS = DriveOption(
     state=OptionState(
         "tau_h", "torque", "torque of the hysteresis, link-side", "start of the hysteresis, without equilibrium"
     ),
-    torque=lambda robot, tau_h: tau_h,
+    parallel=lambda robot, stretch, tau_h: Parallel(
+        tau_h, dahl_loss(stretch, tau_h, robot.f_h), dahl_energy(robot.K_h, tau_h)
+    ),
     rate=lambda robot, motion, tau_h: dahl_rate(robot.K_h, motion.stretch, tau_h, robot.f_h),
-    loss=lambda robot, stretch, tau_h: dahl_loss(stretch, tau_h, robot.f_h),
-    energy=lambda robot, tau_h: dahl_energy(robot.K_h, tau_h),
 )

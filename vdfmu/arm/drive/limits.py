@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from vdfmu.arm.drive.option import Array, Condition, DriveOption, row
+from vdfmu.arm.drive.option import Array, Condition, DriveOption, LinkTorque, row
 from vdfmu.base.measure import POSITIVE
 from vdfmu.compiler.scalar.generic import clip
 
@@ -105,9 +105,12 @@ def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
     return speed, motor_torque(robot, robot.tau_stall, speed)
 
 
+def _link(robot: Any, q: Any, q_dot: Any) -> LinkTorque:
+    return LinkTorque(0.0 if q_dot is None else stop_torque(robot, q, q_dot), stop_energy(robot, q))
+
+
 LIMITS = DriveOption(
-    stop_torque=stop_torque,
-    link_energy=stop_energy,
+    link=_link,
     conditions=(
         Condition("q_max", "q_max > q_min", lambda robot: robot.q_max - robot.q_min, "The joint moves between them."),
     ),

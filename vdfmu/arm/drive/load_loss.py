@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.option import Array, DriveOption, row
+from vdfmu.arm.drive.option import Array, DriveOption, Friction, Sliding, row
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,4 +48,8 @@ def efficiency(robot: Any, load: Any, friction: Any) -> Any:
     return abs(load) / ((1.0 + robot.mu_l) * abs(load) + friction)
 
 
-LOAD_LOSS = DriveOption(mesh_friction=mesh_friction, dry_parameters=("mu_l",))
+def _friction(friction: Friction, robot: Any, sliding: Sliding, _: Any) -> Friction:
+    return friction._replace(mesh=friction.mesh + mesh_friction(robot, sliding.kappa_dot, sliding.load))
+
+
+LOAD_LOSS = DriveOption(friction=_friction, dry_parameters=("mu_l",))

@@ -1,4 +1,4 @@
-"""Options of a drive beyond the paper, each a record: rows of the table of parameters, a state, and hooks."""
+"""Options of a drive beyond the paper, each a record: rows of the table of parameters, a state, and seven laws."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[Any]
-Hook = Callable[..., Any]
+Law = Callable[..., Any]
 
 
 def row(*values: Any, **rest: Any) -> Any:
@@ -41,7 +41,7 @@ class Condition(NamedTuple):
     """Parameter that a message is about."""
     text: str
     """The condition with the names of its parameters, such as ``L_cb > 2*r_cb``."""
-    margin: Hook
+    margin: Law
     """(robot): (n,), above 0 where it holds."""
     way_out: str
     strict: bool = True
@@ -53,25 +53,70 @@ class Condition(NamedTuple):
         return re.findall(r"[A-Za-z]\w*", self.text)
 
 
-class JointMotion(NamedTuple):
-    """Quantities that the rates of states may depend on, each (n,)."""
+class Spring(NamedTuple):
+    """Springs of the drives under a torque, each (n,), link-side: deformation [rad or m], its slope, energy [J]."""
 
-    kappa_dot: Any
-    """Speed of the rotor divided by ell [rad/s or m/s]."""
-    stretch: Any
-    """Rate at which the drive is deformed [rad/s or m/s]."""
+    deformation: Any
+    compliance: Any
+    energy: Any
+
+
+class Parallel(NamedTuple):
+    """Beside the springs, each (n,): torque [N m or N], link-side, power turned into heat [W], energy [J]."""
+
+    torque: Any = 0.0
+    loss: Any = 0.0
+    energy: Any = 0.0
+
+
+class Friction(NamedTuple):
+    """Friction of the joints, each (n,): `dry` and `f_v` link-side, `mesh` motor-side.
+
+    `dry` is the friction of (54) with its sign [N m or N], `f_v` the viscous coefficient [N m s/rad or N s/m], `mesh`
+    acts on the rotor in addition [N m]. Of the power, `stored` [W] is not heat. Its integral is `energy` [J].
+    """
+
+    dry: Any
+    f_v: Any
+    mesh: Any = 0.0
+    stored: Any = 0.0
+    energy: Any = 0.0
+
+
+class LinkTorque(NamedTuple):
+    """On the links alone, each (n,): torque [N m or N], link-side, and energy [J]."""
+
+    torque: Any = 0.0
+    energy: Any = 0.0
+
+
+class Sliding(NamedTuple):
+    """Quantities that friction depends on, each (n,).
+
+    `velocity` is the argument of (54), `level` its friction without sign [N m or N], `kappa_dot` the speed of the rotor
+    divided by ell, `load` the torque of the drive [N m or N], link-side.
+    """
+
     velocity: Any
-    """At which (54) acts [rad/s or m/s]."""
     level: Any
-    """Coulomb and Stribeck friction at that speed, without sign [N m or N], link-side."""
+    kappa_dot: Any
+    load: Any
+
+
+class JointMotion(NamedTuple):
+    """Quantities that the rates of states depend on, each (n,): those of :class:`Sliding`, and three more.
+
+    `stretch` is the rate of the deformation [rad/s or m/s], `tau` the torque asked of the motor [N m], motor-side,
+    `loss` the power that friction and the laws beside the spring turn into heat [W].
+    """
+
+    velocity: Any
+    level: Any
+    kappa_dot: Any
+    load: Any
+    stretch: Any
     tau: Any
-    """Torque that the motor is asked for [N m], motor-side."""
     loss: Any
-    """Power that friction and hysteresis turn into heat [W]."""
-
-
-def _nothing(*_: Any) -> float:
-    return 0.0
 
 
 def _same(value: Any, *_: Any) -> Any:
@@ -80,57 +125,33 @@ def _same(value: Any, *_: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOption:
-    """Terms that an option adds to the equations of a joint. All is (n,), and 0 unless the option says so.
+    """Laws that an option adds to those of the paper, in terms of (n,) for all joints.
 
-    ``robot`` has its parameters; ``own`` is its state, None along a desired motion, which has none.
+    ``robot`` has its parameters. ``own`` is its state, and None along a desired motion. A law that takes a value first
+    returns another instead: so far, it is that of the paper and of the options before.
     """
 
     state: OptionState | None = None
     dry_parameters: tuple[str, ...] = ()
     """Parameters of dry friction: 0, or as small as they may be, in an arm without."""
-
+    replaces_dry_friction: bool = False
+    """Whether it has a law of its own instead of Coulomb and Stribeck friction."""
     conditions: tuple[Condition, ...] = ()
     """Conditions on its parameters."""
     revolute_only: tuple[str, ...] = ()
     """Parameters that must be 0 at prismatic joints."""
 
-    deformation: Hook = _nothing
-    """(robot, tau_s): deformation in series with the spring [rad or m], link-side."""
-    compliance: Hook = _nothing
-    """(robot, tau_s): its slope [rad/(N m) or m/N]."""
-    elastic_energy: Hook = _nothing
-    """(robot, tau_s): its energy [J]."""
-
-    torque: Hook = _nothing
-    """(robot, own): torque of the drive in addition to the spring's [N m or N], link-side."""
-    energy: Hook = _nothing
-    """(robot, own): energy that the state stands for [J]."""
-    stop_torque: Hook = _nothing
-    """(robot, q, q_dot): torque of end stops on the link alone [N m or N], link-side; no motion is planned there."""
-    link_torque: Hook = _nothing
-    """(robot, q): torque on the link alone that every motion meets, as gravity's [N m or N], link-side."""
-    link_energy: Hook = _nothing
-    """(robot, q): energy of both [J]."""
-
-    mesh_friction: Hook = _nothing
-    """(robot, kappa_dot, load): friction on the rotor [N m], motor-side, of a drive that carries a load, link-side."""
-    dry_friction: Hook = _same
-    """(xi, robot, velocity, level, own): friction instead of ``xi = level tanh(velocity / eps)`` in (54)."""
-    viscosity: Hook = _same
-    """(f_v, robot, velocity, own): coefficient of viscous friction instead of `f_v`."""
-    stored: Hook = _nothing
-    """(robot, velocity, level, own): the part of the power of friction that is stored [W]."""
-
-    motor: Hook = _same
+    spring: Law = _same
+    """(spring, robot, tau_s): :class:`Spring`. In series, deformations, compliances and energies add."""
+    parallel: Law | None = None
+    """(robot, stretch, own): :class:`Parallel`, added to the spring's torque."""
+    friction: Law = _same
+    """(friction, robot, sliding, own): :class:`Friction` where the joint slides, by a :class:`Sliding`."""
+    link: Law | None = None
+    """(robot, q, q_dot): :class:`LinkTorque`. A planned motion meets no stop: `q_dot` is None."""
+    motor: Law = _same
     """(tau, robot, kappa_dot, own): torque of the motor where `tau` is asked for [N m], motor-side."""
-    rate: Hook = _nothing
+    rate: Law | None = None
     """(robot, motion, own): rate of the state, by a :class:`JointMotion`."""
-    loss: Hook = _nothing
-    """(robot, stretch, own): power that turns into heat in addition to friction's [W]."""
-    rest: Hook = lambda robot, tau_s: np.zeros(robot.n)
+    rest: Law = lambda robot, tau_s: np.zeros(robot.n)
     """(robot, tau_s): state where springs and motors hold the arm at rest; None: its parameter's value."""
-
-    @property
-    def replaces_dry_friction(self) -> bool:
-        """Whether it has a law of its own instead of Coulomb and Stribeck friction."""
-        return self.dry_friction is not _same

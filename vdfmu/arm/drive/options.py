@@ -45,13 +45,9 @@ OPTION_STATES = {option.state.name: name for name, option in OPTIONS.items() if 
 
 
 def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:
-    """Return the options that a robot has, each with its state; None for one that `states` do not have."""
-    given = states or {}
-    return [
-        (option, given.get(option.state.name) if option.state else None)
-        for name, option in OPTIONS.items()
-        if getattr(robot, name)
-    ]
+    """Return each option of a robot with its state, or None if `states` lack it. Its own drive comes last."""
+    listed = [option for name, option in OPTIONS.items() if getattr(robot, name)] + [*getattr(robot, "own", ())]
+    return [(option, (states or {}).get(option.state.name) if option.state else None) for option in listed]
 
 
 def dry_friction(names: Collection[str]) -> set[str]:

@@ -63,7 +63,7 @@ THERMAL = DriveOption(
         minimum=0.0,
         slow=True,
     ),
-    viscosity=lambda f_v, robot, velocity, T_j: warm_viscosity(f_v, robot, T_j),
+    friction=lambda friction, robot, sliding, T_j: friction._replace(f_v=warm_viscosity(friction.f_v, robot, T_j)),
     rate=lambda robot, motion, T_j: temperature_rate(robot, motion.loss, T_j),
     rest=lambda robot, tau_s: None,
 )

@@ -56,7 +56,7 @@ def desired_jets(desired: Desired) -> tuple[Any, Any, Any]:
 def drive_motion(robot: Any, q: Any, q_dot: Any, tau: Any) -> DriveMotion:
     """Return what springs and rotors do, of the desired motion and of the torques `tau` on the links: (n,) jets each.
 
-    ``tau_s = tau + xi_l`` of (9), less what acts on the links beside their drives.
+    ``tau_s = tau + xi_l`` of (9), less the torques of :func:`link_torques`.
     """
     xi_l, _ = joint_friction(robot, q_dot, q_dot)
     torque = tau - link_torques(robot, q) + xi_l

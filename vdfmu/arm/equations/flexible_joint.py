@@ -2,8 +2,8 @@
 
 The joint's base is part of the link before it and its output link part of the link after it (Table 1 gives their
 masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). What is left is the rotor: a body that
-turns about its axis on the base, with its mass in the base's link; and the torques of spring, friction and motor, to
-which the options of a drive add theirs.
+turns about its axis on the base, with its mass in the base's link. The options of a drive add to the torques of
+spring, friction and motor.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.drive.option import JointMotion
-from vdfmu.arm.drive.options import OPTION_STATES, options_of
-from vdfmu.arm.equations.friction import friction_level, friction_loss, friction_velocity, joint_friction
+from vdfmu.arm.drive.option import JointMotion, Parallel, Sliding, Spring
+from vdfmu.arm.drive.options import options_of
+from vdfmu.arm.equations.friction import friction_loss, friction_terms, friction_velocity, joint_friction, sliding_at
 from vdfmu.arm.equations.harmonic_drive import (
     deformation,
     deformation_derivative,
@@ -46,7 +46,7 @@ class PlantState(NamedTuple):
 
 def state_names(robot: Any) -> list[str]:
     """Names of a robot's states, in their order."""
-    added = [name for name, option in OPTION_STATES.items() if getattr(robot, option)]
+    added = [option.state.name for option, _ in options_of(robot) if option.state]
     return ["q", "q_dot", "kappa_dot", "tau_s", *added]
 
 
@@ -197,6 +197,14 @@ def stretch_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any) -> Any:
     return kappa_dot * (1.0 - slope) - q_dot
 
 
+def spring(robot: Any, tau_s: Any) -> Spring:
+    """Deformation, compliance and energy of the springs, (2)-(3) and those of options, (n,) each."""
+    springs = Spring(deformation(robot, tau_s), deformation_derivative(robot, tau_s), spring_energy(robot, tau_s))
+    for option, _ in options_of(robot):
+        springs = option.spring(springs, robot, tau_s)
+    return springs
+
+
 def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) -> Any:
     """Rate of the spring torque, from the derivative of ``kappa - q - theta_err(kappa) = D(tau_s)``.
 
@@ -206,18 +214,7 @@ def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) 
     -------
     tau_s_dot : (n,) [N m/s or N/s]
     """
-    compliance = deformation_derivative(robot, tau_s)
-    for option, _ in options_of(robot):
-        compliance = compliance + option.compliance(robot, tau_s)
-    return stretch_rate(robot, kappa, kappa_dot, q_dot) / compliance
-
-
-def elastic_energy(robot: Any, tau_s: Any) -> Any:
-    """Energy of the springs, (2)-(3), and of what options put in series: (n,) [J]."""
-    energy = spring_energy(robot, tau_s)
-    for option, _ in options_of(robot):
-        energy = energy + option.elastic_energy(robot, tau_s)
-    return energy
+    return stretch_rate(robot, kappa, kappa_dot, q_dot) / spring(robot, tau_s).compliance
 
 
 def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
@@ -226,10 +223,7 @@ def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
     theta_err is a contraction (``2 ell A < 1/2`` is checked on loading): Newton's method from q + D squares
     the error, at most 1/2 A, at every pass; four passes end below rounding.
     """
-    free = q + deformation(robot, tau_s)
-    for option, _ in options_of(robot):
-        free = free + option.deformation(robot, tau_s)
-    kappa = free
+    kappa = free = q + spring(robot, tau_s).deformation
     for _ in range(4):
         residual = kappa - free - kinematic_error(robot, kappa)
         kappa = kappa - residual / (1.0 - kinematic_error_slope(robot, kappa))
@@ -255,17 +249,36 @@ def rotor_torque(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
     return tau - tau_s / robot.ell - xi_m
 
 
+def _stretch(robot: Any, state: PlantState) -> Any:
+    """Rate at which the drives are deformed: (n,) [rad/s or m/s]."""
+    kappa = rotor_position(robot, state.q, state.tau_s)
+    return stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
+
+
+def _parallel(robot: Any, state: PlantState) -> Parallel:
+    """Sum of the options' laws beside the springs."""
+    laws = [(option.parallel, own) for option, own in options_of(robot, state.options) if option.parallel]
+    if not laws:
+        return Parallel()
+    stretch = _stretch(robot, state)
+    return Parallel(*map(sum, zip(*(law(robot, stretch, own) for law, own in laws), strict=True)))
+
+
 def drive_torque(robot: Any, state: PlantState) -> Any:
     """Torque of the drives on the links, of springs and of options: (n,) [N m or N], link-side."""
-    load = state.tau_s
-    for option, own in options_of(robot, state.options):
-        load = load + option.torque(robot, own)
-    return load
+    return state.tau_s + _parallel(robot, state).torque
 
 
-def link_torques(robot: Any, q: Any) -> Any:
-    """Torque of options on the links alone that every motion meets: (n,) [N m or N], link-side; 0 without."""
-    return sum(option.link_torque(robot, q) for option, _ in options_of(robot))
+def link_torques(robot: Any, q: Any, q_dot: Any = None) -> Any:
+    """Torque of options on the links alone: (n,) [N m or N], link-side; 0 without.
+
+    Parameters
+    ----------
+    q : (n,) [rad or m]
+    q_dot : (n,) [rad/s or m/s], optional
+        Without it the motion is planned: it meets no end stop.
+    """
+    return sum(option.link(robot, q, q_dot).torque for option, _ in options_of(robot) if option.link)
 
 
 def plant_torques(robot: Any, state: PlantState, tau: Any) -> tuple[Any, Any]:
@@ -278,27 +291,17 @@ def plant_torques(robot: Any, state: PlantState, tau: Any) -> tuple[Any, Any]:
     """
     load = drive_torque(robot, state)
     xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot, load, state.options)
-    tau_l = load - xi_l
+    tau_l = load - xi_l + link_torques(robot, state.q, state.q_dot)
     for option, own in options_of(robot, state.options):
-        tau_l = tau_l + option.stop_torque(robot, state.q, state.q_dot)
         tau = option.motor(tau, robot, state.kappa_dot, own)
-    tau_l = tau_l + link_torques(robot, state.q)
     return tau_l, rotor_torque(robot, tau, load, xi_m)
-
-
-def _stretch(robot: Any, state: PlantState) -> Any:
-    """Rate at which the drives are deformed: (n,) [rad/s or m/s]."""
-    kappa = rotor_position(robot, state.q, state.tau_s)
-    return stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
 
 
 def drive_losses(robot: Any, state: PlantState) -> Any:
     """Power that friction and hysteresis turn into heat, never negative: (n,) [W]."""
-    load, stretch = drive_torque(robot, state), _stretch(robot, state)
-    loss = friction_loss(robot, state.q_dot, state.kappa_dot, load, state.options)
-    for option, own in options_of(robot, state.options):
-        loss = loss + option.loss(robot, stretch, own)
-    return loss
+    load = drive_torque(robot, state)
+    friction = friction_loss(robot, state.q_dot, state.kappa_dot, load, state.options)
+    return friction + _parallel(robot, state).loss
 
 
 def option_rates(robot: Any, state: PlantState, tau: Any) -> dict[str, Any]:
@@ -306,20 +309,18 @@ def option_rates(robot: Any, state: PlantState, tau: Any) -> dict[str, Any]:
     rates: dict[str, Any] = {}
     if not state.options:
         return rates
-    velocity = friction_velocity(robot, state.q_dot, state.kappa_dot)
-    motion = JointMotion(
-        kappa_dot=state.kappa_dot,
-        stretch=_stretch(robot, state),
-        velocity=velocity,
-        level=friction_level(robot, velocity),
-        tau=tau,
-        loss=drive_losses(robot, state),
-    )
+    stretch, loss = _stretch(robot, state), drive_losses(robot, state)
+    motion = JointMotion(*_sliding(robot, state), stretch=stretch, tau=tau, loss=loss)
     for option, own in options_of(robot, state.options):
-        if option.state:
+        if option.state and option.rate:
             rates[option.state.name] = option.rate(robot, motion, own)
         motion = motion._replace(tau=option.motor(motion.tau, robot, state.kappa_dot, own))
     return rates
+
+
+def _sliding(robot: Any, state: PlantState) -> Sliding:
+    velocity = friction_velocity(robot, state.q_dot, state.kappa_dot)
+    return sliding_at(robot, velocity, state.kappa_dot, drive_torque(robot, state))
 
 
 def rest_state(robot: Any, tau_s: Any) -> dict[str, Any]:
@@ -333,9 +334,7 @@ def rest_state(robot: Any, tau_s: Any) -> dict[str, Any]:
 
 def stored_energy(robot: Any, state: PlantState) -> Any:
     """Elastic energy of drives, end stops and counterbalances: a number [J]."""
-    energy = np.sum(elastic_energy(robot, state.tau_s))
-    for option, own in options_of(robot, state.options):
-        energy = energy + np.sum(option.energy(robot, own))
-    for option, _ in options_of(robot):
-        energy = energy + np.sum(option.link_energy(robot, state.q))
-    return energy
+    links = [option.link(robot, state.q, state.q_dot) for option, _ in options_of(robot) if option.link]
+    friction = friction_terms(robot, _sliding(robot, state), state.options)
+    energies = (_parallel(robot, state).energy, friction.energy, *(each.energy for each in links))
+    return sum(map(np.sum, energies), np.sum(spring(robot, state.tau_s).energy))

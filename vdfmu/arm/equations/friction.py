@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.drive.option import Friction, Sliding
 from vdfmu.arm.drive.options import options_of
 
 States = Mapping[str, Any]
@@ -16,6 +17,19 @@ States = Mapping[str, Any]
 def friction_level(robot: Any, velocity: Any) -> Any:
     """Coulomb and Stribeck friction at a speed, the bracket of (54), without sign: (n,) [N m or N], link-side."""
     return robot.f_c + (robot.f_s - robot.f_c) * np.exp(-((velocity / robot.v_s) ** 2))
+
+
+def sliding_at(robot: Any, velocity: Any, kappa_dot: Any, load: Any) -> Sliding:
+    """Quantities that friction depends on, at the velocity of (54). Parameters: see :func:`joint_friction`."""
+    return Sliding(velocity, friction_level(robot, velocity), kappa_dot, load)
+
+
+def friction_terms(robot: Any, sliding: Sliding, states: States | None = None) -> Friction:
+    """Terms of Eq. (54), changed by the options."""
+    friction = Friction(sliding.level * np.tanh(sliding.velocity / robot.eps), robot.f_v)
+    for option, own in options_of(robot, states):
+        friction = option.friction(friction, robot, sliding, own)
+    return friction
 
 
 def stribeck_friction(robot: Any, velocity: Any, states: States | None = None) -> Any:
@@ -30,12 +44,8 @@ def stribeck_friction(robot: Any, velocity: Any, states: States | None = None) -
     states : mapping of str to (n,), optional
         States of options, such as a temperature on which the viscous friction depends.
     """
-    level = friction_level(robot, velocity)
-    dry, f_v = level * np.tanh(velocity / robot.eps), robot.f_v
-    for option, own in options_of(robot, states):
-        dry = option.dry_friction(dry, robot, velocity, level, own)
-        f_v = option.viscosity(f_v, robot, velocity, own)
-    return dry + f_v * velocity
+    friction = friction_terms(robot, sliding_at(robot, velocity, velocity, 0.0), states)
+    return friction.dry + friction.f_v * velocity
 
 
 def linear_friction(robot: Any) -> Any:
@@ -81,13 +91,12 @@ def joint_friction(
     xi_l : (n,) [N m or N], link-side, on the link
     xi_m : (n,) [N m], motor-side, on the rotor
     """
-    xi = stribeck_friction(robot, friction_velocity(robot, q_dot, kappa_dot), states)
+    velocity = friction_velocity(robot, q_dot, kappa_dot)
+    xi = stribeck_friction(robot, velocity, states)
     xi_l, xi_m = {"lumped": (np.zeros(robot.n), xi / robot.ell), "split": (xi, coulomb_friction(robot, kappa_dot))}[
         robot.friction
     ]
-    for option, _ in options_of(robot):
-        xi_m = xi_m + option.mesh_friction(robot, kappa_dot, load)
-    return xi_l, xi_m
+    return xi_l, xi_m + friction_terms(robot, sliding_at(robot, velocity, kappa_dot, load), states).mesh
 
 
 def friction_loss(robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None) -> Any:
@@ -96,8 +105,6 @@ def friction_loss(robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, state
     It is the power that friction takes, except for what bristles store and give back.
     """
     xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot, load, states)
-    loss = xi_l * q_dot + xi_m * robot.ell * kappa_dot
     velocity = friction_velocity(robot, q_dot, kappa_dot)
-    for option, own in options_of(robot, states):
-        loss = loss - option.stored(robot, velocity, friction_level(robot, velocity), own)
-    return loss
+    stored = friction_terms(robot, sliding_at(robot, velocity, kappa_dot, load), states).stored
+    return xi_l * q_dot + xi_m * robot.ell * kappa_dot - stored

@@ -71,7 +71,7 @@ class ChainMotion(NamedTuple):
 
 
 def link_velocities(robot: Any, q: np.ndarray, q_dot: Any, base: Base = AT_REST) -> ChainMotion:
-    """Return the motion of the links without accelerations; see :func:`link_motion`."""
+    """Return :func:`link_motion` without accelerations."""
     U_AB, V_B = joint_transforms(robot, q), LinkVectors(robot.n)
     for i in range(robot.n):
         V_A = V_B[i - 1] if i > 0 else base.V_S
@@ -186,7 +186,7 @@ def inverse_dynamics(
 
     Returns
     -------
-    tau : (n,) [N m or N], link-side, on the links: of drives, and of what acts beside them, such as counterbalances
+    tau : (n,) [N m or N], link-side, on the links: of drives and of counterbalances, see :func:`.link_torques`
     """
     motion = link_motion(robot, q, q_dot, q_ddot, base=base)
     F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)

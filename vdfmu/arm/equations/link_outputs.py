@@ -11,7 +11,7 @@ from vdfmu.arm.equations.rigid_body import mass_matrix
 
 
 class LinkOutputs(NamedTuple):
-    """Pose of the end effector in {I}: (3,) [m] and (3, 3); kinetic and potential energy of each link, n times [J]."""
+    """Pose of the end effector in {I}, (3,) [m] and (3, 3), and energies of the links, n times [J] each."""
 
     p_O: Any
     R_O: Any
@@ -29,11 +29,11 @@ def link_outputs(robot: Any, q: np.ndarray, V_B: list[np.ndarray], p_S: Any, R_S
     p_S, R_S : (3,) [m], (3, 3) place and rotation of the base in {I}
     """
     p_O, R_O = end_effector_pose(robot, q)
-    found = LinkOutputs(p_S + R_S @ p_O, R_S @ R_O, [], [])
+    outputs = LinkOutputs(p_S + R_S @ p_O, R_S @ R_O, [], [])
     p, R = p_S, R_S
     for i, (R_AB, p_AB) in enumerate(joint_placements(robot, q)):
         m_B, r_B, I_B = robot.body(i)
-        found.kinetic.append(0.5 * (V_B[i] @ (mass_matrix(m_B, r_B, I_B) @ V_B[i])))
+        outputs.kinetic.append(0.5 * (V_B[i] @ (mass_matrix(m_B, r_B, I_B) @ V_B[i])))
         p, R = p + R @ p_AB, R @ R_AB
-        found.potential.append(m_B * (robot.gravity @ (p + R @ r_B)))
-    return found
+        outputs.potential.append(m_B * (robot.gravity @ (p + R @ r_B)))
+    return outputs

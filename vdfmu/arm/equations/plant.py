@@ -19,7 +19,7 @@ from vdfmu.arm.equations.flexible_joint import (
     spring_rate,
     stored_energy,
 )
-from vdfmu.arm.equations.forward_dynamics import Hanging, forward_dynamics
+from vdfmu.arm.equations.forward_dynamics import forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import (
     AT_REST,
     NO_WRENCH,
@@ -44,25 +44,20 @@ class Outputs(NamedTuple):
     E_spring: Any
 
 
-class DrivingForces(NamedTuple):
-    """Torques and forces that move links and rotors in a state."""
+def driven(robot: Any, state: PlantState, tau: Any, base: Base, load: Any) -> tuple[Any, Any, list[np.ndarray], Any]:
+    """Torques and forces that move links and rotors in a state. Parameters: see :func:`plant_derivative`.
 
-    tau_l: Any
-    """(n,) [N m or N] torques on the links, link-side, see :func:`.plant_torques`."""
-    tau_k: Any
-    """(n,) [N m] torques on the rotors about their axes, motor-side."""
-    F_Dk: list[np.ndarray]
-    """n times (6,) [N, N m] forces from the base to the rotors, in {D_i}."""
-    load: Hanging | None
-    """What hangs on the last link, in {B_n}."""
-
-
-def driven(robot: Any, state: PlantState, tau: Any, base: Base, load: Any) -> DrivingForces:
-    """Return the torques and forces of a state; parameters as in :func:`plant_derivative`."""
+    Returns
+    -------
+    tau_l, tau_k : (n,) each, see :func:`.plant_torques`
+    F_Dk : n times (6,) [N, N m] forces from the base to the rotors, in {D_i}
+    hanging : Hanging or None
+        The load, as the last link feels it.
+    """
     tau_l, tau_k = plant_torques(robot, state, tau)  # (9), (11), (54)-(55)
     links = link_velocities(robot, state.q, state.q_dot, base)  # (29)-(31)
     F_Dk = driven_rotor_forces(robot, links, state.kappa_dot, tau_k)  # (4), (10)
-    return DrivingForces(tau_l, tau_k, F_Dk, None if load is None else load.hanging(robot, links.V_B[-1]))
+    return tau_l, tau_k, F_Dk, None if load is None else load.hanging(robot, links.V_B[-1])
 
 
 def plant_derivative(
@@ -74,7 +69,7 @@ def plant_derivative(
     ----------
     x : (4 n,) state, longer with options
     tau : (n,) [N m] motor torques, motor-side; with `winding` those that are asked for
-    F_e : (6,) [N, N m] wrench that the arm exerts on its surroundings, in {O}; on a load that of `A_O = 0`
+    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O}, and on a load if it has `A_O = 0`
     base : Base
         Its motion, default at rest.
     load : vdfmu.arm.world.attachment.Load, optional

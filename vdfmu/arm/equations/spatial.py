@@ -12,7 +12,7 @@ _AXES = {"revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "prismatic": np.a
 
 
 class LinkVectors(list[Any]):
-    """A vector for each of n links, which a recursion fills one by one; the solver of a long chain cuts it there."""
+    """A vector for each of n links. A recursion fills it link by link, and the solver of a long chain may cut there."""
 
     def __init__(self, n: int) -> None:
         super().__init__([None] * n)

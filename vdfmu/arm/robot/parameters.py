@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -229,6 +229,9 @@ class ArmParameters:
 class Parameters(OptionRows, ArmParameters):
     """The table: a field is a row, in the order of the FMI value references. Arrays have the joint first."""
 
+    rows: ClassVar[dict[str, Row]]
+    """Name of a parameter to its row: :data:`PARAMETERS`, and the rows of the robot's own drive."""
+
     # fmt: off
     theta_err_amplitude: Array = row(
         "drive", "position", "amplitude of the kinematic error, link-side, Eq. {}", "(3)", 1.0, 0.0, default=0.0,
@@ -241,6 +244,7 @@ class Parameters(OptionRows, ArmParameters):
 
 PARAMETERS = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields(Parameters) if f.metadata}
 """Name of a parameter to its row."""
+Parameters.rows = PARAMETERS
 
 
 NOT_INVERTED: Mapping[str, str] = {

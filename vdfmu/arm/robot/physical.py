@@ -14,7 +14,7 @@ import numpy as np
 
 from vdfmu.arm.drive.option import Condition
 from vdfmu.arm.drive.options import options_of
-from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.arm.robot.parameters import PARAMETERS, Row
 from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.arrays import Floats
 from vdfmu.base.toml_tables import Problems, value_text
@@ -80,10 +80,16 @@ STATIC_FRICTION = Condition(
 )
 
 
-def check_conditions(problems: Problems, path: str, conditions: Iterable[Condition], joint: Mapping[str, Any]) -> None:
+def check_conditions(
+    problems: Problems,
+    path: str,
+    conditions: Iterable[Condition],
+    joint: Mapping[str, Any],
+    rows: Mapping[str, Row] = PARAMETERS,
+) -> None:
     """Note conditions that a joint at `path`, field of `Robot` to its value, does not meet."""
     for condition in conditions:
-        row, margin = PARAMETERS[condition.name], condition.margin(SimpleNamespace(**joint))
+        row, margin = rows[condition.name], condition.margin(SimpleNamespace(**joint))
         broken = margin <= 0.0 if condition.strict else margin < 0.0
         if broken and (not row.part_of or joint[row.part_of] != 0.0):
             got = ", ".join(f"{name} = {joint[name]:g}" for name in condition.names)

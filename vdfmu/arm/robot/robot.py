@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arm.drive.option import DriveOption
 from vdfmu.arm.robot.parameters import (
     ENDS,
     JOINT_OPTIONS,
@@ -22,7 +23,6 @@ from vdfmu.arm.robot.parameters import (
     Row,
     Section,
     read_only,
-    section,
 )
 from vdfmu.arm.robot.physical import requirements
 from vdfmu.arm.robot.structure import parameters, set_parameters, shorter_robots, structure_key, symbolic_robot, values
@@ -85,6 +85,11 @@ class Robot(Parameters):
     values, requirements, shorter = values, requirements, shorter_robots
     body = link_body
 
+    own: ClassVar[tuple[DriveOption, ...]] = ()
+    """Options of a drive of its own, see :mod:`vdfmu.arm.robot.own_drive`."""
+    drive: ClassVar[str] = ""
+    """Text of the file of that drive."""
+
     name: str
     description: str
     joint_types: tuple[str, ...]
@@ -103,6 +108,11 @@ class Robot(Parameters):
         """Number of joints."""
         return len(self.joint_types)
 
+    @classmethod
+    def own_sections(cls) -> list[Any]:
+        """Tables of a joint in its file that its own drive adds."""
+        return [*dict.fromkeys(row.section for name, row in cls.rows.items() if name not in PARAMETERS)]
+
     @property
     def joint_labels(self) -> list[str]:
         """Number of each joint, from 1, and its name, if it has one: for tables."""
@@ -116,16 +126,17 @@ class Robot(Parameters):
         """
 
         def numbers(name: Section, entry: Any) -> dict[str, Any]:
-            return {row.key: getattr(self, row.name)[entry].tolist() for row in section(name)}
+            return {r.key: getattr(self, r.name)[entry].tolist() for r in self.rows.values() if r.section == name}
 
         options: list[Section] = [part for part in JOINT_OPTIONS if getattr(self, part)]
-        parts: tuple[Section, ...] = ("link", "drive", "friction", *options)
+        parts: tuple[Section, ...] = ("link", "drive", "friction", *options, *self.own_sections())
         return {
             "name": self.name,
             "description": self.description,
             "friction": self.friction,
             "rotor_coupling": self.rotor_coupling,
             **{flag: True for flag in ENDS if getattr(self, flag)},
+            **({"drive": self.drive} if self.drive else {}),
             **numbers("robot", ()),
             **({"payload": numbers("payload", ())} if self.payload else {}),
             "joints": [
@@ -157,9 +168,9 @@ class Robot(Parameters):
         """
         new: dict[str, Array] = {}
         for key, value in arrays.items():
-            row = PARAMETERS.get(key)
+            row = self.rows.get(key)
             if row is None:
-                raise UsageError(f"robot {self.name}: no parameter {key!r}. There are: {', '.join(PARAMETERS)}.")
+                raise UsageError(f"robot {self.name}: no parameter {key!r}. There are: {', '.join(self.rows)}.")
             if row.section in OPTIONAL and not getattr(self, row.section):
                 whose = "joints tables" if row.per_joint else "file a table"
                 raise UsageError(f"robot {self.name}: {key}: it has no {row.section}. Give its {whose} [{row.table}].")
@@ -173,7 +184,7 @@ class Robot(Parameters):
 
     def facts(self, entry: Entry) -> Facts:
         """Return what a variable says of one of the numbers."""
-        row = PARAMETERS[entry.field]
+        row = self.rows[entry.field]
         counted = ",".join(str(i + 1) for i in entry.index)
         text = f"{row.description}{_PLACES[row.per_joint, len(row.shape)]} {counted}".rstrip()
         if row.per_joint and not row.shape:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -12,11 +12,13 @@ import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.robot.catalogue import NAMED, filled_from_catalogue
-from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
+from vdfmu.arm.robot.own_drive import drive_text, robot_class
+from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import POSITIVE
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
@@ -28,11 +30,10 @@ def _keys(name: Section) -> list[str]:
 
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", *ENDS, *_keys("robot"), "payload", "joints", "sources",
-    "visuals",
+    "name", "description", "friction", "rotor_coupling", *ENDS, "drive", *_keys("robot"), "payload", "joints",
+    "sources", "visuals",
 )  # fmt: skip
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED, "name")
-SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
 
 
 def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
@@ -63,7 +64,8 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     for row in section("robot"):
         if row.shape == (3, 3):
             check_rotation(problems, row.key, np.asarray(whole[row.name]))
-    sources = _sources(file)
+    made = _class(problems, file, Path(where).parent)
+    sources = _sources(file, made)
     expected = "one table [[joints]] for each joint"
     joints = file.value("joints", expected)
     if joints is not None and (not isinstance(joints, list) or not joints):
@@ -74,7 +76,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     for i, joint in enumerate(cast("list[Any]", joints or []), 1):
         joint, where_from = filled_from_catalogue(problems, joint, f"joints[{i}]")
         of_catalogue |= where_from
-        read.append(_joint(problems, joint, f"joints[{i}]"))
+        read.append(_joint(problems, joint, f"joints[{i}]", made))
     names = [joint["name"] for joint in read]
     for i, name_of in enumerate(names, 1):
         if name_of and names.index(name_of) < i - 1:
@@ -91,9 +93,9 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     problems.raise_any()
     arrays: dict[str, Any] = {
         name: read_only(whole[name] if name in whole else [joint.get(name, 0.0) for joint in read])
-        for name in PARAMETERS
+        for name in made.rows
     }
-    return Robot(
+    return made(
         name=name,
         description=description,
         joint_types=tuple(cast(str, joint["type"]) for joint in read),
@@ -152,9 +154,21 @@ def check_robot(robot: Robot, where: str = "") -> Robot:
     return robot
 
 
-def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
+def _class(problems: Problems, file: Table, folder: Path) -> type[Robot]:
+    """Return the class of a robot: that of a drive of its own, of the file of its key `drive` or that file's text."""
+    if "drive" not in file.data:
+        return Robot
+    try:
+        return robot_class(drive_text(file.text("drive"), folder))
+    except (UsageError, UnitError) as error:
+        problems.take(error)
+    return Robot
+
+
+def _joint(problems: Problems, data: object, path: str, made: type[Robot]) -> dict[str, Any]:
     """Read one [[joints]] table: field of `Robot` to this joint's value."""
-    table = Table(problems, data, path, JOINT_KEYS)
+    own: Any = made.own_sections()
+    table = Table(problems, data, path, (*JOINT_KEYS, *own))
     kind = table.text("type", choices=JOINT_TYPES)
     options = {option: option in table.data for option in JOINT_OPTIONS}
     name = table.label("name") if "name" in table.data else ""
@@ -163,7 +177,12 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
     for part in parts:
         joint |= section_numbers(table.table(part, _keys(part)), part, kind)
+    for part in own:
+        rows = [row for row in made.rows.values() if row.section == part]
+        joint |= section_numbers(table.optional_table(part, [row.key for row in rows]), part, kind, rows=rows)
     check_conditions(problems, path, (CONTRACTION, STATIC_FRICTION), joint)
+    for option in made.own:
+        check_conditions(problems, path, option.conditions, joint, made.rows)
     for option in JOINT_OPTIONS:
         if not options[option]:
             continue
@@ -176,11 +195,15 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
 
 
 def section_numbers(
-    table: Table, part: Section, joint_type: str = "revolute", keys: Container[str] | None = None
+    table: Table,
+    part: Section,
+    joint_type: str = "revolute",
+    keys: Container[str] | None = None,
+    rows: Iterable[Row] | None = None,
 ) -> dict[str, float | Floats]:
     """Read the numbers of a section, or some `keys` of it: field of `Robot` to its value."""
     found: dict[str, float | Floats] = {}
-    for row in (row for row in section(part) if keys is None or row.key in keys):
+    for row in (row for row in rows or section(part) if keys is None or row.key in keys):
         options = bounds(row, joint_type)
         if row.fold == "inertia":
             found[row.name] = _inertia(table, row, options)
@@ -219,9 +242,10 @@ def _inertia(table: Table, row: Row, options: dict[str, Any]) -> Floats:
     return inertia
 
 
-def _sources(file: Table) -> dict[str, str]:
+def _sources(file: Table, made: type[Robot]) -> dict[str, str]:
     """Read [sources], whose keys may be quoted or nested: "joints.link.mass" or joints.link.mass."""
     found: dict[str, str] = {}
+    keys = [row.path for row in made.rows.values()]
 
     def walk(value: object, path: str) -> None:
         if isinstance(value, dict):
@@ -229,8 +253,8 @@ def _sources(file: Table) -> dict[str, str]:
                 walk(entry, f"{path}.{key}" if path else key)
         elif not isinstance(value, str):
             file.problems.add(f"sources.{path}", "a string", value_text(value), "Say where the number is from.")
-        elif joint_free(path) not in SOURCE_KEYS:
-            file.problems.add(f"sources.{path}", "a key of this file", "an unknown one", nearest(path, SOURCE_KEYS))
+        elif joint_free(path) not in keys:
+            file.problems.add(f"sources.{path}", "a key of this file", "an unknown one", nearest(path, keys))
         else:
             file.check_text(f"sources.{path}", value)
             found[path] = value

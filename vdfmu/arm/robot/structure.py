@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Parameters, read_only
+from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, Parameters, read_only
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.scalar.symbol import ZERO, Symbol
 from vdfmu.compiler.unit.machine import Entry
@@ -28,7 +28,7 @@ def parameters(robot: Parameters) -> list[Entry]:
     """Run-time parameters of a robot, in the order of the parameter vector of every traced function."""
     return [
         Entry(name, index)
-        for name, row in PARAMETERS.items()
+        for name, row in robot.rows.items()
         for index in np.ndindex(getattr(robot, name).shape)
         if row.is_free(robot, index)
     ]
@@ -69,7 +69,7 @@ def _replace(robot: R, listed: Sequence[Entry], new: Sequence[Any], dtype: Any) 
     for parameter, value in zip(listed, new, strict=True):
         array = arrays.setdefault(parameter.field, np.array(getattr(robot, parameter.field), dtype=dtype))
         array[parameter.index] = value
-        if PARAMETERS[parameter.field].fold == "inertia":
+        if robot.rows[parameter.field].fold == "inertia":
             *joint, j, k = parameter.index
             array[(*joint, k, j)] = value
     for array in arrays.values():
@@ -92,7 +92,7 @@ def shorter_robots(robot: Any) -> list[Any]:
     n = len(robot.joint_types)
     listed = parameters(robot)
     fixed = set_parameters(robot, [0.0] * len(listed))
-    arrays = {name: getattr(robot, name) for name, row in PARAMETERS.items() if row.per_joint}
+    arrays = {name: getattr(robot, name) for name, row in robot.rows.items() if row.per_joint}
     free: list[list[tuple[str, tuple[int, ...]]]] = [[] for _ in range(n)]
     for p in listed:
         if p.field in arrays:
@@ -128,6 +128,7 @@ def structure_key(robot: Any) -> str:
         "rotor_coupling": robot.rotor_coupling,
         "flags": [name for name in (*OPTIONAL, *ENDS) if getattr(robot, name)],
         "parameters": [p.name for p in listed],
-        "folded": {name: np.asarray(getattr(fixed, name), dtype=float).tolist() for name in PARAMETERS},
+        "folded": {name: np.asarray(getattr(fixed, name), dtype=float).tolist() for name in robot.rows},
+        "drive": robot.drive,
     }
     return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.drive.option import OptionState
 from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.equations.flexible_joint import rest_state, state_names
 from vdfmu.arm.equations.inverse_dynamics import AT_REST, Base
@@ -23,6 +25,7 @@ from vdfmu.arm.units._signals import (
     wrench,
 )
 from vdfmu.arm.world.attachment import Load, base_load, tool_motion
+from vdfmu.base.errors import UnitError
 from vdfmu.compiler.unit import (
     JOINTS,
     Derivative,
@@ -35,6 +38,7 @@ from vdfmu.compiler.unit import (
     Terminal,
     Unit,
 )
+from vdfmu.compiler.unit.declaration import Declared
 
 _ADDED = [(name, option.state) for name, option in OPTIONS.items() if option.state]
 _STATES = {s.name: State(s.unit, JOINTS, s.text, when=name) for name, s in _ADDED}
@@ -43,6 +47,17 @@ _STARTS = {
     f"{s.name}_0": Parameter(s.unit, JOINTS, s.start_text, start=s.start, minimum=s.minimum, when=name)
     for name, s in _ADDED
 }
+
+
+@cache
+def _own_variables(state: OptionState) -> tuple[Declared, ...]:
+    """Return state, derivative and start of a drive of a robot's own."""
+    own = State(state.unit, JOINTS, state.text)
+    start = Parameter(state.unit, JOINTS, state.start_text, start=state.start, minimum=state.minimum)
+    named = {state.name: own, f"der_{state.name}": Derivative(own), f"{state.name}_0": start}
+    for name, declared in named.items():
+        declared.__set_name__(Plant, name)
+    return tuple(named.values())
 
 
 class Plant(Unit):
@@ -153,9 +168,18 @@ class Plant(Unit):
     chain = 9  # from here on elimination along the chain takes fewer operations than that of the dense block
     experiment_stop = 0.2
 
+    @classmethod
+    def declared_for(cls, robot: Any) -> dict[str, Declared]:
+        """Variables by name, with the states of the robot's own drive."""
+        states = [option.state for option in getattr(robot, "own", ()) if option.state]
+        own = {d.name: d for state in states for d in _own_variables(state)}
+        if taken := own.keys() & cls.declared.keys():
+            raise UnitError(f"{', '.join(sorted(taken))}: the Plant has it already. Rename the state of the drive.")
+        return super().declared_for(robot) | own
+
     def _x(self, prefix: str = "") -> Any:
         """State, or with the prefix ``der_`` its derivative."""
-        return np.concatenate([getattr(self, prefix + name) for name in state_names(self.of_robot)])
+        return np.concatenate([self._read(self.declared[prefix + name]) for name in state_names(self.of_robot)])
 
     def _ends(self) -> tuple[Base, Load | None]:
         return base_of(self), Load(self.M_e) if self.robot.coupled_tool else None
@@ -171,7 +195,7 @@ class Plant(Unit):
             self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
         rest = rest_state(self.robot, self.tau_s) if self.equilibrium else {}
         for name in state_names(self.of_robot)[4:]:
-            setattr(self, name, rest[name] if name in rest else getattr(self, f"{name}_0"))
+            self._write(self.declared[name], rest[name] if name in rest else self._read(self.declared[f"{name}_0"]))
 
     def outputs(self) -> None:
         """Calculate the outputs of the plant in addition to its state."""
@@ -192,7 +216,7 @@ class Plant(Unit):
         x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e, *self._ends())
         names = state_names(self.of_robot)
         for name, rate in zip(names, np.split(x_dot, len(names)), strict=True):
-            setattr(self, f"der_{name}", rate)
+            self._write(self.declared[f"der_{name}"], rate)
 
     def balance(self) -> Any:
         """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""

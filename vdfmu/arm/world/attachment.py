@@ -106,7 +106,7 @@ def tool_motion(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return velocity V_O and acceleration A_O of the end-effector frame {O}, (6,) each, in {O}.
 
-    V_O is relative to the frame in which `base` has no linear velocity; A_O is that of :func:`tool_acceleration`.
+    V_O is relative to the frame in which `base` has no linear velocity; A_O: see :func:`tool_acceleration`.
     Parameters: see :func:`.plant_derivative`.
     """
     state = split_state(robot, x)

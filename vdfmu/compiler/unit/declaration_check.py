@@ -112,6 +112,9 @@ def _of_machine(unit: type[BaseUnit], robot: Machine) -> Iterator[tuple[str, str
             )
         if name in unit.declared:
             yield name, f"{name} is there twice: as a variable and in RobotParameters. Rename the variable"
+    if unit.robot_fields == ():
+        for name in sorted({entry.field for entry in robot.entries()} & unit.declared_for(robot).keys()):
+            yield name, f"{name} is there twice: as a variable and as a parameter of the robot. Rename one of them"
 
 
 def _of_variable(unit: type[BaseUnit], declared: Declared, robot: Machine | None) -> Iterator[str]:

@@ -37,7 +37,8 @@ class ImplicitEquations:
         changing = [self.inputs[name] for name in moving]
         changes = [self.rates.get(name, ca.SX(1)) for name in moving]
         first = [name for name in type(unit).elimination if name in where]
-        names = [*first, *(name for name in where if name not in ("", *first))]
+        others = [name for name in where if name not in ("", *first)]
+        names = [*first[:-1], *others, *first[-1:]]
         self.order = np.concatenate([np.arange(where[name].start, where[name].stop) for name in names])
         if type(unit).balance is BaseUnit.balance:
             self.E, self.EJ = ca.SX.eye(n_x), ca.jacobian(self.x_dot, x)

@@ -41,6 +41,12 @@ def reading_only() -> Generator[None]:
         _runs.reset(token)
 
 
+def check_may_run(file: Path) -> None:
+    """Raise CodeNotRunError within `reading_only`."""
+    if not _runs.get():
+        raise CodeNotRunError(file)
+
+
 @cached_per_command
 def load_units(file: Path) -> dict[str, type[Unit]]:
     """Return the units that a Python file declares, by name, without classes such as ``_Common``. The file is run.
@@ -64,7 +70,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
             raise UnitError(f"{file}, line {error.lineno}: {error.msg}.") from None
         except (ValueError, RecursionError, MemoryError) as error:
             raise UnitError(f"{file}: cannot be read as Python: {error or type(error).__name__}.") from None
-        raise CodeNotRunError(file)
+        check_may_run(file)
     name = f"_vdfmu_unit_{sha256(str(path).encode()).hexdigest()[:12]}_{path.stem}"
     spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None

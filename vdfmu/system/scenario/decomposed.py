@@ -92,6 +92,8 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
 
 def _lacking(robot: Robot) -> Iterator[str]:
     """Yield what a robot has that units of links and joints do not."""
+    if robot.drive:
+        yield "a drive of its own, which units of links and joints do not know"
     for flag in (*(name for name in OPTIONS if name not in STATELESS), *ENDS):
         if getattr(robot, flag):
             yield f"{flag}, which units of links and joints do not know"

@@ -13,6 +13,7 @@ import numpy as np
 
 from vdfmu.arm.motion.polynomial import rest
 from vdfmu.arm.motion.read import read_motion
+from vdfmu.arm.robot.own_drive import drive_text
 from vdfmu.arm.robot.parameters import PARAMETERS, read_only, section
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, Robot
 from vdfmu.arm.robot.robot_file import check_robot, load_robot, robot_from_dict, section_numbers
@@ -148,12 +149,13 @@ KEYS = {
     "inputs": "CSV file of signals for inputs that nothing is connected to",
     "input_hold": "Hold these until the next row",
     "payload": "",
+    "joints": "File of a drive, and tables of its numbers, for all joints or for each",
     "motion": "Motion of the joints instead of (57), or the TOML file with it; each kind has keys of its own",
     "plant_factors": "",
     "paper": "",
 }
 """Keys of a scenario file and what they are, in words where the name does not say it."""
-ROBOT_KEYS = ("friction", "payload", "motion", "plant_factors", "paper")
+ROBOT_KEYS = ("friction", "payload", "joints", "motion", "plant_factors", "paper")
 """Requirements of a scenario on its robot."""
 PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
 
@@ -198,6 +200,8 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
         robot = robot and dataclasses.replace(
             robot, payload=True, **{key: read_only(number) for key, number in numbers.items()}
         )
+    if "joints" in file.data and robot is not None:
+        robot = _with_drive(file.optional_table("joints"), robot)
     if "motion" in file.data and robot is not None and system is not None:
         system, sections = _moved(file, robot, system, sections)
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
@@ -271,6 +275,23 @@ def _moved(
     part = dataclasses.replace(system.parts["trajectory"], unit=unit)
     system = dataclasses.replace(system, parts={**system.parts, "trajectory": part})
     return system, started(system, "trajectory", unit, sections)
+
+
+def _with_drive(table: Table, robot: Robot) -> Robot:
+    """Return a robot with the drive of a table [joints], and the numbers of its other entries, or lists by joint."""
+    where = table.problems.where
+    try:
+        data: dict[str, Any] = robot.to_dict() | {"drive": drive_text(table.text("drive"), Path(where).parent)}
+        for i, joint in enumerate(data["joints"]):
+            for part in (key for key in table.data if key != "drive"):
+                numbers = table.optional_table(part).data.items()
+                joint[part] = {key: value[i] if isinstance(value, list) else value for key, value in numbers}
+        return dataclasses.replace(robot_from_dict(data, where), file=robot.file)
+    except IndexError:
+        table.problems.add("joints", f"lists of {robot.n} numbers", "a shorter one", "Give a number for each joint.")
+    except (ModelError, UsageError) as error:
+        table.problems.take(error)
+    return robot
 
 
 def _adaptive(file: Table, master: str) -> float | None:

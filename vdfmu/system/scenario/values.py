@@ -211,8 +211,9 @@ def _set_all(resolved: ResolvedSystem, settings: Mapping[str, Any]) -> dict[str,
 
 def _has_parameter(table: Variables, name: str) -> bool:
     """Whether a component has a parameter of the robot."""
-    of_robot = (v for v in table if v.group in PARAMETERS and v.causality == "parameter")
-    return table.robot is not None and any(name in (v.group, v.name) for v in of_robot)
+    rows = getattr(table.robot, "rows", {})
+    of_robot = (v for v in table if v.group in rows and v.causality == "parameter")
+    return any(name in (v.group, v.name) for v in of_robot)
 
 
 def _set(resolved: ResolvedSystem, component: str, name: str, key: str, value: Any) -> Values:

@@ -1,0 +1,83 @@
+"""Drives by a user's file: options with laws as in `vdfmu.arm.drive`, and the class of their robots."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import traceback
+from collections.abc import Mapping
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from vdfmu.arm.drive.option import DriveOption
+from vdfmu.arm.robot.parameters import PARAMETERS, Row
+from vdfmu.arm.robot.robot import Robot
+from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.text import kind_text
+from vdfmu.compiler.unit.load import check_may_run
+
+
+def drive_text(value: str, folder: Path) -> str:
+    """Read the file of a drive. A text of several lines is returned as it is. UsageError without a file."""
+    if "\n" in value:
+        return value
+    try:
+        return (folder / value).read_text(encoding="utf-8") + "\n"
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"drive must be a file of Python, got {value!r}: {kind_text(error)}.") from None
+
+
+@lru_cache(maxsize=32)
+def robot_class(text: str) -> type[Robot]:
+    """Return the class of robots with the drive of a text. The text is run.
+
+    Raises
+    ------
+    UnitError
+        If it fails, or declares no drive.
+    CodeNotRunError
+        If nothing may be run.
+    """
+    check_may_run(Path("drive"))
+    module = ModuleType(f"_vdfmu_drive_{sha256(text.encode()).hexdigest()[:12]}")
+    sys.modules[module.__name__] = module
+    try:
+        exec(compile(text, module.__name__, "exec"), vars(module))
+    except SyntaxError as error:
+        raise UnitError(f"drive, line {error.lineno}: {error.msg}.") from None
+    except Exception as error:  # whatever code of others raises
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == module.__name__]
+        raise UnitError(f"drive, line {lines[-1]}: {kind_text(error)}." if lines else f"drive: {error}.") from None
+    members: list[tuple[str, Any]] = [*vars(module).items()]
+    options = {name: value for name, value in members if isinstance(value, DriveOption) and not name.startswith("_")}
+    tables = [each for _, each in members if dataclasses.is_dataclass(each) and each.__module__ == module.__name__]
+    fields = [f for each in tables for f in dataclasses.fields(each) if f.metadata]
+    rows = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields}
+    _check(options, rows)
+    attributes: dict[str, Any] = {"rows": PARAMETERS | rows, "own": tuple(options.values()), "drive": text}
+    attributes["joint_fields"] = (*Robot.joint_fields, *(name for name, row in rows.items() if not row.shape))
+    attributes |= {"__doc__": Robot.__doc__, "__reduce__": _reduced}
+    robot: Any = type("Robot", (*tables, Robot), attributes)  # pyright: ignore[reportArgumentType]
+    return dataclasses.dataclass(frozen=True, eq=False, kw_only=True)(robot)
+
+
+def _check(options: Mapping[str, DriveOption], rows: Mapping[str, Row]) -> None:
+    """Raise UnitError if a file has no drive, or a name that every arm has already."""
+    if not options:
+        raise UnitError("drive: the file must have a DriveOption of vdfmu.drive, such as MY_DRIVE = DriveOption(...).")
+    names = [*rows, *dict.fromkeys(row.section for row in rows.values())]
+    every = {f.name for f in dataclasses.fields(Robot)}
+    if taken := {name for name in names if name in every or names.count(name) > 1}:
+        raise UnitError(f"drive: {', '.join(sorted(taken))}: a name must be new, every arm has these. Rename them.")
+
+
+def _reduced(robot: Robot) -> tuple[Any, ...]:
+    """Return how a robot is pickled, whose class is of no module."""
+    return _restored, (robot.drive, {f.name: getattr(robot, f.name) for f in dataclasses.fields(robot)})
+
+
+def _restored(text: str, fields: dict[str, Any]) -> Robot:
+    return robot_class(text)(**fields)
