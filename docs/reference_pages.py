@@ -134,9 +134,9 @@ else to standard error.
 
 | option | standard output | standard error |
 | --- | --- | --- |
-| none | tables, and the files written | notes, warnings, errors; bars on a terminal |
+| none | the verdict, tables, and the files written | notes, warnings, errors; bars on a terminal |
 | `--quiet`, `-q` | no tables that are in the files written: a line `Written to` | errors |
-| `--verbose`, `-v` | as without | also what is done, how long it took, and where an error is from |
+| `--verbose`, `-v` | also the tables of a run | also what is done, its time, and the place of an error |
 
 With `--quiet`, `run`, `simulate`, `federate`, `sweep` and `tune` print that one line, of `sweep` points that
 failed too; all other commands print what they do without it. `--verbose` names versions, stages, what came from the

@@ -139,7 +139,7 @@ def _progress() -> Progress:
     elapsed = TimeElapsedColumn()
     return Progress(
         TextColumn(f"{{task.description:{min(20, room)}.{room}}}", markup=False),
-        BarColumn(20 if wide else 8),
+        BarColumn(20 if wide else 8, complete_style="cyan", finished_style="green", pulse_style="cyan"),
         TaskProgressColumn("{task.percentage:3.0f} %"),
         *((Count(), Rate(), elapsed, TimeRemainingColumn()) if wide else (elapsed,)),
         console=errors, transient=False, redirect_stdout=False,

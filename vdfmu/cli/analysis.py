@@ -202,21 +202,22 @@ def margins(
     if package and robot is not None:
         raise UsageError(f"margins: --robot is for a scenario; {system} has its own.")
     found = margins_along(system if package else load(system, robot), opened or (), at or (), **options)
-    shown = table("opened at", "t", "modulus", "gain", "phase", "delay", "fastest mode",
+    shown = table("opened at", "t", "modulus", "", "gain", "phase", "delay", "fastest mode",
                   title=f"Stepped by {found.step:g} s, {found.algorithm}")  # fmt: skip
+    chosen = [(i, k) for i in range(len(found.names)) for k in (range(len(found.times)) if at else [found.least(i)])]
+    smallest = min(float(found.margins[k].modulus[i]) for i, k in chosen)
     rows: list[dict[str, Any]] = []
-    for i, name in enumerate(found.names):
-        for k in range(len(found.times)) if at else [found.least(i)]:
-            t, each = found.times[k], found.margins[k]
-            modulus, gain, phase, delay = (float(column[i]) for column in each[:4])
-            rows.append({"opened_at": name, "t": t, "modulus": modulus, "gain": gain, "phase": phase, "delay": delay,
-                         "rate": each.rate})  # fmt: skip
-            late = f"{delay:.3g} s" if delay >= 1.0 else f"{1e3 * delay:.3g} ms"
-            numbers = (f"{modulus:.3f}", f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", late)
-            shown.add_row(
-                name, f"{t:.4g} s", *(numbers if modulus else ("none", "", "", "")), f"{each.rate:.3g} 1/s",
-                style=None if modulus else "red",
-            )  # fmt: skip
+    for i, k in chosen:
+        name, t, each = found.names[i], found.times[k], found.margins[k]
+        modulus, gain, phase, delay = (float(column[i]) for column in each[:4])
+        rows.append({"opened_at": name, "t": t, "modulus": modulus, "gain": gain, "phase": phase, "delay": delay,
+                     "rate": each.rate})  # fmt: skip
+        late = f"{delay:.3g} s" if delay >= 1.0 else f"{1e3 * delay:.3g} ms"
+        mark = "smallest" if modulus == smallest else ""
+        numbers = (f"{modulus:.3f}", mark, f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", late)
+        style = ("bold" if mark else None) if modulus else "red"
+        cells = numbers if modulus else ("none", "", "", "", "")
+        shown.add_row(name, f"{t:.4g} s", *cells, f"{each.rate:.3g} 1/s", style=style)
     state, words = words_of(found.judged)
     if as_json:
         say_json({"step": found.step, "master": found.algorithm, "state": state, "text": words, "margins": rows})

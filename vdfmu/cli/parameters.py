@@ -79,7 +79,9 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
             return None if required else default
         if option.read is not None:
             return option.read(value)
-        return list(value) if many else value.split(",") if base is str and isinstance(default, tuple) else value
+        if isinstance(default, tuple) and not many:
+            return value.split(",") if value else default
+        return list(value) if many else value
 
     def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
         return [word for word in (option.names or (lambda: option.choices))() if word.startswith(incomplete)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +12,7 @@ import click
 from rich.text import Text
 
 from vdfmu.base.bars import errors
-from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.errors import LOG, CosimError, UsageError
 from vdfmu.base.files import inside, replacing_foreign, require_ours
 from vdfmu.base.option import Option, option_of, pick
 from vdfmu.cli.parameters import Positional
@@ -100,11 +101,12 @@ def run(
             raise
         summary = results.summary
         failed = state_of(summary) == FAILED
-        tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
+        _say_verdict(summary)
+        if LOG.isEnabledFor(logging.INFO):
+            tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
         (console.print if failed else tell)(tables.verdict_table(summary))
         folder = Path(options["out"] or Path("results", summary["scenario"]))
         say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
-        _say_verdict(summary)
         _say_page(folder / NAME, opened)
     if failed:
         raise SystemExit(1)
