@@ -202,7 +202,7 @@ def margins(
     if package and robot is not None:
         raise UsageError(f"margins: --robot is for a scenario; {system} has its own.")
     found = margins_along(system if package else load(system, robot), opened or (), at or (), **options)
-    shown = table("opened at", "t", "modulus", "", "gain", "phase", "delay", "fastest mode",
+    shown = table("opened at", "t", "modulus", "", "gain", "phase", "delay", "growth",
                   title=f"Stepped by {found.step:g} s, {found.algorithm}")  # fmt: skip
     chosen = [(i, k) for i in range(len(found.names)) for k in (range(len(found.times)) if at else [found.least(i)])]
     smallest = min(float(found.margins[k].modulus[i]) for i, k in chosen)
@@ -284,7 +284,7 @@ def motion(
             shown.add_row(label, *(f"{round(value, 9) + 0.0:.4g}" for value in row))
         console.print(shown)
         ends = ", and ends where it starts" if closed else ""
-        say(f"{t[-1]:.6g} s {pieces}{ends}; rad or m, s, N.m or N, link-side")
+        say(f"{t[-1]:.6g} s {pieces}{ends}. Units: rad or m, s, N.m or N on the link side.")
     if target is not None:
         from vdfmu.base.style import save
         from vdfmu.study.report.drawings import draw_motion
