@@ -40,7 +40,7 @@ def _command(name: str, command: Any) -> Iterator[str]:
 
 def _names(parameter: Any) -> str:
     if parameter.param_type_name == "argument":
-        return f"`{parameter.metavar or parameter.name.upper()}`"
+        return f"`{(parameter.metavar or parameter.name.upper()).strip('[]')}`".replace("|", r"\|")
     names = ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts))
     metavar = (parameter.metavar or "").replace("|", r"\|")
     return names + (f" `{metavar}`" if metavar else "")

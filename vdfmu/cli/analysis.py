@@ -179,7 +179,7 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
 
 
 def margins(
-    system: Annotated[str, Positional("Scenario, or a system package.", metavar="SCENARIO|FILE.ssp")] = "tracking",
+    system: Annotated[str, Positional("Scenario, or a system package.", metavar="[SCENARIO|FILE.ssp]")] = "tracking",
     robot: RobotOption = None,
     at: Annotated[
         list[float] | None,

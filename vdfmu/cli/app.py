@@ -51,7 +51,9 @@ class Described(click.Command):
         """Write usage, description, a line for each argument, option and command, and the example."""
         self.format_usage(ctx, formatter)
         self.format_help_text(ctx, formatter)
-        for heading, rows in {**self.commands_by_panel(), **rows_by_task(self.get_params(ctx))}.items():
+        for heading, rows in self.commands_by_panel().items():
+            formatter.write(f"\n{heading}:\n{in_columns(rows, 13)}")
+        for heading, rows in rows_by_task(self.get_params(ctx)).items():
             formatter.write(f"\n{heading}:\n{in_columns(rows)}")
         if self.example:
             formatter.write(f"\n{in_lines(f'Example: {self.example}')}\n")

@@ -32,6 +32,7 @@ from vdfmu.cli.view import LiveOption, PortOption, live_view
 from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
 
+_POINT = "One point of a study"
 OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
 PackageArgument = Annotated[Path, Positional("System package, SSP 1.0 or 2.0, of any tool.")]
 
@@ -40,11 +41,17 @@ def run(
     scenario: ScenarioArgument = "tracking",
     *,
     study: Annotated[
-        Path | None, Option("A study: sweep.parquet or its folder.", flag="--from", metavar="SWEEP")
+        Path | None, Option("A study: sweep.parquet or its folder.", group=_POINT, flag="--from", metavar="SWEEP")
     ] = None,
-    row: Annotated[str | None, Option("worst, best or a number (default worst).", metavar="POINT")] = None,
-    by: Annotated[str | None, Option("Measure of worst and best (default the first).", metavar="NAME")] = None,
-    trust: Annotated[bool, Option("Run files that a study of others names.", more="They have your rights.")] = False,
+    row: Annotated[
+        str | None, Option("worst, best or a number (default worst).", group=_POINT, metavar="POINT")
+    ] = None,
+    by: Annotated[
+        str | None, Option("Measure of worst and best (default the first).", group=_POINT, metavar="NAME")
+    ] = None,
+    trust: Annotated[
+        bool, Option("Run files that a study of others names.", group=_POINT, more="They have your rights.")
+    ] = False,
     live: LiveOption = False,
     port: PortOption = None,
     opened: OpenOption = False,
@@ -156,17 +163,22 @@ def federate(
         list[str],
         Option(
             "Components of a federate. Repeatable.",
+            group="Federates",
             metavar="COMPONENT,...",
             more="The first gives the federate its name. Components that are not named form one more federate.",
         ),
     ],
     *,
     only: Annotated[
-        str | None, Option("Run this federate only; needs --broker.", flag="--federate", metavar="NAME")
+        str | None,
+        Option("Run this federate only; needs --broker.", group="Federates", flag="--federate", metavar="NAME"),
     ] = None,
-    broker: Annotated[str | None, Option("Broker of all federates (default a local one).", metavar="HOST:PORT")] = None,
+    broker: Annotated[
+        str | None, Option("Broker of all federates (default a local one).", group="Federates", metavar="HOST:PORT")
+    ] = None,
     core: Annotated[
-        str, Option("HELICS core; ipc is for one machine only.", choices=("tcp_ss", "tcp", "zmq", "ipc"))
+        str,
+        Option("HELICS core; ipc is for one machine only.", group="Federates", choices=("tcp_ss", "tcp", "zmq", "ipc")),
     ] = "tcp_ss",
     unpack_limit: UnpackOption = None,
     **options: Unpack[PackageOptions],
