@@ -79,8 +79,12 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
             return value.split(",") if value else default
         return list(value) if many else value
 
-    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-        return [word for word in (option.names or (lambda: option.choices))() if word.startswith(incomplete)]
+    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[Any]:
+        from click.shell_completion import CompletionItem
+
+        known = (option.names or (lambda: option.choices))()
+        files = [] if option.choices else [CompletionItem(incomplete, type="file")]
+        return [word for word in known if word.startswith(incomplete)] or files
 
     settings: dict[str, Any] = {
         "required": required, "callback": read, "shell_complete": complete, "help": option.text,
