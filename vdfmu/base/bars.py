@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Iterable
@@ -24,8 +25,15 @@ class EscapedTerminal(Console):
         super().__init__(highlight=False, emoji=False, **options)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does."""
-        super().print(*(shown(item) if isinstance(item, str) else item for item in objects), **options)
+        """Print as rich does; to a pipe or file without the blanks that end the lines of tables."""
+        items = [shown(item) if isinstance(item, str) else item for item in objects]
+        if self.is_terminal or self.is_jupyter:
+            super().print(*items, **options)
+            return
+        with self.capture() as said:
+            super().print(*items, **options)
+        self.file.write(re.sub(" +$", "", said.get(), flags=re.MULTILINE))
+        self.file.flush()
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Render as rich does."""
@@ -139,7 +147,7 @@ def _progress() -> Progress:
     elapsed = TimeElapsedColumn()
     return Progress(
         TextColumn(f"{{task.description:{min(20, room)}.{room}}}", markup=False),
-        BarColumn(20 if wide else 8),
+        BarColumn(20 if wide else 8, complete_style="cyan", finished_style="green", pulse_style="cyan"),
         TaskProgressColumn("{task.percentage:3.0f} %"),
         *((Count(), Rate(), elapsed, TimeRemainingColumn()) if wide else (elapsed,)),
         console=errors, transient=False, redirect_stdout=False,

@@ -46,6 +46,8 @@ class Option:
     """Returns names that the shell completes."""
     choices: tuple[str, ...] = ()
     """Values that there are, which ``--help`` shows and the shell completes."""
+    group: str = ""
+    """Heading in ``--help``; default by :mod:`vdfmu.cli.parameters`."""
 
 
 @dataclass(frozen=True)

@@ -179,7 +179,7 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
 
 
 def margins(
-    system: Annotated[str, Positional("Scenario, or a system package.", metavar="SCENARIO|FILE.ssp")] = "tracking",
+    system: Annotated[str, Positional("Scenario, or a system package.", metavar="[SCENARIO|FILE.ssp]")] = "tracking",
     robot: RobotOption = None,
     at: Annotated[
         list[float] | None,
@@ -202,21 +202,22 @@ def margins(
     if package and robot is not None:
         raise UsageError(f"margins: --robot is for a scenario; {system} has its own.")
     found = margins_along(system if package else load(system, robot), opened or (), at or (), **options)
-    shown = table("opened at", "t", "modulus", "gain", "phase", "delay", "fastest mode",
+    shown = table("opened at", "t", "modulus", "", "gain", "phase", "delay", "growth",
                   title=f"Stepped by {found.step:g} s, {found.algorithm}")  # fmt: skip
+    chosen = [(i, k) for i in range(len(found.names)) for k in (range(len(found.times)) if at else [found.least(i)])]
+    smallest = min(float(found.margins[k].modulus[i]) for i, k in chosen)
     rows: list[dict[str, Any]] = []
-    for i, name in enumerate(found.names):
-        for k in range(len(found.times)) if at else [found.least(i)]:
-            t, each = found.times[k], found.margins[k]
-            modulus, gain, phase, delay = (float(column[i]) for column in each[:4])
-            rows.append({"opened_at": name, "t": t, "modulus": modulus, "gain": gain, "phase": phase, "delay": delay,
-                         "rate": each.rate})  # fmt: skip
-            late = f"{delay:.3g} s" if delay >= 1.0 else f"{1e3 * delay:.3g} ms"
-            numbers = (f"{modulus:.3f}", f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", late)
-            shown.add_row(
-                name, f"{t:.4g} s", *(numbers if modulus else ("none", "", "", "")), f"{each.rate:.3g} 1/s",
-                style=None if modulus else "red",
-            )  # fmt: skip
+    for i, k in chosen:
+        name, t, each = found.names[i], found.times[k], found.margins[k]
+        modulus, gain, phase, delay = (float(column[i]) for column in each[:4])
+        rows.append({"opened_at": name, "t": t, "modulus": modulus, "gain": gain, "phase": phase, "delay": delay,
+                     "rate": each.rate})  # fmt: skip
+        late = f"{delay:.3g} s" if delay >= 1.0 else f"{1e3 * delay:.3g} ms"
+        mark = "smallest" if modulus == smallest else ""
+        numbers = (f"{modulus:.3f}", mark, f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", late)
+        style = ("bold" if mark else None) if modulus else "red"
+        cells = numbers if modulus else ("none", "", "", "", "")
+        shown.add_row(name, f"{t:.4g} s", *cells, f"{each.rate:.3g} 1/s", style=style)
     state, words = words_of(found.judged)
     if as_json:
         say_json({"step": found.step, "master": found.algorithm, "state": state, "text": words, "margins": rows})
@@ -283,7 +284,7 @@ def motion(
             shown.add_row(label, *(f"{round(value, 9) + 0.0:.4g}" for value in row))
         console.print(shown)
         ends = ", and ends where it starts" if closed else ""
-        say(f"{t[-1]:.6g} s {pieces}{ends}; rad or m, s, N.m or N, link-side")
+        say(f"{t[-1]:.6g} s {pieces}{ends}. Units: rad or m, s, N.m or N on the link side.")
     if target is not None:
         from vdfmu.base.style import save
         from vdfmu.study.report.drawings import draw_motion

@@ -30,7 +30,7 @@ COMPLETE = "_VDFMU_COMPLETE"
 class Described(click.Command):
     """Help of one line an option, in groups by task; the options of all commands."""
 
-    panel = ""
+    panel = "Commands"
     """Heading of its group in the list of commands."""
 
     def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
@@ -51,14 +51,15 @@ class Described(click.Command):
         """Write usage, description, a line for each argument, option and command, and the example."""
         self.format_usage(ctx, formatter)
         self.format_help_text(ctx, formatter)
-        for heading, rows in {**self.commands_by_panel(), **rows_by_task(self.get_params(ctx))}.items():
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for name, command in getattr(self, "commands", {}).items():
+            panels.setdefault(command.panel, []).append((name, command.summary))
+        for heading, rows in panels.items():
+            formatter.write(f"\n{heading}:\n{in_columns(rows, 13)}")
+        for heading, rows in rows_by_task(self.get_params(ctx)).items():
             formatter.write(f"\n{heading}:\n{in_columns(rows)}")
         if self.example:
             formatter.write(f"\n{in_lines(f'Example: {self.example}')}\n")
-
-    def commands_by_panel(self) -> dict[str, list[tuple[str, str]]]:
-        """Return names and summaries of the commands below it."""
-        return {}
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, below a line that moves."""
@@ -92,14 +93,6 @@ class App(Described, click.Group):
             made = added if isinstance(added, App) else FunctionCommand(added.__name__, callback=added, example=example)
             made.panel = panel
             self.add_command(made)
-
-    def commands_by_panel(self) -> dict[str, list[tuple[str, str]]]:
-        """Return names and summaries of its commands, in their groups."""
-        panels: dict[str, list[tuple[str, str]]] = {}
-        for name, command in self.commands.items():
-            assert isinstance(command, Described)
-            panels.setdefault(command.panel or "Commands", []).append((name, command.summary))
-        return panels
 
     def main(self, args: Any = None, *_: Any, **extra: Any) -> NoReturn:
         """Run the command that the words name; wrong usage is an error as any other."""

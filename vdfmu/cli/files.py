@@ -42,7 +42,7 @@ def build(
         str,
         Positional(
             "Scenario, or a unit.",
-            metavar="SCENARIO|UNIT",
+            metavar="[SCENARIO|UNIT]",
             more="A name or a file; a unit is controller, my_unit.py or my_units.py:Name.",
         ),
     ] = "tracking",

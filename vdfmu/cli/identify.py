@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from vdfmu.study.identify.score import LogScore
 
 
+_DESIGN = "Instead of a log"
 _CLOSE = 0.5
 """Correlation from which a note names it."""
 
@@ -78,25 +79,27 @@ def identify(
         str | None,
         Option(
             "Choose the best motion to log for this robot.",
+            group=_DESIGN,
             metavar="ROBOT",
             more="It determines the parameters best; the width of their intervals is predicted.",
         ),
     ] = None,
-    duration: Annotated[float | None, Option("Duration of the motion in s (default 60).")] = None,
+    duration: Annotated[float | None, Option("Duration of the motion in s (default 60).", group=_DESIGN)] = None,
     pose: Annotated[
         str | None,
         Option(
             "Pose about which joints move (default several).",
+            group=_DESIGN,
             metavar="'Q1 Q2 ...'",
             more="Default: several about the middle.",
         ),
     ] = None,
-    step: Annotated[float | None, Option("s from row to row of the log (default 0.002).")] = None,
-    bits: Annotated[int | None, Option("Bits of the encoders (default 17).")] = None,
+    step: Annotated[float | None, Option("Step of the log in s (default 0.002).", group=_DESIGN)] = None,
+    bits: Annotated[int | None, Option("Bits of the encoders (default 17).", group=_DESIGN)] = None,
     noise: Annotated[
-        float | None, Option("Noise of torques over the largest (default 0.005).", metavar="SHARE")
+        float | None, Option("Noise of torques over the largest (default 0.005).", group=_DESIGN, metavar="SHARE")
     ] = None,
-    no_links: Annotated[bool, Option("There are no encoders behind the gears.")] = False,
+    no_links: Annotated[bool, Option("There are no encoders behind the gears.", group=_DESIGN)] = False,
 ) -> None:
     """Estimate the parameters of an arm from a log of its motion.
 

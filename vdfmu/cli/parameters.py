@@ -21,18 +21,14 @@ _FLAGS = 29
 _TASKS = {
     "System": "robot set unit backend fmi input input-hold variant",
     "Time": "start stop step at",
-    "Coupling": "master adaptive tolerance isolate memory-limit wait-limit ignore-unmatched unpack-limit",
-    "Federates": "split federate broker core",
+    "Coupling": "master adaptive tolerance isolate memory-limit wait-limit ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
     "Judgement": "reference measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
-    "One point of a sweep": "from row by trust",
     "Browser": "live port pace open simulate",
-    "Log": "column time band prior score truth",
-    "Motion to log (--design)": "design duration pose bits noise no-links",
-    "Output": "out overwrite format record pictures plot residuals json",
+    "Output": "out overwrite format record pictures json",
 }
-"""Tasks, and their options in order; other options stand below "Options"."""
+"""Tasks, and their options in order. An option may name another; all others stand below "Options"."""
 
 
 class Positional(Option):
@@ -79,10 +75,16 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
             return None if required else default
         if option.read is not None:
             return option.read(value)
-        return list(value) if many else value.split(",") if base is str and isinstance(default, tuple) else value
+        if isinstance(default, tuple) and not many:
+            return value.split(",") if value else default
+        return list(value) if many else value
 
-    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-        return [word for word in (option.names or (lambda: option.choices))() if word.startswith(incomplete)]
+    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[Any]:
+        from click.shell_completion import CompletionItem
+
+        known = (option.names or (lambda: option.choices))()
+        files = [] if option.choices else [CompletionItem(incomplete, type="file")]
+        return [word for word in known if word.startswith(incomplete)] or files
 
     settings: dict[str, Any] = {
         "required": required, "callback": read, "shell_complete": complete, "help": option.text,
@@ -98,24 +100,28 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
         both = f"{flag}/--no-{name}" if kind is bool and default is True and not option.flag else flag
         letters = ["-o"] if name == "out" else [letter] if letter else []
         made = click.Option([name, *letters, both], multiple=many, **settings)
-    made.more = option.more  # type: ignore[attr-defined] - for the reference of commands
+    made.more, made.group = option.more, option.group  # type: ignore[attr-defined]
     return made
 
 
 def rows_by_task(parameters: Iterable[click.Parameter]) -> dict[str, list[tuple[str, str]]]:
     """Return words and text of each parameter, grouped by task."""
-    places = [(task, name) for task, names in _TASKS.items() for name in names.split()]
-    rows: dict[str, dict[int, tuple[str, str]]] = {}
-    for k, one in enumerate(parameters, len(places)):
+    places = {f"--{name}": (task, i) for task, names in _TASKS.items() for i, name in enumerate(names.split())}
+    found: dict[str, list[tuple[int, str, str]]] = {}
+    for k, one in enumerate(parameters):
         text = getattr(one, "help", None) or ""
-        if isinstance(one.default, (str, int, float)) and not isinstance(one.default, bool):
+        if isinstance(one.default, (str, int, float)) and one.default not in (True, False, ""):
             text = f"{text.rstrip('.')} [{one.default}]."
-        task = "Options" if isinstance(one, click.Option) else "Arguments"
-        words = _words(one) if isinstance(one, click.Option) else one.make_metavar(click.get_current_context())
-        place = next((i for i, (_, name) in enumerate(places) if task == "Options" and f"--{name}" in one.opts), k)
-        rows.setdefault(places[place][0] if place < k else task, {})[place] = words, text
-    order = ("Arguments", *_TASKS, "Options")
-    return {task: [rows[task][i] for i in sorted(rows[task])] for task in order if task in rows}
+        if isinstance(one, click.Option):
+            named = next((places[word] for word in one.opts if word in places), ("Options", k))
+            task, place = (group, k) if (group := getattr(one, "group", "")) else named
+            found.setdefault(task, []).append((place, _words(one), text))
+        else:
+            words = one.make_metavar(click.get_current_context())
+            found.setdefault("Arguments", []).append((k, words, text))
+    own = [task for task in found if task not in (*_TASKS, "Arguments", "Options")]
+    order = [task for task in ("Arguments", *_TASKS, *own, "Options") if task in found]
+    return {task: [(words, text) for _, words, text in sorted(found[task])] for task in order}
 
 
 def _words(one: click.Option) -> str:
@@ -124,13 +130,11 @@ def _words(one: click.Option) -> str:
     if one.is_flag:
         return "/".join([flags, *one.secondary_opts])
     word = one.metavar or one.type.name.upper()
-    return f"{flags} {word if len(flags) + len(word) < _FLAGS - 4 else 'NAME'}"
+    return f"{flags} {word if len(flags) + len(word) <= _FLAGS - 4 else 'NAME'}"
 
 
-def in_columns(rows: Iterable[tuple[str, str]]) -> str:
-    """Return lines of two columns; those of commands are narrower."""
-    rows = list(rows)
-    width = 12 if all(word.isalpha() for word, _ in rows) else _FLAGS
+def in_columns(rows: Iterable[tuple[str, str]], width: int = _FLAGS) -> str:
+    """Return lines of two columns."""
     return "".join(f"  {word:<{width - 3}} {text}".rstrip() + "\n" for word, text in rows)
 
 

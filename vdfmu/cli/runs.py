@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +12,7 @@ import click
 from rich.text import Text
 
 from vdfmu.base.bars import errors
-from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.errors import LOG, CosimError, UsageError
 from vdfmu.base.files import inside, replacing_foreign, require_ours
 from vdfmu.base.option import Option, option_of, pick
 from vdfmu.cli.parameters import Positional
@@ -31,6 +32,7 @@ from vdfmu.cli.view import LiveOption, PortOption, live_view
 from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
 
+_POINT = "One point of a study"
 OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
 PackageArgument = Annotated[Path, Positional("System package, SSP 1.0 or 2.0, of any tool.")]
 
@@ -39,11 +41,17 @@ def run(
     scenario: ScenarioArgument = "tracking",
     *,
     study: Annotated[
-        Path | None, Option("A study: sweep.parquet or its folder.", flag="--from", metavar="SWEEP")
+        Path | None, Option("A study: sweep.parquet or its folder.", group=_POINT, flag="--from", metavar="SWEEP")
     ] = None,
-    row: Annotated[str | None, Option("worst, best or a number (default worst).", metavar="POINT")] = None,
-    by: Annotated[str | None, Option("Measure of worst and best (default the first).", metavar="NAME")] = None,
-    trust: Annotated[bool, Option("Run files that a study of others names.", more="They have your rights.")] = False,
+    row: Annotated[
+        str | None, Option("worst, best or a number (default worst).", group=_POINT, metavar="POINT")
+    ] = None,
+    by: Annotated[
+        str | None, Option("Measure of worst and best (default the first).", group=_POINT, metavar="NAME")
+    ] = None,
+    trust: Annotated[
+        bool, Option("Run files that a study of others names.", group=_POINT, more="They have your rights.")
+    ] = False,
     live: LiveOption = False,
     port: PortOption = None,
     opened: OpenOption = False,
@@ -100,11 +108,12 @@ def run(
             raise
         summary = results.summary
         failed = state_of(summary) == FAILED
-        tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
+        _say_verdict(summary)
+        if LOG.isEnabledFor(logging.INFO):
+            tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
         (console.print if failed else tell)(tables.verdict_table(summary))
         folder = Path(options["out"] or Path("results", summary["scenario"]))
         say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
-        _say_verdict(summary)
         _say_page(folder / NAME, opened)
     if failed:
         raise SystemExit(1)
@@ -154,17 +163,22 @@ def federate(
         list[str],
         Option(
             "Components of a federate. Repeatable.",
+            group="Federates",
             metavar="COMPONENT,...",
             more="The first gives the federate its name. Components that are not named form one more federate.",
         ),
     ],
     *,
     only: Annotated[
-        str | None, Option("Run this federate only; needs --broker.", flag="--federate", metavar="NAME")
+        str | None,
+        Option("Run this federate only; needs --broker.", group="Federates", flag="--federate", metavar="NAME"),
     ] = None,
-    broker: Annotated[str | None, Option("Broker of all federates (default a local one).", metavar="HOST:PORT")] = None,
+    broker: Annotated[
+        str | None, Option("Broker of all federates (default a local one).", group="Federates", metavar="HOST:PORT")
+    ] = None,
     core: Annotated[
-        str, Option("HELICS core; ipc is for one machine only.", choices=("tcp_ss", "tcp", "zmq", "ipc"))
+        str,
+        Option("HELICS core; ipc is for one machine only.", group="Federates", choices=("tcp_ss", "tcp", "zmq", "ipc")),
     ] = "tcp_ss",
     unpack_limit: UnpackOption = None,
     **options: Unpack[PackageOptions],

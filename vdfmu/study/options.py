@@ -100,9 +100,9 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
 
 
 class SeedOptions(TypedDict, total=False):
-    """What is drawn by chance."""
+    """Random numbers."""
 
-    seed: Annotated[int, Option("Seed of all that is drawn.", default=0)]
+    seed: Annotated[int, Option("Seed of random numbers.", default=0)]
 
 
 class WorkerOptions(ProgressOptions, total=False):

@@ -124,6 +124,10 @@ def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, mon
     assert said.exit_code == 0, said.output
     assert "Stepped by 0.001 s, jacobi" in said.output
     assert all(f"{m:.3f}" in said.output for m in wanted.margins[0].modulus)
+    (marked,) = [line for line in said.output.splitlines() if "smallest" in line]
+    assert f" {min(wanted.margins[0].modulus):.3f} " in marked
+    refused = run(app, ["margins", "planar_tracking", "--adaptive", "1e-4"])  # gauss-seidel samples
+    assert isinstance(refused.exception, UsageError) and str(refused.exception).startswith("adaptive: gauss-seidel")
     assert run(app, ["ssp", "planar_tracking", "--out", "p.ssp"]).exit_code == 0
     again = run(app, ["margins", "p.ssp", "--master", "jacobi", "--at", "0.5"])
     assert again.exit_code == 0 and again.output.splitlines()[2:] == said.output.splitlines()[2:]

@@ -59,7 +59,7 @@ def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
     )
     assert done.exit_code == 1
     assert "✗ failed Sampled loops: unstable from the start, joint 5" in done.output and "Written to" in done.output
-    assert "\n✗ Failed: unstable from the start, joint 5; " in done.output
+    assert done.stdout.startswith("✗ Failed: unstable from the start, joint 5; ")
     assert '<li class="failed"><b>failed</b> Sampled loops' in (out / "report.html").read_text()
     verdict = json.loads((out / "summary.json").read_text())["verdict"]
     assert verdict["state"] == verdict["checks"][0]["state"] == "failed"
