@@ -258,8 +258,6 @@ def test_a_start_value_of_another_shape_is_refused(slider):
 
     with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
         Bad(slider)
-    with pytest.raises(UnitError, match=r"line \d+: Bad: g: start: expected numbers of shape \(3,\), got \[1"):
-        Interface(Bad, slider)
 
 
 def test_start_values_of_an_interface_are_checked_all_at_once(slider):
