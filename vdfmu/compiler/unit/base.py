@@ -175,8 +175,9 @@ class BaseUnit:
     # ---------------------------------------------------------------- values
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name not in self.declared and name not in ("in_use", "store"):
-            self.in_use.keep(name)
+        values = vars(self).get("in_use")  # a subclass may set attributes before it calls this class
+        if values is not None and name not in self.declared and name != "in_use":
+            values.keep(name)
         super().__setattr__(name, value)
 
     def _read(self, declared: Declared) -> Any:
