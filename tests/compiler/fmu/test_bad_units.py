@@ -76,6 +76,19 @@ CASES = {
         '    y = Sampled("m")\n    period = Parameter("s", start=1e-3)\n',
         r"line 6: Bad: period: expected a minimum above 0",
     ),
+    "name that every unit has": (
+        GOOD + '    n = Parameter("1")\n',
+        r"line 4: Bad: a variable cannot be called n, which every unit has already",
+    ),
+    "name of the time": (GOOD + '    time = Parameter("s")\n', r"line 9: Bad: a variable cannot be called time"),
+    "name that C cannot have": (
+        GOOD + '    κ = Parameter("1")\n',
+        r"line 9: Bad: a variable cannot be called κ: expected a letter",
+    ),
+    "field that the robot has not": (
+        GOOD + '    robot = RobotParameters("weight")\n',
+        r"line 9: Bad: RobotParameters\('weight'\): expected parameters with one number for each joint: mass, ell, ",
+    ),
     "one choice": (GOOD + '    way = Choice("a")\n', r"line 9: Bad: way: expected two or more different choices"),
 }  # fmt: skip
 

@@ -243,19 +243,6 @@ def test_an_instance_has_values_and_refuses_others(slider):
         _ = Many(slider).y
 
 
-def test_an_instance_may_set_attributes_before_its_values():
-    class Early(Unit):
-        """Early."""
-
-        u = Input("1", start=2.0)
-
-        def __init__(self, robot=None, **values):
-            self.factor = 3.0
-            super().__init__(robot, **values)
-
-    assert Early(u=4.0).factor * Early().u == 6.0
-
-
 def test_the_experiment_keeps_inputs_within_their_limits():
     unit = type("Narrow", (Unit,), {"u": Input("1", 2, start=3.0, minimum=2.0, maximum=4.0), "v": Input("1")})()
     unit.t = 1.0
@@ -271,6 +258,8 @@ def test_a_start_value_of_another_shape_is_refused(slider):
 
     with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
         Bad(slider)
+    with pytest.raises(UnitError, match=r"line \d+: Bad: g: start: expected numbers of shape \(3,\), got \[1"):
+        Interface(Bad, slider)
 
 
 def test_start_values_of_an_interface_are_checked_all_at_once(slider):
