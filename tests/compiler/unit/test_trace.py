@@ -49,11 +49,15 @@ class Chosen(Unit):
     x_dot = Derivative(x)
     y = Output("1", 3)
 
+    def __init__(self, *arguments, **values):
+        self.sign = -1.0  # before there are values
+        super().__init__(*arguments, **values)
+
     def outputs(self) -> None:
         if self.mode == "a":
             self.y = self.u
         elif self.mode == "b":
-            self.y = 2.0 * self.u if self.doubled else -self.u
+            self.y = 2.0 * self.u if self.doubled else self.sign * self.u
         else:
             self.y = self.k
 
@@ -256,23 +260,3 @@ def test_a_native_fmu_takes_such_names_too(tmp_path, version):
     for name in ("x", "v", "sin", "double", "norm"):
         # the solver's tolerance is 1e-7, and double takes 10 v
         assert rows[name][-1] == pytest.approx(plain.group(name)[0], abs=1e-5)
-
-
-class Early(Unit):
-    """Sets an attribute before its variables have values."""
-
-    u = Input("1", start=2.0)
-    y = Output("1")
-
-    def __init__(self, robot=None, **values):
-        self.factor = 3.0
-        super().__init__(robot, **values)
-
-    def outputs(self) -> None:
-        self.y = self.factor * self.u
-
-
-def test_an_instance_may_have_attributes_of_its_own():
-    traced, _ = both(Early)
-    traced.outputs()
-    assert traced.group("y") == [6.0]
