@@ -44,11 +44,15 @@ class Chosen(Unit):
     x_dot = Derivative(x)
     y = Output("1", 3)
 
+    def __init__(self, *arguments, **values):
+        self.sign = -1.0  # before there are values
+        super().__init__(*arguments, **values)
+
     def outputs(self) -> None:
         if self.mode == "a":
             self.y = self.u
         elif self.mode == "b":
-            self.y = 2.0 * self.u if self.doubled else -self.u
+            self.y = 2.0 * self.u if self.doubled else self.sign * self.u
         else:
             self.y = self.k
 

@@ -66,23 +66,22 @@ def test_the_names_of_python_control_are_in_the_unit(design):
     assert [declared[key].text for key in "uyx"] == [["force", "wind"], ["speed"], ["speed"]]
 
 
-def test_a_discrete_system_gives_the_output_of_each_sample(design):
+HELD = ([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], 0.01)
+
+
+@pytest.mark.parametrize(("source", "system"), [("digital.mat", (A / 5, B, C, D, 0.5)), ("design.py:held", HELD)])
+def test_a_discrete_system_gives_the_output_of_each_sample(design, source, system):
     io.savemat("digital.mat", {"A": A / 5, "B": B, "C": C, "D": D, "Ts": 0.5})
-    for source, system in (
-        ("digital.mat", (A / 5, B, C, D, 0.5)),
-        ("design.py:held", ([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], 0.01)),
-    ):
-        unit, dt, m = made(source)(), system[4], np.shape(system[1])[1]
-        inputs, found = np.random.default_rng(1).normal(size=(20, m)), []
-        unit.start()
-        for row in inputs:
-            unit.u = row
-            unit.update()
-            found.append(unit.y)
-        # 20 sums of few terms of about 1
-        assert np.abs(found - signal.dlsim(system, inputs)[1]).max() < 1e-12
-        with pytest.raises(UsageError, match="period"):
-            type(unit)(period=2 * dt).simulate(stop=2 * dt, step=dt)
+    unit, dt = made(source)(), system[4]
+    inputs, found = np.random.default_rng(1).normal(size=(20, np.shape(system[1])[1])), []
+    unit.start()
+    for unit.u in inputs:
+        unit.update()
+        found.append(unit.y)
+    # 20 sums of few terms of about 1
+    assert np.abs(found - signal.dlsim(system, inputs)[1]).max() < 1e-12
+    with pytest.raises(UsageError, match="period"):
+        type(unit)(period=2 * dt).simulate(stop=2 * dt, step=dt)
 
 
 def test_a_casadi_function_is_a_unit_with_its_states(design):
@@ -126,18 +125,17 @@ def test_a_table_is_linear_between_its_points(design, first):
 @pytest.mark.heavy
 def test_each_kind_as_an_fmu_equals_the_unit(design):
     (design / "table.csv").write_text("T [s],a b [N.m],c\n0,1,2\n1,3,-1\n2.5,4,0\n")
-    a = {f"a[{i + 1},{j + 1}]": 3.0 * i + j for i in range(2) for j in range(3)}
-    for source, values in (("table.csv", {"T": 1.7}), ("design.py:maps", a | {"b": 3.0}),
-                           ("design.py:held", {"u[1]": 0.7}), ("design.py:transfer", {"u[1]": 1.0})):  # fmt: skip
+    for source, values in (("table.csv", {"T": 1.7}), ("design.py:maps", {"a": np.arange(6.0).reshape(2, 3), "b": 3.0}),
+                           ("design.py:held", {"u": [0.7]}), ("design.py:transfer", {"u": [1.0]})):  # fmt: skip
         unit = made(source)
         ((_, fmu),) = vdfmu.build_fmus(None, "fmus", units=[unit]).items()
-        found = fmpy.simulate_fmu(str(fmu), stop_time=0.05, output_interval=0.01, start_values=values)
-        given = {name.partition("[")[0]: [v for key, v in values.items() if key[0] == name[0]] for name in values}
-        given = {name: np.reshape(v, unit.declared[name].shape) for name, v in given.items()}
-        expected = unit(**given).simulate(stop=0.05, step=0.01, tolerance=1e-10)
+        names = {name: [f"{name}[{','.join(str(k + 1) for k in index)}]".replace("[]", "")
+                        for index in np.ndindex(np.shape(value))] for name, value in values.items()}  # fmt: skip
+        start = {key: v for name, keys in names.items() for key, v in zip(keys, np.ravel(values[name]), strict=True)}
+        found = fmpy.simulate_fmu(str(fmu), stop_time=0.05, output_interval=0.01, start_values=start)
+        expected = unit(**values).simulate(stop=0.05, step=0.01, tolerance=1e-10)
         for name in (name for name, one in unit.declared.items() if one.causality == "output"):
-            names = [key for key in found.dtype.names if key.partition("[")[0] == name]
-            columns = np.column_stack([found[key] for key in names])
+            columns = np.column_stack([found[key] for key in found.dtype.names if key.partition("[")[0] == name])
             # the FMU's solver has a tolerance of 1e-7
             assert np.abs(columns - expected[name].reshape(6, -1)).max() < 1e-6, (source, name)
 
@@ -182,8 +180,10 @@ def test_a_factory_refuses_what_is_no_unit(make, match):
         ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
         ("design.py:nothing", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
         ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
-        ("fails.py:x", "1 / 0", r"fails\.py: ZeroDivisionError"),
-        ("ends.py:x", "raise SystemExit(3)", r"ends\.py: SystemExit: 3"),
+        ("fails.py:x", "1 / 0", r"fails\.py:x: ZeroDivisionError"),
+        ("ends.py:x", "raise SystemExit(3)", r"ends\.py:x: SystemExit: 3"),
+        ("empty.csv", "", "must have names"),
+        ("odd.csv", "a,1b\n1,2\n2,3\n", r"^odd\.csv: Odd: a variable cannot be called 1b"),
         ("short.csv", "a,b\n1,2\n", "two rows"),
         ("words.csv", "a,b\n1,2\n3,x\n", "words.csv: Row 2 must have 2 numbers, got '3,x'"),
     ],
@@ -197,6 +197,21 @@ def test_a_bad_source_is_named_and_leaves_no_file(design, source, content, match
     assert sorted(design.iterdir()) == before
 
 
+def test_units_of_one_name_are_refused(design):
+    (design / "two.py").write_text(
+        "from vdfmu.unit import table_unit\na = table_unit({'t': [0, 1], 'y': [1, 2]})\n"
+        "b = table_unit({'t': [0, 1], 'y': [2, 3]})\n"
+    )
+    with pytest.raises(UnitError, match=r"two\.py: TableUnit must be the name of one unit, got two"):
+        find_unit("two.py")
+
+
+def test_two_units_of_one_name_are_refused(design):
+    (design / "two.py").write_text("from vdfmu.unit import *\na, b = (linear_unit([], [], [], [k]) for k in (1, 2))\n")
+    with pytest.raises(UnitError, match=r"two\.py: LinearUnit must be the name of one unit, got two"):
+        find_unit("two.py")
+
+
 def test_a_file_name_and_decimal_commas_do_no_harm(design):
     """A quote in a name ended the text of the unit."""
     (design / 'q"uo\\Ute.csv').write_text('Time [s];b\n0;1,5\n\n1;"2,5"\n')
@@ -205,7 +220,7 @@ def test_a_file_name_and_decimal_commas_do_no_harm(design):
 
 
 def test_the_command_names_what_it_wrote(design):
-    done = command("unit", "from", "design.py:maps", "--name", "MyMaps")
+    words = "unit", "from", "design.py:maps", "--name", "MyMaps"
+    done, again = command(*words), command(*words)
     assert done.exit_code == 0 and "my_maps.casadi" in done.output and "vdfmu build my_maps.py" in done.output
-    again = command("unit", "from", "design.py:maps", "--name", "MyMaps")
     assert again.exit_code == 1 and "not replaced" in str(again.exception)

@@ -95,18 +95,17 @@ class BaseUnit:
     def __init__(self, robot: Machine | None = None, **values: Any) -> None:
         if robot is None and self.needs_robot():
             raise UnitError(f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..).")
-        self.in_use = self.store = Values(self)
+        self.in_use = Values(self)
+        self.store = self.in_use.sets
         self.of_robot = robot
         self.declared = self.declared_for(robot)
         for name, declared in self.declared.items():
             if declared.set_by is None:
                 start = declared.start_value(robot)[()]
-                self.store.sets[name] = declared.choices[int(start)] if declared.choices else start
+                self.store[name] = declared.choices[int(start)] if declared.choices else start
         for name, value in values.items():
-            if name not in self.store.sets:
-                raise UsageError(
-                    f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store.sets)}."
-                )
+            if name not in self.store:
+                raise UsageError(f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}.")
             setattr(self, name, value)
 
     @classmethod
@@ -175,8 +174,9 @@ class BaseUnit:
     # ---------------------------------------------------------------- values
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name not in self.declared and name not in ("in_use", "store"):
-            self.in_use.keep(name)
+        values = vars(self).get("in_use")  # a subclass may set attributes before it calls this class
+        if values is not None and name not in self.declared and name != "in_use":
+            values.keep(name)
         super().__setattr__(name, value)
 
     def _read(self, declared: Declared) -> Any:
@@ -221,7 +221,7 @@ class BaseUnit:
 
     @t.setter
     def t(self, value: float) -> None:
-        self.store.now = value
+        self.in_use.now = value
 
     def _robot(self, fields: tuple[str, ...]) -> Any:
         return self.in_use.robot(fields)

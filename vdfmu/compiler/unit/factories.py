@@ -13,11 +13,12 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.scalar.casadi_call import casadi_call, shape_of
 from vdfmu.compiler.scalar.generic import clip, lookup
 from vdfmu.compiler.unit.declaration import Declared, Derivative, Input, Output, Parameter, Sampled, State
 from vdfmu.compiler.unit.declaration_check import check_unit
+from vdfmu.compiler.unit.place import shown
 from vdfmu.compiler.unit.unit import Unit
 
 
@@ -168,8 +169,8 @@ def table_unit(table: Mapping[str, npt.ArrayLike] | str | Path, *, name: str = "
         For names and units of measurement that a unit cannot have.
     """
     columns = list(table.items()) if isinstance(table, Mapping) else _columns(Path(table))
-    heads = [head.partition("[") for head, _ in columns]
-    first, *names = (re.sub(r"\W+", "_", head[0].strip()).strip("_") for head in heads or [""])
+    heads = [head.partition("[") for head, _ in columns] or [("", "", "")]
+    first, *names = (re.sub(r"\W+", "_", head[0].strip()).strip("_") for head in heads)
     units = [head[2].strip().removesuffix("]") or "1" for head in heads]
     if double := next((key for key in names if [first, *names].count(key) > 1), ""):
         raise UsageError(f"{double} must be one column of the table, got two. Rename one.")
@@ -199,7 +200,10 @@ def _made(base: type[Unit], name: str, variables: Mapping[str, Declared], doc: s
     """Return a class of the module that calls a factory."""
     module = sys._getframe(2).f_globals.get("__name__", __name__)  # pyright: ignore[reportPrivateUsage]
     unit: Any = type(name, (base,), {**variables, "__module__": module, "__doc__": doc})
-    check_unit(unit, None)
+    try:
+        check_unit(unit, None)
+    except UnitError as error:  # who loads the file names the line of the call
+        raise UnitError(str(error).replace(f"{shown(unit)}: ", "")) from None
     return unit
 
 

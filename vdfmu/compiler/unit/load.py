@@ -99,13 +99,17 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
         for other in set(sys.modules) - before - ({name} if ran else set[str]()):
             if str(getattr(sys.modules[other], "__file__", None) or "").startswith(folder + os.sep):
                 del sys.modules[other]
-    found = {
-        unit_name(unit): unit
+    units = {
+        unit: None
         for unit in vars(module).values()
         if isinstance(unit, type) and issubclass(unit, Unit) and unit.__module__ == name and unit.__name__[0] != "_"
     }
+    found = {unit_name(unit): unit for unit in units}
     if not found:
         raise UnitError(f"{file} declares no unit: a class that is derived from vdfmu.unit.Unit.")
+    double = [unit.__name__ for unit in units if found[unit_name(unit)] is not unit]
+    if double:
+        raise UnitError(f'{file}: {double[0]} must be the name of one unit, got two. Name them, name="MyUnit".')
     twice = [problem for unit in found.values() for problem in _twice(path, unit)]
     if twice:
         raise UnitError("\n".join(twice))

@@ -131,7 +131,7 @@ class Recording(Values):
 
     def value(self, declared: Declared) -> Any:
         """Return the value of a variable."""
-        return self.unit.store.read(declared)
+        return self.unit.store[declared.name]
 
     def field(self, name: str) -> Any:
         """Return a field of the robot."""
@@ -276,7 +276,7 @@ def _leaves(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
     if unit.backend != "python":
         _check_repeatable(unit, phase, record)
     for name, value in record.sets.items():
-        unit.store.sets.setdefault(name, value)
+        unit.store.setdefault(name, value)
     if record.sets:
         yield Leaf(phase, fixed, tuple(record.reads), tuple(map(argument_name, record.sets)))
 
@@ -319,7 +319,7 @@ def run(unit: BaseUnit, phase: str, values: Values) -> Any:
     UnitError
         Naming file, line and reason.
     """
-    unit.in_use = values
+    before, unit.in_use = unit.in_use, values
     symbols = isinstance(values, Symbols)
     try:
         return call(getattr(unit, phase), source_file(type(unit)) if symbols else None)
@@ -335,7 +335,7 @@ def run(unit: BaseUnit, phase: str, values: Values) -> Any:
             reason = "an element of a variable cannot be set alone. Set the variable as a whole, self.y = array"
         _fail(unit, phase, error, reason, symbols and "self.y" not in reason)
     finally:
-        unit.in_use = unit.store
+        unit.in_use = before
 
 
 _WAY_OUT = (

@@ -187,7 +187,7 @@ def _bound(unit: BaseUnit) -> Evaluation:
     """Return the unit's methods on a memory that holds what is set on the instance."""
     interface = Interface(type(unit), unit.of_robot)
     run = evaluation(interface)
-    for name, value in unit.store.sets.items():
+    for name, value in unit.store.items():
         if name in interface.groups:
             choices = unit.declared[name].choices
             run.group(name)[:] = choices.index(value) if choices else np.ravel(value)

@@ -45,11 +45,9 @@ def unit_from(source: str, name: str | None = None, out: Path | None = None, *, 
         raise UsageError(f"{path}: there is no such file.")
     camel, target = class_and_file(name or re.sub("[^a-z0-9]+", "_", (attribute or path.stem).lower()).strip("_"), out)
     try:
-        factory, arguments, beside = _call(path, _object(path, attribute) if attribute else None, target, trust)
-    except UsageError as error:
-        raise UsageError(f"{source}: {str(error).removeprefix(f'{path}: ')}") from None
-    except UnitError:
-        raise
+        factory, arguments, beside = _call(path, _object(path, attribute) if attribute else None, target, camel, trust)
+    except (UsageError, UnitError) as error:
+        raise type(error)(f"{source}: {str(error).removeprefix(f'{path}: ')}") from None
     except Exception as error:  # readers of broken files raise of many kinds
         said = (str(error).splitlines() or [""])[0].rstrip(".")
         raise UsageError(f"{source}: cannot be read: {type(error).__name__}{said and f': {said}'}.") from None
@@ -63,20 +61,22 @@ def unit_from(source: str, name: str | None = None, out: Path | None = None, *, 
     return list(files)
 
 
-def _call(path: Path, found: Any, target: Path, trust: bool) -> tuple[str, list[str], dict[Path, bytes] | None]:
+def _call(
+    path: Path, found: Any, target: Path, camel: str, trust: bool
+) -> tuple[str, list[str], dict[Path, bytes] | None]:
     """Make a unit; return its factory with arguments, and the new files that these load, None without a file."""
     if isinstance(found, ca.Function):
-        casadi_unit(found)
+        casadi_unit(found, name=camel)
         with temporary_folder("vdfmu_") as folder:
             path = Path(folder) / f"{target.stem}.casadi"
             found.save(str(path))
             content = path.read_bytes()
     elif found is None and path.suffix in (".csv", ".casadi"):
-        _ = table_unit(path) if path.suffix == ".csv" else casadi_unit(path, trust=trust)
+        _ = table_unit(path, name=camel) if path.suffix == ".csv" else casadi_unit(path, trust=trust, name=camel)
         content = path.read_bytes()
     else:
         system = _system(path, found)
-        linear_unit(**system)
+        linear_unit(**system, name=camel)
         return "linear_unit", [f"{key}={pformat(value, width=110)}" for key, value in system.items() if value], None
     beside = target.with_name(path.name)
     files = {} if beside.resolve() == path.resolve() else {beside: content}

@@ -190,8 +190,9 @@ class UnitSlave(Fmi2Slave):
 
     def values(self, kind: str, vrs: list[int]) -> list[float]:
         """Return the values of variables of a type."""
-        for variable in self._variables(kind, *vrs):
-            if variable.causality == "output" and self.phase == "instantiated":
+        variables, _ = self._variables(kind, *vrs)
+        for variable in variables if self.phase == "instantiated" else ():
+            if variable.causality == "output":
                 raise FmuError(f"{variable.name} is an output: it has no value before enterInitializationMode.")
         if self.phase == "initialization":
             self._refresh()
@@ -199,7 +200,11 @@ class UnitSlave(Fmi2Slave):
 
     def take(self, kind: str, vrs: list[int], values: list[Any]) -> None:
         """Set inputs and parameters of a type: all of a call, or none."""
-        for variable, value in zip(self._variables(kind, *vrs), values, strict=True):
+        variables, free = self._variables(kind, *vrs)
+        self._require("instantiated", "initialization", "step")
+        # of inputs without limits only the sum is looked at: it is not finite if one of them is not
+        checked = () if free and math.isfinite(sum(values)) else zip(variables, values, strict=True)
+        for variable, value in checked:
             if variable.causality == "output":
                 raise FmuError(f"{variable.name} is an output and cannot be set.")
             if variable.variability == "fixed" and self.phase == "step":
@@ -207,7 +212,6 @@ class UnitSlave(Fmi2Slave):
                     f"{variable.name} is a fixed parameter and can be set only before exitInitializationMode. "
                     "Reset the unit to set it."
                 )
-            self._require("instantiated", "initialization", "step")
             if problem := variable.problem(value):
                 raise FmuError(f"{variable.name}: {problem}.")
             self._unchecked = self._unchecked or variable.causality == "parameter"
@@ -270,7 +274,8 @@ def _accessors(kind: str, cast: Callable[[float], Any]) -> None:
 
     @_call(f"get{kind}")
     def get(self: UnitSlave, vrs: list[int]) -> list[Any]:
-        return list(map(cast, self.values(kind, vrs)))
+        values = self.values(kind, vrs)
+        return values if cast is float else list(map(cast, values))
 
     @_call(f"set{kind}")
     def put(self: UnitSlave, vrs: list[int], values: list[Any]) -> None:
@@ -284,8 +289,8 @@ for _kind, _cast in {"Real": float, "Integer": int, "Boolean": bool, "String": s
     _accessors(_kind, _cast)
 
 
-def _found(known: Sequence[Variable], kind: str, *vrs: int) -> list[Variable]:
-    """Return the variables of value references, which must exist and be of the type."""
+def _found(known: Sequence[Variable], kind: str, *vrs: int) -> tuple[list[Variable], bool]:
+    """Return the variables of value references, of the type, and whether they are inputs without limits."""
     for vr in vrs:
         if not 0 <= vr < len(known):
             raise FmuError(f"there is no value reference {vr}; they go from 0 to {len(known) - 1}.")
@@ -294,7 +299,8 @@ def _found(known: Sequence[Variable], kind: str, *vrs: int) -> list[Variable]:
                 f"expected variables of type {kind}, got {known[vr].name} (value reference {vr}) of type "
                 f"{known[vr].type}."
             )
-    return [known[vr] for vr in vrs]
+    found = [known[vr] for vr in vrs]
+    return found, all(v.causality == "input" and v.minimum is v.maximum is None for v in found)
 
 
 @cache
