@@ -14,16 +14,13 @@ import pytest
 
 import vdfmu
 from tests.study.page.browser import Browser
-from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report import simulation
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.report.simulation import ROWS, knobs, simulation_of
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 
 # ------------------------------------------------------------------ without a browser
 
@@ -104,30 +101,22 @@ def test_knobs_are_parameters_of_the_run(planar):
             assert target["name"] in own
 
 
-def checked(name: str, folder: Path) -> Checked:
-    """Return the system of a scenario, of units that need no compiler."""
-    scenario = load_scenario(name)
-    package = write_ssp(scenario, cached_fmus(scenario, folder, "python"), folder / "arm.ssp")
-    return check_system(load_ssp(package), algorithm=scenario.master)
-
-
-@pytest.mark.heavy
-def test_friction_is_that_of_the_rotors_too(tmp_path):
-    system = checked("tracking_split", tmp_path)
+def test_friction_is_that_of_the_rotors_too():
+    system = SystemDescription(load_scenario("tracking_split"))
     (friction,) = [knob for knob in knobs(system) if knob["words"] == "Friction"]
     assert [target["name"] for target in friction["targets"]] == ["f_c", "f_s", "f_v", "f_ck"]
     assert {"unit": "feedforward", "name": "f_ck"} in friction["known"]
 
 
-def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own(tmp_path):
-    one = checked("planar_tracking", tmp_path)
-    units = {f"{name}{suffix}": d for suffix in ("", "_2") for name, d in one.descriptions.items()}
-    links = [
-        replace(link, start=(link.start[0] + suffix, link.start[1]), end=(link.end[0] + suffix, link.end[1]))
-        for suffix in ("", "_2")
-        for link in one.links
-    ]
-    both = replace(one, descriptions=units, links=tuple(links))
+def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own():
+    scenario = load_scenario("planar_tracking")
+    parts, connections = {}, {}
+    for suffix in ("", "_2"):
+        end = lambda name, suffix=suffix: name.replace(".", f"{suffix}.")  # noqa: E731
+        parts |= {f"{name}{suffix}": part for name, part in scenario.system.parts.items()}
+        connections |= {end(start): [*map(end, ends)] for start, ends in scenario.system.connections.items()}
+    system = replace(scenario.system, parts=parts, connections=connections, shared={})
+    both = SystemDescription(replace(scenario, system=system), {name: {} for name in parts})
     words = [knob["words"] for knob in knobs(both)]
     assert len(words) == len(set(words)) == 12
     assert {"Proportional gains, controller", "Proportional gains, controller_2"} <= set(words)

@@ -18,9 +18,6 @@ import numpy as np
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.engine.fmu.variables import FmuVariable, Value
-from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.study.batch.module import page_program
 from vdfmu.study.batch.program import SystemProgram
@@ -79,7 +76,7 @@ KNOBS = (
 def keep_program(system: SystemDescription, package: Path) -> None:
     """Keep the program of a system for the pages of its package, or why there is none."""
     try:
-        content = page_program(SystemProgram(system))
+        content = page_program(SystemProgram(system)) | {"knobs": list(knobs(system))}
     except VdfmuError as error:
         content = {"reason": str(error).splitlines()[0].rstrip(".")}
     store(_kept(package), json.dumps(content).encode())
@@ -87,8 +84,8 @@ def keep_program(system: SystemDescription, package: Path) -> None:
 
 def _kept(package: Path) -> Path:
     with package.open("rb") as file:
-        digest = file_digest(file, "sha256").hexdigest()
-    return cache_folder() / "programs" / sha256(f"{source_digest('study.batch')} {digest}".encode()).hexdigest()
+        facts = source_digest("study.batch", "study.report.simulation"), file_digest(file, "sha256").hexdigest()
+    return cache_folder() / "programs" / sha256("".join(facts).encode()).hexdigest()
 
 
 def simulation_of(
@@ -131,10 +128,9 @@ def compressed(content: bytes) -> str:
 
 
 def _judged(results: Results, summary: Mapping[str, Any], package: Path, program: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the sliders with their tracks, the causes, and what the page's own run is held against."""
-    checked = check_system(load_ssp(package), algorithm=summary["algorithm"])
-    sliders = list(knobs(checked))
-    values = values_of(checked)
+    """Give the sliders their tracks; return the causes, and what the page's own run is held against."""
+    sliders: list[dict[str, Any]] = program["knobs"]
+    values = {unit["name"]: {name: row[1] for name, row in unit["parameters"].items()} for unit in program["units"]}
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     why = ""
     if "unstable" in figures:  # one place of a limit cycle says little about another gain
@@ -144,40 +140,38 @@ def _judged(results: Results, summary: Mapping[str, Any], package: Path, program
         why = f"no margins along it: the run has none at {margin['at_s']:.3g} s"
     span = program["start"], program["stop"], program["step"]
     dry = "without_dry_friction" not in margin
-    given = [[None]] * len(sliders) if why else tracks(checked, sliders, values, span, dry)
+    given = [[None]] * len(sliders) if why else tracks(package, summary["algorithm"], sliders, values, span, dry)
     for slider, found in zip(sliders, given, strict=True):
         slider["tracks"] = found
         slider["why"] = why
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
-        "knobs": sliders,
         "causes": list(causes(values, sliders, fast)),
         "margins": {"good": GOOD, "poor": POOR},
         "recorded": _recorded(results, summary, program["names"]),
     }
 
 
-def _parameters(checked: Checked, name: str) -> dict[FmuVariable, float]:
-    """Return the real parameters of a unit, with the values of the run."""
-    given: dict[str, Value] = {v.name: value for v, value in checked.starts.get(name, ())}
+def values_of(system: SystemDescription) -> dict[str, dict[str, float]]:
+    """Return the real parameters of all units by their names."""
     return {
-        v: float(given.get(v.name, v.start)) for v in checked.descriptions[name].named("parameter") if v.type == "Real"
+        name: {
+            v.name: float(system.values[name].get(v.name, v.start))
+            for v in table
+            if v.causality == "parameter" and v.type == "Real"
+        }
+        for name, table in system.tables.items()
     }
 
 
-def values_of(checked: Checked) -> dict[str, dict[str, float]]:
-    """Return the real parameters of all units by their names."""
-    return {name: {v.name: value for v, value in _parameters(checked, name).items()} for name in checked.descriptions}
-
-
-def knobs(checked: Checked) -> Iterator[dict[str, Any]]:
+def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
     """Yield groups of parameters that the page may change, ready for JSON, if one of a group is not zero."""
-    models = {name: description.identifier for name, description in checked.descriptions.items()}
-    joined = {(link.start[0], link.end[0]) for link in checked.links}
+    models = {name: table.model_name for name, table in system.tables.items()}
+    joined = {(start, end) for (start, _), (end, _) in system.resolved.links()}
     groups: dict[str, dict[str, list[float]]] = {}
-    for unit in models:
-        for v, value in _parameters(checked, unit).items():
-            groups.setdefault(unit, {}).setdefault(v.name.partition("[")[0], []).append(value)
+    for unit, values in values_of(system).items():
+        for name, value in values.items():
+            groups.setdefault(unit, {}).setdefault(name.partition("[")[0], []).append(value)
     for knob in KNOBS:
         found = {
             unit: names
@@ -191,11 +185,10 @@ def knobs(checked: Checked) -> Iterator[dict[str, Any]]:
                 for name, other in models.items()
                 if knob.known and other == "Feedforward" and (len(found) == 1 or (unit, name) in joined)
             ]
-            units = [v.unit for v in _parameters(checked, unit) if v.name.partition("[")[0] == names[0]]
             yield {
                 "key": f"{unit}.{names[0]}",
                 "words": knob.words if len(found) == 1 else f"{knob.words}, {unit}",
-                "units": [measure.name if measure else "" for measure in units],
+                "units": [v.unit or "" for v in system.tables[unit] if v.group == names[0]],
                 "values": groups[unit][names[0]],
                 "targets": [{"unit": unit, "name": name} for name in names],
                 "known": [{"unit": other, "name": name} for other in knowing for name in names],
