@@ -134,18 +134,6 @@ def test_an_operation_has_the_bits_of_casadi(own):
                     np.testing.assert_allclose(found, value, rtol=4 * 2.3e-16, atol=0.0, err_msg=f"{function} {given}")
 
 
-def test_a_value_read_once_is_calculated_where_it_is_read_and_locals_are_used_again():
-    x = ca.SX.sym("x", 400)
-    total = x[0]
-    for k in range(1, 400):
-        total = total * x[k] + ca.sin(total) if k % 7 else total + x[k]
-    function = ca.Function("chain", [x], [total, x * x])
-    (instance,) = [Instance([function])]
-    values = np.random.default_rng(1).uniform(-1.0, 1.0, 400)
-    for found, value in zip(instance(0, values), expected(function, values), strict=True):
-        assert_same_bits(found, value, "chain")
-
-
 def test_an_operation_without_code_is_said():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match=r"^wrong: CasADi's operation \d+ has no code in WebAssembly\.$"):

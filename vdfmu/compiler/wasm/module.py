@@ -14,6 +14,8 @@ INTEGER, NUMBER = b"\x7f", b"\x7c"
 """Types: i32, f64."""
 LOAD, STORE = b"\x2b\x03", b"\x39\x03"
 """Of a number at an address and an offset, which follows."""
+SET = b"\x21"
+"""Sets a local, whose number follows."""
 COPY = b"\xfc\x0a\0\0"
 """Copies bytes: address to write to, address to read from, number."""
 _PAGE = 65536
