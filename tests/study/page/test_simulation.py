@@ -63,9 +63,9 @@ def test_the_page_has_the_program_of_the_run(planar):
     assert (found["steps"], found["last"]) == (200, pytest.approx(1e-3, rel=1e-12))
     assert found["moving"] == ["plant"] and len(found["names"]) == len(found["places"])
     assert "plant: f_s[1]: expected f_s >= f_c." in found["conditions"]
-    (module,) = binaries.values()
-    assert gzip.decompress(base64.b64decode(module)).startswith(b"\0asm\1\0\0\0")
-    assert [*binaries] == [found["module"]]
+    assert [*binaries] == [found["module"], found["base"]]
+    for module in binaries.values():
+        assert gzip.decompress(base64.b64decode(module)).startswith(b"\0asm\1\0\0\0")
 
 
 def test_recorded_rows_are_those_of_the_run(planar):

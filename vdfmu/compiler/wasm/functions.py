@@ -58,6 +58,11 @@ OPERATIONS: dict[int, tuple[int | bytes | str, ...]] = dict(_operations()) | {
 }
 """Operation to its code: operands, instructions, and functions of the C library; most are read off their C."""
 
+IMPORTED = {
+    pieces[-1]: (NUMBER * (len(pieces) - 1), NUMBER) for pieces in OPERATIONS.values() if isinstance(pieces[-1], str)
+} | {"table_row": (2 * INTEGER + NUMBER, INTEGER), "move_unit": (3 * INTEGER + 2 * NUMBER, INTEGER)}
+"""Functions of the shipped module: types of arguments and results."""
+
 
 class WrittenFunctions:
     """The functions of an assembler that come from traces: each once, with an address for each argument and result."""

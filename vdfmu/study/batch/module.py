@@ -12,7 +12,7 @@ import casadi as ca
 
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.wasm.functions import WrittenFunctions
+from vdfmu.compiler.wasm.functions import IMPORTED, WrittenFunctions
 from vdfmu.compiler.wasm.module import (
     COPY,
     INTEGER,
@@ -20,7 +20,6 @@ from vdfmu.compiler.wasm.module import (
     NUMBER,
     STORE,
     Assembler,
-    base_module,
     call,
     constant,
     local,
@@ -32,15 +31,15 @@ from vdfmu.study.batch.program import MovingUnit, SystemProgram
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, TimeSetter
 
 
-def write_module(program: SystemProgram) -> tuple[bytes, int]:
-    """Return a module, and the address of the memory of the system in its own.
+def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
+    """Return a module, the address of the system's memory, and by what the base grows, see :class:`Assembler`.
 
     It exports ``begin()`` and ``step(t, size)``. These return 0, or the number from 1 on of the condition that is not
     met, or of the unit in `SystemProgram.moving` whose solver fails. KernelError if an operation has no code.
     """
     writer = _ModuleWriter(program)
     exported = {"begin": writer.begin(), "step": writer.step()}
-    return writer.assembler.module(exported), writer.at
+    return writer.assembler.module(exported), writer.at, writer.assembler.growth
 
 
 def page_program(program: SystemProgram) -> dict[str, Any]:
@@ -50,7 +49,7 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
     """
     if program.system.outside:
         raise UsageError("some of its inputs come from files")
-    module, address = write_module(program)
+    module, address, growth = write_module(program)
     parameters: dict[str, dict[str, list[Any]]] = {}
     outputs: dict[str, int] = {}
     for name, unit in program.system.units.items():
@@ -62,6 +61,7 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
                 outputs[f"{name}.{v.name}"] = begin + i
     return {
         "module": base64.b64encode(gzip.compress(module, 6, mtime=0)).decode(),
+        "growth": growth,
         "address": address,
         "memory": program.system.memory.tolist(),
         "units": [{"name": name, "parameters": own} for name, own in parameters.items()],
@@ -81,7 +81,7 @@ class _ModuleWriter:
     """Writes the functions of a system. `at`: address of its memory."""
 
     def __init__(self, program: SystemProgram) -> None:
-        self.program, self.assembler = program, Assembler(base_module())
+        self.program, self.assembler = program, Assembler(IMPORTED)
         self._functions = WrittenFunctions(self.assembler)
         self.at = self.assembler.room(8 * program.system.memory.size)
         self._still = self.assembler.room(8 * max(unit.interface.size for unit in program.system.units.values()))

@@ -18,6 +18,7 @@ import numpy as np
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.compiler.wasm.module import base_module
 from vdfmu.engine.results.results import Results
 from vdfmu.study.batch.module import page_program
 from vdfmu.study.batch.program import SystemProgram
@@ -83,9 +84,10 @@ def keep_program(system: SystemDescription, package: Path) -> None:
 
 
 def _kept(package: Path) -> Path:
+    digest = sha256(source_digest("study.batch", "study.report.simulation").encode() + base_module())
     with package.open("rb") as file:
-        facts = source_digest("study.batch", "study.report.simulation"), file_digest(file, "sha256").hexdigest()
-    return cache_folder() / "programs" / sha256("".join(facts).encode()).hexdigest()
+        digest.update(file_digest(file, "sha256").digest())
+    return cache_folder() / "programs" / digest.hexdigest()
 
 
 def simulation_of(
@@ -93,7 +95,7 @@ def simulation_of(
 ) -> dict[str, Any]:
     """Return the page's simulation, ready for JSON; ``{"reason": ..}`` if it has none.
 
-    `binaries`: digest to base64 of a compressed module, to which the run's is added. None: the page is to have none.
+    `binaries`: digest to base64 of a compressed module, to which the run's are added. None: the page is to have none.
     """
     kept = load(_kept(package)) if package.is_file() else None
     if "scenario" not in summary:
@@ -105,20 +107,21 @@ def simulation_of(
         reason = program["reason"]
     elif (program["steps"] + 1) * len(program["names"]) > MOST_VALUES:
         reason = f"it has {program['steps']} steps of {len(program['names'])} signals, too much for a page"
-    elif sum(map(len, {*(binaries or {}).values(), program["module"]})) > MOST_MODULES:
-        reason = "with its units the page would be larger than 1 MB; make a page of this run alone"
     elif binaries is None:
         return {"reason": NOT_MADE}
     else:
-        module = program["module"]
-        program["module"] = sha256(module.encode()).hexdigest()[:16]
+        modules = {"module": program["module"], "base": compressed(base_module())}
+        digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
+        added = {digests[key]: module for key, module in modules.items()}
         try:
-            found = program | _judged(results, summary, package, program)
+            found = program | digests | _judged(results, summary, package, program)
         except VdfmuError as error:
             reason = str(error).splitlines()[0].rstrip(".")
         else:
-            binaries[program["module"]] = module
-            return found
+            if sum(map(len, (binaries | added).values())) <= MOST_MODULES:
+                binaries |= added
+                return found
+            reason = "with its module the page would be larger than 1 MB; make a page of this run alone"
     return {"reason": f"This run is not simulated here: {reason}."}
 
 
