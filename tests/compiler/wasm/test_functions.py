@@ -1,4 +1,4 @@
-"""Traced functions as WebAssembly, in wasmtime: operation by operation and whole, their bits are those of CasADi."""
+"""Traced functions as WebAssembly, in wasmtime: single operations and whole functions have the bits of CasADi."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Instance:
         self.exports = linker.instantiate(self.store, module).exports(self.store)
 
     def _called(self, functions: Sequence[ca.Function]) -> Iterator[tuple[str, Callable[..., Any]]]:
-        """Yield CasADi's own functions, which call the C library, and one that looks up the row of a table."""
+        """Yield functions of CasADi, and a function that looks up the row of a table."""
         symbols = ca.SX.sym("x"), ca.SX.sym("y")
         for name in IMPORTED.keys() - {"table_row", "move_unit"}:
             operation = next(key for key, pieces in OPERATIONS.items() if name in pieces)
@@ -126,7 +126,7 @@ def test_an_operation_without_code_is_said():
 
 @pytest.mark.parametrize("scenario", ["tracking", "screw", "estimation", "kr300"])
 def test_the_units_of_a_scenario_have_the_bits_of_casadi(scenario):
-    """Start, outputs, derivatives, updates and steps of the solver, with numbers of which the results depend."""
+    """Start, outputs, derivatives, updates and steps of the solver, with random numbers."""
     system = WiredUnits(SystemDescription(load_scenario(scenario)))
     random = np.random.default_rng(2)
     for name, unit in system.units.items():

@@ -1,4 +1,4 @@
-"""Modules that grow, and the shipped one that systems are put into."""
+"""Modules of WebAssembly, and the shipped module that they call."""
 
 import importlib.util
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The program of a system as WebAssembly, in wasmtime: its run is that of the FMUs, and it says what stops it."""
+"""The program of a system as WebAssembly, in wasmtime: it gives the run of the FMUs, and says why it stops."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ class Module:
         return np.frombuffer(bytes(self._memory.read(self._store, self._address, end)), "<f8")
 
     def steps(self) -> Iterator[int]:
-        """Yield what each step returns."""
+        """Yield the result of each step."""
         for t, size in zip(self.program.points.tolist(), self.program.sizes.tolist(), strict=True):
             yield self._exports["step"](self._store, t, size)
 

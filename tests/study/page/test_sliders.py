@@ -380,7 +380,7 @@ def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
 def test_why_a_page_does_not_simulate_is_said(run, browser, tmp_path):
     run_system(run / "system.ssp", stop=0.2, out=tmp_path)
     show(browser, write_report([read_run(tmp_path)], tmp_path / "report.html", simulate=True))
-    words = "This run is not simulated here: only those of scenarios are, which 'vdfmu run' makes."
+    words = "This run is not simulated here: only runs of scenarios by 'vdfmu run' are."
     assert words_of(browser, "#simulate").split("\n")[-1] == words
     assert browser.run("report.simulation") is None
 

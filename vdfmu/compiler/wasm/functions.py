@@ -1,4 +1,4 @@
-"""Traced functions as WebAssembly, operation by operation: the bits are those of their C."""
+"""Traced functions as WebAssembly, operation by operation, with the bits of their C."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ _WORDS = {
     "+": b"\xa0", "-": b"\xa1", "*": b"\xa2", "/": b"\xa3", "<": b"\x63\xb7", "<=": b"\x65\xb7", "==": b"\x61\xb7",
     "!=": b"\x62\xb7", "sqrt": b"\x9f", "floor": b"\x9c", "ceil": b"\x9b", "fabs": b"\x99", "copysign": b"\xa6",
 }  # fmt: skip
-"""Words of the C that are instructions; other functions are called, fmin and fmax too: the instructions pass NaN on."""
+"""Words of the C with an instruction. Other functions are called. So are fmin and fmax: their instructions keep NaN."""
 _PATTERN = re.compile(r"(\w+)\(\{0\}(?:, (\{1\}))?\)|\{0\} (\S+) (\{1\})(?: \? 1\.0 : 0\.0)?")
-"""C that calls a function, or has a word between operands; what is compared gives 1 or 0."""
+"""C that calls a function, or has a word between operands. A comparison gives 1 or 0."""
 
 
 def _operations() -> Iterator[tuple[int, tuple[int | bytes | str, ...]]]:
@@ -56,7 +56,7 @@ OPERATIONS: dict[int, tuple[int | bytes | str, ...]] = dict(_operations()) | {
     ca.OP_OR: (0, _ZERO, b"\x62", 1, _ZERO, b"\x62\x72\xb7"),
     ca.OP_IF_ELSE_ZERO: (1, _ZERO, 0, _ZERO, b"\x62\x1b"),
 }
-"""Operation to its code: operands, instructions, and functions of the C library; most are read off their C."""
+"""Operation to its code: operands, instructions, functions of the C library."""
 
 IMPORTED = {
     pieces[-1]: (NUMBER * (len(pieces) - 1), NUMBER) for pieces in OPERATIONS.values() if isinstance(pieces[-1], str)
@@ -78,12 +78,12 @@ class WrittenFunctions:
         self._tables: dict[str, tuple[int, int, int]] = {}
 
     def index(self, function: ca.Function) -> int:
-        """Return the index of a function, which is added when it is asked for first.
+        """Return the index of a function. The first call adds it.
 
         Raises
         ------
         KernelError
-            If the trace has an operation that there is no code of.
+            For an operation without code.
         """
         key = function.__hash__()
         if key not in self._known:
@@ -136,7 +136,7 @@ class WrittenFunctions:
 
 
 class _TraceCode:
-    """Code of a trace. Each operation sets a local, one for each place of the trace's memory.
+    """Code of a trace. Each place of the trace's memory is a local. Each operation sets its local.
 
     Locals are addresses of arguments and results, then the address of a table's row, then `numbers` numbers.
     """
@@ -177,7 +177,7 @@ class _TraceCode:
             self._set(target[0], code)
 
     def _look_up(self, called: ca.Function, source: int, target: Sequence[int]) -> None:
-        """Look up a row; what else a trace calls is a derivative of that, which is 0."""
+        """Look up a row. Any other call is the derivative of one: 0."""
         looks = called.name().startswith(LOOKUP)
         if looks:
             first, last = self._functions.row(called)

@@ -1,4 +1,4 @@
-"""Modules of WebAssembly, which call functions of a module that a compiler has made.
+"""Modules of WebAssembly that call functions of a compiled module.
 
 Specification: WebAssembly Core 2.0, sections 5.4 (instructions) and 5.5 (modules).
 """
@@ -13,11 +13,11 @@ from vdfmu.base.files import data_path
 INTEGER, NUMBER = b"\x7f", b"\x7c"
 """Types: i32, f64."""
 LOAD, STORE = b"\x2b\x03", b"\x39\x03"
-"""Of a number at an address and an offset, which follows."""
+"""Load and store a number at an address and an offset. The offset follows."""
 SET = b"\x21"
-"""Sets a local, whose number follows."""
+"""Set a local. Its number follows."""
 COPY = b"\xfc\x0a\0\0"
-"""Copies bytes: address to write to, address to read from, number."""
+"""Copy bytes: target, source, number."""
 _PAGE = 65536
 BASE_PAGES, BASE_SLOTS = 2, 1
 """Pages of memory and slots of the table that the shipped module has by itself."""
@@ -109,7 +109,7 @@ class Assembler:
         return len(self.functions) + len(self._bodies) - 1
 
     def slot(self, function: int) -> int:
-        """Return the place in the table of a function, which C sees as a pointer to it."""
+        """Put a function into the table; return its place, a pointer in C."""
         self._indirect.append(unsigned(function))
         return BASE_SLOTS + len(self._indirect) - 1
 
@@ -126,7 +126,7 @@ class Assembler:
         return address
 
     def module(self, exported: Mapping[str, int]) -> bytes:
-        """Return the module, which exports some of its functions."""
+        """Return the module with these functions exported."""
         exports = [_sized(name.encode()) + b"\0" + unsigned(k) for name, k in exported.items()]
         elements = [b"\0" + constant(BASE_SLOTS) + b"\x0b" + _list(self._indirect)]
         sections = {1: [*self._types], 2: self._imports, 3: self._kinds, 7: exports, 9: elements}

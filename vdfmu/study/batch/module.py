@@ -1,4 +1,4 @@
-"""The program of a system as a module of WebAssembly, which a page runs: written at once, without a compiler."""
+"""The program of a system as a module of WebAssembly for a page, written without a compiler."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from vdfmu.system.reference.wired import Action, Carry, Evaluate, TimeSetter
 
 
 def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
-    """Return a module, the address of the system's memory, and by what the base grows, see :class:`Assembler`.
+    """Return a module, the address of the system's memory, and :attr:`Assembler.growth`.
 
     It exports ``begin()`` and ``step(t, size)``. These return 0, or the number from 1 on of the condition that is not
     met, or of the unit in `SystemProgram.moving` whose solver fails. KernelError if an operation has no code.
@@ -43,7 +43,7 @@ def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
 
 
 def page_program(program: SystemProgram) -> dict[str, Any]:
-    """Return what a page needs to run a program, ready for JSON: ``web/master.js`` reads it.
+    """Return the data of a program for ``web/master.js``, ready for JSON.
 
     UsageError for inputs from outside, KernelError if an operation has no code.
     """
@@ -60,7 +60,7 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
             elif v.type == "Real" and v.causality == "output":
                 outputs[f"{name}.{v.name}"] = begin + i
     return {
-        "module": base64.b64encode(gzip.compress(module, 6, mtime=0)).decode(),
+        "module": compressed(module),
         "growth": growth,
         "address": address,
         "memory": program.system.memory.tolist(),
@@ -75,6 +75,11 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
         "steps": len(program.points),
         "last": program.sizes[-1].item(),
     }
+
+
+def compressed(content: bytes) -> str:
+    """Return the text that ``unzip`` of ``web/packed.js`` reads."""
+    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
 class _ModuleWriter:
@@ -114,7 +119,7 @@ class _ModuleWriter:
         return bytes(code)
 
     def _call(self, name: str, called: Call) -> bytes:
-        """Return the code of a call; what it sets of what it reads is copied when all is calculated."""
+        """Return the code of a call. Results that it also reads are copied after it."""
         table, begin = self.program.unit(name).interface, self.program.system.begin(name)
         function = table.functions.casadi_function(called.function)
         where = {

@@ -1,12 +1,10 @@
-"""Data for the page of a run to run it again by itself: the program of its system, sliders, what it is held against.
+"""The simulation of a page: the program of its system, sliders, recorded rows to compare with.
 
-A run keeps the program in the cache, under the digest of its package. So a page runs only what this user has made.
+A run keeps the program in the cache under the digest of its package. So a page runs only programs of this user.
 """
 
 from __future__ import annotations
 
-import base64
-import gzip
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import file_digest, sha256
@@ -20,7 +18,7 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.wasm.module import base_module
 from vdfmu.engine.results.results import Results
-from vdfmu.study.batch.module import page_program
+from vdfmu.study.batch.module import compressed, page_program
 from vdfmu.study.batch.program import SystemProgram
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed
@@ -99,7 +97,7 @@ def simulation_of(
     """
     kept = load(_kept(package)) if package.is_file() else None
     if "scenario" not in summary:
-        reason = "only those of scenarios are, which 'vdfmu run' makes"
+        reason = "only runs of scenarios by 'vdfmu run' are"
     elif kept is None:
         reason = "it was not made with this cache, and a look at a run does not run its code"
         reason = reason if package.is_file() else "its package, system.ssp, is not beside the results"
@@ -125,13 +123,8 @@ def simulation_of(
     return {"reason": f"This run is not simulated here: {reason}."}
 
 
-def compressed(content: bytes) -> str:
-    """Return the text that ``unzip`` of ``web/packed.js`` reads."""
-    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
-
-
 def _judged(results: Results, summary: Mapping[str, Any], package: Path, program: Mapping[str, Any]) -> dict[str, Any]:
-    """Give the sliders their tracks; return the causes, and what the page's own run is held against."""
+    """Give the sliders their tracks; return the causes and the recorded rows to compare with."""
     sliders: list[dict[str, Any]] = program["knobs"]
     values = {unit["name"]: {name: row[1] for name, row in unit["parameters"].items()} for unit in program["units"]}
     figures: Mapping[str, Any] = summary.get("key_figures") or {}

@@ -1,4 +1,4 @@
-// The run again, in a worker: a module of WebAssembly from vdfmu/study/batch/module.py, on the one that the package ships.
+// The run again, in a worker: a module from vdfmu/study/batch/module.py, in the memory of the shipped module.
 
 import { unzip } from "./packed.js";
 
@@ -13,7 +13,7 @@ function moduleOf(digest, binaries) {
   return compiled.get(digest);
 }
 
-/** What a value must be, in words; empty if it is. */
+/** The limit that a value breaks, in words; empty if it breaks none. */
 function wanted(value, least, most) {
   if (!Number.isFinite(value)) return "finite";
   if (least !== null && value < least) return value <= 0 && least > 0 ? "above 0" : `at least ${least}`;
