@@ -1,5 +1,5 @@
-/* A unit in lanes over a communication step: its samples, and between them the internal steps of each lane, which has its
- * own time, so that each takes the steps of a run by itself. The rules are those of fmu_src/c/step.c and solver.c. */
+/* A unit in lanes over a communication step: samples, and internal steps between them. Each lane has its own time, so it
+ * takes the steps of a run by itself. The rules are in fmu_src/c/step.c and solver.c. */
 
 #include "control.h"
 
@@ -38,7 +38,7 @@ INLINE mask advance(const LaneUnit *u, real *m, real *h, mask alive, real t, rea
         const mask last = u->fixed ? (mask)(tried < u->fixed ? 0 : -1) : *h >= rest * (1.0 - 1e-10);
         const real shorter = u->fixed ? fmin((real)tried * size, end) - done : 2.0 * *h > rest ? 0.5 * rest : *h;
         const real part = last ? rest : shorter;
-        const real now = active ? part : end; /* those that wait get any step */
+        const real now = active ? part : end; /* lanes that wait get any step */
         real error;
         u->step(m, &now, x_new, &error, ratio);
 
@@ -77,7 +77,7 @@ INLINE void sample(const LaneUnit *u, real *m, mask lanes, real t)
         m[u->sampled + i] = lanes ? m[u->sampled + i] : before[i];
 }
 
-/* Move a unit from t, of each lane, by `size` [s]. Its samples are those from t on, that at the end excluded. */
+/* Move a unit from t, of each lane, by `size` [s]. A sample at t belongs to it, a sample at the end does not. */
 INLINE mask move(const LaneUnit *u, real *m, real *h, mask alive, real t, scalar size)
 {
     if (!u->update)

@@ -1,5 +1,5 @@
-/* What a system as a module of WebAssembly has besides its own functions: a unit over a communication step, the place of a
- * row in a table, and functions of the C library. `make vendor` compiles it to module.wasm. */
+/* The module beside a system as WebAssembly: a unit over a communication step, the row of a table, functions of the C
+ * library. `make vendor` compiles it to module.wasm. */
 #define LANES 1
 #include "lanes.h"
 

@@ -7,19 +7,19 @@ from pathlib import Path
 from vdfmu.base.files import data_path
 from vdfmu.compiler.c.loaded import SHOWN
 from vdfmu.compiler.c.platforms import zig
-from vdfmu.compiler.wasm.functions import OPERATIONS
+from vdfmu.compiler.wasm.functions import IMPORTED
 
 FLAGS = (
     "-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c11", "-O2", "-g0", "-s", "-fno-math-errno",
-    "-fno-sanitize=undefined", "-Wall", "-Wextra", "-Werror", "-Wl,-z,stack-size=65536,--export-table",
+    "-fno-sanitize=undefined", "-Wall", "-Wextra", "-Werror",
+    "-Wl,-z,stack-size=65536,--initial-memory=131072,--export-table,--growable-table",
 )  # fmt: skip
 
 
 def build() -> bytes:
     """Return the module."""
     folder = data_path("fmu_src")
-    called = {piece for pieces in OPERATIONS.values() for piece in pieces if isinstance(piece, str)}
-    exports = [f"-Wl,--export={name}" for name in sorted({"move_unit", "table_row"} | called)]
+    exports = [f"-Wl,--export={name}" for name in sorted(IMPORTED)]
     with tempfile.TemporaryDirectory() as place:
         Path(place, "shown.h").write_text(SHOWN)
         headers = [f"-I{path}" for path in (place, folder / "c", folder / "functions")]

@@ -1,82 +1,66 @@
-"""Traced functions as WebAssembly, in wasmtime: operation by operation and whole, their bits are those of CasADi."""
+"""Traced functions as WebAssembly, in wasmtime: single operations and whole functions have the bits of CasADi."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 import wasmtime
 
+from tests.compiler.wasm.linked import linked
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
-from vdfmu.compiler.wasm.functions import OPERATIONS, WrittenFunctions
-from vdfmu.compiler.wasm.module import Assembler, base_module, unsigned
+from vdfmu.compiler.wasm.functions import IMPORTED, OPERATIONS, WrittenFunctions
+from vdfmu.compiler.wasm.module import INTEGER, NUMBER, Assembler
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario import load_scenario
 
-CALLED = sorted({piece for pieces in OPERATIONS.values() for piece in pieces if isinstance(piece, str)})
-TWO = {"pow", "atan2", "hypot", "fmod", "fmin", "fmax"}
+TYPES = {INTEGER: wasmtime.ValType.i32, NUMBER: wasmtime.ValType.f64}
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, -2.5, 3.75, 1e-300, 1e300, math.inf, -math.inf, math.nan]
-
-
-def imported_base() -> bytes:
-    """Return a module of imported functions alone, so that those of CasADi's own C library can be called."""
-
-    def section(kind: int, *items: bytes) -> bytes:
-        content = unsigned(len(items)) + b"".join(items)
-        return bytes([kind]) + unsigned(len(content)) + content
-
-    def name(text: str) -> bytes:
-        return unsigned(len(text)) + text.encode()
-
-    names = [*CALLED, "table_row"]
-    types = b"\x60\1\x7c\1\x7c", b"\x60\2\x7c\x7c\1\x7c", b"\x60\3\x7f\x7f\x7c\1\x7f"
-    kinds = {one: 2 if one == "table_row" else int(one in TWO) for one in names}
-    imports = [name("c") + name(one) + b"\0" + unsigned(kind) for one, kind in kinds.items()]
-    exports = [name(one) + b"\0" + unsigned(k) for k, one in enumerate(names)]
-    parts = section(1, *types), section(2, *imports), section(4, b"\x70\0\1"), section(5, b"\0\1"), section(7, *exports)
-    return b"\0asm\1\0\0\0" + b"".join(parts)
 
 
 class Instance:
     """The functions of traces in a module; with `own` it calls functions of the C library of this machine."""
 
     def __init__(self, functions: Sequence[ca.Function], own: bool = True) -> None:
-        assembler = Assembler(imported_base() if own else base_module())
-        traced = WrittenFunctions(assembler)
-        exported = {f"f{k}": traced.index(function) for k, function in enumerate(functions)}
+        assembler = Assembler(IMPORTED)
+        written = WrittenFunctions(assembler)
+        exported = {f"f{k}": written.index(function) for k, function in enumerate(functions)}
         self.functions, self.place = functions, assembler.room(200_000)
-        engine = wasmtime.Engine()
-        self.store = wasmtime.Store(engine)
-        module, imports = wasmtime.Module(engine, assembler.module(exported)), self._imports(functions) if own else []
-        self.exports = wasmtime.Instance(self.store, module, imports).exports(self.store)
+        self.store, linker = linked(assembler.growth)
+        if own:
+            linker.allow_shadowing = True
+            for name, function in self._called(functions):
+                arguments, results = ([TYPES[bytes([one])]() for one in kind] for kind in IMPORTED[name])
+                kind = wasmtime.FuncType(arguments, results)
+                linker.define(self.store, "base", name, wasmtime.Func(self.store, kind, function))
+        self.memory = linker.get(self.store, "base", "memory")
+        module = wasmtime.Module(self.store.engine, assembler.module(exported))
+        self.exports = linker.instantiate(self.store, module).exports(self.store)
 
-    def _imports(self, functions: Sequence[ca.Function]) -> list[wasmtime.Func]:
-        number, integer = wasmtime.ValType.f64(), wasmtime.ValType.i32()
+    def _called(self, functions: Sequence[ca.Function]) -> Iterator[tuple[str, Callable[..., Any]]]:
+        """Yield functions of CasADi, and a function that looks up the row of a table."""
         symbols = ca.SX.sym("x"), ca.SX.sym("y")
-        found = []
-        for name in CALLED:  # CasADi's own, which calls the C library
+        for name in IMPORTED.keys() - {"table_row", "move_unit"}:
             operation = next(key for key, pieces in OPERATIONS.items() if name in pieces)
-            given = symbols[: 1 + (name in TWO)]
-            make = ca.SX.binary if name in TWO else ca.SX.unary
-            called = ca.Function(name, given, [make(operation, *given)])
-            kind = wasmtime.FuncType([number] * len(given), [number])
-            found.append(wasmtime.Func(self.store, kind, lambda *a, called=called: float(called(*a))))
+            given = symbols[: len(IMPORTED[name][0])]
+            made = (ca.SX.unary if len(given) == 1 else ca.SX.binary)(operation, *given)
+            called = ca.Function(name, given, [made])
+            yield name, lambda *a, called=called: float(called(*a))
         tables = [one for f in functions for one in f.find_functions() if one.name().startswith(LOOKUP)]
         edges = np.array(lookup_table(tables[0])[0]) if tables else np.zeros(2)
-        row = lambda _, n, x: int(np.clip(np.searchsorted(edges, x, "right") - 1, 0, n - 1))  # noqa: E731
-        kind = wasmtime.FuncType([integer, integer, number], [integer])
-        return [*found, wasmtime.Func(self.store, kind, row)]
+        yield "table_row", lambda _, n, x: int(np.clip(np.searchsorted(edges, x, "right") - 1, 0, n - 1))
 
     def __call__(self, k: int, *arguments: np.ndarray) -> list[np.ndarray]:
         """Call a function with values of its arguments."""
-        function, memory, at = self.functions[k], self.exports["memory"], self.place
+        function, memory, at = self.functions[k], self.memory, self.place
         addresses = []
         for values in arguments:
             content = np.ascontiguousarray(values, dtype="<f8").tobytes()
@@ -134,27 +118,15 @@ def test_an_operation_has_the_bits_of_casadi(own):
                     np.testing.assert_allclose(found, value, rtol=4 * 2.3e-16, atol=0.0, err_msg=f"{function} {given}")
 
 
-def test_a_value_read_once_is_calculated_where_it_is_read_and_locals_are_used_again():
-    x = ca.SX.sym("x", 400)
-    total = x[0]
-    for k in range(1, 400):
-        total = total * x[k] + ca.sin(total) if k % 7 else total + x[k]
-    function = ca.Function("chain", [x], [total, x * x])
-    (instance,) = [Instance([function])]
-    values = np.random.default_rng(1).uniform(-1.0, 1.0, 400)
-    for found, value in zip(instance(0, values), expected(function, values), strict=True):
-        assert_same_bits(found, value, "chain")
-
-
 def test_an_operation_without_code_is_said():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match=r"^wrong: CasADi's operation \d+ has no code in WebAssembly\.$"):
-        WrittenFunctions(Assembler(base_module())).index(ca.Function("wrong", [x], [ca.erf(x)]))
+        WrittenFunctions(Assembler(IMPORTED)).index(ca.Function("wrong", [x], [ca.erf(x)]))
 
 
 @pytest.mark.parametrize("scenario", ["tracking", "screw", "estimation", "kr300"])
 def test_the_units_of_a_scenario_have_the_bits_of_casadi(scenario):
-    """Start, outputs, derivatives, updates and steps of the solver, with numbers of which the results depend."""
+    """Start, outputs, derivatives, updates and steps of the solver, with random numbers."""
     system = WiredUnits(SystemDescription(load_scenario(scenario)))
     random = np.random.default_rng(2)
     for name, unit in system.units.items():

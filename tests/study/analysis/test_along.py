@@ -12,8 +12,6 @@ import vdfmu
 from vdfmu.base.errors import CosimError
 from vdfmu.cli.commands import app
 from vdfmu.engine.linear.growth import Growth
-from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.loops import grown, margins_along, run_along, told, words_of
 from vdfmu.study.analysis.reach import write_reach
@@ -152,9 +150,10 @@ def test_all_commands_have_one_margin(master, tmp_path):
     # other instances of the same FMUs at the same states: rounding
     np.testing.assert_allclose(problem.margin, least, rtol=1e-9)
     np.testing.assert_allclose(problem.loops(problem.start).modulus, least, rtol=1e-6)  # four digits of the gains
-    checked = check_system(load_ssp(tmp_path / "run" / "system.ssp"), algorithm=master)
-    gain = next(knob for knob in knobs(checked) if knob["key"] == "controller.K_p")
-    ((every, *_),) = tracks(checked, [gain], values_of(checked), (0.0, load_scenario(path).stop, 1e-3))
+    system = SystemDescription(load_scenario(path))
+    gain = next(knob for knob in knobs(system) if knob["key"] == "controller.K_p")
+    span = (0.0, system.scenario.stop, 1e-3)
+    ((every, *_),) = tracks(tmp_path / "run" / "system.ssp", master, [gain], values_of(system), span)
     assert dict(zip(every["places"], every["modulus"], strict=True))[0] == round(own, 3)
 
 

@@ -1,4 +1,4 @@
-"""The program of a system as WebAssembly, in wasmtime: its run is that of the FMUs, and it says what stops it."""
+"""The program of a system as WebAssembly, in wasmtime: it gives the run of the FMUs, and says why it stops."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ import pytest
 import wasmtime
 
 import vdfmu
+from tests.compiler.wasm.linked import linked
 from tests.conftest import heavy
 from tests.study.batch.test_batch import CHOPPER, NOISY, POSITION, REST, scenario_file
 from vdfmu.study.batch.module import write_module
@@ -24,23 +25,24 @@ class Module:
     def __init__(self, scenario: Any, settings: dict[str, Any], **changed: float) -> None:
         scenario = prepare(scenario)
         self.program = SystemProgram(SystemDescription(scenario, system_values(scenario, settings)))
-        content, self._address = write_module(self.program)
-        engine = wasmtime.Engine()
-        self._store = wasmtime.Store(engine)
-        self._exports = wasmtime.Instance(self._store, wasmtime.Module(engine, content), []).exports(self._store)
+        content, self._address, growth = write_module(self.program)
+        self._store, linker = linked(growth)
+        module = wasmtime.Module(self._store.engine, content)
+        self._exports = linker.instantiate(self._store, module).exports(self._store)
+        self._memory = linker.get(self._store, "base", "memory")
         memory = self.program.system.memory.copy()
         for name, value in changed.items():
             memory[self.program.limits()[name][0]] = value
-        self._exports["memory"].write(self._store, memory.astype("<f8").tobytes(), self._address)
+        self._memory.write(self._store, memory.astype("<f8").tobytes(), self._address)
         self.begun = self._exports["begin"](self._store)
 
     def memory(self) -> np.ndarray:
         """Values of the system."""
         end = self._address + 8 * self.program.system.memory.size
-        return np.frombuffer(bytes(self._exports["memory"].read(self._store, self._address, end)), "<f8")
+        return np.frombuffer(bytes(self._memory.read(self._store, self._address, end)), "<f8")
 
     def steps(self) -> Iterator[int]:
-        """Yield what each step returns."""
+        """Yield the result of each step."""
         for t, size in zip(self.program.points.tolist(), self.program.sizes.tolist(), strict=True):
             yield self._exports["step"](self._store, t, size)
 

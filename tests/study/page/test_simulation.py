@@ -14,16 +14,13 @@ import pytest
 
 import vdfmu
 from tests.study.page.browser import Browser
-from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report import simulation
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.report.simulation import ROWS, knobs, simulation_of
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 
 # ------------------------------------------------------------------ without a browser
 
@@ -66,9 +63,9 @@ def test_the_page_has_the_program_of_the_run(planar):
     assert (found["steps"], found["last"]) == (200, pytest.approx(1e-3, rel=1e-12))
     assert found["moving"] == ["plant"] and len(found["names"]) == len(found["places"])
     assert "plant: f_s[1]: expected f_s >= f_c." in found["conditions"]
-    (module,) = binaries.values()
-    assert gzip.decompress(base64.b64decode(module)).startswith(b"\0asm\1\0\0\0")
-    assert [*binaries] == [found["module"]]
+    assert [*binaries] == [found["module"], found["base"]]
+    for module in binaries.values():
+        assert gzip.decompress(base64.b64decode(module)).startswith(b"\0asm\1\0\0\0")
 
 
 def test_recorded_rows_are_those_of_the_run(planar):
@@ -104,30 +101,22 @@ def test_knobs_are_parameters_of_the_run(planar):
             assert target["name"] in own
 
 
-def checked(name: str, folder: Path) -> Checked:
-    """Return the system of a scenario, of units that need no compiler."""
-    scenario = load_scenario(name)
-    package = write_ssp(scenario, cached_fmus(scenario, folder, "python"), folder / "arm.ssp")
-    return check_system(load_ssp(package), algorithm=scenario.master)
-
-
-@pytest.mark.heavy
-def test_friction_is_that_of_the_rotors_too(tmp_path):
-    system = checked("tracking_split", tmp_path)
+def test_friction_is_that_of_the_rotors_too():
+    system = SystemDescription(load_scenario("tracking_split"))
     (friction,) = [knob for knob in knobs(system) if knob["words"] == "Friction"]
     assert [target["name"] for target in friction["targets"]] == ["f_c", "f_s", "f_v", "f_ck"]
     assert {"unit": "feedforward", "name": "f_ck"} in friction["known"]
 
 
-def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own(tmp_path):
-    one = checked("planar_tracking", tmp_path)
-    units = {f"{name}{suffix}": d for suffix in ("", "_2") for name, d in one.descriptions.items()}
-    links = [
-        replace(link, start=(link.start[0] + suffix, link.start[1]), end=(link.end[0] + suffix, link.end[1]))
-        for suffix in ("", "_2")
-        for link in one.links
-    ]
-    both = replace(one, descriptions=units, links=tuple(links))
+def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own():
+    scenario = load_scenario("planar_tracking")
+    parts, connections = {}, {}
+    for suffix in ("", "_2"):
+        end = lambda name, suffix=suffix: name.replace(".", f"{suffix}.")  # noqa: E731
+        parts |= {f"{name}{suffix}": part for name, part in scenario.system.parts.items()}
+        connections |= {end(start): [*map(end, ends)] for start, ends in scenario.system.connections.items()}
+    system = replace(scenario.system, parts=parts, connections=connections, shared={})
+    both = SystemDescription(replace(scenario, system=system), {name: {} for name in parts})
     words = [knob["words"] for knob in knobs(both)]
     assert len(words) == len(set(words)) == 12
     assert {"Proportional gains, controller", "Proportional gains, controller_2"} <= set(words)
@@ -180,7 +169,7 @@ def test_a_system_without_a_program_is_not_simulated(tmp_path, options, words):
 def test_a_long_run_and_one_of_a_package_are_not_simulated(planar, monkeypatch):
     run = read_run(planar)
     summary = {name: value for name, value in run.summary.items() if name != "scenario"}
-    assert "only those of scenarios" in simulation_of(run.results, summary, run.package, {})["reason"]
+    assert "only runs of scenarios" in simulation_of(run.results, summary, run.package, {})["reason"]
     monkeypatch.setattr(simulation, "MOST_VALUES", 1000)
     assert re.search("it has 200 steps of .* signals, too much for a page", found_in(planar)[0]["reason"])
 

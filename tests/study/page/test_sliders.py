@@ -196,10 +196,11 @@ def test_a_track_shows_the_margin_before_the_limit_is_passed(run, browser):
     opened(browser, run / "report.html")
     gains = browser.run("report.runs[0].simulation.knobs[1]")
     low, high = gains["tracks"][0]["limits"]
-    assert low is None and 0 < high < 100  # with the motors fast, viscous friction damps enough
+    # with less damping the wrist's rotor swings where friction falls with speed; with more the samples are too late
+    assert -100 < low < 0 < high < 100
     track = "document.querySelector('.knob:nth-child(2) .track')"
     places = browser.run(f"[...{track}.querySelectorAll('b')].map(e => parseFloat(e.style.left))")
-    assert places == [pytest.approx(50 + high / 2, abs=1e-3)]  # percent, as written
+    assert places == pytest.approx([50 + low / 2, 50 + high / 2], abs=1e-3)  # percent, as written
     bands = browser.run(f"""[{track}, ...{track}.querySelectorAll('i')].map(e => {{
         const {{ left, right }} = e.getBoundingClientRect();
         return [e.className, left, right];
@@ -212,7 +213,7 @@ def test_a_track_shows_the_margin_before_the_limit_is_passed(run, browser):
     for place, word in ((high - 3, "margin"), (high + 3, "unstable")):
         slide(browser, "Derivative", round(place))
         said = words_of(browser, ".knob:nth-child(2) small")
-        assert said.startswith(word) and "; stable up to × 4." in said
+        assert said.startswith(word) and "; stable × 0.9 to 4." in said
         assert word in browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')")
     assert "derivative gains × " in words_of(browser, "#simulate [role=alert]")
     slide(browser, "Derivative", 0)
@@ -379,7 +380,7 @@ def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
 def test_why_a_page_does_not_simulate_is_said(run, browser, tmp_path):
     run_system(run / "system.ssp", stop=0.2, out=tmp_path)
     show(browser, write_report([read_run(tmp_path)], tmp_path / "report.html", simulate=True))
-    words = "This run is not simulated here: only those of scenarios are, which 'vdfmu run' makes."
+    words = "This run is not simulated here: only runs of scenarios by 'vdfmu run' are."
     assert words_of(browser, "#simulate").split("\n")[-1] == words
     assert browser.run("report.simulation") is None
 

@@ -19,6 +19,8 @@ from vdfmu.study.analysis.loops import TIED
 from vdfmu.study.report.causes import LESS, causes
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import NOTCHES, factor, tracks
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario import load_scenario
 
 STOP, STEP = 0.4, 1e-3
 GAIN = {
@@ -36,8 +38,15 @@ def planar(tmp_path_factory) -> Checked:
     return check_system(load_ssp(folder / "system.ssp"), algorithm="gauss-seidel")
 
 
+@pytest.fixture(scope="module")
+def described() -> SystemDescription:
+    """Return its description."""
+    return SystemDescription(load_scenario("planar_tracking"))
+
+
 def found(checked: Checked, chosen: list[dict[str, Any]]) -> list[list[Any]]:
-    return tracks(checked, chosen, values_of(checked), (0.0, STOP, STEP))
+    described = SystemDescription(load_scenario("planar_tracking"))
+    return tracks(checked.system.path, "gauss-seidel", chosen, values_of(described), (0.0, STOP, STEP))
 
 
 def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
@@ -54,8 +63,8 @@ def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
     assert dict(zip(own[0]["places"], own[0]["modulus"], strict=True))[0] == round(least, 3)
 
 
-def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_none(planar):
-    chosen = list(knobs(planar))
+def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_none(planar, described):
+    chosen = list(knobs(described))
     of = {knob["key"]: each for knob, each in zip(chosen, found(planar, chosen), strict=True)}
     assert [len(of[key]) for key in ("controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0")] == [3, 3, 1, 1]
     assert of["plant.f_c"] == of["trajectory.T"] == [None]
@@ -66,10 +75,10 @@ def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_non
     assert found(planar, chosen) == list(of.values())  # from the cache
 
 
-def test_an_arm_whose_friction_excites_itself_is_taken_without_it(planar):
-    falling = {name: value for name, value in values_of(planar)["plant"].items() if name.startswith(("f_", "v_s"))}
+def test_an_arm_whose_friction_excites_itself_is_taken_without_it(described):
+    falling = {name: value for name, value in values_of(described)["plant"].items() if name.startswith(("f_", "v_s"))}
     assert {"f_c[1]", "f_s[1]", "f_v[1]"} <= falling.keys()
-    of_plant, of_controller = (least_dry_friction(values_of(planar)[unit]) for unit in ("plant", "controller"))
+    of_plant, of_controller = (least_dry_friction(values_of(described)[unit]) for unit in ("plant", "controller"))
     assert of_plant == {f"{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)}
     assert of_controller == {}
 
@@ -106,8 +115,8 @@ def test_another_instance_has_the_same_derivatives_at_the_same_place(planar):
     assert np.abs(look.other.parts.A - look.system.parts.A).max() > 1.0
 
 
-def test_causes_are_those_that_the_system_has(planar):
-    values, chosen = values_of(planar), list(knobs(planar))
+def test_causes_are_those_that_the_system_has(described):
+    values, chosen = values_of(described), list(knobs(described))
     words = [cause["words"] for cause in causes(values, chosen, True)]
     assert words == [f"Sampled {LESS} times as often", "No friction, and none expected",
                      f"Drives {LESS} times as stiff, and known to be"]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Modules of WebAssembly: functions, tables and room added to a module that a compiler has made.
+"""Modules of WebAssembly that call functions of a compiled module.
 
 Specification: WebAssembly Core 2.0, sections 5.4 (instructions) and 5.5 (modules).
 """
@@ -6,20 +6,21 @@ Specification: WebAssembly Core 2.0, sections 5.4 (instructions) and 5.5 (module
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 
 from vdfmu.base.files import data_path
 
 INTEGER, NUMBER = b"\x7f", b"\x7c"
 """Types: i32, f64."""
 LOAD, STORE = b"\x2b\x03", b"\x39\x03"
-"""Of a number at an address and an offset, which follows."""
+"""Load and store a number at an address and an offset. The offset follows."""
+SET = b"\x21"
+"""Set a local. Its number follows."""
 COPY = b"\xfc\x0a\0\0"
-"""Copies bytes: address to write to, address to read from, number."""
+"""Copy bytes: target, source, number."""
 _PAGE = 65536
-_TYPES, _IMPORTS, _FUNCTIONS, _TABLES, _MEMORIES, _EXPORTS, _ELEMENTS, _BODIES, _DATA = 1, 2, 3, 4, 5, 7, 9, 10, 11
-"""Sections that are kept; others are not needed."""
-_HEAD = b"\0asm\x01\0\0\0"
+BASE_PAGES, BASE_SLOTS = 2, 1
+"""Pages of memory and slots of the table that the shipped module has by itself."""
 
 
 def unsigned(n: int) -> bytes:
@@ -66,48 +67,51 @@ def base_module() -> bytes:
 
 
 class Assembler:
-    """A module that grows.
+    """A module that works in memory and table of another, ``base``, and calls functions of it.
 
     Parameters
     ----------
-    base : bytes
-        A module with one memory and one table, that imports functions at most. These keep their indices.
+    imported : mapping of str to (bytes, bytes)
+        Names of these functions to the types of arguments and results.
 
     Attributes
     ----------
     functions : dict of str to int
-        Names of the functions of `base` to their indices.
+        Names of these functions to their indices.
     """
 
-    def __init__(self, base: bytes) -> None:
-        self._sections = dict(_sections(base))
-        self.functions = dict(_exported(self._sections[_EXPORTS]))
-        self._next = sum(_read(self._sections.get(kind, b"\0"), 0)[0] for kind in (_IMPORTS, _FUNCTIONS))
-        self._end = _PAGE * _read(self._sections[_MEMORIES], 2)[0]
-        self._slots = _read(self._sections[_TABLES], 3)[0]
+    def __init__(self, imported: Mapping[str, tuple[bytes, bytes]]) -> None:
+        self.functions = {name: k for k, name in enumerate(imported)}
         self._types: dict[bytes, int] = {}
-        self._added: dict[int, list[bytes]] = {}
-        self._indirect: list[int] = []
+        kinds = {name: b"\0" + self._type(*kind) for name, kind in imported.items()}
+        kinds |= {"memory": b"\2\0\0", "__indirect_function_table": b"\1\x70\0\0"}
+        self._imports = [_sized(b"base") + _sized(name.encode()) + kind for name, kind in kinds.items()]
+        self._kinds: list[bytes] = []
+        self._bodies: list[bytes] = []
+        self._data: list[bytes] = []
+        self._indirect: list[bytes] = []
+        self._end = BASE_PAGES * _PAGE
 
-    def _add(self, section: int, item: bytes) -> None:
-        self._added.setdefault(section, []).append(item)
+    @property
+    def growth(self) -> tuple[int, int]:
+        """Pages and slots by which memory and table of the base must grow before."""
+        return -(-self._end // _PAGE) - BASE_PAGES, len(self._indirect)
+
+    def _type(self, arguments: bytes, results: bytes) -> bytes:
+        kind = b"\x60" + _sized(arguments) + _sized(results)
+        return unsigned(self._types.setdefault(kind, len(self._types)))
 
     def function(self, arguments: bytes, results: bytes, locals_: Sequence[tuple[int, bytes]], code: bytes) -> int:
         """Add a function, with `locals_` a number of each type; return its index."""
-        kind = b"\x60" + unsigned(len(arguments)) + arguments + unsigned(len(results)) + results
-        if kind not in self._types:
-            self._types[kind] = _read(self._sections[_TYPES], 0)[0] + len(self._types)
-            self._add(_TYPES, kind)
-        self._add(_FUNCTIONS, unsigned(self._types[kind]))
-        declared = unsigned(len(locals_)) + b"".join(unsigned(n) + type_ for n, type_ in locals_)
-        self._add(_BODIES, _sized(declared + code + b"\x0b"))
-        self._next += 1
-        return self._next - 1
+        self._kinds.append(self._type(arguments, results))
+        declared = _list([unsigned(n) + type_ for n, type_ in locals_])
+        self._bodies.append(_sized(declared + code + b"\x0b"))
+        return len(self.functions) + len(self._bodies) - 1
 
     def slot(self, function: int) -> int:
-        """Return the place in the table of a function, which C sees as a pointer to it."""
-        self._indirect.append(function)
-        return self._slots + len(self._indirect) - 1
+        """Put a function into the table; return its place, a pointer in C."""
+        self._indirect.append(unsigned(function))
+        return BASE_SLOTS + len(self._indirect) - 1
 
     def room(self, size: int) -> int:
         """Return the address of so many bytes, 0 at first, on a multiple of 8."""
@@ -118,59 +122,21 @@ class Assembler:
     def data(self, content: bytes) -> int:
         """Return the address of a content."""
         address = self.room(len(content))
-        self._add(_DATA, b"\0" + constant(address) + b"\x0b" + _sized(content))
+        self._data.append(b"\0" + constant(address) + b"\x0b" + _sized(content))
         return address
 
-    def module(self, exported: dict[str, int]) -> bytes:
-        """Return the module; of its functions it exports some, with its memory."""
-        names = {**exported, "memory": 0}
-        exports = [_sized(name.encode()) + bytes([2 * (name == "memory")]) + unsigned(k) for name, k in names.items()]
-        sections = {
-            **self._sections,
-            _MEMORIES: b"\x01" + b"\0" + unsigned(-(-self._end // _PAGE)),
-            _TABLES: b"\x01\x70\0" + unsigned(self._slots + len(self._indirect)),
-            _EXPORTS: unsigned(len(exports)) + b"".join(exports),
-        }
-        if self._indirect:
-            listed = unsigned(len(self._indirect)) + b"".join(map(unsigned, self._indirect))
-            self._added[_ELEMENTS] = [b"\0" + constant(self._slots) + b"\x0b" + listed]
-        for section, items in self._added.items():
-            count, begin = _read(sections.get(section, b"\0"), 0)
-            sections[section] = unsigned(count + len(items)) + sections.get(section, b"")[begin:] + b"".join(items)
-        return _HEAD + b"".join(bytes([kind]) + _sized(sections[kind]) for kind in sorted(sections))
+    def module(self, exported: Mapping[str, int]) -> bytes:
+        """Return the module with these functions exported."""
+        exports = [_sized(name.encode()) + b"\0" + unsigned(k) for name, k in exported.items()]
+        elements = [b"\0" + constant(BASE_SLOTS) + b"\x0b" + _list(self._indirect)]
+        sections = {1: [*self._types], 2: self._imports, 3: self._kinds, 7: exports, 9: elements}
+        sections |= {10: self._bodies, 11: self._data}
+        return b"\0asm\x01\0\0\0" + b"".join(bytes([kind]) + _sized(_list(own)) for kind, own in sections.items())
 
 
 def _sized(content: bytes) -> bytes:
     return unsigned(len(content)) + content
 
 
-def _sections(module: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield number and content of the sections of a module that are kept."""
-    at = len(_HEAD)
-    while at < len(module):
-        kind = module[at]
-        size, begin = _read(module, at + 1)
-        at = begin + size
-        if kind in range(_TYPES, _DATA + 1):
-            yield kind, module[begin:at]
-
-
-def _exported(section: bytes) -> Iterator[tuple[str, int]]:
-    """Yield name and index of the exported functions."""
-    count, at = _read(section, 0)
-    for _ in range(count):
-        size, begin = _read(section, at)
-        index, at = _read(section, begin + size + 1)
-        if section[begin + size] == 0:
-            yield section[begin : begin + size].decode(), index
-
-
-def _read(content: bytes, at: int) -> tuple[int, int]:
-    """Return an unsigned integer, and where the next begins."""
-    value = shift = 0
-    while True:
-        byte = content[at]
-        value |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
-        if byte < 0x80:
-            return value, at
+def _list(items: Sequence[bytes]) -> bytes:
+    return unsigned(len(items)) + b"".join(items)

@@ -1,1 +1,1 @@
-"""Runs of our own units side by side: one compiled program steps several parameter sets, each in a lane of vectors."""
+"""The program of a system of our own units, compiled as one: in lanes for many runs at once, as a module for a page."""

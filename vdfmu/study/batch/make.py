@@ -91,7 +91,7 @@ class _LaneCode(Code):
         )
 
     def _unit(self, i: int, moving: MovingUnit) -> Iterator[str]:
-        """Yield the texts of what a unit calculates in a step, and of where."""
+        """Yield the functions of a unit for a step, and its ``LaneUnit``."""
         parts: dict[str, object] = dict(moving.numbers())
         for kind, function, arguments in (
             ("step", moving.step, "const double *h, double *x_new, double *norm, double *ratio"),
@@ -140,9 +140,9 @@ class _LaneCode(Code):
 
 
 def _kernel_text(function: ca.Function, exact: bool) -> str:
-    """Return the C of a traced function: with reciprocals, and products and sums in one go, unless `exact` or rounding.
+    """Return the C of a traced function, with reciprocals and fused products unless it rounds or must be `exact`.
 
-    What is sampled or rounded jumps: what it is calculated from must have the bits that it has in an FMU.
+    Rounded and sampled values jump, so their operands need the bits of an FMU.
     """
     text, parts = kernel_source(function), (function, *function.find_functions())
     if exact or not _ROUNDS.isdisjoint(part.instruction_id(k) for part in parts for k in range(part.n_instructions())):

@@ -1,4 +1,4 @@
-"""The program of a system as a module of WebAssembly, which a page runs: written at once, without a compiler."""
+"""The program of a system as a module of WebAssembly for a page, written without a compiler."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import casadi as ca
 
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.wasm.functions import WrittenFunctions
+from vdfmu.compiler.wasm.functions import IMPORTED, WrittenFunctions
 from vdfmu.compiler.wasm.module import (
     COPY,
     INTEGER,
@@ -20,7 +20,6 @@ from vdfmu.compiler.wasm.module import (
     NUMBER,
     STORE,
     Assembler,
-    base_module,
     call,
     constant,
     local,
@@ -32,25 +31,25 @@ from vdfmu.study.batch.program import MovingUnit, SystemProgram
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, TimeSetter
 
 
-def write_module(program: SystemProgram) -> tuple[bytes, int]:
-    """Return a module, and the address of the memory of the system in its own.
+def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
+    """Return a module, the address of the system's memory, and :attr:`Assembler.growth`.
 
     It exports ``begin()`` and ``step(t, size)``. These return 0, or the number from 1 on of the condition that is not
     met, or of the unit in `SystemProgram.moving` whose solver fails. KernelError if an operation has no code.
     """
     writer = _ModuleWriter(program)
     exported = {"begin": writer.begin(), "step": writer.step()}
-    return writer.assembler.module(exported), writer.at
+    return writer.assembler.module(exported), writer.at, writer.assembler.growth
 
 
 def page_program(program: SystemProgram) -> dict[str, Any]:
-    """Return what a page needs to run a program, ready for JSON: ``web/master.js`` reads it.
+    """Return the data of a program for ``web/master.js``, ready for JSON.
 
     UsageError for inputs from outside, KernelError if an operation has no code.
     """
     if program.system.outside:
         raise UsageError("some of its inputs come from files")
-    module, address = write_module(program)
+    module, address, growth = write_module(program)
     parameters: dict[str, dict[str, list[Any]]] = {}
     outputs: dict[str, int] = {}
     for name, unit in program.system.units.items():
@@ -61,7 +60,8 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
             elif v.type == "Real" and v.causality == "output":
                 outputs[f"{name}.{v.name}"] = begin + i
     return {
-        "module": base64.b64encode(gzip.compress(module, 6, mtime=0)).decode(),
+        "module": compressed(module),
+        "growth": growth,
         "address": address,
         "memory": program.system.memory.tolist(),
         "units": [{"name": name, "parameters": own} for name, own in parameters.items()],
@@ -77,11 +77,16 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
     }
 
 
+def compressed(content: bytes) -> str:
+    """Return the text that ``unzip`` of ``web/packed.js`` reads."""
+    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+
+
 class _ModuleWriter:
     """Writes the functions of a system. `at`: address of its memory."""
 
     def __init__(self, program: SystemProgram) -> None:
-        self.program, self.assembler = program, Assembler(base_module())
+        self.program, self.assembler = program, Assembler(IMPORTED)
         self._functions = WrittenFunctions(self.assembler)
         self.at = self.assembler.room(8 * program.system.memory.size)
         self._still = self.assembler.room(8 * max(unit.interface.size for unit in program.system.units.values()))
@@ -114,7 +119,7 @@ class _ModuleWriter:
         return bytes(code)
 
     def _call(self, name: str, called: Call) -> bytes:
-        """Return the code of a call; what it sets of what it reads is copied when all is calculated."""
+        """Return the code of a call. Results that it also reads are copied after it."""
         table, begin = self.program.unit(name).interface, self.program.system.begin(name)
         function = table.functions.casadi_function(called.function)
         where = {

@@ -1,4 +1,4 @@
-"""The program of a system: what a communication step calculates, in which order, for any language it is written in."""
+"""The program of a system: the calculations of a communication step in their order, for C and WebAssembly."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from vdfmu.system.reference.wired import Action, Evaluate, WiredUnits
 
 
 class MovingUnit(NamedTuple):
-    """A unit with states. Its places are those in the memory of the system."""
+    """A unit with states. Places are in the memory of the system."""
 
     name: str
     unit: Traced
@@ -49,7 +49,7 @@ class MovingUnit(NamedTuple):
         }  # fmt: skip
 
     def place(self, argument: str) -> int | None:
-        """Place of an argument of `step` or `left`; None of the rates of inputs, and of what a step has by itself."""
+        """Place of an argument of `step` or `left`; None for rates of inputs and the internal step."""
         table = self.unit.interface
         if argument.startswith("rate_") or argument == "h":
             return None
@@ -58,7 +58,7 @@ class MovingUnit(NamedTuple):
 
 
 class ParameterCondition(NamedTuple):
-    """What the parameters of a unit must meet together: each margin of a function holds from 0 on."""
+    """Conditions on several parameters of a unit. Each holds if its margin is at least 0."""
 
     function: ca.Function
     places: tuple[int, ...]
@@ -125,7 +125,7 @@ class SystemProgram:
         return unit
 
     def _unit_problems(self, name: str, varied: set[str]) -> Iterator[str]:
-        """Yield why a unit is in no program, and its variables that cannot vary, since they decide what is compiled."""
+        """Yield why a unit has no program, and its choices among `varied`."""
         unit = self.system.units[name]
         if not isinstance(unit, Traced):
             yield f"{name}: a unit in plain Python"

@@ -1,12 +1,10 @@
-"""Data for the page of a run to run it again by itself: the program of its system, sliders, what it is held against.
+"""The simulation of a page: the program of its system, sliders, recorded rows to compare with.
 
-A run keeps the program in the cache, under the digest of its package. So a page runs only what this user has made.
+A run keeps the program in the cache under the digest of its package. So a page runs only programs of this user.
 """
 
 from __future__ import annotations
 
-import base64
-import gzip
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import file_digest, sha256
@@ -18,11 +16,9 @@ import numpy as np
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.engine.fmu.variables import FmuVariable, Value
-from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import Checked, check_system
+from vdfmu.compiler.wasm.module import base_module
 from vdfmu.engine.results.results import Results
-from vdfmu.study.batch.module import page_program
+from vdfmu.study.batch.module import compressed, page_program
 from vdfmu.study.batch.program import SystemProgram
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed
@@ -79,16 +75,17 @@ KNOBS = (
 def keep_program(system: SystemDescription, package: Path) -> None:
     """Keep the program of a system for the pages of its package, or why there is none."""
     try:
-        content = page_program(SystemProgram(system))
+        content = page_program(SystemProgram(system)) | {"knobs": list(knobs(system))}
     except VdfmuError as error:
         content = {"reason": str(error).splitlines()[0].rstrip(".")}
     store(_kept(package), json.dumps(content).encode())
 
 
 def _kept(package: Path) -> Path:
+    digest = sha256(source_digest("study.batch", "study.report.simulation").encode() + base_module())
     with package.open("rb") as file:
-        digest = file_digest(file, "sha256").hexdigest()
-    return cache_folder() / "programs" / sha256(f"{source_digest('study.batch')} {digest}".encode()).hexdigest()
+        digest.update(file_digest(file, "sha256").digest())
+    return cache_folder() / "programs" / digest.hexdigest()
 
 
 def simulation_of(
@@ -96,11 +93,11 @@ def simulation_of(
 ) -> dict[str, Any]:
     """Return the page's simulation, ready for JSON; ``{"reason": ..}`` if it has none.
 
-    `binaries`: digest to base64 of a compressed module, to which the run's is added. None: the page is to have none.
+    `binaries`: digest to base64 of a compressed module, to which the run's are added. None: the page is to have none.
     """
     kept = load(_kept(package)) if package.is_file() else None
     if "scenario" not in summary:
-        reason = "only those of scenarios are, which 'vdfmu run' makes"
+        reason = "only runs of scenarios by 'vdfmu run' are"
     elif kept is None:
         reason = "it was not made with this cache, and a look at a run does not run its code"
         reason = reason if package.is_file() else "its package, system.ssp, is not beside the results"
@@ -108,33 +105,28 @@ def simulation_of(
         reason = program["reason"]
     elif (program["steps"] + 1) * len(program["names"]) > MOST_VALUES:
         reason = f"it has {program['steps']} steps of {len(program['names'])} signals, too much for a page"
-    elif sum(map(len, {*(binaries or {}).values(), program["module"]})) > MOST_MODULES:
-        reason = "with its units the page would be larger than 1 MB; make a page of this run alone"
     elif binaries is None:
         return {"reason": NOT_MADE}
     else:
-        module = program["module"]
-        program["module"] = sha256(module.encode()).hexdigest()[:16]
+        modules = {"module": program["module"], "base": compressed(base_module())}
+        digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
+        added = {digests[key]: module for key, module in modules.items()}
         try:
-            found = program | _judged(results, summary, package, program)
+            found = program | digests | _judged(results, summary, package, program)
         except VdfmuError as error:
             reason = str(error).splitlines()[0].rstrip(".")
         else:
-            binaries[program["module"]] = module
-            return found
+            if sum(map(len, (binaries | added).values())) <= MOST_MODULES:
+                binaries |= added
+                return found
+            reason = "with its module the page would be larger than 1 MB; make a page of this run alone"
     return {"reason": f"This run is not simulated here: {reason}."}
 
 
-def compressed(content: bytes) -> str:
-    """Return the text that ``unzip`` of ``web/packed.js`` reads."""
-    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
-
-
 def _judged(results: Results, summary: Mapping[str, Any], package: Path, program: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the sliders with their tracks, the causes, and what the page's own run is held against."""
-    checked = check_system(load_ssp(package), algorithm=summary["algorithm"])
-    sliders = list(knobs(checked))
-    values = values_of(checked)
+    """Give the sliders their tracks; return the causes and the recorded rows to compare with."""
+    sliders: list[dict[str, Any]] = program["knobs"]
+    values = {unit["name"]: {name: row[1] for name, row in unit["parameters"].items()} for unit in program["units"]}
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     why = ""
     if "unstable" in figures:  # one place of a limit cycle says little about another gain
@@ -144,40 +136,38 @@ def _judged(results: Results, summary: Mapping[str, Any], package: Path, program
         why = f"no margins along it: the run has none at {margin['at_s']:.3g} s"
     span = program["start"], program["stop"], program["step"]
     dry = "without_dry_friction" not in margin
-    given = [[None]] * len(sliders) if why else tracks(checked, sliders, values, span, dry)
+    given = [[None]] * len(sliders) if why else tracks(package, summary["algorithm"], sliders, values, span, dry)
     for slider, found in zip(sliders, given, strict=True):
         slider["tracks"] = found
         slider["why"] = why
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
-        "knobs": sliders,
         "causes": list(causes(values, sliders, fast)),
         "margins": {"good": GOOD, "poor": POOR},
         "recorded": _recorded(results, summary, program["names"]),
     }
 
 
-def _parameters(checked: Checked, name: str) -> dict[FmuVariable, float]:
-    """Return the real parameters of a unit, with the values of the run."""
-    given: dict[str, Value] = {v.name: value for v, value in checked.starts.get(name, ())}
+def values_of(system: SystemDescription) -> dict[str, dict[str, float]]:
+    """Return the real parameters of all units by their names."""
     return {
-        v: float(given.get(v.name, v.start)) for v in checked.descriptions[name].named("parameter") if v.type == "Real"
+        name: {
+            v.name: float(system.values[name].get(v.name, v.start))
+            for v in table
+            if v.causality == "parameter" and v.type == "Real"
+        }
+        for name, table in system.tables.items()
     }
 
 
-def values_of(checked: Checked) -> dict[str, dict[str, float]]:
-    """Return the real parameters of all units by their names."""
-    return {name: {v.name: value for v, value in _parameters(checked, name).items()} for name in checked.descriptions}
-
-
-def knobs(checked: Checked) -> Iterator[dict[str, Any]]:
+def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
     """Yield groups of parameters that the page may change, ready for JSON, if one of a group is not zero."""
-    models = {name: description.identifier for name, description in checked.descriptions.items()}
-    joined = {(link.start[0], link.end[0]) for link in checked.links}
+    models = {name: table.model_name for name, table in system.tables.items()}
+    joined = {(start, end) for (start, _), (end, _) in system.resolved.links()}
     groups: dict[str, dict[str, list[float]]] = {}
-    for unit in models:
-        for v, value in _parameters(checked, unit).items():
-            groups.setdefault(unit, {}).setdefault(v.name.partition("[")[0], []).append(value)
+    for unit, values in values_of(system).items():
+        for name, value in values.items():
+            groups.setdefault(unit, {}).setdefault(name.partition("[")[0], []).append(value)
     for knob in KNOBS:
         found = {
             unit: names
@@ -191,11 +181,10 @@ def knobs(checked: Checked) -> Iterator[dict[str, Any]]:
                 for name, other in models.items()
                 if knob.known and other == "Feedforward" and (len(found) == 1 or (unit, name) in joined)
             ]
-            units = [v.unit for v in _parameters(checked, unit) if v.name.partition("[")[0] == names[0]]
             yield {
                 "key": f"{unit}.{names[0]}",
                 "words": knob.words if len(found) == 1 else f"{knob.words}, {unit}",
-                "units": [measure.name if measure else "" for measure in units],
+                "units": [v.unit or "" for v in system.tables[unit] if v.group == names[0]],
                 "values": groups[unit][names[0]],
                 "targets": [{"unit": unit, "name": name} for name in names],
                 "known": [{"unit": other, "name": name} for other in knowing for name in names],

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,9 @@ from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.linear.linearise import can_change
 from vdfmu.engine.linear.loops import Loop
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import Value
-from vdfmu.engine.plan.check import Checked
+from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
@@ -67,7 +69,8 @@ def factor(knob: Mapping[str, Any], place: float) -> float:
 
 
 def tracks(
-    checked: Checked,
+    package: Path,
+    algorithm: str,
     knobs: Sequence[Mapping[str, Any]],
     parameters: Names,
     span: tuple[float, float, float],
@@ -80,17 +83,20 @@ def tracks(
 
     Parameters
     ----------
+    package, algorithm : Path, str
+        Of the run.
     span : tuple of float [s]
         Start, stop and step of the run.
     dry : bool
         Whether the run is judged with the dry friction of its arms.
     """
-    facts = [source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span, dry]
-    digest = sha256(json.dumps(facts).encode() + sha256(checked.system.path.read_bytes()).digest()).hexdigest()
+    facts = [source_digest("study.report.tracks"), algorithm, knobs, parameters, span, dry]
+    digest = sha256(json.dumps(facts).encode() + sha256(package.read_bytes()).digest()).hexdigest()
     path = cache_folder() / "tracks" / digest
     if (stored := load(path)) is not None:
         return json.loads(stored)
     try:
+        checked = check_system(load_ssp(package), algorithm=algorithm)
         found = _tracks(checked, knobs, parameters, span, dry)
     except VdfmuError:  # there are no loops, or the FMUs do not tell them
         found = [list[Track | None]([None]) for _ in knobs]

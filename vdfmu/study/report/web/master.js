@@ -1,4 +1,4 @@
-// The run again, in a worker, by a module of WebAssembly from vdfmu/study/batch/module.py.
+// The run again, in a worker: a module from vdfmu/study/batch/module.py, in the memory of the shipped module.
 
 import { unzip } from "./packed.js";
 
@@ -13,7 +13,7 @@ function moduleOf(digest, binaries) {
   return compiled.get(digest);
 }
 
-/** What a value must be, in words; empty if it is. */
+/** The limit that a value breaks, in words; empty if it breaks none. */
 function wanted(value, least, most) {
   if (!Number.isFinite(value)) return "finite";
   if (least !== null && value < least) return value <= 0 && least > 0 ? "above 0" : `at least ${least}`;
@@ -43,10 +43,14 @@ function changed({ memory, units }, changes) {
  * `found` of the Error of a run that fails on its way, up to there.
  */
 export async function simulate(simulation, binaries, changes = [], progress = () => {}) {
-  const { address, memory, names, places, start, step, steps, last, conditions, moving } = simulation;
-  const { exports } = await WebAssembly.instantiate(await moduleOf(simulation.module, binaries), {});
+  const { growth, address, memory, names, places, start, step, steps, last, conditions, moving } = simulation;
+  const [module, shipped] = await Promise.all([moduleOf(simulation.module, binaries), moduleOf(simulation.base, binaries)]);
+  const { exports: base } = await WebAssembly.instantiate(shipped, {});
+  base.memory.grow(growth[0]);
+  base.__indirect_function_table.grow(growth[1]);
+  const { exports } = await WebAssembly.instantiate(module, { base });
   const began = performance.now();
-  const values = new Float64Array(exports.memory.buffer, address, memory.length);
+  const values = new Float64Array(base.memory.buffer, address, memory.length);
   values.set(changed(simulation, changes));
   const unmet = exports.begin();
   if (unmet) throw new Error(conditions[unmet - 1]);
