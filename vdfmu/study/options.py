@@ -81,6 +81,8 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare, which takes longer than the run itself.",
         default=True, flag="--reference/--no-reference")]
+    record: Annotated[Sequence[str], Option("Connected inputs to record too, such as 'controller.q[*]'.",
+        "sequence of str", "Outputs and inputs from outside are recorded always.", (), metavar="SIGNAL", typed=TEXTS)]
     fmi_version: Annotated[str, Option("Version of FMI: 2.0, or 3.0 for native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
     pictures: Annotated[Sequence[str], Option("Kinds of the figures: png, svg and pdf, separated by commas.",

@@ -45,7 +45,7 @@ _POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 def system_diagram(package: Path, held: Container[str] = ()) -> str:
     """Return the picture of the system in a package, of any tool; empty where it has no components or cannot be read.
 
-    `held` has the connectors, ``component.name``, which get what their source had a step before.
+    `held` has the inputs, ``component.name``, that take in each step what their source had at its beginning.
     """
     if not package.is_file():
         return ""
@@ -119,7 +119,7 @@ def _draw(
         source, sink = ((part, name.partition("[")[0]) for part, name in (start, end))
         ends.setdefault(source, {})[sink] = None
         elements.setdefault(source, set()).add(start[1])
-        if ".".join(end) in held:
+        if ".".join(sink) in held:
             late.add((source, sink))
     cards: dict[str, Card] = {}
     ordered = all(name in places for name in kinds)
