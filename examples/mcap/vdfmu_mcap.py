@@ -39,11 +39,10 @@ def mcap() -> Format:
 
 
 def topics(signals: Sequence[Signal]) -> Iterator[tuple[str, str, np.dtype, dict[str, list[Signal]]]]:
-    """Yield topic, definition and layout of a message, and signals by field: those that copy no other."""
+    """Yield topic, definition and layout of a message, and signals by field."""
     groups: dict[tuple[str, str], list[Signal]] = {}
     for signal in signals:
-        if not signal.of:
-            groups.setdefault((re.sub(r"\[[\d,]+\]$", "", signal.name), signal.kind), []).append(signal)
+        groups.setdefault((re.sub(r"\[[\d,]+\]$", "", signal.name), signal.kind), []).append(signal)
     components = list(dict.fromkeys(name.partition(".")[0] for name, _ in groups)) or ["time"]
     for component, topic in zip(components, ros_names(components), strict=True):
         own = [key for key in groups if key[0].partition(".")[0] == component]
@@ -139,9 +138,8 @@ def read(path: Path) -> Recorded:
             own = [signal for signal in signals if signal.kind == kind]
             shape = len(time), max((signal.column + 1 for signal in own), default=0)
             data[kind] = np.zeros(shape, np.float64 if kind == "real" else np.int32)
-            for signal in own:  # a signal that copies another is `late` rows later, and equal at the begin
-                rows = np.maximum(np.arange(len(time)) - signal.late, 0)
-                data[kind][:, signal.column] = columns[signal.of or signal.name][rows]
+            for signal in own:
+                data[kind][:, signal.column] = columns[signal.name]
         return Recorded(time, signals, data, known["summary"])
     except VdfmuError:
         raise

@@ -76,8 +76,7 @@ def hard_results() -> Results:
         Signal("a.on", "boolean", "", 0),
         Signal("b_1.x", "real", "m", 0),
         Signal("b1.x", "boolean", "", 0),
-        Signal("c.q", "real", "rad", 3, of="a.q[1]"),
     ]
     data = {"real": real, "integer": numbers, "boolean": numbers[:, :1] % 2}
-    summary = {"limit": np.inf, "path": "\u00e4", "copies": {"0": {"c.q": "a.q[1]"}}}
+    summary = {"limit": np.inf, "path": "\u00e4"}
     return Results(0.001 * np.arange(m) - 0.5, signals, data, summary)

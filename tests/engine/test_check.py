@@ -9,6 +9,7 @@ import pytest
 
 from tests.engine.files import check_file, edited
 from vdfmu.base.errors import SspError
+from vdfmu.base.once import one_job
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.read import read_system
@@ -220,3 +221,21 @@ def test_a_linear_transformation_of_an_integer(pack, xml):
     twice = '<ssc:LinearTransformation factor="2"/>'
     path = pack(["count Counter n:output", "logic Logic ii:input"], [xml.connection("count.n -> logic.ii", twice)])
     expect(problems(path), "a linear transformation does not apply to Integer")
+
+
+def test_a_package_that_changes_in_a_job_is_read_again(pack):
+    with one_job():
+        first = load_ssp(pack(["a Ramp y:output"]))
+        assert load_ssp(first.path) is first
+        assert [*check_system(first).descriptions] == ["a"]
+        pack(["b Ramp y:output", "c Gain y:output"])
+        assert [c.name for c in load_ssp(first.path).components] == ["b", "c"]
+    assert load_ssp(first.path) is not load_ssp(first.path)
+
+
+def test_descriptions_are_read_once_for_a_system_and_again_when_its_package_changes(pack):
+    system = load_ssp(pack(["a Ramp y:output"]))
+    found = [check_system(system).descriptions["a"] for _ in range(2)]
+    assert found[0] is found[1]
+    pack(["a Ramp y:output", "b Ramp y:output"])
+    assert check_system(system).descriptions["a"] is not found[0]

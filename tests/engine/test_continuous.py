@@ -12,8 +12,8 @@ import vdfmu
 from tests.engine.files import edited
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.run import simulate
-from vdfmu.study.run.summary import power_bond
+from vdfmu.engine.run import Simulator, simulate
+from vdfmu.study.run.power_bond import PowerBond
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import reference
@@ -29,7 +29,7 @@ ROUNDING = 1e-14  # some ten operations on numbers of order 1
 
 def run(path, algorithm, **options):
     parameters = {"trajectory.slope": 0.3, "feedforward.k": G, "plant.x0": 0.1}
-    return simulate(path, stop=2.0, step=H, algorithm=algorithm, parameters=parameters, **options)
+    return simulate(path, stop=2.0, step=H, algorithm=algorithm, parameters=parameters, record=["*"], **options)
 
 
 def test_extrapolated_predicts_what_is_not_computed_yet_and_runs_on_a_line(loop):
@@ -330,9 +330,10 @@ def study(tmp_path_factory):
         if name not in known:
             known[name] = reference("continuous", SystemDescription(scenario, values), step=4e-3, stop=0.256)
         path = write_ssp(scenario, cached_fmus(scenario, folder, backend), folder / "arm.ssp", values)
-        results = simulate(path, step=step, stop=0.256, algorithm=algorithm, **options)
+        with Simulator(path, algorithm=algorithm, **options) as simulator:
+            results = simulator.run(step=step, stop=0.256, taps=[tap := PowerBond(scenario.robot)])
         rows = slice(None, None, round(4e-3 / step))
-        bond = power_bond(results, scenario.robot)["power_bond"]
+        bond = tap.summary()["power_bond"]
         share = sum(bond["residual_energy_abs_j"]) / sum(bond["exchanged_energy_j"])
         return np.abs(results["plant.q"][rows] - known[name]["plant.q"]).max(), share
 
@@ -375,11 +376,12 @@ def test_the_energy_residual_is_the_integral_over_the_steps():
     robot = scenario.robot
     with tempfile.TemporaryDirectory() as folder:
         path = write_ssp(scenario, cached_fmus(scenario, folder, "python"), f"{folder}/arm.ssp")
-        results = simulate(path, step=1e-3, stop=0.5, algorithm="gauss-seidel")
+        with Simulator(path, algorithm="gauss-seidel") as simulator:
+            results = simulator.run(step=1e-3, stop=0.5, record=["*"], taps=[tap := PowerBond(robot)])
     torque = robot.ell * results["plant.tau"][1:]
     way = np.diff(results["plant.kappa"], axis=0)
     exact = (torque * (way - 1e-3 * results["controller.kappa_dot"][1:])).sum(axis=0)
-    found = power_bond(results, robot)["power_bond"]
+    found = tap.summary()["power_bond"]
     np.testing.assert_allclose(found["residual_energy_j"], exact, rtol=0.02)
     np.testing.assert_allclose(found["exchanged_energy_j"], np.abs(torque * way).sum(axis=0), rtol=0.02)
 

@@ -89,7 +89,7 @@ def test_a_value_that_a_connection_overrules_is_noted(pack):
         ["d Derived twice:calculatedParameter", "g Gain k:parameter u:input y:output", "r Ramp y:output"],
         ["d.twice -> g.k", "r.y -> g.u"],
     )
-    results = simulate(path, step=0.5, parameters={"g.k": 50.0, "g.u": 7.0})
+    results = simulate(path, step=0.5, parameters={"g.k": 50.0, "g.u": 7.0}, record=["*"])
     assert results["g.y"][-1] == 2.0 * results["g.u"][-1]
     assert [note for note in results.summary["notes"] if "no effect" in note] == [
         "g.k: the value that was given has no effect; it is that of d.twice, which feeds it",

@@ -165,7 +165,9 @@ def test_an_integer_outside_the_mapping_is_kept(pack, xml):
     table = ('<ssc:IntegerMappingTransformation><ssc:MapEntry source="0" target="5"/>'
              '<ssc:MapEntry source="1" target="6"/></ssc:IntegerMappingTransformation>')  # fmt: skip
     path = pack(["count Counter n:output", "logic Logic ii:input"], [xml.connection("count.n -> logic.ii", table)])
-    results = simulate(path, stop=4.0, step=1.0)  # SSP 1.0, 4.3: values without an entry are kept unchanged
+    results = simulate(
+        path, stop=4.0, step=1.0, record=["*"]
+    )  # SSP 1.0, 4.3: values without an entry are kept unchanged
     assert results["logic.ii"].tolist() == [5, 5, 6, 2, 3]
 
 

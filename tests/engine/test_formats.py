@@ -53,6 +53,5 @@ def test_a_new_format_is_one_row_of_the_registry(ramp, tmp_path):
 def test_a_format_that_streams_is_written_beside_another(ramp, tmp_path, monkeypatch):
     monkeypatch.setitem(FORMATS, ".txt", FORMATS[".csv"])
     files = [tmp_path / "rows.txt", tmp_path / "rows.csv"]
-    summary = simulate(ramp, step=0.1, stop=1.0, stream=files).summary
-    assert files[0].read_bytes() == files[1].read_bytes()
-    assert summary["txt_bytes"] == summary["csv_bytes"] == files[0].stat().st_size
+    simulate(ramp, step=0.1, stop=1.0, stream=files)
+    assert files[0].read_bytes() == files[1].read_bytes() != b""

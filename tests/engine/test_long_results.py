@@ -15,7 +15,7 @@ ROWS, COLUMNS = 3000, 4
 
 @pytest.fixture
 def long(monkeypatch):
-    """Return results of several blocks, with copies that are 0 and 1 row late, of which few may stay in memory."""
+    """Return results of several blocks, of which few may stay in memory."""
     for place, name, value in ((csv_file, "_NUMBERS", 1), (parquet, "_GROUP", 700), (joined, "_MOST", 50_000)):
         monkeypatch.setattr(place, name, value)
     rng = np.random.default_rng(5)
@@ -26,23 +26,18 @@ def long(monkeypatch):
         "integer": rng.integers(-9, 9, (ROWS, 1), dtype=np.int32),
         "boolean": rng.integers(0, 2, (ROWS, 1), dtype=np.int32),
     }
-    summary = {"copies": {"0": {"b.x": "a.x[1]"}, "1": {"b.y": "a.x[2]", "b.n": "a.n"}}}
-    return Results(1e-3 * np.arange(ROWS), signals, data, summary)
+    return Results(1e-3 * np.arange(ROWS), signals, data)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_rows_that_are_read_block_by_block_are_the_same(long, tmp_path, monkeypatch, suffix):
+def test_rows_that_are_read_block_by_block_are_the_same(long, tmp_path, suffix):
     path = tmp_path / f"results.{suffix}"
     long.write(path)
-    monkeypatch.setattr(csv_file, "summary_beside", lambda path: long.summary)
     found = Results.read(path)
     assert all(isinstance(array, np.memmap) for array in found.data.values())
     np.testing.assert_array_equal(found.time, long.time)
     for name in long.names:
         np.testing.assert_array_equal(found[name], long[name], strict=True)
-    np.testing.assert_array_equal(found["b.x"], long["a.x[1]"])
-    for copy, of in (("b.y", "a.x[2]"), ("b.n", "a.n")):  # the first row holds until the second
-        np.testing.assert_array_equal(found[copy], np.r_[long[of][:1], long[of][:-1]])
 
 
 def test_memory_does_not_grow_with_the_rows_that_are_read(tmp_path, monkeypatch):

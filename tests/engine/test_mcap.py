@@ -43,12 +43,8 @@ def plugin(added: Callable[[Path], None], tmp_path_factory: pytest.TempPathFacto
 
 @pytest.fixture
 def results() -> Results:
-    """Return signals that are hard to write, among them one that copies another a row later."""
-    found = hard_results()
-    late = np.concatenate([found["a.q[1]"][:1], found["a.q[1]"][:-1]])
-    signals = [*found.signals, Signal("d.q", "real", "rad", 4, of="a.q[1]", late=1)]
-    data = found.data | {"real": np.column_stack([found.data["real"], late])}
-    return Results(found.time, signals, data, found.summary)
+    """Return signals that are hard to write."""
+    return hard_results()
 
 
 def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path):

@@ -41,7 +41,7 @@ def system(pack, xml):
 @pytest.mark.parametrize("slow", ["Gain", "Lag"])
 def test_a_slow_unit_does_at_its_points_what_it_does_by_itself(system, slow, algorithm, isolate, annotation):
     """Steps of powers of two: times have no rounding, so the numbers are the same to the last bit."""
-    options = {"stop": 4.0, "algorithm": algorithm, "isolate": isolate}
+    options = {"stop": 4.0, "algorithm": algorithm, "isolate": isolate, "record": ["*"]}
     alone = simulate(system(slow, None), step=0.5, **options)
     beside = simulate(system(slow, 0.5, annotation), step=0.125, **options)
     assert np.array_equal(beside["s.y"][::4], alone["s.y"])

@@ -37,10 +37,7 @@ def test_streamed_results_are_those_in_memory(package, tmp_path):
     stream = simulate(package, stream=tmp_path / "rows.csv", **options)
     memory.write(tmp_path / "memory.csv")
     written, whole = (cells(tmp_path / name) for name in ("rows.csv", "memory.csv"))
-    copies = {name for each in stream.summary["copies"].values() for name in each}
-    assert 0 < len(copies) < len(memory.names)
-    kept = [i for i, name in enumerate(whole[0]) if name not in copies]
-    assert written == [[row[i] for i in kept] for row in whole]
+    assert written == whole
     assert stream.names == memory.names
     assert_same_bits(stream, memory)
     thin, few = stream.thinned(200), memory.thinned(200)
@@ -116,53 +113,52 @@ def test_a_file_that_cannot_be_opened_is_named(package, tmp_path):
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
-def test_a_signal_that_copies_another_is_not_written_twice(package, tmp_path, algorithm):
+def test_recorded_are_the_outputs_and_inputs_on_request(package, tmp_path, algorithm):
+    """An input that is held has the value of its source in this row or in the row before."""
     options = {"stop": 0.05, "algorithm": algorithm}
-    memory = simulate(package, **options)
-    stream = simulate(package, stream=tmp_path / "results.csv", **options)
-    copies = stream.summary["copies"]
-    if algorithm in ("extrapolated", "iterative"):  # inputs run on within a step: nothing is a copy
-        assert copies == {}
-    else:
-        fresh = algorithm == "gauss-seidel"
-        assert copies.get("0", {}).get("plant.tau[1]") == ("controller.tau[1]" if fresh else None)
-        assert copies["1"].get("plant.tau[1]") == (None if fresh else "controller.tau[1]")
-        assert copies["1"]["controller.q[2]"] == copies["1"]["feedforward.q[2]"] == "plant.q[2]"
-    head = cells(tmp_path / "results.csv")[0]
-    assert set(head[1:]) == set(memory.names) - {name for each in copies.values() for name in each}
-    (tmp_path / "summary.json").write_text(json.dumps(stream.summary))
-    read = Results.read(tmp_path / "results.csv")
-    assert_same_bits(read, memory)
-    assert_same_bits(stream, memory)
+    outputs = simulate(package, stream=tmp_path / "results.csv", **options)
+    whole = simulate(package, record=["*"], **options)
+    assert cells(tmp_path / "results.csv")[0][1:] == outputs.names
+    inputs = set(whole.names) - set(outputs.names)
+    assert {"plant.tau[1]", "controller.q[2]", "feedforward.q[2]"} < inputs
+    assert not {name for name in outputs.names if name.startswith(("plant.tau[", "controller.q"))}
+    for name in outputs.names:
+        np.testing.assert_array_equal(whole[name], outputs[name])
+    held = whole.summary["held"]
+    if algorithm in ("extrapolated", "iterative"):  # inputs run on within a step
+        assert held == []
+        return
+    assert {"controller.q", "feedforward.q"} < set(held)
+    assert ("plant.tau" in held) == (algorithm == "jacobi")
+    for name, source in (("controller.q", "plant.q"), ("plant.tau", "controller.tau")):
+        of = whole[source]
+        np.testing.assert_array_equal(whole[name], np.r_[of[:1], of[:-1]] if name in held else of)
 
 
-def test_a_copy_is_written_where_its_source_is_not_recorded(package, tmp_path):
+def test_only_the_signals_that_are_named_are_written(package, tmp_path):
     simulate(package, stop=0.01, record=["plant.tau[*]", "controller.q[1]"], stream=tmp_path / "rows.csv")
     head = (tmp_path / "rows.csv").read_text().partition("\n")[0]
     assert head == "time,controller.q[1],plant.tau[1],plant.tau[2]"
 
 
-def test_copies_of_a_run_can_be_replayed(package, tmp_path):
-    """An input that the file leaves out is one of its columns all the same."""
+def test_inputs_that_were_recorded_can_be_replayed(package, tmp_path):
     out = tmp_path / "results.csv"
-    run = simulate(package, stop=0.05, stream=out)
-    (tmp_path / "summary.json").write_text(json.dumps(run.summary))
+    run = simulate(package, stop=0.05, stream=out, record=["plant.tau[*]", "controller.*"])
     (table,) = read_inputs(out)
     for name in ("plant.tau[2]", "controller.kappa_dot[1]"):
         np.testing.assert_array_equal(table.values[:, table.names.index(name)], run[name])
         assert table.units[table.names.index(name)] == run.units[name]
 
 
-@pytest.mark.parametrize("moved", ["other rows", "other run", "no rows of a run"])
-def test_the_summary_of_another_file_adds_no_columns(package, tmp_path, moved):
-    rows, mine = tmp_path / "results.csv", tmp_path / "summary.json"
-    simulate(package, stop=0.05, algorithm="jacobi", stream=rows)
-    facts = simulate(package, stop=0.05, algorithm="gauss-seidel", stream=tmp_path / "other.csv").summary
-    if moved == "other rows":
-        facts = simulate(package, stop=0.04, algorithm="jacobi", stream=tmp_path / "other.csv").summary
-    elif moved == "no rows of a run":
-        facts = {"copies": facts["copies"]}
-    mine.write_text(json.dumps(facts))
-    read, (table,) = Results.read(rows), read_inputs(rows)
-    head = cells(rows)[0][1:]
-    assert read.names == head == list(table.names) and read.summary == {}
+def test_inputs_from_outside_are_recorded(package, tmp_path):
+    given = {"plant.F_e[1]": (np.array([0.0, 0.05]), np.array([0.0, 5.0]))}
+    run = simulate(package, stop=0.05, inputs=given)
+    assert run["plant.F_e[1]"][-1] == pytest.approx(4.9, rel=1e-12) and "plant.F_e[2]" not in run
+
+
+@pytest.mark.parametrize("files", [["results.csv"], ["other.csv"], "results.csv", 7, None])
+def test_a_csv_file_has_the_summary_that_names_it(package, tmp_path, files):
+    rows = tmp_path / "results.csv"
+    facts = simulate(package, stop=0.05, stream=rows).summary | {"files": files}
+    (tmp_path / "summary.json").write_text(json.dumps(facts))
+    assert Results.read(rows).summary == (facts if files == ["results.csv"] else {})

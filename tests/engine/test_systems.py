@@ -32,7 +32,7 @@ def test_units_are_converted(pack):
         ["deg Degrees y:output:Real mm:output degC:output", "rad Radians u:input m:input K:input"],
         ["deg.y -> rad.u", "deg.mm -> rad.m", "deg.degC -> rad.K"],
     )
-    results = simulate(path, stop=2.0, step=1.0, algorithm="jacobi")
+    results = simulate(path, stop=2.0, step=1.0, algorithm="jacobi", record=["*"])
     np.testing.assert_array_equal(results["rad.u"], np.array([0.0, 0.0, 90.0]) * 0.017453292519943295)
     np.testing.assert_array_equal(results["rad.m"], [0.0, 0.0, 1.5])
     np.testing.assert_array_equal(results["rad.K"], [273.15, 273.15, 283.15])
@@ -47,7 +47,7 @@ def test_a_transformation_applies_after_the_unit_conversion_unless_that_is_suppr
         [xml.connection("deg.mm -> rad.m", linear),
          xml.connection("deg.y -> rad.u", linear, 'suppressUnitConversion="true"')],
     )  # fmt: skip
-    results = simulate(path, stop=2.0, step=1.0)
+    results = simulate(path, stop=2.0, step=1.0, record=["*"])
     assert results["rad.m"].tolist() == [0.25, 0.25, 2 * 1.5 + 0.25]
     assert results["rad.u"].tolist() == [0.25, 0.25, 2 * 90 + 0.25]
 
@@ -161,7 +161,7 @@ def test_nested_systems_are_flattened(nested):
 
 
 def test_nested_systems_run(nested):
-    results = simulate(nested, stop=2.0, step=1.0, parameters={"sub.gain.k": 0.25})
+    results = simulate(nested, stop=2.0, step=1.0, parameters={"sub.gain.k": 0.25}, record=["*"])
     u = np.array([0.0, 0.0, 1.0]) * 30.0 + 1.0
     np.testing.assert_array_equal(results["sub.gain.u"], u)
     np.testing.assert_array_equal(results["last.y"], u * 0.25 * 4.0)
@@ -209,7 +209,7 @@ def test_a_unit_of_a_system_connector_is_converted_on_the_way(pack, xml):
     offset = '<ssc:LinearTransformation offset="500"/>'  # in mm, the unit at the end of the first connection
     path = pack([inner, "w Radians y:output"], [xml.connection("w.y -> sub.in", offset)], units=MM)
     # 1 m -> 1000 mm + 500 mm -> 1.5 m; two roundings of the factors 1000 and 0.001.
-    np.testing.assert_allclose(simulate(path, stop=1.0, step=1.0)["sub.r.m"], 1.5, rtol=4e-16)
+    np.testing.assert_allclose(simulate(path, stop=1.0, step=1.0, record=["*"])["sub.r.m"], 1.5, rtol=4e-16)
 
 
 def test_a_signal_dictionary_joins_what_refers_to_it(pack):
@@ -230,7 +230,7 @@ def test_a_signal_dictionary_joins_what_refers_to_it(pack):
     path = pack(elements, ["r.y -> d1.bus", "d2.bus -> g.u"], dictionaries=dictionary)
     system = load_ssp(path)
     assert [str(c) for c in system.connections] == ["r.y -> g.u"]
-    assert simulate(path, stop=2.0, step=1.0)["g.u"].tolist() == [0.0, 0.0, 1.0]
+    assert simulate(path, stop=2.0, step=1.0, record=["g.u"])["g.u"].tolist() == [0.0, 0.0, 1.0]
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
@@ -266,7 +266,7 @@ def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
     [connection] = system.connections
     assert system.units[connection.hops[0].unit].factor == 1e-3
     assert not system.faults
-    assert simulate(path, stop=1.0, step=1.0)["s.g.m"].tolist() == pytest.approx([1.0, 1.0], rel=4e-16)
+    assert simulate(path, stop=1.0, step=1.0, record=["*"])["s.g.m"].tolist() == pytest.approx([1.0, 1.0], rel=4e-16)
 
 
 def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack):

@@ -36,7 +36,8 @@ def chain(version):
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_chain_is_integrated_as_one(system, version, isolate):
-    results = simulate(system(chain(version), CHAIN), stop=2.0, step=0.5, tolerance=1e-10, isolate=isolate)
+    options = {"stop": 2.0, "step": 0.5, "tolerance": 1e-10, "isolate": isolate, "record": ["*"]}
+    results = simulate(system(chain(version), CHAIN), **options)
     # by hand: s_a = 0, s_b = x_a, s_c = x_a + x_b; f_c = 0, f_b = r_c = -x_c - s_c, f_a = r_b = f_b - x_b - s_b
     A = np.array([[-1.0 - 2.0, -2.0, -1.0], [-1.0, -1.0 - 1.0, -1.0], [0.0, 0.0, -1.0]])
     exact = np.array([expm(A * t) @ np.ones(3) for t in results.time])

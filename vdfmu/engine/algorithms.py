@@ -16,7 +16,7 @@ class Algorithm:
     """How signals pass between components from one communication point to the next.
 
     A row with neither `continuous` nor `substeps` does not declare when inputs change. Its runs are not judged for
-    stability, and they record all inputs.
+    stability.
     """
 
     stepper: str

@@ -85,9 +85,9 @@ class RecordOptions(SpanOptions, ObserverOptions, total=False):
 
     start: Annotated[float | None, Option("Start of the run in s.", "float [s]",
         "Row k is at ``start + k * step``. Default of all times: the package's default experiment; else 0.")]
-    record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]'. Repeatable.",
-        "sequence of str", "Default: outputs and connected inputs. Text is not recorded.", metavar="SIGNAL",
-        typed=TEXTS)]
+    record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]', or '*' for all. Repeatable.",
+        "sequence of str", "Default: outputs and inputs from outside. Connected inputs have the values that components "
+        "used. Text is not recorded.", metavar="SIGNAL", typed=TEXTS)]
 
 
 class ProgressOptions(TypedDict, total=False):
@@ -157,11 +157,10 @@ class RowOptions(RecordOptions, total=False):
         flag=None)]
     stream: Annotated[Path | Sequence[Path] | None, Option(
         "CSV file to which the rows go as they come, in the form of `Results.write`, at least every two seconds.",
-        "Path or two of them", "An input with the values of another signal, or its values a row before, is left out: "
-        "`copies` of the summary names both. With another suffix of ``formats`` such a file, which is written when the "
-        "run ends, by an error too, but not if the process is killed; see `Results.write`. The results are read from "
-        "disk then, where they take as much room again while they are in use; memory does not grow with the number "
-        "of rows, except for their times.", flag=None)]
+        "Path or two of them", "With another suffix of ``formats`` such a file, which is written when the run ends, by "
+        "an error too, but not if the process is killed; see `Results.write`. The results are read from disk then, "
+        "where they take as much room again while they are in use; memory does not grow with the number of rows, "
+        "except for their times.", flag=None)]
     about: Annotated[Mapping[str, Any] | None, Option(
         "Facts with which the summary begins, also in files that have their own.", "mapping", flag=None)]
 

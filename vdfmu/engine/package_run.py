@@ -87,15 +87,12 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
         done = results.summary
         done["real_time_factor"] = (done["stop"] - done["start"]) / done["wall_s"]
         write_summary(results.summary, partial)
-        copies = {".".join(connection.end) for connection in system.connections}
         try:
             if options["pictures"]:
                 from vdfmu.engine.results.picture import signals_figure  # takes long to import
 
                 with doing("picture"):
-                    signals_figure(
-                        results.thinned(DRAWN), partial, () if options["record"] else copies, options["pictures"]
-                    )
+                    signals_figure(results.thinned(DRAWN), partial, options["pictures"])
         except VdfmuError:
             raise
         except Exception as error:

@@ -282,7 +282,7 @@ def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
         "communication.T_j": 1e-3,
         "brake.t_stop": 0.6,
     }
-    results = vdfmu.run(written(tmp_path), stop=0.8, settings=settings, out=False)
+    results = vdfmu.run(written(tmp_path), stop=0.8, settings=settings, out=False, record=["plant.tau[*]"])
     assert (
         results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-8
     )  # a tenth of the solver's tolerance

@@ -107,7 +107,7 @@ def test_a_base_moves_as_its_signals_say_and_inputs_that_nothing_feeds_are_const
     found = numbers(made["frames"]["base"]).reshape(12, -1)
     np.testing.assert_array_equal(found[0], (0.1 * results.time).astype("<f4"))
     assert found[1:, 7].tolist() == [0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-    assert made["frames"]["recipes"]["base"][2] == [1.0, [[0.5, "", 0]]]
+    assert made["frames"]["recipes"]["base"][2] == [1.0, [[0.5, ""]]]
 
 
 def test_the_scene_has_what_the_system_has():

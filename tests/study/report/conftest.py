@@ -47,7 +47,7 @@ def make_results(n: int, points: int = POINTS, at_rest: bool = False) -> Results
         "plant.q": q,
         "plant.kappa": q + 1e-4 * phase,
         "plant.p_O": forward_kinematics(make_robot(TYPES[n]), q)[0],
-        "controller.tau_m": tau_m,
+        "feedforward.tau_m": tau_m,
         "controller.tau": tau_m + 1e-3 * phase * np.cos(7.0 * time)[:, None],
     }
     names = [f"{name}[{i + 1}]" for name, values in columns.items() for i in range(values.shape[1])]

@@ -65,7 +65,7 @@ def test_torques_are_link_side_and_the_feedforward_is_dashed_on_top(made, types)
         control, feedforward = axes.lines
         ell = scenario.robot.ell[i]
         np.testing.assert_array_equal(control.get_ydata(), ell * results[f"controller.tau[{i + 1}]"])
-        np.testing.assert_array_equal(feedforward.get_ydata(), ell * results[f"controller.tau_m[{i + 1}]"])
+        np.testing.assert_array_equal(feedforward.get_ydata(), ell * results[f"feedforward.tau_m[{i + 1}]"])
         assert feedforward.is_dashed() and not control.is_dashed()
         assert feedforward.get_linewidth() < control.get_linewidth()
         assert axes.get_ylabel() == ("Force [N]" if types[i] == "prismatic" else "Torque [N.m]")
@@ -78,7 +78,7 @@ def test_errors_have_one_panel_a_unit(made, types):
     groups = [kind for kind in ("revolute", "prismatic") if kind in types]
     assert len(panels) == 2 * len(groups)
     error = results["trajectory.q_d"] - results["plant.q"]
-    compensation = scenario.robot.ell * (results["controller.tau"] - results["controller.tau_m"])
+    compensation = scenario.robot.ell * (results["controller.tau"] - results["feedforward.tau_m"])
     for column, kind in enumerate(groups):
         joints = [i for i, t in enumerate(types) if t == kind]
         factor, unit, torque = (1e3, "mm", "N]") if kind == "prismatic" else (180.0 / np.pi, "deg", "N.m]")
@@ -118,7 +118,7 @@ def test_two_joint_figures_show_the_joints_that_move(made):
     assert [axes.get_title(loc="left") for axes in torques] == ["(a) Joint 1", "(b) Joint 2"]
     ell = scenario.robot.ell
     np.testing.assert_array_equal(curves(torques[1])[0], ell[1] * results["controller.tau[2]"])
-    expected = ell[0] * results["controller.tau[1]"] - ell[0] * results["controller.tau_m[1]"]
+    expected = ell[0] * results["controller.tau[1]"] - ell[0] * results["feedforward.tau_m[1]"]
     np.testing.assert_array_equal(curves(torque_errors)[0], expected)
     assert len(force_errors.lines) == 1
 
@@ -239,7 +239,7 @@ def test_tick_labels_in_the_unit_of_the_label_are_the_values(exponent):
 def test_a_constant_is_not_blown_up_to_its_rounding(made):
     scenario, time = made.scenario(ONE), np.linspace(0.0, 2.0, 401)
     constant = (21.0 + 1e-14 * np.sin(np.arange(401.0))[:, None]) / scenario.robot.ell
-    signals = [Signal(f"controller.{name}[1]", "real", "", 0) for name in ("tau", "tau_m")]
+    signals = [Signal(f"{name}[1]", "real", "", 0) for name in ("controller.tau", "feedforward.tau_m")]
     (axes,) = plots.draw_torques(Results(time, signals, {"real": constant}), scenario).axes
     low, high = axes.get_ylim()
     assert low == 0.0 and 21.0 < high < 25.0

@@ -57,7 +57,7 @@ def recorded(rows, n, times, **more):
 @pytest.mark.parametrize("row", ROWS)
 def test_each_row_is_at_its_limit_and_gets_its_torque(limited, row):
     tau, speed, q, given, limit = row
-    one = ArmLimits("plant", limited, np.full(limited.n, np.inf))
+    one = ArmLimits("plant", limited, np.full(limited.n, np.inf), "plant.tau")
     assert one.given(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(given)
     found = time_at_limits(recorded([row[:3]] * 2, limited.n, [0.0, 1.0]), [one])["limits"]["plant"]
     assert {key: shares[0] for key, shares in found.items()} == {
@@ -69,14 +69,14 @@ def test_each_row_is_at_its_limit_and_gets_its_torque(limited, row):
 
 def test_a_row_counts_with_the_length_of_its_step(limited):
     rows = [(20.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 4.5, 2.0)]
-    one = ArmLimits("plant", limited, np.full(limited.n, np.inf))
+    one = ArmLimits("plant", limited, np.full(limited.n, np.inf), "plant.tau")
     found = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 3.0, 10.0]), [one])["limits"]["plant"]
     np.testing.assert_allclose([found[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14)
 
 
 def test_the_largest_share_has_its_place_and_its_begin(limited):
     rows = [(5.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (20.0, 1.0, 0.0)]
-    one = ArmLimits("plant", limited, np.full(limited.n, np.inf))
+    one = ArmLimits("plant", limited, np.full(limited.n, np.inf), "plant.tau")
     figures = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 4.0, 10.0]), [one])["key_figures"]
     assert figures == {"saturated": {"value": 0.7, "place": "torque limit of joint 1", "at_s": 1.0}}
     brief = recorded(rows[:3], limited.n, [0.0, 0.9, 100.0])  # 0.9 %, which the table shows as 1: 0.01 is the limit
@@ -137,9 +137,9 @@ def test_values_of_the_run_are_those_of_the_motor():
 
 def test_the_compensation_torque_is_what_the_motors_gave(limited):
     n = limited.n
-    one = ArmLimits("plant", limited, np.full(n, np.inf))
+    one = ArmLimits("plant", limited, np.full(n, np.inf), "plant.tau")
     rows = [(20.0, 1.0, 0.0), (20.0, 3.0, 0.0)]
-    more = {"trajectory_of_q_d": [0.0, 0.0], "controller_of_tau": [20.0, 20.0], "controller_of_tau_m": [1.0, 1.0]}
+    more = {"trajectory_of_q_d": [0.0, 0.0], "controller_of_tau": [20.0, 20.0], "feedforward_of_tau_m": [1.0, 1.0]}
     results = recorded(rows, n, [0.0, 1.0], **more)
     found = tracking_errors(results, limited, [one])["rms_torque_compensation_error_nm"]
     assert found[0] == pytest.approx(limited.ell[0] * np.sqrt((9.0**2 + 4.0**2) / 2))

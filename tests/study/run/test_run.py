@@ -13,6 +13,8 @@ import pytest
 import vdfmu
 from vdfmu.base.errors import CosimError, ModelError, UsageError
 from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.package import read as reading
+from vdfmu.engine.plan import checker
 from vdfmu.engine.run import Results
 from vdfmu.study.report.sheets import reference_sheet, sheets
 from vdfmu.system.package.write import write_ssp
@@ -29,12 +31,12 @@ def test_a_run_writes_results_summary_package_and_figures(planar_run):
     assert json.loads((folder / "summary.json").read_text()) == json.loads(json.dumps(results.summary))
 
 
-def test_results_hold_every_connected_variable_with_its_unit(planar_run):
+def test_results_hold_every_connected_output_with_its_unit(planar_run):
     folder, results = planar_run
     read = Results.read(folder / "results.csv")
     system = vdfmu.load_ssp(folder / "system.ssp")
-    connected = {".".join(end) for c in system.connections for end in (c.start, c.end)}
-    assert connected <= set(read.names)
+    assert {".".join(c.start) for c in system.connections} <= set(read.names)
+    assert not {".".join(c.end) for c in system.connections} & set(read.names)
     assert read.units["plant.q[1]"] == "rad"
     assert read.units["controller.tau[2]"] == "N.m"
     np.testing.assert_array_equal(read["plant.q[1]"], results["plant.q[1]"])
@@ -271,6 +273,20 @@ def test_another_value_of_a_robot_adds_its_fmus_to_the_cache_and_nothing_else(pl
     assert {path.parent.name for path in kept() - before} == {"fmus", "built"}  # and a record of each
     assert plant(planar) == first
     assert len(kept()) == len(before) + 2 * 4
+
+
+def test_a_run_reads_its_package_once(tmp_path, monkeypatch):
+    """Run and page have one system, and one description of each FMU."""
+    taken = []
+
+    def counted(function):
+        return lambda *arguments: taken.append(function.__name__) or function(*arguments)
+
+    for module, name in ((reading, "read_system"), (checker, "inspect_description")):
+        monkeypatch.setattr(module, name, counted(getattr(module, name)))
+    vdfmu.run("planar_tracking", stop=0.05, out=tmp_path, reference=False)
+    assert taken == ["read_system", *["inspect_description"] * 4]
+    assert 'class="system"' in (tmp_path / "report.html").read_text()
 
 
 def test_no_name_of_a_package_hides_a_module():

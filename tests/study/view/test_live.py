@@ -204,8 +204,8 @@ def test_what_is_shown_are_the_rows_and_afterwards_the_run():
         data = json.loads(server.content.decode().split('type="application/json">')[1].split("</script>")[0])
         assert data["live"] == {"names": NAMES, "start": 0.0, "stop": 2.0}
         recipes = {key: each[0] for key, each in data["runs"][0]["frames"]["recipes"].items()}
-        assert recipes["error"] == [1.0, [[1.0, "trajectory.q_d[1]", 0], [-1.0, "plant.q[1]", 0]]]
-        assert recipes["torque"] == [1.0, [[100.0, "controller.tau[1]", 0]]]  # ell is 100
+        assert recipes["error"] == [1.0, [[1.0, "trajectory.q_d[1]"], [-1.0, "plant.q[1]"]]]
+        assert recipes["torque"] == [1.0, [[100.0, "controller.tau[1]"]]]  # ell is 100
         values = np.array([0.3, -0.4, 0.31, -0.41, 0.02, 0.01, 0.302, -0.401])
         pages = server.hear("2"), server.hear("2")
         live.row(1.0, values)

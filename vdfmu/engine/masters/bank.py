@@ -14,7 +14,7 @@ from vdfmu.engine.fmu.access import DTYPES, TEXTS, Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.plan.check import Checked
-from vdfmu.engine.plan.conversion import Link, Port
+from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 
 _RUNS = 6
 """Most copies of neighbours that are faster than one copy of single values."""
@@ -60,6 +60,10 @@ class Bank:
         self.fresh_counts = {
             unit: sum((u, v.name) in fresh for u, v in inputs[window]) for unit, window in self.input_windows.items()
         }
+
+    def is_free(self, place: int) -> bool:
+        """Whether the value at a place is an output, or an input that is fed from outside the system."""
+        return place < self.outputs.size or self.links[place - self.outputs.size].start[0] == SOURCE
 
     def gather(self, window: slice, late: bool = False) -> Callable[[], None] | None:
         """Return a function that brings the inputs of a window up to date; None for an empty window.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from ctypes import c_double, c_int
 from typing import Any
 
@@ -160,8 +160,8 @@ class Exchange:
     ) -> tuple[list[Signal], dict[str, NDArray[Any]], Callable[[int], None]]:
         """Return the recorded signals, their arrays, and the function that stores row k.
 
-        Names may have ``*`` for any text. Signals come unit by unit in the order of the SSD, outputs first. A signal
-        that has the values of another in all rows shares its column.
+        Names may have ``*`` for any text. Without names they are the outputs, and the inputs that are fed from outside:
+        other inputs follow from outputs. Signals come unit by unit in the order of the SSD, outputs first.
         """
         wanted = None if record is None else self._match(record)
         order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
@@ -172,34 +172,25 @@ class Exchange:
             kind = bank.kind.lower()
             chosen = [
                 i for i, (unit, v) in enumerate(bank.variables)
-                if unit != SOURCE and (wanted is None or f"{unit}.{v.name}" in wanted)
+                if unit != SOURCE and (bank.is_free(i) if wanted is None else f"{unit}.{v.name}" in wanted)
             ]  # fmt: skip
-            copies = self._copies(bank, set(chosen))
-            picked = [i for i in chosen if i not in copies or copies[i][0] == i]
             try:
-                rec = np.empty((rows, len(picked)), bank.memory.dtype)
+                rec = np.empty((rows, len(chosen)), bank.memory.dtype)
             except (MemoryError, ValueError):
                 raise UsageError(
-                    f"{rows} rows of {len(picked)} signals do not fit into memory; record fewer signals"
+                    f"{rows} rows of {len(chosen)} signals do not fit into memory; record fewer signals"
                 ) from None
             data[kind] = rec
-            columns = {i: column for column, i in enumerate(picked)}
-            for i in chosen:
+            for column, i in enumerate(chosen):
                 unit, v = bank.variables[i]
-                is_input = int(i >= bank.outputs.size)
-                place, of, late = copies.get(i, (i, i, 0))
-                source, copied = bank.variables[of]
-                signal = Signal(
-                    f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", columns[place],
-                    f"{source}.{copied.name}" if of != i else "", late,
-                )  # fmt: skip
-                found.append((2 * order[unit] + is_input, signal))
+                signal = Signal(f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", column)
+                found.append((2 * order[unit] + int(i >= bank.outputs.size), signal))
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
                 self._watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
                 self._all_finite = _finite(bank.outputs, self._watched)
-            if picked:
-                stores.append(_store(rec, bank.memory, picked))
+            if chosen:
+                stores.append(_store(rec, bank.memory, chosen))
         found.sort(key=lambda item: item[0])
 
         def store(k: int) -> None:
@@ -214,27 +205,6 @@ class Exchange:
         names = {f"{unit}.{v.name}": i for i, (unit, v) in enumerate(bank.variables) if unit != SOURCE}
         found = sorted(matching(list(names), list(wanted)), key=names.__getitem__)
         return found, bank.memory, [names[name] for name in found]
-
-    def _copies(self, bank: Bank, among: Set[int]) -> dict[int, tuple[int, int, int]]:
-        """Return the place of each copying input to the place of its values, the copied signal, and the rows of delay.
-
-        Only inputs `among` others, if the algorithm declares that inputs hold: a fresh one copies the signal it reads.
-        Any other, in one substep, copies that signal one row before, as do all inputs that read the same.
-        """
-        how, descriptions = self.checked.how, self.checked.descriptions.values()
-        # event mode brings inputs up to date at events too, a component with a longer step at other rows
-        if not how.substeps or self.checked.multiples or any(each.event_mode for each in descriptions):
-            return {}
-        found: dict[int, tuple[int, int, int]] = {}
-        first: dict[int, int] = {}
-        for i, link in enumerate(bank.links, start=bank.outputs.size):
-            of = bank.position[link.start]
-            fresh = link.end in self.checked.schedule.fresh
-            # not if it comes from outside or is converted; initialization may have left another value
-            same = bank.memory[i].tobytes() == bank.memory[of].tobytes()
-            if same and link.conversion.trivial and {i, of} <= among and (fresh or how.substeps == 1):
-                found[i] = (of, of, 0) if fresh else (first.setdefault(of, i), of, 1)
-        return found
 
     def finite(self) -> bool:
         """Whether all real outputs that are read or recorded are finite numbers."""

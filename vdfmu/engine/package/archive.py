@@ -24,6 +24,15 @@ _BLOCK = 2**18
 """Bytes that are unpacked at once."""
 
 
+def stamp_of(path: Path) -> tuple[int, ...]:
+    """Return numbers of a file that change with its content; none for a missing one."""
+    try:
+        found = path.stat()
+    except OSError:
+        return ()
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
 class Archive:
     """A zip file whose member names and sizes have been checked; ``package.ssp!/member`` names one of a package inside.
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import SspError
-from vdfmu.engine.package import parse
-from vdfmu.engine.package.archive import Archive
+from vdfmu.base.once import cached_per_command
+from vdfmu.engine.package import limits, parse
+from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.bindings import Bindings
 from vdfmu.engine.package.elements import Document, Scope, read_units
 from vdfmu.engine.package.experiment import read_experiment
@@ -51,6 +52,12 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
         over the size limit, XML with a document type, a violation of the schemas, an element this reader does
         not know. All problems of these kinds that were found are listed.
     """
+    return _loaded(Path(path), variant, stamp_of(Path(path)), limits.unpack_limit())
+
+
+@cached_per_command
+def _loaded(path: Path, variant: str, *_: Hashable) -> System:
+    """Read a package once in a job, unless it changes."""
     system, problems = read_system(path, variant)
     if system is None or problems:
         raise SspError(problems)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -219,6 +219,8 @@ class System:
     """Breaches of rules that do not keep it from being run."""
     version: str = SSP_1.name
     """SSP version."""
+    inspected: dict[Hashable, Any] = field(default_factory=dict[Hashable, Any], repr=False, compare=False)
+    """What `vdfmu.engine.plan.checker` has read of the FMUs."""
 
     def component(self, name: str) -> Component:
         """Return a component by its name."""

@@ -47,6 +47,12 @@ class Checked:
         return ALGORITHMS[self.algorithm]
 
     @property
+    def held(self) -> list[str]:
+        """Inputs, without indices, that take in each step what their source had at its beginning."""
+        late = (k.end for k in self.links if k.stepped and k.start[0] != SOURCE and k.end not in self.schedule.fresh)
+        return [*dict.fromkeys(f"{unit}.{name.partition('[')[0]}" for unit, name in late)] if self.how.substeps else []
+
+    @property
     def sources(self) -> Mapping[str, Description]:
         """Everything that has outputs: the components, and after them the signals from outside."""
         return {**self.descriptions, **({SOURCE: self.feed.description} if self.feed else {})}

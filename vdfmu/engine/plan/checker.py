@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from typing import Any
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from functools import cache
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, limit_fault, type_of
-from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.system import (
     BoundParameter,
     Component,
@@ -87,6 +87,7 @@ class Checker:
         self.problems = list(system.problems)
         self.notes: list[str] = [*system.notes]
         self.descriptions: dict[str, Description] = {}
+        self._told: set[Hashable] = set()
         self.ignore_unmatched = ignore_unmatched
         self.clock_links: list[tuple[Port, Port]] = []
         for text in system.unmatched:
@@ -104,14 +105,15 @@ class Checker:
         if not self.system.components:
             text = f"{self.system.path.name}: the system has no components"
             self.problems.append(finding("SSP023", text))
-        read: dict[Any, Description | None] = {}
-        with Archive(self.system.path, self.system.path.name) as archive:
+        with ExitStack() as stack:
+            path = self.system.path
+            opened = cache(lambda: stack.enter_context(Archive(path, path.name)))
             for component in self.system.components:
                 if not component.source:
                     continue  # among the system's problems
-                description = self._inspect(archive, component, {}, read)
+                description = self._inspect(opened, component, {})
                 if description is not None and (sizes := self._sizes(component, description)):
-                    description = self._inspect(archive, component, sizes, read)
+                    description = self._inspect(opened, component, sizes)
                 if description is not None:
                     self.descriptions[component.name] = description
                     for connector in component.connectors.values():
@@ -129,18 +131,22 @@ class Checker:
                 self.problems.append(finding("SSP046", text))
 
     def _inspect(
-        self, archive: Archive, component: Component, sizes: dict[str, Value], read: dict[Any, Description | None]
+        self, package: Callable[[], Archive], component: Component, sizes: dict[str, Value]
     ) -> Description | None:
-        """Read an FMU once for each choice of its sizes."""
+        """Read an FMU once for each choice of its sizes, also of several checks, unless the package changes."""
         key = component.source, component.implementation, frozenset(sizes.items())
-        if key not in read:
+        read, place = self.system.inspected, (*key, stamp_of(self.system.path))
+        if place not in read:
             try:
-                with archive.opened(component.source, component.source) as unit:
-                    read[key], problems = inspect_description(unit, *key[:2], sizes)
+                with package().opened(component.source, component.source) as unit:
+                    read[place] = inspect_description(unit, *key[:2], sizes)
             except SspError as error:
-                read[key], problems = None, error.problems
+                read[place] = None, error.problems
+        description, problems = read[place]
+        if key not in self._told:
+            self._told.add(key)
             self.problems += [problem.within(component.name) for problem in problems]
-        return read[key]
+        return description
 
     def _sizes(self, component: Component, description: Description) -> dict[str, Value]:
         """Return the values of structural parameters that differ from their start values and are whole numbers."""

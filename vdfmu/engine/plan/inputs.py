@@ -18,8 +18,6 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_text
-from vdfmu.engine.results.csv_file import summary_beside
-from vdfmu.engine.results.recorded import copies_in, later
 
 _HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")
 """A name, and a unit of measurement in brackets behind a space."""
@@ -220,12 +218,6 @@ def _from_csv(path: Path, hold: bool, problems: list[str]) -> InputTable | None:
     if columns is None or len(problems) > before:
         return None
     names, units, table, results = columns
-    copies = copies_in(summary_beside(path)) if results else {}
-    for name, (of, late) in copies.items():
-        if of in names and name not in names:
-            place = names.index(of)
-            names, units = [*names, name], [*units, units[place]]
-            table = np.column_stack([table, later(table[:, place], late)])
     return InputTable(
         str(path), tuple(names[1:]), tuple(units[1:]), table[:, 0].copy(), table[:, 1:], hold, not results
     )

@@ -82,10 +82,10 @@ def _read_tables(path: Path, stream: TextIO, columns: int) -> Iterator[Floats]:
 
 
 def summary_beside(path: Path) -> dict[str, Any]:
-    """Return the ``summary.json`` next to a CSV file; nothing unless the same run wrote both."""
+    """Return the ``summary.json`` next to a CSV file, if it names the file as one of its run; else nothing."""
     try:
         found = json.loads(path.with_name("summary.json").read_bytes())
-        return found if "copies" in found and found["csv_bytes"] == path.stat().st_size else {}
+        return found if path.name in [*found["files"]] else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 

@@ -21,10 +21,7 @@ SUFFIXES = ("png", "svg", "pdf")
 
 
 class Stream(NamedTuple):
-    """A format of text whose rows are written as they come.
-
-    Its copies are listed in ``summary.json``, with the size of the file as ``SUFFIX_bytes``.
-    """
+    """A format of text whose rows are written as they come."""
 
     head: Callable[[Sequence[Signal]], str]
     """Returns the lines above the rows."""
@@ -38,9 +35,9 @@ class Format(NamedTuple):
     needs: Callable[[], object]
     """Raises UsageError if a package that it needs is not installed."""
     write: Callable[[Recorded, Path], None]
-    """Writes the signals, those that copy another as it likes; see `vdfmu.Results.write`."""
+    """Writes the signals; see `vdfmu.Results.write`."""
     read: Callable[[Path], Recorded]
-    """Reads what `write` wrote, with all copies."""
+    """Reads what `write` wrote."""
     streams: Stream | None = None
     """None: it is written when the run ends."""
 

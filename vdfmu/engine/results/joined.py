@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import StorageError
-from vdfmu.engine.results.recorded import KINDS, Recorded, Signal, copies_in, with_copies
+from vdfmu.engine.results.recorded import KINDS, Recorded, Signal
 
 _MOST = 2**25
 """Bytes of numbers that are kept in memory."""
@@ -21,20 +21,17 @@ _MOST = 2**25
 def joined(
     path: Path, blocks: Iterable[tuple[Floats, Mapping[str, NDArray[Any]]]], signals: Sequence[Signal], summary: Any
 ) -> Recorded:
-    """Return the rows of blocks of times and data, at least one, with the copies that the summary names.
+    """Return the rows of blocks of times and data, at least one.
 
     StorageError if the temporary files cannot hold the numbers of `path`.
     """
-    copies, placed, above = copies_in(summary), [*signals], None
     times: list[Floats] = []
     kept: dict[str, list[NDArray[Any]]] = {kind: [] for kind in KINDS}
     files: dict[str, IO[bytes]] = {}
     try:
         for time, data in blocks:
-            placed, whole = with_copies(signals, data, copies, above)
             times.append(time)
-            above = data
-            for kind, array in whole.items():
+            for kind, array in data.items():
                 kept[kind].append(array)
             if sum(array.nbytes for arrays in kept.values() for array in arrays) > _MOST:
                 _move(path, kept, files)
@@ -42,7 +39,7 @@ def joined(
             _move(path, kept, files)
         m = sum(map(len, times))
         found = {kind: _read(arrays, files.get(kind), m) for kind, arrays in kept.items()}
-        return Recorded(np.concatenate(times), placed, found, summary)
+        return Recorded(np.concatenate(times), signals, found, summary)
     finally:
         for file in files.values():
             file.close()  # a map stays

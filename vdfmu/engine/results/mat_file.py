@@ -1,7 +1,7 @@
 """Results as a MATLAB file of version 5: an array for each signal or group, under a name that is legal in MATLAB.
 
 ``time`` (m, 1) in s, ``plant_q`` (m, n) of the signals ``plant.q[1]`` to ``[n]``; ``units`` has a field for each.
-The text ``vdfmu``, for ``jsondecode``, has the names, kinds and units of the signals, and the summary with the copies.
+The text ``vdfmu``, for ``jsondecode``, has the names, kinds and units of the signals, and the summary.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ _TAKEN = (
 
 
 def write_mat(results: Recorded, path: Path) -> None:
-    """Write the signals that copy no other, their units, and the summary."""
+    """Write the signals, their units, and the summary."""
     from scipy.io import savemat
 
-    signals, facts = to_facts(results)
-    groups = grouped(signals)
+    groups = grouped(results.signals)
     names = legal_names([name for name, _ in groups], _TAKEN, _LONGEST)
     content: dict[str, Any] = {"time": results.time[:, None], "units": {"time": "s"}}
     for name, ((_, kind), members) in zip(names, groups.items(), strict=True):
@@ -48,7 +47,7 @@ def write_mat(results: Recorded, path: Path) -> None:
         content[name] = array.astype(bool) if kind == "boolean" else array
         units = list(dict.fromkeys(s.unit for s in members))
         content["units"][name] = units[0] if len(units) == 1 else np.array([s.unit for s in members], object)
-    content["vdfmu"] = json.dumps(json.loads(facts))  # letters beyond ASCII as \u, which every reader has
+    content["vdfmu"] = json.dumps(json.loads(to_facts(results)))  # letters beyond ASCII as \u, which every reader has
     try:
         with replacing(path) as file:
             savemat(file, content, long_field_names=True)

@@ -1,8 +1,8 @@
 """Results in Parquet: the same numbers as in CSV, in a third of the room, with what the run was in the same file.
 
-Columns are ``time`` and the signals that copy no other. The metadata of a column has its ``unit``. The file's metadata
-has ``vdfmu``: the summary as JSON, whose ``copies`` names the signals that are left out. Columns are compressed, with
-the bytes of reals taken apart before (BYTE_STREAM_SPLIT). The package pyarrow is imported when it is needed.
+Columns are ``time`` and the signals. The metadata of a column has its ``unit``, the file's metadata has ``vdfmu``, the
+summary as JSON. Columns are compressed, with the bytes of reals taken apart before (BYTE_STREAM_SPLIT). The package
+pyarrow is imported when it is needed.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def needed() -> tuple[ModuleType, ...]:
 
 
 def write_parquet(results: Recorded, path: Path) -> None:
-    """Write the signals that copy no other, and the summary."""
+    """Write the signals and the summary."""
     pa, parquet = needed()
-    signals = [Signal("time", "real", "s", 0), *(s for s in results.signals if not s.of)]
+    signals = [Signal("time", "real", "s", 0), *results.signals]
     types = {"real": pa.float64(), "integer": pa.int32(), "boolean": pa.bool_()}
     fields = [pa.field(s.name, types[s.kind], nullable=False, metadata={"unit": s.unit}) for s in signals]
     schema = pa.schema(fields, metadata={_KEY: to_json(results.summary)})

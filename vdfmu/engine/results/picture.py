@@ -36,13 +36,11 @@ class _Panel(NamedTuple):
     """Place in its array from 0, which has its colour in all panels; label; name of the signal."""
 
 
-def signals_figure(
-    results: Recorded, folder: Path, hidden: Collection[str] = (), pictures: Sequence[str] = ("png",)
-) -> list[Path]:
+def signals_figure(results: Recorded, folder: Path, pictures: Sequence[str] = ("png",)) -> list[Path]:
     """Write ``signals.png``, or of the suffixes `pictures`, unless nothing is recorded; see :func:`draw_signals`."""
-    if all(name in hidden for name in results.names):
+    if not results.names:
         return []
-    figure = draw_signals(results, hidden)
+    figure = draw_signals(results)
     return [style.save(figure, folder / f"signals.{suffix}") for suffix in pictures]
 
 

@@ -26,17 +26,12 @@ _ELEMENT = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
 
 
 class Signal(NamedTuple):
-    """Where a signal is: `column` of the array of its `kind`.
-
-    In all rows it has the values of the signal `of`, if that is not empty, or its values `late` rows before.
-    """
+    """Where a signal is: `column` of the array of its `kind`."""
 
     name: str
     kind: str
     unit: str
     column: int
-    of: str = ""
-    late: int = 0
 
 
 class Recorded:
@@ -63,7 +58,7 @@ class Recorded:
 
     @property
     def signals(self) -> list[Signal]:
-        """The signals, and which of them copy another (`Signal.of`)."""
+        """The signals."""
         return list(self._signals.values())
 
     @property
@@ -153,10 +148,7 @@ class Recorded:
 
     def renamed(self, rename: Callable[[str], str]) -> Self:
         """Return the same results with other names of the signals."""
-        signals = [
-            signal._replace(name=rename(signal.name), of=rename(signal.of) if signal.of else "")
-            for signal in self._signals.values()
-        ]
+        signals = [signal._replace(name=rename(signal.name)) for signal in self._signals.values()]
         return type(self)(self.time, signals, self.data, self.summary, self.messages)
 
     def thinned(self, most: int) -> Self:
@@ -208,14 +200,14 @@ def placed_arrays(
 
 
 def from_arrays(time: Floats, signals: Sequence[Signal], arrays: Sequence[NDArray[Any]], summary: Any) -> Recorded:
-    """Return results of signals and an array (m, n) for each of `grouped`, with the copies that the summary names."""
-    return Recorded(time, *with_copies(*placed_arrays(signals, arrays), copies_in(summary)), summary)
+    """Return results of signals and an array (m, n) for each of `grouped`."""
+    return Recorded(time, *placed_arrays(signals, arrays), summary)
 
 
-def to_facts(results: Recorded) -> tuple[list[Signal], str]:
-    """Return the signals that copy no other, and lines of JSON of their names, kinds and units and the summary."""
-    signals = [s for s in results.signals if not s.of]
-    return signals, to_json({"signals": [(s.name, s.kind, s.unit) for s in signals], "summary": results.summary})
+def to_facts(results: Recorded) -> str:
+    """Return lines of JSON of the names, kinds and units of the signals and the summary."""
+    signals = [(s.name, s.kind, s.unit) for s in results.signals]
+    return to_json({"signals": signals, "summary": results.summary})
 
 
 def from_facts(text: str) -> tuple[list[Signal], Any]:
@@ -237,52 +229,6 @@ def legal_names(names: Sequence[str], taken: Sequence[str], most: int) -> list[s
         used.add(legal.lower())
         found.append(legal)
     return found
-
-
-def copies_of(signals: Sequence[Signal]) -> dict[str, dict[str, str]]:
-    """Return copies by the rows that they are late: signal to the one that it copies, as ``summary.json`` has them."""
-    found: dict[str, dict[str, str]] = {}
-    for signal in signals:
-        if signal.of:
-            found.setdefault(str(signal.late), {})[signal.name] = signal.of
-    return found
-
-
-def copies_in(summary: Any) -> dict[str, tuple[str, int]]:
-    """Return signal to the one that it copies, and how many rows late, as a summary has it; nothing if it has none."""
-    try:
-        found = summary["copies"].items()
-        late = {n: int(n) for n, _ in found if 0 <= int(n) <= _BLOCK}
-        return {str(name): (str(of), late[n]) for n, each in found for name, of in each.items()}
-    except (KeyError, TypeError, ValueError, AttributeError):  # not ours
-        return {}
-
-
-def with_copies(
-    signals: Sequence[Signal],
-    data: Mapping[str, NDArray[Any]],
-    copies: Mapping[str, tuple[str, int]],
-    above: Mapping[str, NDArray[Any]] | None = None,
-) -> tuple[list[Signal], dict[str, NDArray[Any]]]:
-    """Return signals and data with the copies of the given signals; `above`: the rows before these."""
-    known = {signal.name: signal for signal in signals}
-    more, added = list(signals), {kind: [array] for kind, array in data.items()}
-    for name, (of, late) in copies.items():
-        if of not in known or name in known:
-            continue
-        column, kind = known[of].column, known[of].kind
-        if late:
-            before = data[kind][:0, column] if above is None else above[kind][:, column]
-            moved = later(np.concatenate([before, data[kind][:, column]]), late)
-            added[kind].append(moved[len(before) :, None])
-            column = sum(array.shape[1] for array in added[kind]) - 1
-        more.append(known[of]._replace(name=name, column=column, of=of, late=late))
-    return more, {kind: np.hstack(arrays) for kind, arrays in added.items()}
-
-
-def later(column: NDArray[Any], rows: int) -> NDArray[Any]:
-    """Return values that come some rows later; before that the first holds."""
-    return column[np.maximum(np.arange(len(column)) - rows, 0)]
 
 
 def no_rows(path: Path, error: OSError) -> VdfmuError:

@@ -49,7 +49,6 @@ class Recorder(RowsInMemory):
         The files of results; existing ones are replaced. One whose format does not stream is only named in
         messages, and the numbers go to its folder: it is written when all rows are there.
     signals : sequence of Signal
-        Copies of others are left out: ``summary.json`` has their names.
     data : mapping of str to (rows, columns) array
         The block, by kind.
     put : callable
@@ -77,7 +76,7 @@ class Recorder(RowsInMemory):
         super().__init__(data, put)
         streams = [(path, stream) for path in paths if (stream := format_of(path).streams)]
         self._path = streams[0][0] if streams else paths[0]
-        self._signals = [signal for signal in signals if not signal.of]
+        self._signals = signals
         self._times = times
         self._first, self._rows, self._longest = 0, min(map(len, data.values()), default=ROWS), longest
         self._due = clock.perf_counter() + longest

@@ -108,19 +108,15 @@ class Results(Recorded):
     def contents(self) -> Listing:
         """Return the contents, as a table that shows itself: groups, their shapes, units and extremes."""
         rows: list[tuple[Any, ...]] = []
-        copies = {signal.name for signal in self.signals if signal.of}
         for group, elements in self.groups.items():
-            if copies.issuperset(elements.values()):
-                continue
             columns = [self[name] for name in elements.values()]
             ends = (float(min(map(np.min, columns))), float(max(map(np.max, columns)))) if len(self) else ("", "")
             rows.append((group, _shape(self.shape_of(group)), _unit(self, group), *ends))
         about = self.summary.get("scenario") or self.summary.get("system")
         of = f" of {about}" if about else ""
         span = f" from {self.time[0]:g} to {self.time[-1]:g} s" if len(self) else ""
-        title = f"Results{of}: {len(self.names) - len(copies)} signals, {len(self)} rows{span}"
-        note = (f"{len(copies)} more copy one of these: inputs that have the values of an output.",) if copies else ()
-        return Listing(title, ("signal", "shape", "unit", "least", "largest"), rows, note)
+        title = f"Results{of}: {len(self.names)} signals, {len(self)} rows{span}"
+        return Listing(title, ("signal", "shape", "unit", "least", "largest"), rows)
 
     def to_pandas(self) -> Any:
         """Return a DataFrame with a column for each signal and the time as index; ``attrs["units"]`` has the units.
@@ -245,8 +241,7 @@ class Results(Recorded):
         The first line of CSV has the names, the second the units (``integer`` and ``boolean`` for these kinds), then
         follows a line a communication point. Numbers have the shortest form that reads back to the same bits. The file
         appears under its name only when it is complete. Parquet and MATLAB files have the same bits in a third of
-        the room, the units and the summary, and no signal that copies another; see `vdfmu.engine.results.parquet`
-        and `mat_file`.
+        the room, the units and the summary; see `vdfmu.engine.results.parquet` and `mat_file`.
 
         Raises
         ------
@@ -259,7 +254,7 @@ class Results(Recorded):
 
     @classmethod
     def read(cls, path: str | Path) -> Results:
-        """Read what `write` or a run wrote, with the copies of signals in the file.
+        """Read what `write` or a run wrote.
 
         Other files than CSV have their summary too; that of a CSV file is the ``summary.json`` next to it.
 

@@ -17,8 +17,7 @@ from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.observer import Finite, Observed, Tap
 from vdfmu.engine.masters.pace import Pace
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.results.formats import format_of, suffix_of
-from vdfmu.engine.results.recorded import copies_of
+from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.recorder import ROWS, SECONDS, Recorder, RowsInMemory
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.session import Session
@@ -163,8 +162,6 @@ class Run:
             summary["wall_s"] -= self._pace.waited
             summary["pace"] = self._pace.facts()
         summary |= self._session.stepper.facts()
-        if self._files:
-            summary["copies"] = copies_of(self._signals)
         time = self._grid.times(0, done + 1)
         if done == self._grid.n or "ended" in summary:
             time[done] = summary["stop"]
@@ -172,8 +169,6 @@ class Run:
         for path in self._files if done >= 0 else ():
             if not (form := format_of(path)).streams:
                 form.write(found, path)
-            else:  # tells a reader that the copies belong to this file
-                summary[f"{suffix_of(path)[1:]}_bytes"] = path.stat().st_size
         if self._observer is not None and done >= 0:
             getattr(self._observer, "end", lambda results: None)(found)
         return found

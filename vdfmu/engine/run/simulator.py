@@ -175,7 +175,8 @@ class Simulator:
                 **(options["about"] or {}),
                 "system": self._system.name, "algorithm": checked.algorithm, "adaptive": self._options["adaptive"],
                 "order": list(checked.schedule.units), "start": grid.begin, "stop": grid.end, "step": grid.step,
-                "steps": grid.n, "isolated": session.isolated, "notes": [*checked.notes, *reach],
+                "steps": grid.n, "isolated": session.isolated, "held": checked.held,
+                "notes": [*checked.notes, *reach],
             }  # fmt: skip
             self._couple(session, grid, options["record"])
             with shown_steps(options["progress"], "co-simulation") as progress:

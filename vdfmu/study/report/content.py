@@ -36,8 +36,8 @@ SUMS: Mapping[str, Terms] = {
     "q_d": [(1.0, "trajectory.q_d")],
     "error": [(1.0, "trajectory.q_d"), (-1.0, "plant.q")],
     "torque": [(1.0, "controller.tau")],
-    "feedforward": [(1.0, "controller.tau_m")],
-    "compensation": [(1.0, "controller.tau"), (-1.0, "controller.tau_m")],
+    "feedforward": [(1.0, "feedforward.tau_m")],
+    "compensation": [(1.0, "controller.tau"), (-1.0, "feedforward.tau_m")],
     "torsion": [(1.0, "plant.kappa"), (-1.0, "plant.q")],
     "power": [(1.0, "plant.P_B")],
     "force": [(1.0, "plant.F_z")],
@@ -46,7 +46,7 @@ SUMS: Mapping[str, Terms] = {
 
 The last two are for joints that are components, see `wired_arm`: power and axial force on the link.
 """
-MOTOR_SIDE = ("controller.tau", "controller.tau_m")
+MOTOR_SIDE = ("controller.tau", "feedforward.tau_m")
 """Signals that are multiplied by the reduction ratio."""
 _FRAMES = ("q", "error", "torque", "torsion", "power", "force")
 """Curves that the drawn arm shows."""
@@ -83,7 +83,6 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     moving = [
         ArmFrames(name, arm, motion | ({} if k else turns), m) for k, (name, arm, motion, _) in enumerate(arms)
     ] or [ArmFrames("", None, {}, m)]
-    copies = {signal.name: signal for signal in results.signals if signal.of}
     figures = itertools.chain(
         *(
             _figures(f"{name}." if k else "", f"{name}: " if len(arms) > 1 else "", arm, sums)
@@ -94,7 +93,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     )
     tables = {
         "figures": [CurveTable(figure) for figure in figures],
-        "signals": [CurveTable(figure) for figure in _groups(results, n, copies)],
+        "signals": [CurveTable(figure) for figure in _groups(results, n)],
     }
     for k, part in enumerate(results.blocks(_BLOCK)):
         for each in moving:
@@ -107,16 +106,15 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             buckets = max(1, EXTREMES // (len(values) * parts))
             rows = [even, *(extremes(row, buckets) for row in values)]
             table.add(part.time, [values], np.unique(np.concatenate(rows)))
-    first, *more = [each.packed(copies) for each in moving]
+    first, *more = [each.packed() for each in moving]
     return {
         **first,
         "more": more,
         "objects": objects,
         **{
-            kind: [table.packed(["values"]) | {"recipes": recipes_of(table.curves, copies)} for table in found]
+            kind: [table.packed(["values"]) | {"recipes": recipes_of(table.curves)} for table in found]
             for kind, found in tables.items()
         },
-        "copies": {name: signal.of for name, signal in copies.items()},
     }
 
 
@@ -237,10 +235,10 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
             yield Figure(f"force.{unit}", f"{noun} the axes between joint and link {{B}}", unit, curves)
 
 
-def _groups(results: Results, n: int, copies: Container[str]) -> Iterator[Figure]:
-    """Yield the recorded variables except copies, an array as the curves of one figure; `n` is the number of joints."""
+def _groups(results: Results, n: int) -> Iterator[Figure]:
+    """Yield the recorded variables, an array as the curves of one figure; `n` is the number of joints."""
     for group, members in results.groups.items():
-        listed = [(k, name) for k, (_, name) in enumerate(sorted(members.items())) if name not in copies]
+        listed = [(k, name) for k, (_, name) in enumerate(sorted(members.items()))]
         units = dict.fromkeys(results.units[name] for _, name in listed)
         for unit in units:
             curves = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 
 Terms = Sequence[tuple[float, str]]
@@ -80,13 +79,9 @@ def values_of(curves: Iterable[Curve], results: Results) -> Floats:
     return np.array([curve.values(results) for curve in curves])
 
 
-def recipes_of(curves: Iterable[Curve], copies: Mapping[str, Signal]) -> list[Any]:
-    """Return how curves come from outputs, for the page: scale; factor, signal and its delay in rows."""
-
-    def source(name: str) -> tuple[str, int]:
-        return (copies[name].of, copies[name].late) if name in copies else (name, 0)
-
-    return [[curve.scale, [[factor, *source(name)] for factor, name in curve.terms]] for curve in curves]
+def recipes_of(curves: Iterable[Curve]) -> list[Any]:
+    """Return how curves come from signals, for the page: scale; factors and signals."""
+    return [[curve.scale, [*map(list, curve.terms)]] for curve in curves]
 
 
 def packed(values: NDArray[Any], kind: str) -> str:

@@ -113,8 +113,7 @@ def report_page(
         parts = [part | {"simulation": None, "command": ""} | ({"signals": []} if live else {}) for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
     data |= ({"study": study.content} if study else {}) | ({"live": live} if live else {})
-    held = ({signal.name for signal in run.results.signals if signal.late} for run in runs)
-    diagram = next(filter(None, (system_diagram(run.package, own) for run, own in zip(runs, held, strict=True))), "")
+    diagram = next(filter(None, (system_diagram(run.package, run.summary.get("held", ())) for run in runs)), "")
     summaries = [run.summary for run in runs]
     body = "\n".join(
         [

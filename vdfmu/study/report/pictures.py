@@ -27,7 +27,7 @@ PICTURES = {
 }
 """Table of the paper that a scenario compares with to the names of its pictures."""
 SIGNALS = (
-    "trajectory.q_d", "plant.q", "plant.kappa", "plant.p_O", "controller.tau", "controller.tau_m",
+    "trajectory.q_d", "plant.q", "plant.kappa", "plant.p_O", "controller.tau", "feedforward.tau_m",
 )  # fmt: skip
 """Signals that the pictures show."""
 

@@ -234,7 +234,7 @@ def _errors(axes: Axes, time: Floats, values: Floats, group: Group, what: str, q
 
 def _torques(results: Results, robot: Robot) -> tuple[Floats, Floats]:
     """Control torque and the feedforward to which the controller added, (m, n), link-side [N.m or N]."""
-    return robot.ell * results["controller.tau"], robot.ell * results["controller.tau_m"]
+    return robot.ell * results["controller.tau"], robot.ell * results["feedforward.tau_m"]
 
 
 def _moving(results: Results) -> list[int]:

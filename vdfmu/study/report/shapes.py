@@ -16,7 +16,6 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.physical import principal
 from vdfmu.base.arrays import Floats
 from vdfmu.base.thinning import bends
-from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.curves import Curve, CurveTable, Terms, packed, recipes_of, values_of
 
@@ -278,12 +277,12 @@ class ArmFrames:
         self._distances.append(distances)
         self._table.add(part.time, [*moved.values()], rows)
 
-    def packed(self, copies: Mapping[str, Signal]) -> dict[str, Any]:
+    def packed(self) -> dict[str, Any]:
         """Return name, drawing and frames, ready for JSON; of the rows where it moves those that matter most."""
         distances = np.concatenate(self._distances)
         most = int(np.isinf(distances).sum()) + _MORE
         kept: NDArray[np.intp] = np.sort(np.argsort(-distances, kind="stable")[:most])
-        recipes = {name: recipes_of(curves, copies) for name, curves in self.motion.items()}
+        recipes = {name: recipes_of(curves) for name, curves in self.motion.items()}
         return {
             "component": self._name,
             "mounted": (self._arm or {}).get("mounted", ""),

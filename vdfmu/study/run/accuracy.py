@@ -31,9 +31,9 @@ def accuracy_notes(results: Results, system: SystemDescription) -> Iterator[str]
         values, part = system.values.get(name, {}), scenario.system.parts[name]
         if issubclass(unit, Feedforward) and scenario.robot is not None and not values.get("mode", 0):
             robot = robot_with(part.robot or scenario.known_robot, values)
-            sources = [source for source, targets in system.connections.items() if f"{name}.q_d_dot" in targets]
-            if robot.rotor_coupling and sources:
-                yield from _left_out(results, robot, name, sources[0])
+            source = system.scenario.system.fed.get(f"{name}.q_d_dot", "")
+            if robot.rotor_coupling and source:
+                yield from _left_out(results, robot, name, source)
         if name in system.resolved.plants and "tolerance" in values and not values.get("solver", 0):
             yield from _phases(results, robot_with(part.robot or scenario.plant_robot, values), name, values)
 

@@ -16,7 +16,6 @@ from vdfmu.engine.results.results import Results
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import BLOCK
 
-_READ = ("tau", "q", "kappa_dot")
 LIMITED = 0.01
 """Least share of a run's time at a limit that is told: the table of the shares shows whole per cent."""
 _PLACES = ("torque limit", "speed limit", "end stop")
@@ -32,6 +31,9 @@ class ArmLimits(NamedTuple):
     tau_max: Floats
     """(n,) [N m] motor-side, at which the controller cuts its torque; `NO_LIMIT` if it does not."""
 
+    asked: str
+    """Signal of the torque that is asked for."""
+
     def given(self, tau: Floats, kappa_dot: Floats) -> Floats:
         """Torque that the motors give where `tau` is asked for: (rows, n) [N m], motor-side."""
         return tau if self.robot is None else motor_torque(self.robot, tau, kappa_dot)
@@ -45,8 +47,8 @@ def limits_of(system: SystemDescription) -> list[ArmLimits]:
         robot = system.resolved.robots[plant]
         if robot is None or "q_0" not in unit.declared or "tau" not in unit.declared:
             continue
-        sources = [source for source, targets in system.connections.items() if f"{plant}.tau" in targets]
-        controller = sources[0].partition(".")[0] if sources else ""
+        source = system.scenario.system.fed.get(f"{plant}.tau", "")
+        controller = source.partition(".")[0]
         cuts = controller in units and "tau_max" in units[controller].declared
         tau_max = with_named(np.full(robot.n, NO_LIMIT), "tau_max", values[controller] if cuts else {})
         limited = None
@@ -55,7 +57,7 @@ def limits_of(system: SystemDescription) -> list[ArmLimits]:
             own = {name: with_named(getattr(robot, name), name, values[plant]) for name in names}
             limited = SimpleNamespace(**own)
         if limited is not None or (tau_max < NO_LIMIT).any():
-            found.append(ArmLimits(plant, limited, tau_max))
+            found.append(ArmLimits(plant, limited, tau_max, source or f"{plant}.tau"))
     return found
 
 
@@ -75,7 +77,7 @@ def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
     """
     shares: dict[str, Any] = {}
     worst: dict[str, Any] = {"value": LIMITED}
-    recorded = [arm for arm in limits if all(f"{arm.plant}.{name}[1]" in results for name in _READ)]
+    recorded = [arm for arm in limits if all(f"{name}[1]" in results for name in _read(arm))]
     for arm in recorded:
         spent, since = _spent(results, arm)
         shares[arm.plant] = dict(zip(("torque", "speed", "stop"), spent.tolist(), strict=True))
@@ -86,6 +88,10 @@ def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
     return ({"limits": shares} if shares else {}) | ({"key_figures": {"saturated": worst}} if "place" in worst else {})
 
 
+def _read(arm: ArmLimits) -> tuple[str, str, str]:
+    return arm.asked, f"{arm.plant}.q", f"{arm.plant}.kappa_dot"
+
+
 def _spent(results: Recorded, arm: ArmLimits) -> tuple[Floats, Floats]:
     """Return the shares of the time at the limits of torque, speed and travel, (3, n), and when each is first met."""
     spent, since = np.zeros((3, len(arm.tau_max))), np.full((3, len(arm.tau_max)), np.inf)
@@ -93,7 +99,7 @@ def _spent(results: Recorded, arm: ArmLimits) -> tuple[Floats, Floats]:
     for part in results.blocks(BLOCK):
         h = np.diff(part.time, prepend=before)[:, None]  # 0 at the first row, which ends no step
         before = part.time[-1]
-        asked, q, kappa_dot = (part[f"{arm.plant}.{name}"] for name in _READ)
+        asked, q, kappa_dot = (part[name] for name in _read(arm))
         cut = np.abs(asked) >= arm.tau_max
         slow = beyond = np.zeros_like(cut)
         if arm.robot is not None:

@@ -35,7 +35,7 @@ from which a tool is off its path, is 1 % of the arm's length."""
 
 
 def key_figures(
-    results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot, touches: bool = False
+    results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot, touch: str = ""
 ) -> dict[str, Any]:
     """Return the largest errors and torque of a run of an arm, and the lowest mode of its links.
 
@@ -45,8 +45,8 @@ def key_figures(
         Of the arms; the torque is then the joint's with the largest share of its limit.
     plant
         The robot that the plant is: the modes are its, and there is a tool error if its geometry is the one known.
-    touches
-        Whether the force at the tool is that of another component.
+    touch
+        Signal of the wrench at the tool, if it is the output of another component.
 
     Returns
     -------
@@ -75,8 +75,8 @@ def key_figures(
             found["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
         sizes = reached.most[: robot.n] + reached.most[robot.n : -1]
         found["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if known else math.inf)
-    if touches and has_signals(results, "plant.F_e"):
-        force = np.linalg.norm(results["plant.F_e"][:, :3], axis=1)
+    if touch and has_signals(results, touch):
+        force = np.linalg.norm(results[touch][:, :3], axis=1)
         if force.any():
             begin = float(results.time[np.flatnonzero(force)[0]])
             found["contact"] = {"value": float(force.max()), "unit": "N", "at_s": begin}

@@ -34,6 +34,7 @@ from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.run.accuracy import accuracy_notes
 from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
 from vdfmu.study.run.key_figures import key_figures
+from vdfmu.study.run.power_bond import PowerBond
 from vdfmu.study.run.scene import arm_of, scene_of
 from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
@@ -41,7 +42,6 @@ from vdfmu.study.run.summary import (
     compared,
     estimation_errors,
     has_signals,
-    power_bond,
     run_facts,
     start_notes,
     tracking_errors,
@@ -129,6 +129,7 @@ class ScenarioRun:
             self.package = write_ssp(scenario, built, folder / "system.ssp", self.system.values, mixed=True)
         self._facts = _facts(self.system, options, backend) | {"seal": seal(self.package)}
         self._poses, self._limits = poses_of(self.system), limits_of(self.system)
+        self._bond = PowerBond(scenario.robot) if scenario.robot else None
 
     def simulate(self) -> Results:
         """Co-simulate; return rows and the numbers that need no reference. A failed run keeps its summary."""
@@ -137,8 +138,9 @@ class ScenarioRun:
         try:
             results = simulated(
                 self.scenario, self.package, progress=partial(report, "co-simulation"), log=options["log"],
-                about=self._facts, observer=options["observer"], taps=[witness.probe, self._poses],
-                pace=options["pace"],
+                about=self._facts, observer=options["observer"],
+                taps=[witness.probe, self._poses, *([self._bond] if self._bond else [])],
+                pace=options["pace"], record=self._recorded(),
                 stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
@@ -153,7 +155,7 @@ class ScenarioRun:
         for note in (*start_notes(results, self.scenario), *accuracy_notes(results, self.system)):
             summary["notes"].append(note)
             self._say(note)
-        summary |= _numbers(results, self.system, self._limits)
+        summary |= _numbers(results, self.system, self._limits) | (self._bond.summary() if self._bond else {})
         if written:
             write_summary(summary, self.folder)
         return results
@@ -163,6 +165,14 @@ class ScenarioRun:
         if self._options["reference"]:
             results.summary |= _references(self.system, self.package, results)
         _judge(results, self.system, self._poses, self._limits)
+
+    def _recorded(self) -> list[str] | None:
+        """Return the names of what is recorded anyway and of what is wanted too; None without more of these."""
+        if not self._options["record"]:
+            return None
+        tables = self.system.tables.items()
+        names = [f"{unit}.{v.name}" for unit, table in tables for v in table if v.causality == "output"]
+        return [*names, *(name for table in self.scenario.inputs for name in table.names), *self._options["record"]]
 
     def _say(self, note: str) -> None:
         if (log := self._options["log"]) is not None:
@@ -196,7 +206,7 @@ def _numbers(results: Results, system: SystemDescription, limits: list[ArmLimits
     scenario, robot = system.scenario, system.scenario.robot
     found: dict[str, Any] = {"real_time_factor": scenario.stop / results.summary["wall_s"]}
     if robot is not None:
-        found |= tracking_errors(results, robot, limits) | power_bond(results, robot)
+        found |= tracking_errors(results, robot, limits, system.scenario.system.fed.get("controller.tau_m", ""))
     found |= time_at_limits(results, limits)
     if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
         found |= estimation_errors(results, ALGORITHMS[scenario.master].substeps)
@@ -210,8 +220,7 @@ def _judge(results: Results, system: SystemDescription, poses: Poses, limits: li
     figures: dict[str, Any] = summary.get("key_figures", {})
     if scenario.robot is not None:
         plant = robot_with(scenario.plant_robot, system.values.get("plant", {}))
-        touches = any("plant.F_e" in targets for targets in system.connections.values())
-        figures |= key_figures(results, scenario.robot, limits, plant, touches)
+        figures |= key_figures(results, scenario.robot, limits, plant, system.scenario.system.fed.get("plant.F_e", ""))
     summary["key_figures"] = figures | {name: one for loop in loops for name, one in loop.figures.items()}
     summary["verdict"] = verdict(summary, [loop.check for loop in loops])
 

@@ -38,13 +38,12 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
     """
     scenario, resolved = system.scenario, system.resolved
     robot = scenario.plant_robot if scenario.robot else None
-    feeds = {target: source for source, targets in system.connections.items() for target in targets}
     arms: list[dict[str, Any]] = []
     for name in resolved.plants:
         own = scenario.system.parts[name].robot_of(robot)
         if own is not None and resolved.units[name].needs_robot():
             facts = arm_of(own, system.values[name])
-            carrier = feeds.get(f"{name}.p_S", "").partition(".")[0]
+            carrier = system.scenario.system.fed.get(f"{name}.p_S", "").partition(".")[0]
             mounted = carrier if carrier in resolved.plants else ""
             constants = {
                 f"{name}.{v.name}": float(system.values[name].get(v.name, v.start) or 0.0)
@@ -53,7 +52,7 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
             }
             arms.append(
                 facts
-                | {"component": name, "mounted": mounted, "signals": _signals(system, feeds, name)}
+                | {"component": name, "mounted": mounted, "signals": _signals(system, name)}
                 | {"constants": {key: value for key, value in constants.items() if value}}
             )
     return {"arms": carriers_first(arms), "objects": [one for name in resolved.units for one in _object(system, name)]}
@@ -68,27 +67,27 @@ def carriers_first(arms: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return found + left
 
 
-def _signals(system: SystemDescription, feeds: Mapping[str, str], name: str) -> dict[str, list[str]]:
+def _signals(system: SystemDescription, name: str) -> dict[str, list[str]]:
     """Return the signals that the drawing of a plant shows; those of inputs are what feeds them."""
 
     def elements(component: str, group: str) -> list[str]:
         return [f"{component}.{v.name}" for v in system.tables[component] if v.group == group]
 
     def of(component: str, group: str) -> list[str]:
-        source, _, output = feeds.get(f"{component}.{group}", "").partition(".")
+        source, _, output = system.scenario.system.fed.get(f"{component}.{group}", "").partition(".")
         return (elements(source, output) if source else []) or elements(component, group)
 
     groups = {component: {v.group for v in table} for component, table in system.tables.items()}
-    leader, seen = feeds.get(f"{name}.tau", "").partition(".")[0], {name}
+    leader, seen = system.scenario.system.fed.get(f"{name}.tau", "").partition(".")[0], {name}
     while leader and "q_d" not in groups[leader] and leader not in seen:  # an actuator, a brake, a bus
         seen.add(leader)
-        leader = feeds.get(f"{leader}.tau", "").partition(".")[0]
+        leader = system.scenario.system.fed.get(f"{leader}.tau", "").partition(".")[0]
     found = {"plant.q": elements(name, "q"), "plant.kappa": elements(name, "kappa")}
     found |= {"F_S": elements(name, "F_S"), BASE: of(name, "p_S") + of(name, "R_S")}
-    found["F_e"] = [] if f"{name}.M_e" in feeds else of(name, "F_e")
+    found["F_e"] = [] if system.scenario.system.fed.get(f"{name}.M_e", "") else of(name, "F_e")
     if leader and "q_d" in groups[leader]:
         found |= {"trajectory.q_d": of(leader, "q_d"), "controller.tau": elements(leader, "tau")}
-        found["controller.tau_m"] = elements(leader, "tau_m")
+        found["feedforward.tau_m"] = of(leader, "tau_m")
     return {key: each for key, each in found.items() if each}
 
 

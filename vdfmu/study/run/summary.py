@@ -65,8 +65,9 @@ def start_notes(results: Results, scenario: Scenario) -> list[str]:
     notes: list[str] = []
     start = next(results.blocks(1), results)
     for plant, leader in leaders(scenario.resolved).items():
-        if has_signals(results, f"{leader}.q_d", f"{plant}.q"):
-            apart = np.abs(start[f"{leader}.q_d"][0] - start[f"{plant}.q"][0])
+        q = scenario.system.fed.get(f"{plant}.q", f"{plant}.q")
+        if has_signals(results, f"{leader}.q_d", q):
+            apart = np.abs(start[f"{leader}.q_d"][0] - start[q][0])
             i = int(apart.argmax())
             if apart[i] > _APART:
                 kind = (scenario.system.parts[plant].robot or scenario.arm).joint_types[i]
@@ -77,14 +78,16 @@ def start_notes(results: Results, scenario: Scenario) -> list[str]:
     return notes
 
 
-def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] = ()) -> dict[str, Any]:
+def tracking_errors(
+    results: Results, robot: Robot, limits: Iterable[ArmLimits] = (), tau_m: str = "feedforward.tau_m"
+) -> dict[str, Any]:
     """Position errors in deg (mm for prismatic joints) and torque compensation errors link-side in N m (N).
 
-    The compensation error is the control torque minus the feedforward torque to which the controller added, as in the
-    paper's Fig. 11(b): ``ell (tau - tau_m)``. With `limits` of the motors of ``plant``, tau is what they gave, which
-    may be less than the controller asked for. Empty for a system without these signals.
+    The compensation error is the control torque minus the feedforward torque, the signal `tau_m`, as in the paper's
+    Fig. 11(b): ``ell (tau - tau_m)``. With `limits` of the motors of ``plant``, tau is what they gave, which may be
+    less than the controller asked for. Empty for a system without these signals.
     """
-    if not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m"):
+    if not tau_m or not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", tau_m):
         return {}
     units = [JOINT_UNITS[kind] for kind in robot.joint_types]
     scale = np.array([unit.factor for unit in units])
@@ -94,7 +97,7 @@ def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] 
         error = scale * (part["trajectory.q_d"] - part["plant.q"])
         tau = part["controller.tau"]
         given = tau if motors is None else motors.given(tau, part["plant.kappa_dot"])
-        compensation = robot.ell * (given - part["controller.tau_m"])
+        compensation = robot.ell * (given - part[tau_m])
         squares += np.sum(np.square([error, compensation]), axis=1)
         largest = np.maximum(largest, np.max(np.abs(error), axis=0))
     rms_error, rms_compensation = np.sqrt(squares / len(results)).tolist()
@@ -110,7 +113,7 @@ def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] 
 
 def compared(results: Results, robot: Robot | None) -> tuple[str, ...] | None:
     """Return the groups of a reference that :func:`compare` reads; None for all outputs."""
-    needed = ("trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m", "feedforward.tau_m")
+    needed = ("trajectory.q_d", "plant.q", "controller.tau", "feedforward.tau_m")
     return _COMPARED if robot is not None and has_signals(results, *needed) else None
 
 
@@ -132,22 +135,20 @@ def compare(
     """
     if robot is None or compared(results, robot) is None:
         return _compare_all(results, reference), {}
-    name, at, position, torque, before, held = "", 0.0, -1.0, 0.0, None, None
+    name, at, position, torque, held = "", 0.0, -1.0, 0.0, None
     squares = np.zeros((4, robot.n))  # errors of position and torque, ours and theirs
     for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
         q_d, q = part["trajectory.q_d"], part["plant.q"]
-        tau, tau_m = part["controller.tau"], part["controller.tau_m"]
-        name, late = solution.name, solution["feedforward.tau_m"]
+        tau, tau_m = part["controller.tau"], part["feedforward.tau_m"]
+        name, tau_m_r = solution.name, solution["feedforward.tau_m"]
         q_r, tau_r = solution["plant.q"], solution["controller.tau"]
-        if name == "sampled-delayed":  # the controller added to the feedforward of one step ago
-            late, before = _earlier(late, before, substeps), late[-1:]
-        elif name == "continuous":
+        if name == "continuous":
             tau_r, held = _earlier(tau_r, held, substeps), tau_r[-1:]
         difference = np.abs(q - q_r).max(axis=1)
         if difference.max() > position:
             at, position = float(part.time[difference.argmax()]), float(difference.max())
         torque = max(torque, float(np.abs(robot.ell * (tau - tau_r)).max()))
-        errors = [q_d - q, q_d - q_r, tau - tau_m, tau_r - late]
+        errors = [q_d - q, q_d - q_r, tau - tau_m, tau_r - tau_m_r]
         squares += np.sum(np.square(errors), axis=1)
     found = {"name": name, "max_position_difference_rad": position, "max_torque_difference_nm": torque, "at_s": at}
     rms = np.sqrt(squares / len(results))
@@ -190,37 +191,6 @@ def _earlier(rows: Floats, before: Floats | None, substeps: int) -> Floats:
     """Return the values a substep earlier, on lines through the rows; `before` is the row before the first."""
     lag = 1.0 / substeps if substeps else 0.0
     return (1.0 - lag) * rows + lag * np.vstack([rows[:1] if before is None else before, rows[:-1]])
-
-
-def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
-    """Energy residual of the coupling at tau and kappa_dot, link-side [J]; printed is the sum of its absolute values.
-
-    Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
-    torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
-    exact coupling the two are the same. Each step begins with inputs that are the outputs they read, so the difference
-    grows from zero over it, and half the final difference times the step is the energy that the coupling adds to the
-    plant or takes from it (trapezoidal rule). Under error control, which steps between the rows, an estimate.
-
-    Returns
-    -------
-    dict
-        ``power_bond``: for each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum
-        of the absolute values; ``exchanged_energy_j``, the same for the energy that the plant took up. Empty where the
-        inputs were not recorded.
-    """
-    needed = ("controller.kappa_dot[1]", "plant.tau[1]")
-    if any(name not in results for name in needed):
-        return {}
-    energies, before = np.zeros((3, robot.n)), results.time[0]
-    for part in results.blocks(BLOCK):
-        h = np.diff(part.time, prepend=before)[:, None]  # 0 at the first row, which ends no step
-        before = part.time[-1]
-        taken = robot.ell * part["plant.tau"] * part["plant.kappa_dot"]
-        given = robot.ell * part["controller.tau"] * part["controller.kappa_dot"]
-        residual = 0.5 * h * (taken - given)
-        energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
-    names = ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j")
-    return {"power_bond": dict(zip(names, energies.tolist(), strict=True))}
 
 
 def energies(bond: Mapping[str, Any]) -> tuple[float, float]:

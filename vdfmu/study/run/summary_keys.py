@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import elided
 from vdfmu.base.version import format_problem
-from vdfmu.engine.results.formats import FORMATS, result_files
+from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.verdict import STATES
 
 Summary = Mapping[str, Any]
@@ -144,8 +144,7 @@ KEYS: Mapping[str, Key] = {
     "real_time_factor": Key(NUMBER, "Time of the run over wall time."),
     "pace": Key(_PACE, "Speed to which the run was held back, and how late its rows were [s], by machine."),
     "communication": Key(_STEPS, "Steps of an algorithm that repeats or adapts them, and their lengths [s]."),
-    "copies": Key(Keyed(Keyed(TEXT)), "Rows of delay to the signals left out of the results, each with its original."),
-    **{f"{suffix[1:]}_bytes": Key(WHOLE, f"Size of results{suffix}.") for suffix in FORMATS},
+    "held": Key(_LINES, "Inputs that take in each step what their source had at its beginning."),
     "files": Key(_LINES, "Files of the run, which a later one replaces."),
     "witness": Key(_WITNESS, "Comparison of the run with the units' methods in numpy."),
     "position_units": Key(List(("deg", "mm"), True), "Units of measurement of the position errors."),

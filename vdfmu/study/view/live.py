@@ -23,7 +23,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped
 from vdfmu.study.view.server import PERIOD
 
-SIGNALS = ("plant.q", "trajectory.q_d", "controller.tau", "controller.tau_m", "plant.kappa")
+SIGNALS = ("plant.q", "trajectory.q_d", "controller.tau", "feedforward.tau_m", "plant.kappa")
 """Arrays that are drawn; the first is needed."""
 HEAD = 2
 """Words before the values of a row: how often it was begun or completed, and its time."""

@@ -172,7 +172,7 @@ def _page(
         "recipes": {"q": [[1.0, []]] * robot.n},
     }
     content = {
-        "runs": [{"name": robot.name, "arm": drawing, "frames": frames, "figures": [], "signals": [], "copies": {}}],
+        "runs": [{"name": robot.name, "arm": drawing, "frames": frames, "figures": [], "signals": []}],
         "robot": {
             "sliders": sliders,
             "motors": MOTORS,

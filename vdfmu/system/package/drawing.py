@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from vdfmu.base.errors import SspError
-from vdfmu.base.files import read_member
+from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import NAMESPACES, parse_xml
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.system.package.description import SystemDescription, icon_source
@@ -45,7 +45,7 @@ _POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 def system_diagram(package: Path, held: Container[str] = ()) -> str:
     """Return the picture of the system in a package, of any tool; empty where it has no components or cannot be read.
 
-    `held` has the connectors, ``component.name``, which get what their source had a step before.
+    `held` has the inputs, ``component.name``, that take in each step what their source had at its beginning.
     """
     if not package.is_file():
         return ""
@@ -58,9 +58,10 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
         for c in system.components
     }
     words = {c.name: PurePosixPath(c.source).stem for c in system.components}
-    data = read_member(package, "SystemStructure.ssd")
-    places = {} if data is None else _places(parse_xml(data, str(package)))
-    icons = {source: read_member(package, source) for *_, source in places.values() if source.endswith(".svg")}
+    with Archive(package, package.name) as archive:
+        places = _places(parse_xml(archive.read("SystemStructure.ssd"), str(package)))
+        sources = (source for *_, source in places.values() if source.endswith(".svg") and source in archive)
+        icons = {source: archive.read(source) for source in sources}
     links = [(c.start, c.end) for c in system.connections]
     return _draw(kinds, words, links, _sizes(system), places, icons, held)
 
@@ -119,7 +120,7 @@ def _draw(
         source, sink = ((part, name.partition("[")[0]) for part, name in (start, end))
         ends.setdefault(source, {})[sink] = None
         elements.setdefault(source, set()).add(start[1])
-        if ".".join(end) in held:
+        if ".".join(sink) in held:
             late.add((source, sink))
     cards: dict[str, Card] = {}
     ordered = all(name in places for name in kinds)

@@ -72,9 +72,9 @@ class SystemFile:
     """Connections, ``output -> input``, that units instead of those of the file have in addition."""
 
     @cached_property
-    def fed(self) -> frozenset[str]:
-        """Ends of the connections: groups of inputs, or single ones, that something feeds."""
-        return frozenset(end for targets in self.connections.values() for end in targets)
+    def fed(self) -> Mapping[str, str]:
+        """Ends of the connections, groups of inputs or single ones, to the output that feeds them."""
+        return {end: start for start, targets in self.connections.items() for end in targets}
 
 
 def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None) -> SystemFile:

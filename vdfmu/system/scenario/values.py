@@ -168,7 +168,7 @@ def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
 def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
     """Whether a variable is an input that nothing feeds."""
     names = {f"{component}.{variable.group}", f"{component}.{variable.name}"}
-    return variable.causality == "input" and system.fed.isdisjoint(names)
+    return variable.causality == "input" and system.fed.keys().isdisjoint(names)
 
 
 def _sections(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -28,7 +28,6 @@ export const simulated = {
   get component() { return this.of.component; },
   get more() { return this.of.more; },
   get objects() { return this.of.objects; },
-  copies: {},
 };
 if (simulated.of) runs.push(simulated);
 
@@ -108,12 +107,12 @@ export function framesOf(run) {
   return { time: thinned(time), ...found };
 }
 
-/** A recipe is a scale, and the terms whose sum it scales: a factor, a signal, or 1 for no name, and by how many rows that comes later. */
+/** A recipe is a scale, and the terms whose sum it scales: a factor, and a signal, or 1 for no name. */
 function summed([scale, terms], signals, rows) {
   const sum = new Float64Array(rows);
-  for (const [factor, name, late] of terms) {
+  for (const [factor, name] of terms) {
     const values = signals.get(name) ?? [];
-    for (let k = 0; k < rows; k += 1) sum[k] += factor * (name ? values[Math.max(k - late, 0)] ?? NaN : 1);
+    for (let k = 0; k < rows; k += 1) sum[k] += factor * (name ? values[k] ?? NaN : 1);
   }
   return sum.map((value) => scale * value);
 }

@@ -1,0 +1,59 @@
+"""The energy that the coupling adds, of rows that a run shows."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.engine.plan.grid import Grid
+from vdfmu.study.run import power_bond
+from vdfmu.study.run.power_bond import PowerBond
+
+NAMES = [f"{name}[{i}]" for name in ("plant.kappa_dot", "controller.tau", "x.y", "plant.tau", "controller.kappa_dot")
+         for i in (2, 1)]  # fmt: skip
+
+
+def shown(tap, times, rows, names=NAMES):
+    """Show rows of an exchange to a tap, whose summary is returned."""
+    memory = np.zeros(len(NAMES))
+
+    def reals(wanted):
+        known = [name for name in names if name in wanted]
+        return known, memory, [NAMES.index(name) for name in known]
+
+    components = SimpleNamespace(exchange=SimpleNamespace(reals=reals))
+    due = tap.rows(Grid(times[0], times[-1], times[1] - times[0], len(times) - 1))
+    for k, time in enumerate(times):
+        memory[:] = rows[k]
+        assert k in due
+        tap.take(k, time, components)
+    return tap.summary()
+
+
+@pytest.mark.parametrize("count", [7, 14, 50])
+def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(monkeypatch, count):
+    robot = vdfmu.load_robot("planar_2dof")
+    monkeypatch.setattr(power_bond, "BLOCK", 7)
+    dice = np.random.default_rng(2)
+    times, rows = 1.0 + 0.01 * np.arange(count), dice.standard_normal((count, len(NAMES)))
+    signals = {name: rows[:, [NAMES.index(f"{name}[{i}]") for i in (1, 2)]] for name in power_bond._READ}
+    taken = robot.ell * signals["plant.tau"] * signals["plant.kappa_dot"]
+    given = robot.ell * signals["controller.tau"] * signals["controller.kappa_dot"]
+    residual = 0.5 * np.diff(times, prepend=times[0])[:, None] * (taken - given)
+    tap = PowerBond(robot)
+    for _ in range(2):  # a tap begins each run anew
+        found = shown(tap, times, rows)["power_bond"]
+        # sums of 50 numbers in another order: 50 roundings of 1.1e-16 of sums of absolute values, which are up to 50
+        # times the sum
+        np.testing.assert_allclose(found["residual_energy_j"], residual.sum(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(found["residual_energy_abs_j"], np.abs(residual).sum(axis=0), rtol=1e-12)
+        exchanged = np.abs(0.01 * taken[1:]).sum(axis=0)
+        np.testing.assert_allclose(found["exchanged_energy_j"], exchanged, rtol=1e-12)
+
+
+def test_a_run_without_one_of_the_signals_has_no_entry():
+    tap = PowerBond(vdfmu.load_robot("planar_2dof"))
+    assert shown(tap, [0.0, 1.0], np.zeros((2, len(NAMES))), NAMES[1:]) == {}
