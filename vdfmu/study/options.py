@@ -90,7 +90,7 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare.",
         more="That takes longer than the run.", default=True, flag="--reference/--no-reference")]
-    record: Annotated[Sequence[str], Option("Connected inputs to record too: 'controller.q[*]'. Repeatable.",
+    record: Annotated[Sequence[str], Option("Inputs to record: 'controller.q[*]'. Repeatable.",
         "sequence of str", "Outputs and inputs from outside are always recorded.", (), metavar="SIGNAL", typed=TEXTS)]
     fmi_version: Annotated[str, Option("Version of FMI; 3.0 needs native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
