@@ -4,7 +4,8 @@ import zipfile
 
 import pytest
 
-from tests.system.package.problems import binding, component, elements, problems, ssd, write
+from tests.engine.texts import binding, component, elements, ssd
+from tests.system.package.problems import problems, write
 from vdfmu.engine.package import limits, load_ssp
 from vdfmu.engine.package.read import read_system
 
@@ -29,20 +30,6 @@ def test_a_large_sum_of_members_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "TOTAL_LIMIT", 1500)
     path = write(tmp_path / "x.ssp", ssd(), {"one": bytes(1000), "two": bytes(1000)})
     assert "the limit is 1500" in problems(path)[0]
-
-
-ENTITIES = [
-    '<!DOCTYPE d [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>',
-    '<!DOCTYPE d [<!ENTITY a SYSTEM "file:///etc/passwd">]>',
-    '<!DOCTYPE d SYSTEM "http://localhost:1/x.dtd">',
-    "<!DOCTYPE d>",
-]
-
-
-@pytest.mark.parametrize("doctype", ENTITIES)
-def test_document_types_and_entities_are_refused(tmp_path, doctype):
-    path = write(tmp_path / "x.ssp", doctype + ssd())
-    assert "document type declaration" in problems(path)[0]
 
 
 def test_a_file_that_is_no_package(tmp_path):
@@ -124,12 +111,6 @@ def test_a_faulty_package_is_read_as_far_as_it_goes(tmp_path):
     write(tmp_path / "y.ssp", ssd("<ssd:System>"))
     assert read_system(tmp_path / "y.ssp")[0] is None
     assert "not well-formed" in read_system(tmp_path / "y.ssp")[1][0]
-
-
-def test_an_ssv_with_an_entity_is_refused(tmp_path):
-    ssv = b'<!DOCTYPE x [<!ENTITY e "1">]><x/>'
-    path = write(tmp_path / "x.ssp", ssd(elements(component(inner=binding("p.ssv")))), {"a.fmu": b"", "p.ssv": ssv})
-    assert problems(path) == ["x.ssp: p.ssv: has a document type declaration, which is refused (entities); remove it"]
 
 
 def test_an_inline_parameter_set_is_validated(tmp_path):

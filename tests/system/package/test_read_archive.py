@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.package.problems import SPACES, binding, component, elements, problems, ssd, write
+from tests.engine.texts import SPACES, binding, component, elements, ssd
+from tests.system.package.problems import problems, write
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import limits, load_ssp
 from vdfmu.engine.package.archive import Archive

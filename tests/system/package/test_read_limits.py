@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import vdfmu
+from tests.engine import texts
 from tests.engine.files import check_file
 from tests.hostile.packages import pack
-from tests.system.package import problems as texts
 from tests.system.package.problems import problems
 from tests.warm import command
 from vdfmu.engine.package import limits, load_ssp

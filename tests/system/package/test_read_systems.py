@@ -7,9 +7,10 @@ from pathlib import Path
 import fmpy
 import pytest
 
+from tests.engine import texts
+from tests.engine.texts import SPACES, connections, elements, ssd, values
 from tests.hostile.packages import pack as zipped
-from tests.system.package import problems as texts
-from tests.system.package.problems import SPACES, elements, problems, ssd
+from tests.system.package.problems import problems
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -21,30 +22,6 @@ IO = '<ssd:Connectors><ssd:Connector name="u" kind="input"/><ssd:Connector name=
 
 def component(name: str, source: str = "f.fmu", inner: str = IO, attributes: str = "") -> str:
     return texts.component(name, source, inner, attributes)
-
-
-def connections(*links: str) -> str:
-    """From texts such as "a.y b.u"; an end without a dot is a connector of the system."""
-    out = []
-    for link in links:
-        text = ""
-        for label, end in zip(("start", "end"), link.split(), strict=True):
-            owner, _, name = end.rpartition(".")
-            text += (f'{label}Element="{owner}" ' if owner else "") + f'{label}Connector="{name}" '
-        out.append(f"<ssd:Connection {text}/>")
-    return f"<ssd:Connections>{''.join(out)}</ssd:Connections>"
-
-
-def values(*pairs: str, attributes: str = "", mapping: str = "") -> str:
-    inner = "".join(
-        f'<ssv:Parameter name="{name}"><ssv:Real value="{value}"/></ssv:Parameter>'
-        for name, _, value in (pair.partition("=") for pair in pairs)
-    )
-    return (
-        f"<ssd:ParameterBindings><ssd:ParameterBinding {attributes}><ssd:ParameterValues>"
-        f'<ssv:ParameterSet version="1.0" name="p"><ssv:Parameters>{inner}</ssv:Parameters></ssv:ParameterSet>'
-        f"</ssd:ParameterValues>{mapping}</ssd:ParameterBinding></ssd:ParameterBindings>"
-    )
 
 
 @pytest.fixture
@@ -84,7 +61,7 @@ def test_a_package_inside_the_package_is_a_system(pack):
     unit = '<ssd:Units><ssc:Unit name="angle"><ssc:BaseUnit rad="1" factor="{}"/></ssc:Unit></ssd:Units>'
     inner = zipped(
         {
-            "SystemStructure.ssd": ssd(GAIN + "", unit.format("0.01"), "").replace(
+            "SystemStructure.ssd": ssd(GAIN, unit.format("0.01")).replace(
                 "<ssd:Elements>", values("g.k=1", "g.m=2") + "<ssd:Elements>", 1
             ),
             "f.fmu": b"inner",
@@ -334,7 +311,7 @@ def enumeration_fmu(items: str) -> bytes:
 
 def mapped(pack, entries: str, parameter: str = ""):
     table = f"<ssc:EnumerationMappingTransformation>{entries}</ssc:EnumerationMappingTransformation>"
-    link = connections("a.y b.u").replace("/></ssd:Connections>", f">{table}</ssd:Connection></ssd:Connections>")
+    link = connections("a.y b.u", inner=table)
     top = elements(component("a", "a.fmu"), component("b", "b.fmu", IO + parameter)) + link
     return pack(
         {
