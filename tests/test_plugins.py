@@ -1,7 +1,5 @@
 """A package adds a unit, a robot, a reader of logs, a format and a master algorithm: that of ``docs/plugins.md``."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

@@ -1,10 +1,8 @@
 """Small FMUs, made with pythonfmu, and packages of them."""
 
-from __future__ import annotations
-
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache, partial
 from pathlib import Path
 from textwrap import indent
@@ -124,7 +122,7 @@ def make_fmu(
 
 
 @pytest.fixture(scope="session")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def fmus(tmp_path_factory):
     """All test FMUs by name."""
     folder = tmp_path_factory.mktemp("fmus")
     built: dict[str, Path] = {}
@@ -258,7 +256,7 @@ IN_PROCESS = {
 
 
 @pytest.fixture(autouse=True)
-def in_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def in_process(request, monkeypatch):
     """Run components in this process where nothing is said of isolation, for the tests of `IN_PROCESS`."""
     if request.module.__name__.rpartition(".")[2] in IN_PROCESS:
         plain = session.unpack_units
@@ -266,7 +264,7 @@ def in_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.fixture
-def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
+def pack(tmp_path, fmus):
     """Return a function that packs an SSP; an element is XML, or the text "name FMU connectors" for `component`."""
 
     def write(
@@ -302,7 +300,7 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session")
-def arm_package(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def arm_package(tmp_path_factory):
     """Return a function that packs the planar arm, once for each backend."""
     folder = tmp_path_factory.mktemp("arm")
 
@@ -326,7 +324,7 @@ class Xml:
 
 
 @pytest.fixture(scope="session")
-def xml() -> type[Xml]:
+def xml():
     return Xml
 
 

@@ -1,7 +1,5 @@
 """How a run ends: at its stop time, at the end that a unit makes, at what is not a number, at a failure."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -31,7 +29,7 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 @pytest.fixture(scope="module")
-def strict(tmp_path_factory) -> Path:
+def strict(tmp_path_factory):
     """Return the FMU of strict.c, of which y is the time."""
     folder = tmp_path_factory.mktemp("strict")
     more = "".join(

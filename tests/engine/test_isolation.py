@@ -1,7 +1,5 @@
 """Components that end, crash or never return: in a process of their own the run says who, and keeps its rows."""
 
-from __future__ import annotations
-
 import gc
 import os
 import re
@@ -30,7 +28,7 @@ WAYS = (
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory) -> Path:
+def library(tmp_path_factory):
     """Return the library of wild.c."""
     return build(tmp_path_factory.mktemp("wild"))
 

@@ -1,7 +1,5 @@
 """Every rule is broken by a file, and found by its number; so JSON and the page of the rules name them all."""
 
-from __future__ import annotations
-
 import io
 import json
 import stat

@@ -3,8 +3,6 @@
 The repository states no licence, so none of its files is here: only the structure and the numbers of its fixtures.
 """
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Control laws: what they compute against Pinocchio, and their loops against closed forms of one joint."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

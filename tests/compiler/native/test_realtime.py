@@ -1,7 +1,5 @@
 """A fixed number of internal steps: the same work in each communication step, without allocation or system call."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from collections.abc import Callable

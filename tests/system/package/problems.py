@@ -1,7 +1,5 @@
 """Texts and packages of systems to read, and what the reading of a package refuses."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 

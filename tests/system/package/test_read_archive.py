@@ -1,7 +1,5 @@
 """Packages that mean harm: entries, XML and sources that are refused, with what, where and the way out."""
 
-from __future__ import annotations
-
 import io
 import stat
 import struct

@@ -1,7 +1,5 @@
 """Systems that refer to systems: how many elements and how deep, in every way of reference."""
 
-from __future__ import annotations
-
 import os
 import tracemalloc
 import zipfile

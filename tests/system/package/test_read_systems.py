@@ -1,7 +1,5 @@
 """Systems in every form that SSP 1.0 has for them: nested, referenced, packed inside, in several files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import fmpy
