@@ -132,12 +132,6 @@ def test_packages_inside_have_a_limit_in_number(tmp_path, monkeypatch):
     assert "x.ssp: has more than 3 packages inside it; that is the limit" in problems(nested(tmp_path / "x.ssp", 4))
 
 
-def test_a_long_directory_is_refused_before_it_is_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "DIRECTORY_LIMIT", 100)
-    (found,) = problems(chain(tmp_path / "x.ssp", "definition", levels=8, fan=1))
-    assert "bytes; the limit is 100. Pack fewer files" in found
-
-
 @pytest.mark.heavy
 def test_nothing_stays_in_memory_of_a_package_inside(tmp_path):
     """30 MB inside 30 MB: neither is held, only pieces of 256 KiB with the buffers of the zip file, some MiB."""
