@@ -26,7 +26,7 @@ def test_entries_outside_the_package_are_refused(tmp_path, name):
         ("MEMBER_LIMIT", 1000, [1000, 1001], "entry '1' has 1001 bytes; the limit is 1000"),
         ("TOTAL_LIMIT", 1500, [1000, 1000], "the limit is 1500"),
         ("COUNT_LIMIT", 10, [0] * 10, "has 11 entries; the limit is 10"),
-        ("DIRECTORY_LIMIT", 100, [0, 0, 0], "bytes; the limit is 100. Pack fewer files"),
+        ("DIRECTORY_LIMIT", 205, [0, 0, 0], "has a directory of 206 bytes; the limit is 205. Pack fewer files"),
     ],
 )
 def test_what_is_large_is_refused(tmp_path, monkeypatch, limit, value, sizes, expected):
