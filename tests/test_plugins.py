@@ -93,7 +93,7 @@ def test_a_log_is_identified(acme, tmp_path):
     assert own.stdout == csv.stdout  # the same numbers, to the bit, in another file
 
 
-def test_names_are_found_in_python(acme, added, tmp_path):
+def test_names_are_found_in_python(acme, added):
     added(acme)
     assert find_unit("plain_pd").__name__ == "PlainPD"
     assert "plain_pd" in known_units()
