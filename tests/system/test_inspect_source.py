@@ -94,14 +94,12 @@ def test_no_run_runs_no_code_of_a_file_nor_of_one_that_it_names(tmp_path, monkey
     if option == "--json":
         report = json.loads(text)
         assert (report["ran"], [f["rule"] for f in report["findings"]]) == (False, ["RUN006"])
-    elif option:
-        assert json.loads(text)["runs"][0]["results"][0]["ruleId"] == "RUN006"
     text = said()
     assert int(Path("ran").read_text()) != os.getpid()  # in a process of its own
     if option == "--json":
         report = json.loads(text)
         assert (report["ran"], report["findings"]) == (True, [])
-    elif option is None:
+    else:
         assert "no problems" in text
 
 
