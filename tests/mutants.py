@@ -5,8 +5,6 @@ all others, until one fails. Faults are chosen at random over equations, compile
 so a few change no result; those are marked ``same`` there. WORD chooses faults by their file.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The core works without the rooms above it, and a run without the features beside it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

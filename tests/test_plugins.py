@@ -1,7 +1,5 @@
 """A package adds a unit, a robot, a reader of logs, a format and a master algorithm: that of ``docs/plugins.md``."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os
@@ -95,7 +93,7 @@ def test_a_log_is_identified(acme, tmp_path):
     assert own.stdout == csv.stdout  # the same numbers, to the bit, in another file
 
 
-def test_names_are_found_in_python(acme, added, tmp_path):
+def test_names_are_found_in_python(acme, added):
     added(acme)
     assert find_unit("plain_pd").__name__ == "PlainPD"
     assert "plain_pd" in known_units()

@@ -4,8 +4,6 @@ Each gets its own arguments, folder, environment, streams and session, as a comm
 how Python itself starts (PYTHON* in the environment, the time to start) needs a real one.
 """
 
-from __future__ import annotations
-
 import atexit
 import importlib
 import json

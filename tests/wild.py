@@ -1,7 +1,5 @@
 """A unit that misbehaves when it is told to: the FMU of ``tests/engine/wild.c``."""
 
-from __future__ import annotations
-
 import subprocess
 import zipfile
 from pathlib import Path

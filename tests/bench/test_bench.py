@@ -1,7 +1,5 @@
 """The benchmarks' own pieces at tiny sizes: no assertion on any time."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """The script for what others measured, on files of the same form that are made here."""
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path

@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from collections.abc import Iterator
-
 import pytest
 
 from vdfmu.base import interrupt
@@ -9,7 +5,7 @@ from vdfmu.base.interrupt import listening
 
 
 @pytest.fixture
-def main_in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def main_in_this_process(monkeypatch):
     """Let ``main``, which is for a process that ends with it, leave signals as they are in one that goes on."""
     for name in ("_last", "_command", "_ended"):
         monkeypatch.setattr(interrupt, name, getattr(interrupt, name))

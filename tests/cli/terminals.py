@@ -1,7 +1,5 @@
 """Commands on a pseudo-terminal."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import signal

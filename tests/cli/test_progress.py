@@ -1,7 +1,5 @@
 """How far tracing and compiling are: reported to who builds, and shown on a terminal only."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

@@ -1,7 +1,5 @@
 """Temporary folders and signals: whenever one comes, nothing is left."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Points of the shipped units at which nothing is hidden, and which together show all that a unit can do."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

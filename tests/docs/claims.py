@@ -3,8 +3,6 @@
 `docs/claims.toml` has each figure, the text around it, and its command. The pages get their figures from there.
 """
 
-from __future__ import annotations
-
 import argparse
 import functools
 import math

@@ -1,18 +1,18 @@
 """Small FMUs, made with pythonfmu, and packages of them."""
 
-from __future__ import annotations
-
 import json
 import zipfile
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import Mapping
+from functools import cache, partial
 from pathlib import Path
 from textwrap import indent
 
 import pytest
 from pythonfmu.builder import FmuBuilder
 
+from tests.engine import texts
 from tests.engine.reference import models
+from tests.engine.texts import connection, connector_list
 from vdfmu.engine.run import session
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
@@ -122,7 +122,7 @@ def make_fmu(
 
 
 @pytest.fixture(scope="session")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def fmus(tmp_path_factory):
     """All test FMUs by name."""
     folder = tmp_path_factory.mktemp("fmus")
     built: dict[str, Path] = {}
@@ -242,60 +242,9 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return built
 
 
-SSD = """<?xml version="1.0" encoding="UTF-8"?>
-<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-  xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
-  xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues"
-  xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" version="1.0" name="test">
-  <ssd:System name="root">{connectors}{bindings}
-  <ssd:Elements>{elements}</ssd:Elements>{connections}</ssd:System>
-  {units}{experiment}
-</ssd:SystemStructureDescription>"""
-
-
 def component(name: str, fmu: str, connectors: str = "", bindings: str = "", attributes: str = "") -> str:
     """Return the XML of a component; `connectors` as in "u:input y:output:Real:rad"."""
-    return (
-        f'<ssd:Component name="{name}" source="resources/{fmu}.fmu" {attributes}>'
-        f"{connector_list(connectors)}{bindings}</ssd:Component>"
-    )
-
-
-def connector_list(connectors: str) -> str:
-    items = []
-    for text in connectors.split():
-        name, kind, *rest = text.split(":")
-        unit = f' unit="{rest[1]}"' if len(rest) > 1 else ""
-        inner = f"<ssc:{rest[0]}{unit}/>" if rest else ""
-        items.append(f'<ssd:Connector name="{name}" kind="{kind}">{inner}</ssd:Connector>')
-    return f"<ssd:Connectors>{''.join(items)}</ssd:Connectors>" if items else ""
-
-
-def connection(text: str, inner: str = "", attributes: str = "") -> str:
-    """Return the XML of "a.y -> b.u"; an end without a dot is a connector of the system."""
-    ends = []
-    for label, end in zip(("start", "end"), text.split(" -> "), strict=True):
-        element, _, name = end.rpartition(".")
-        ends.append((f'{label}Element="{element}" ' if element else "") + f'{label}Connector="{name}"')
-    return f"<ssd:Connection {' '.join(ends)} {attributes}>{inner}</ssd:Connection>"
-
-
-def values(inner: str, mapping: str = "", attributes: str = "") -> str:
-    """Return a binding with inline values."""
-    return (
-        f"<ssd:ParameterBindings><ssd:ParameterBinding {attributes}><ssd:ParameterValues>"
-        f'<ssv:ParameterSet version="1.0" name="set"><ssv:Parameters>{inner}</ssv:Parameters>'
-        f"</ssv:ParameterSet></ssd:ParameterValues>{mapping}</ssd:ParameterBinding></ssd:ParameterBindings>"
-    )
-
-
-def integer(name: str, value: int) -> str:
-    return f'<ssv:Parameter name="{name}"><ssv:Integer value="{value}"/></ssv:Parameter>'
-
-
-def real(name: str, value: float, unit: str = "") -> str:
-    unit = f' unit="{unit}"' if unit else ""
-    return f'<ssv:Parameter name="{name}"><ssv:Real value="{value}"{unit}/></ssv:Parameter>'
+    return texts.component(name, f"resources/{fmu}.fmu", connector_list(connectors) + bindings, attributes)
 
 
 IN_PROCESS = {
@@ -307,7 +256,7 @@ IN_PROCESS = {
 
 
 @pytest.fixture(autouse=True)
-def in_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def in_process(request, monkeypatch):
     """Run components in this process where nothing is said of isolation, for the tests of `IN_PROCESS`."""
     if request.module.__name__.rpartition(".")[2] in IN_PROCESS:
         plain = session.unpack_units
@@ -315,7 +264,7 @@ def in_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.fixture
-def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
+def pack(tmp_path, fmus):
     """Return a function that packs an SSP; an element is XML, or the text "name FMU connectors" for `component`."""
 
     def write(
@@ -330,15 +279,13 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
         experiment: str = '<ssd:DefaultExperiment startTime="0" stopTime="1"/>',
         name: str = "test.ssp",
     ) -> Path:
-        items = [c if c.startswith("<") else connection(c) for c in connections]
-        text = SSD.format(
-            connectors=connector_list(connectors),
-            bindings=bindings,
-            elements="".join(e if e.startswith("<") else component(*e.split(maxsplit=2)) for e in elements),
-            connections=(f"<ssd:Connections>{''.join(items)}</ssd:Connections>" if items else "") + dictionaries,
-            units=f"<ssd:Units>{units}</ssd:Units>" if units else "",
-            experiment=experiment,
-        )
+        items = "".join(c if c.startswith("<") else connection(c) for c in connections)
+        parts = "".join(e if e.startswith("<") else component(*e.split(maxsplit=2)) for e in elements)
+        text = texts.ssd(
+            f"{connector_list(connectors)}{bindings}<ssd:Elements>{parts}</ssd:Elements>"
+            + (f"<ssd:Connections>{items}</ssd:Connections>" if items else "") + dictionaries,
+            (f"<ssd:Units>{units}</ssd:Units>" if units else "") + experiment, name="test",
+        )  # fmt: skip
         path = tmp_path / name
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("SystemStructure.ssd", text)
@@ -353,7 +300,7 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session")
-def arm_package(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def arm_package(tmp_path_factory):
     """Return a function that packs the planar arm, once for each backend."""
     folder = tmp_path_factory.mktemp("arm")
 
@@ -366,18 +313,18 @@ def arm_package(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]
 
 
 class Xml:
-    """The helpers above as one fixture, since test modules cannot import a conftest."""
+    """The texts of systems as one fixture, with the components of `pack`."""
 
     component = staticmethod(component)
     connection = staticmethod(connection)
-    values = staticmethod(values)
-    real = staticmethod(real)
-    integer = staticmethod(integer)
+    values = staticmethod(partial(texts.values, name="set"))
+    real = staticmethod(lambda name, value, unit="": texts.parameter(name, value, unit=unit))
+    integer = staticmethod(partial(texts.parameter, kind="Integer"))
     connector_list = staticmethod(connector_list)
 
 
 @pytest.fixture(scope="session")
-def xml() -> type[Xml]:
+def xml():
     return Xml
 
 

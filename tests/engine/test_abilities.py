@@ -1,10 +1,7 @@
 """Calls that an FMU declares and that do not work, one broken at a time: the FMU of ``claims.c``."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -38,7 +35,7 @@ BROKEN = (
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory) -> Path:
+def library(tmp_path_factory):
     return build(tmp_path_factory.mktemp("claims"), "claims")
 
 

@@ -1,7 +1,5 @@
 """The engine stands alone: it imports nothing of the arm, and a foreign package is run and checked without it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What components can tell beyond their outputs, in the coupling of two masses with a solution in closed form."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -50,18 +50,12 @@ def run(path, mode, **options):
     return simulate(path, stop=1.0, step=0.1, parameters=parameters, **options)
 
 
-def test_an_exception_names_unit_call_time_and_the_units_own_words(fragile):
+def test_an_exception_names_unit_call_time_and_the_units_own_words_and_keeps_the_rows(fragile):
     with pytest.raises(CosimError, match=r"arm failed at t = 0\.5 s in doStep: .*q\[3\] is not finite: 100 %s") as info:
         run(fragile, 0)
-    error = info.value
+    error, results = info.value, info.value.results
     assert (error.unit, error.call, error.time) == ("arm", "doStep", 0.5)
     assert "status fatal" in error.reason
-
-
-def test_the_rows_before_the_failure_are_kept(fragile):
-    with pytest.raises(CosimError) as info:
-        run(fragile, 0)
-    results = info.value.results
     np.testing.assert_array_equal(results.time, 0.1 * np.arange(6.0))
     np.testing.assert_array_equal(results["arm.y"][1:], 0.1 * np.arange(5.0) + 0.1)
     assert results.messages[-1].status == "fatal"

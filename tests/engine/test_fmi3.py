@@ -1,7 +1,5 @@
 """Components of FMI 3.0, and of 2.0 beside them: types, arrays, sizes, events, clocks."""
 
-from __future__ import annotations
-
 from ctypes import c_double
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The folder of results: runs that go into one at once do not mix."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -86,9 +86,7 @@ def packages(pack, xml, fmus, tmp_path):
         "OMSimulator: import_export_parameters": lambda: pack(
             chain, linked, bindings=xml.values(
                 xml.real("gain", 3.0),
-                '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">'
-                '<ssm:MappingEntry source="gain" target="g.k"/>'
-                "</ssm:ParameterMapping></ssd:ParameterMapping>",
+                mapping='<ssm:MappingEntry source="gain" target="g.k"/>',
             ),
         ),
         "OMSimulator: importStartValues": lambda: whole(

@@ -1,7 +1,5 @@
 """Components that end, crash or never return: in a process of their own the run says who, and keeps its rows."""
 
-from __future__ import annotations
-
 import gc
 import os
 import re
@@ -30,7 +28,7 @@ WAYS = (
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory) -> Path:
+def library(tmp_path_factory):
     """Return the library of wild.c."""
     return build(tmp_path_factory.mktemp("wild"))
 
@@ -76,13 +74,7 @@ def fails(package: Path, way: str, **options) -> CosimError:
     [
         ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
         ("leave", {}, r"the component ended the process \(exit code 0\)"),
-        *heavy(
-            (
-                "hang",
-                {"wait_limit": 5.0},
-                r"no return within 5 s; a longer wait_limit \(simulate --wait-limit\) gives it more",
-            )
-        ),
+        *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(simulate --wait-limit\)")),
         ("eat", {"memory_limit": 400.0}, r"SIGSEGV\), of which the memory had reached \d+ MB of 400 MB"),
         ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
         ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
@@ -92,8 +84,7 @@ def test_what_ends_a_step_names_component_call_and_time_and_keeps_the_rows(packa
     error = fails(package, way, **options)
     assert (error.unit, error.call, error.time) == ("unit", "doStep", 0.5)
     assert error.results.time.tolist() == error.results["unit.y"].tolist() == [0.0, 0.25, 0.5]
-    with pytest.raises(CosimError, match=said):
-        raise error
+    assert re.search(said, str(error))
 
 
 def test_an_adaptive_step_that_ends_the_process_has_its_own_time(package):
@@ -133,33 +124,24 @@ def test_this_process_outlives_them(package):
 # ---------------------------------------------------------------- at the end
 
 
-@pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize(
-    ("way", "call", "said"),
+    ("way", "call", "said", "options"),
     [
-        ("error_end", "terminate", r"the brake does not close \(status error\)"),
-        ("fatal_end", "terminate", r"the unit gave no reason.* \(status fatal\)"),
-        ("strange_end", "terminate", r"status 17, not of FMI 2\.0\)"),
-        ("error_free", "freeInstance", "the file is still open"),
+        *((*end, {"isolate": isolate}) for isolate in (False, True) for end in (
+            ("error_end", "terminate", r"the brake does not close \(status error\)"),
+            ("fatal_end", "terminate", r"the unit gave no reason.* \(status fatal\)"),
+            ("strange_end", "terminate", r"status 17, not of FMI 2\.0\)"),
+            ("error_free", "freeInstance", "the file is still open"),
+        )),
+        ("crash_free", "freeInstance", "crashed the process", {}),
+        *heavy(("hang_end", "terminate", "no return within 5 s", {"wait_limit": 5.0})),
     ],
-)
-def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, call, said, isolate):
-    error = fails(package, way, isolate=isolate)
+)  # fmt: skip
+def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, call, said, options):
+    error = fails(package, way, **options)
     assert (error.unit, error.call, error.time) == ("unit", call, 1.0)
     assert error.results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
-    with pytest.raises(CosimError, match=said):
-        raise error
-
-
-@pytest.mark.parametrize(
-    ("way", "call", "said"),
-    [("crash_free", "freeInstance", "crashed the process"), *heavy(("hang_end", "terminate", "no return within 5 s"))],
-)
-def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call, said):
-    error = fails(package, way, wait_limit=5.0)
-    assert (error.unit, error.call, error.time) == ("unit", call, 1.0)
-    assert said in error.reason
-    assert error.results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert re.search(said, str(error))
 
 
 @pytest.mark.parametrize("way", ["error_end", "fatal_end", "strange_end", "strange", "negative", "error_free"])
@@ -320,27 +302,6 @@ def test_ctrl_c_ends_a_step_that_hangs(package):
 def test_limits_must_be_positive(package, options):
     with pytest.raises(UsageError, match=f"{next(iter(options))} must be positive"):
         simulate(package, step=0.25, **options)
-
-
-@pytest.mark.heavy
-def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_path):
-    started = time.monotonic()
-    for options, said in (
-        (["--set", "unit.way=2"], "unit failed at t = 0.5 s in doStep: the component ended the process (exit code 0)"),
-        (["--set", "unit.way=3", "--wait-limit", "1"], "unit failed at t = 0.5 s in doStep: no return within 1 s"),
-        (["--set", "unit.way=5"], "unit failed at t = 1 s in freeInstance: the component crashed the process"),
-    ):
-        done = subprocess.run(
-            [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--set", "unit.at=0.5",
-             "--isolate", "--out", tmp_path / "out", *options],
-            capture_output=True, text=True, timeout=300, check=False,
-        )  # fmt: skip
-        shown = " ".join((done.stdout + done.stderr).split())
-        assert said in shown
-        assert done.returncode == 1
-        rows = 5 if "freeInstance" in said else 3
-        assert len((tmp_path / "out/partial/results.csv").read_text().splitlines()) == 2 + rows
-    assert time.monotonic() - started < 120.0  # a hang of 5 s, thrice the start of Python, on a busy machine
 
 
 def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_are_kept(package, tmp_path):

@@ -1,7 +1,5 @@
 """Systems of foreign FMUs linearised: closed forms, differences instead of derivatives, what is refused and noted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Loops that only repetition solves: algebraic ones, of the initialization too; and the method."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Components for model exchange, which the master integrates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Options of functions are held against their declared types, before anything runs."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Loops with samples at every n-th communication point: against the same loop stepped by hand, and at its period."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

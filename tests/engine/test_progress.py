@@ -1,7 +1,5 @@
 """Progress that a user sees, from Python."""
 
-from __future__ import annotations
-
 import pytest
 
 from vdfmu.base import bars

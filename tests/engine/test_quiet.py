@@ -1,7 +1,5 @@
 """What libraries warn their programmers of is no message of a command: nothing of it on the error output."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

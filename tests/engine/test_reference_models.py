@@ -3,8 +3,6 @@
 These are of the explicit Euler method with the step of each model, as our look-alikes have it: the same operations.
 """
 
-from __future__ import annotations
-
 import zipfile
 from dataclasses import replace
 

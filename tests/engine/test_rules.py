@@ -1,7 +1,5 @@
 """Every rule is broken by a file, and found by its number; so JSON and the page of the rules name them all."""
 
-from __future__ import annotations
-
 import io
 import json
 import stat
@@ -11,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.engine.conftest import connection, connector_list
+from tests.engine import texts
 from tests.engine.files import edited, zipped
+from tests.engine.texts import connections, connector_list, elements, parameter, values
 from tests.warm import command
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -20,13 +19,6 @@ from vdfmu.engine.package import limits, parse
 from vdfmu.engine.rules import RULES
 from vdfmu.system.inspect_source import inspect_source
 
-SPACES = " ".join(
-    f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
-    for prefix, name in (
-        ("ssc", "Common"), ("ssd", "Description"), ("ssv", "ParameterValues"), ("ssm", "ParameterMapping"),
-        ("ssb", "SignalDictionary"),
-    )
-)  # fmt: skip
 VARIABLES = """<ScalarVariable name="u" valueReference="1" causality="input"><Real start="0"/></ScalarVariable>
 <ScalarVariable name="y" valueReference="2" causality="output"><Real/></ScalarVariable>
 <ScalarVariable name="k" valueReference="3" causality="parameter" variability="fixed">
@@ -63,35 +55,11 @@ def local(inner: str, attributes="", name="x", reference=4) -> str:
 
 
 def ssd(inner="", before="", after="", version="1.0", name="n", outside="") -> str:
-    elements = f"<ssd:Elements>{inner}</ssd:Elements>" if inner else ""
-    return (
-        f'<ssd:SystemStructureDescription {SPACES} name="{name}" version="{version}"><ssd:System name="root">\n'
-        f"{before}{elements}{after}</ssd:System>{outside}</ssd:SystemStructureDescription>"
-    )
+    return texts.ssd(f"\n{before}{elements(inner)}{after}", outside, version=version, name=name)
 
 
 def component(name="c", connectors="", inner="", source="m.fmu", attributes="") -> str:
-    inner = connector_list(connectors) + inner
-    return f'<ssd:Component name="{name}" source="{source}" {attributes}>{inner}</ssd:Component>'
-
-
-def connections(*ends: str, inner="") -> str:
-    items = "".join(connection(" -> ".join(text.split()), inner) for text in ends)
-    return f"<ssd:Connections>{items}</ssd:Connections>"
-
-
-def values(*parameters: str, mapping="", attributes="") -> str:
-    items = "".join(
-        f'<ssv:Parameter name="{name}"><ssv:{kind} value="{value}"{unit and f""" unit="{unit}" """}/></ssv:Parameter>'
-        for name, kind, value, unit in (f"{text}::".split(":")[:4] for text in parameters)
-    )
-    table = f'<ssm:ParameterMapping version="1.0">{mapping}</ssm:ParameterMapping>'
-    table = f"<ssd:ParameterMapping>{table}</ssd:ParameterMapping>"
-    return (
-        f"<ssd:ParameterBindings><ssd:ParameterBinding {attributes}><ssd:ParameterValues>"
-        f'<ssv:ParameterSet version="1.0" name="p"><ssv:Parameters>{items}</ssv:Parameters></ssv:ParameterSet>'
-        f"</ssd:ParameterValues>{table if mapping else ''}</ssd:ParameterBinding></ssd:ParameterBindings>"
-    )
+    return texts.component(name, source, connector_list(connectors) + inner, attributes)
 
 
 def package(inner="", members=None, unit=b"", **options) -> tuple[str, bytes]:
@@ -193,7 +161,7 @@ BROKEN = {
                           "</ssc:IntegerMappingTransformation>"),
     ),
     "SSP037": lambda: package(
-        IN_CIRCLE.format("a") + IN_CIRCLE.format("b"), before=values("a.i:Real:1"),
+        IN_CIRCLE.format("a") + IN_CIRCLE.format("b"), before=values("a.i=1"),
         after=connections("a.o b.i", "b.o a.i"),
     ),
     "SSP038": lambda: package(component()),
@@ -209,15 +177,15 @@ BROKEN = {
         unit=fmu(inside='<CoSimulation modelIdentifier="m" canBeInstantiatedOnlyOncePerProcess="true"/>'),
     ),
     "SSP050": lambda: package(component(inner=BOUND.format(""))),
-    "SSP051": lambda: package(component(inner=values("k:Real:1", "k:Real:2"))),
-    "SSP052": lambda: package(component(inner=values("none:Real:1"))),
-    "SSP053": lambda: package(component(inner=values("y:Real:1"))),
-    "SSP054": lambda: package(component(inner=values("k:String:a"))),
-    "SSP055": lambda: package(component(inner=values("k:Real:1:s")), outside=METRE),
-    "SSP056": lambda: package(component(inner=values("k:Real:-1"))),
+    "SSP051": lambda: package(component(inner=values("k=1", "k=2"))),
+    "SSP052": lambda: package(component(inner=values("none=1"))),
+    "SSP053": lambda: package(component(inner=values("y=1"))),
+    "SSP054": lambda: package(component(inner=values(parameter("k", "a", "String")))),
+    "SSP055": lambda: package(component(inner=values(parameter("k", unit="s"))), outside=METRE),
+    "SSP056": lambda: package(component(inner=values("k=-1"))),
     "SSP057": lambda: package(
         component(),
-        before='<ssd:Connectors><ssd:Connector name="w" kind="input"/></ssd:Connectors>' + values("w:Real:1"),
+        before='<ssd:Connectors><ssd:Connector name="w" kind="input"/></ssd:Connectors>' + values("w=1"),
     ),
     "FMI001": lambda: ("x.fmu", zipped({"a": ""})),
     "FMI002": lambda: unit(text='<fmiModelDescription fmiVersion="4.0"/>'),

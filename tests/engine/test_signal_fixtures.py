@@ -3,8 +3,6 @@
 The repository states no licence, so none of its files is here: only the structure and the numbers of its fixtures.
 """
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from typing import NamedTuple
@@ -65,7 +63,7 @@ def fixtures(xml) -> dict[str, Fixture]:
         return "".join(xml.real(name, float(x)) for name, x in pairs)
 
     def inline(text, mapping=""):
-        return xml.values(numbers(text), mapping) if text else ""
+        return xml.values(numbers(text), mapping=mapping) if text else ""
 
     def inner(elements, connections, connectors, bindings=""):
         wires = "".join(map(xml.connection, connections))
@@ -282,8 +280,7 @@ def test_values_for_components_of_a_larger_system(pack, xml, blocks):
     binding = xml.values(
         '<ssv:Parameter name="scenario_input"><ssv:String value="gr&#252;n"/></ssv:Parameter>'
         + xml.real("Mach_start", 0.0) + xml.real("heat_load_start", 50.0),
-        f'<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">{mapping}</ssm:ParameterMapping>'
-        "</ssd:ParameterMapping>",
+        mapping=mapping,
     ).removeprefix("<ssd:ParameterBindings>").removesuffix("</ssd:ParameterBindings>")  # fmt: skip
     path = pack(
         ["scenario Counter word:parameter:String odd:output:Boolean"],
@@ -320,8 +317,7 @@ def test_a_mapped_parameter_of_a_reference_fmu(built, pack, xml):
         [xml.component("fmu", "VanDerPol", "mu:parameter:Real x0:output:Real x1:output:Real")],
         bindings=xml.values(
             xml.real("mu", 2.0),
-            '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0"><ssm:MappingEntry source="mu" target="fmu.mu"/>'
-            "</ssm:ParameterMapping></ssd:ParameterMapping>",
+            mapping='<ssm:MappingEntry source="mu" target="fmu.mu"/>',
         ),
         extra={"resources/VanDerPol.fmu": built(models.VAN_DER_POL, "2.0")},
     )  # fmt: skip

@@ -87,7 +87,7 @@ def test_a_mapping_drops_the_values_that_it_does_not_mention(pack, xml):
     )  # fmt: skip
     inner = xml.real("gain", 5.0) + xml.real("u", 2.0) + xml.real("k", 9.0) + xml.real("unrelated", 1.0)
     before = xml.values(xml.real("u", 3.0)).replace("</ssd:ParameterBindings>", "")
-    after = xml.values(inner, mapping).replace("<ssd:ParameterBindings>", "")
+    after = xml.values(inner, mapping=mapping).replace("<ssd:ParameterBindings>", "")
     path = pack([xml.component("g", "Gain", "", before + after)])
     assert simulate(path, stop=1.0, step=1.0)["g.y"].tolist() == [15.0, 15.0]
 

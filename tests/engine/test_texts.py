@@ -1,7 +1,5 @@
 """Texts between components: one that is got seldom outlives all that others say in between."""
 
-from __future__ import annotations
-
 from ctypes import addressof, create_string_buffer, string_at
 
 import numpy as np

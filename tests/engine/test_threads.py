@@ -1,7 +1,5 @@
 """Runs in several threads of one process: each computes what it computes alone, and the process stays as it was."""
 
-from __future__ import annotations
-
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor

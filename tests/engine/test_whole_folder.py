@@ -1,7 +1,5 @@
 """The folder of results: whole, old or new, wherever the disk fails."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

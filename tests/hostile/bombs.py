@@ -7,7 +7,8 @@ import zlib
 from functools import lru_cache
 from pathlib import Path
 
-from tests.hostile.packages import _SPACES, pack
+from tests.engine.texts import SPACES
+from tests.hostile.packages import pack
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import SspError
 
@@ -40,7 +41,7 @@ def _zip(members: list[tuple[str, bytes, int, int]]) -> bytes:
 
 def _ssd(inside: str) -> bytes:
     return (
-        f'<ssd:SystemStructureDescription {_SPACES} version="1.0" name="b"><ssd:System name="b">{inside}</ssd:System>'
+        f'<ssd:SystemStructureDescription {SPACES} version="1.0" name="b"><ssd:System name="b">{inside}</ssd:System>'
         "</ssd:SystemStructureDescription>"
     ).encode()
 

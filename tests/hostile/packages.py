@@ -7,14 +7,13 @@ import zipfile
 from pathlib import Path
 
 from tests.engine.files import check_file
+from tests.engine.texts import SPACES
 from tests.hostile.table import Corpus
 from vdfmu.engine.package import load_ssp
-from vdfmu.engine.package.parse import NAMESPACES
 
-_SPACES = " ".join(f'xmlns:{prefix}="{space}"' for prefix, space in NAMESPACES.items())
 _SSD = (
     f"""<?xml version="1.0" encoding="UTF-8"?>
-<ssd:SystemStructureDescription {_SPACES} version="1.0" name="two">
+<ssd:SystemStructureDescription {SPACES} version="1.0" name="two">
  <ssd:System name="two">
   <ssd:ParameterBindings><ssd:ParameterBinding source="values.ssv"/></ssd:ParameterBindings>
   <ssd:Elements>
@@ -45,7 +44,7 @@ _SSD = (
     .replace("ssd:BaseUnit", "ssc:BaseUnit")
 )
 _SSV = f"""<?xml version="1.0" encoding="UTF-8"?>
-<ssv:ParameterSet {_SPACES} version="1.0" name="values">
+<ssv:ParameterSet {SPACES} version="1.0" name="values">
  <ssv:Parameters>
   <ssv:Parameter name="a.k"><ssv:Real value="3.0"/></ssv:Parameter>
   <ssv:Parameter name="b.k"><ssv:Real value="-1e-3"/></ssv:Parameter>

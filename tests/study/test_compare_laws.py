@@ -1,7 +1,5 @@
 """The example that compares control laws: its cells are plain runs, a law of another file takes part."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 from pathlib import Path

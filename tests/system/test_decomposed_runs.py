@@ -1,7 +1,5 @@
 """Packages of arms that are wired from their links and joints: they run as those in one piece."""
 
-from __future__ import annotations
-
 import re
 import zipfile
 from dataclasses import replace

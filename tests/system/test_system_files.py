@@ -7,6 +7,7 @@ from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.scenario_file import load_system
 
+HEAD = 'name = "x"\nsystem = "mine.toml"\nrobot = "planar_2dof"\nstop = 0.01\nstep = 0.001\n'
 NAME = "expected a name of letters, digits, spaces and _ [+] -, a letter, digit or _ first"
 
 
@@ -53,8 +54,7 @@ def test_files_that_extend_each_other_are_named(tmp_path):
 )
 def test_what_a_scenario_cannot_have_of_a_system_is_named(tmp_path, line, said):
     (tmp_path / "mine.toml").write_text('extends = "system"\n[units]\nwall = "wall"\n')
-    head = 'name = "x"\nsystem = "mine.toml"\nrobot = "planar_2dof"\nstop = 0.01\nstep = 0.001\n'
-    (tmp_path / "x.toml").write_text(head + line)
+    (tmp_path / "x.toml").write_text(HEAD + line)
     with pytest.raises(ModelError, match=said):
         load_scenario(tmp_path / "x.toml")
 
@@ -63,8 +63,7 @@ def test_values_that_are_not_shared_and_cannot_be_set_are_noted(tmp_path):
     (tmp_path / "mine.toml").write_text(
         'extends = "system"\n[units]\nstop = "wall"\n[shared.mine]\nplant = "q_00"\ntrajectory = "q_end"\n'
     )
-    head = 'name = "x"\nsystem = "mine.toml"\nrobot = "planar_2dof"\nstop = 0.01\nstep = 0.001\n'
-    (tmp_path / "x.toml").write_text(head)
+    (tmp_path / "x.toml").write_text(HEAD)
     assert model_notes(load_scenario(tmp_path / "x.toml")) == [
         "system: stop is a key of scenarios, which cannot set values of a component of this name.",
         "shared.mine: plant has no q_00, and shares nothing.",

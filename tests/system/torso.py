@@ -1,7 +1,5 @@
 """A body on a joint, with an arm on either side."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

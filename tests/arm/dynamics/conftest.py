@@ -1,7 +1,5 @@
 """Pinocchio models built from a `Robot`, without the equations of vdfmu."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

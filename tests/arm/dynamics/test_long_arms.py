@@ -101,7 +101,7 @@ def test_texts_that_do_not_grow_evenly_are_refused():
     assert grown({10: {"a.c": ""}, 12: {"b.c": ""}, 14: {"a.c": ""}}, 20) is None
 
 
-def test_a_unit_whose_variables_do_not_grow_evenly_has_no_shorter_ones(monkeypatch):
+def test_a_unit_whose_variables_do_not_grow_evenly_has_no_shorter_ones():
     interface = Interface(find_unit("controller"), repeated_link(26))
     assert len(interface.shorter) == 2
     square = Interface(find_unit("controller"), repeated_link(26))

@@ -1,7 +1,5 @@
 """Small URDFs to import and to break, and what Pinocchio makes of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -130,7 +130,7 @@ def test_joints_keep_their_names(urdf, tmp_path):
     assert plain.joint_labels == ["1", "2"] and "name" not in plain.to_dict()["joints"][0]
 
 
-def test_a_joint_without_end_is_not_taken_for_degrees(urdf, tmp_path):
+def test_a_joint_without_end_is_not_taken_for_degrees(urdf):
     content = link("ground", "") + link("one") + joint("a", "ground", "one", "continuous", inside='<limit effort="9"/>')
     robot = vdfmu.robot_from_urdf(urdf(content))
     assert robot.limits and robot.q_max[0] == 1e6

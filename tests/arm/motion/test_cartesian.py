@@ -13,7 +13,7 @@ from vdfmu.base.errors import UsageError
 
 
 @pytest.mark.heavy
-def test_a_line_is_straight_and_a_circle_round(planar, arm):
+def test_a_line_is_straight_and_a_circle_round(arm):
     q = np.array([0.3, 0.5, 0.7, 0.2, 0.8, 0.1])
     p_0, R_0 = vdfmu.forward_kinematics(arm, q)
     target, R_1 = p_0 + [-0.1, 0.1, 0.0], Rotation.from_rotvec([0.2, 0.1, -0.3]).as_matrix() @ R_0

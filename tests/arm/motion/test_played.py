@@ -165,7 +165,7 @@ def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
 
 
 @pytest.mark.heavy
-def test_the_arm_follows_better_without_a_jump_in_the_third_derivative(robot):
+def test_the_arm_follows_better_without_a_jump_in_the_third_derivative():
     smooth = motions.waypoints(POINTS, TIMES)
     cubic = CubicSpline(TIMES, POINTS, bc_type="clamped")
     coefficients = np.zeros((4, 6, 2))
@@ -180,7 +180,7 @@ def test_the_arm_follows_better_without_a_jump_in_the_third_derivative(robot):
     assert np.all(errors[1] > 2.0 * errors[0])
 
 
-def test_a_motion_of_other_joints_or_too_long_is_refused(robot):
+def test_a_motion_of_other_joints_or_too_long_is_refused():
     with pytest.raises(UsageError, match="expected at most 500000 coefficients"):
         motions.joined([motions.rest(np.zeros(6), 1.0)] * 14_000).unit()
 

@@ -1,7 +1,5 @@
 """Roles in systems of other names: which component is the plant, and where it starts."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

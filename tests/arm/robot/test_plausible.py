@@ -1,7 +1,5 @@
 """One list of plausibility for files, imports, scenarios and runs: what it says, and what it leaves alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

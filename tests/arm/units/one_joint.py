@@ -1,7 +1,5 @@
 """A joint without gravity and friction."""
 
-from __future__ import annotations
-
 from vdfmu.arm.robot import Robot, load_robot, robot_from_dict
 
 ONE = load_robot("planar_2dof").to_dict()

@@ -3,8 +3,6 @@
 ``python -m tests.compiler.efmi.boards`` prints the table of docs/efmi.md.
 """
 
-from __future__ import annotations
-
 import struct
 import sys
 import tempfile

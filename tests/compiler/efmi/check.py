@@ -5,8 +5,6 @@ commit bbe0b92e, unchanged, with its licence, BSD of three clauses. It was writt
 in a default and in where a tree says its line. And it uses a mode of `open` that Python 3.11 no longer has.
 """
 
-from __future__ import annotations
-
 import builtins
 import functools
 import gc

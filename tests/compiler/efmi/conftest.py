@@ -1,7 +1,5 @@
 """eFMUs of the shipped units."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

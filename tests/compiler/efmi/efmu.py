@@ -1,7 +1,5 @@
 """An eFMU as its manifests describe it: the production code as a library of this machine, the program in GALEC run."""
 
-from __future__ import annotations
-
 import ctypes as ct
 import xml.etree.ElementTree as ET
 import zipfile

@@ -1,7 +1,5 @@
 """Runs a program in GALEC: statement by statement it becomes one of Python, without any knowledge of what wrote it."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Runs of units: their inputs, and what the FMU makes of them."""
 
-from __future__ import annotations
-
 import csv
 import tempfile
 from collections.abc import Mapping

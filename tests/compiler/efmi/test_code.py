@@ -1,7 +1,5 @@
 """The algorithm code and the production code of a unit calculate what its FMU does."""
 
-from __future__ import annotations
-
 from itertools import product
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What an eFMU holds, and what the official checker says of it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """Building: the same bytes from the same sources, nothing stale, nothing built that could not start."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import sys

@@ -1,7 +1,5 @@
 """Declared dependencies are true: an output changes if, and only if, what it is said to depend on changes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

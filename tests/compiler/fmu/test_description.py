@@ -1,7 +1,5 @@
 """The model descriptions: valid, and the same as the variable table."""
 
-from __future__ import annotations
-
 import math
 import zipfile
 

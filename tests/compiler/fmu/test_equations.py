@@ -1,7 +1,5 @@
 """Each unit computes the equations: the FMU against the plain numpy functions, with parameters that were set."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

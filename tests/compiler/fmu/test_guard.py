@@ -1,7 +1,5 @@
 """An FMU and the vdfmu that runs it belong together: anything else is refused with what to do."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The interface of a unit: what lies where in its memory, what is an array in FMI 3, and what depends on what."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

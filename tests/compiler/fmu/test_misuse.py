@@ -3,8 +3,6 @@
 The words are those that a user of fmpy reads. Nothing that is refused changes the unit.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Native builds: the same bits everywhere, nothing stale, clear words where a build cannot be."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """What a native FMU holds: libraries, sources, pages, reference results that the unit makes again."""
 
-from __future__ import annotations
-
 import json
 import os
 import struct

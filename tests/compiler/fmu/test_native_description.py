@@ -1,7 +1,5 @@
 """The XML of native FMUs, FMI 2.0 and 3.0: valid, and the same as the layout and the variable table."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from functools import cache

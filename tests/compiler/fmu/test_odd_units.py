@@ -2,8 +2,6 @@
 
 # ruff: noqa: D102
 
-from __future__ import annotations
-
 import fmpy
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Units of a user: built in each form, they compute what their methods say."""
 
-from __future__ import annotations
-
 import shutil
 import zipfile
 from functools import cache

@@ -1,7 +1,5 @@
 """The FMUs as a new user of fmpy meets them: loaded, run with defaults, changed a little."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Model exchange of a unit with continuous and sampled states: each sample is a time event of the importer."""
 
-from __future__ import annotations
-
 import ctypes as ct
 import zipfile
 from pathlib import Path

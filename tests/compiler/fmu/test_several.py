@@ -1,7 +1,5 @@
 """Several units, copies and robots in one process do not meet, and many runs leave nothing behind."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

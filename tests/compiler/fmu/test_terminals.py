@@ -1,7 +1,5 @@
 """Terminals and icons: valid, complete, and connecting the units as the shipped system does."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The native FMUs of the shipped robots, as C calls and as a user of fmpy has them."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

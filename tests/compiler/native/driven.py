@@ -1,7 +1,5 @@
 """An instance that moves."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.compiler.native.binding import Instance

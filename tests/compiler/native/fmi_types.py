@@ -1,7 +1,5 @@
 """The functions of FMI as ctypes sees them; signatures are read from the official headers, so that none is missed."""
 
-from __future__ import annotations
-
 import ctypes as ct
 import re
 from functools import lru_cache

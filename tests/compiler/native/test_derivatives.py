@@ -3,8 +3,6 @@
 Slopes are found through the unit's own functions: central differences with Richardson's extrapolation.
 """
 
-from __future__ import annotations
-
 import ctypes as ct
 from collections.abc import Sequence
 from typing import Any

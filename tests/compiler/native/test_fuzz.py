@@ -4,8 +4,6 @@ VDFMU_FUZZ_SECONDS makes it longer than the some seconds it takes in the tests: 
 tests/compiler/native/test_fuzz.py`.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import time

@@ -1,7 +1,5 @@
 """Inputs that change within a step: rates in FMI 2.0, intermediate updates with early return in FMI 3.0."""
 
-from __future__ import annotations
-
 import ctypes as ct
 from collections.abc import Callable
 from typing import Any

@@ -3,8 +3,6 @@
 driver.c does all of it with a unit, and also checks that every repeated run gives the same bits.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

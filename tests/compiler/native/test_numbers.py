@@ -3,8 +3,6 @@
 tests/compiler/fmu/test_equations.py holds the native units against the numpy equations.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

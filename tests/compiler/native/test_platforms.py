@@ -1,7 +1,5 @@
 """The libraries of other platforms: run where an emulator is installed, and of the right form everywhere."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

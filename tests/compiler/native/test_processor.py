@@ -1,7 +1,5 @@
 """The copy of the solver's step for processors with AVX2: the same bits, and only where the processor has it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

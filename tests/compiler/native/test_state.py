@@ -3,8 +3,6 @@
 tests/compiler/fmu/test_state.py has the states of Python and native units.
 """
 
-from __future__ import annotations
-
 import ctypes as ct
 import threading
 from collections.abc import Callable, Iterator

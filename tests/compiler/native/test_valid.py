@@ -1,7 +1,5 @@
 """The FMUs are valid: fmpy's validator, the schemas, sources that compile anywhere, and nothing but FMI exported."""
 
-from __future__ import annotations
-
 import ctypes
 import zipfile
 from pathlib import Path

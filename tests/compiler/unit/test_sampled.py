@@ -1,7 +1,5 @@
 """Loops through sampled states, against own loops: when a sample acts, and periods that the steps do not meet."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Units whose derivatives switch by time: no pulse is stepped over, however long the steps are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import fmpy

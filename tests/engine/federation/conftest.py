@@ -1,7 +1,5 @@
 """The small FMUs and packages of `tests/engine`, and processes that were left behind."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How a run over several processes ends before its time: it says who was the reason, keeps the rows, leaves nothing."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

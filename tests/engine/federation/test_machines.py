@@ -1,7 +1,5 @@
 """Each federate by a command of its own, as on several machines, with the broker of HELICS itself."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """What is wrong with a split is said before anything runs; the sockets of a run are on loopback."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 Each is described once here; the model description and the C file beside `layer.c` are made of that.
 """
 
-from __future__ import annotations
-
 import subprocess
 import zipfile
 from dataclasses import dataclass, field

@@ -44,6 +44,7 @@ def test_the_log_of_a_motion_is_what_the_feedforward_gives(name):
 
 def test_the_file_of_a_design_is_a_motion_and_its_table_that_of_an_identification(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("vdfmu.study.identify.design._SEEDS", 1)  # for speed
     words = ["identify", "--design", "planar_2dof", "--duration", "10", "--pose", "-1.2 0.4", "--step", "0.01"]
     said = CliRunner().invoke(app, [*words, "-o", "motion.toml"])
     assert said.exit_code == 0, said.exception

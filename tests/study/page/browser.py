@@ -1,7 +1,5 @@
 """Chromium, headless, driven through its DevTools pipe, with keys, a mouse, its console and its requests."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

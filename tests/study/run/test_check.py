@@ -12,7 +12,6 @@ from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.fmu import NOT_RUN
 from vdfmu.engine.inspect.inspection import inspect_file
 
@@ -85,14 +84,6 @@ def test_a_unit_that_ends_its_process_is_reported_with_the_signal(changed):
 def test_a_unit_that_ends_its_process_without_an_error_is_reported(changed):
     path = changed("none", {SCRIPT: "import os\nos._exit(0)\n"})
     assert check_file(path) == ["the unit ended the process in a run of 10 steps"]
-
-
-def test_a_unit_that_never_ends_is_stopped(changed, monkeypatch):
-    monkeypatch.setattr(check_run, "SECONDS", 3.0)
-    path = changed("none", {SCRIPT: "import time\ntime.sleep(1000)\n"})
-    (problem,) = check_file(path)
-    # on a busy machine Python itself may not have started after 3 s
-    assert problem.removesuffix(" did not end within 3 s") in ("a run of 10 steps", "the start of the process")
 
 
 def test_a_binary_for_another_platform_only_is_named(changed):

@@ -1,20 +1,12 @@
 """`vdfmu check` on faulty systems of SSP 1.0: the faults of all layers at once, and rules of the files."""
 
-import io
-import zipfile
-
 import pytest
 
-from tests.engine.files import check_file
+from tests.engine import texts
+from tests.engine.files import check_file, zipped
+from tests.engine.texts import connections, connector_list, parameter, values
 from vdfmu.engine.inspect.inspection import inspect_file
 
-SPACES = " ".join(
-    f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
-    for prefix, name in {
-        "ssc": "Common", "ssd": "Description", "ssv": "ParameterValues", "ssm": "ParameterMapping",
-        "ssb": "SignalDictionary",
-    }.items()
-)  # fmt: skip
 DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">\
 <CoSimulation modelIdentifier="m"/>{before}<ModelVariables>
 <ScalarVariable name="u" valueReference="1" causality="input"><Real start="{start}"/></ScalarVariable>
@@ -27,50 +19,22 @@ DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">\
 
 def fmu(start="0", limits="", before=""):
     """Return an FMU without binaries, which no platform can run."""
-    box = io.BytesIO()
-    with zipfile.ZipFile(box, "w") as file:
-        file.writestr("modelDescription.xml", DESCRIPTION.format(start=start, limits=limits, before=before))
-    return box.getvalue()
+    return zipped({"modelDescription.xml": DESCRIPTION.format(start=start, limits=limits, before=before)})
 
 
-def ssd(elements, before="", after="", name="n"):
-    return (
-        f'<ssd:SystemStructureDescription {SPACES} name="{name}" version="1.0"><ssd:System name="root">\n'
-        f"{before}<ssd:Elements>{elements}</ssd:Elements>{after}</ssd:System></ssd:SystemStructureDescription>"
-    )
+def ssd(parts, before="", after="", name="n"):
+    return texts.ssd(f"\n{before}<ssd:Elements>{parts}</ssd:Elements>{after}", name=name)
 
 
 def component(name, connectors="", source="resources/m.fmu", inner="", attributes=""):
-    items = ""
-    for text in connectors.split():
-        connector, kind, *unit = text.split(":")
-        real = f'<ssc:Real unit="{unit[0]}"/>' if unit else ""
-        items += f'<ssd:Connector name="{connector}" kind="{kind}">{real}</ssd:Connector>\n'
-    box = f"<ssd:Connectors>{items}</ssd:Connectors>" if items else ""
-    return f'<ssd:Component name="{name}" source="{source}" {attributes}>\n{box}{inner}</ssd:Component>'
-
-
-def binding(parameters, mapping=""):
-    items = "".join(
-        f'<ssv:Parameter name="{name}"><ssv:Real value="1"{unit}/></ssv:Parameter>' for name, unit in parameters.items()
-    )
-    entries = "".join(f'<ssm:MappingEntry source="{a}" target="{b}"/>' for a, b in mapping)
-    table = f'<ssm:ParameterMapping version="1.0">{entries}</ssm:ParameterMapping>'
-    return (
-        '<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="1.0" name="p">'
-        f"<ssv:Parameters>{items}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>"
-        f"{f'<ssd:ParameterMapping>{table}</ssd:ParameterMapping>' if mapping else ''}"
-        "</ssd:ParameterBinding></ssd:ParameterBindings>"
-    )
+    return texts.component(name, source, f"\n{connector_list(connectors)}{inner}", attributes)
 
 
 @pytest.fixture
 def package(tmp_path):
     def write(text, members=None):
         path = tmp_path / "x.ssp"
-        with zipfile.ZipFile(path, "w") as file:
-            for name, content in {"SystemStructure.ssd": text, "resources/m.fmu": fmu(), **(members or {})}.items():
-                file.writestr(name, content)
+        path.write_bytes(zipped({"SystemStructure.ssd": text, "resources/m.fmu": fmu(), **(members or {})}))
         return path
 
     return write
@@ -87,8 +51,7 @@ def test_faults_of_all_layers_come_at_once(package):
         + component("e", source="resources/none.fmu")
         + component("f", source="resources/text.fmu"),
         '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/none.ssv"/></ssd:ParameterBindings>',
-        '<ssd:Connections><ssd:Connection startElement="c" startConnector="u" endElement="d" endConnector="u"/>'
-        "</ssd:Connections>",
+        connections("c.u d.u"),
     )
     path = package(text, {"resources/m.fmu": fmu("abc"), "resources/text.fmu": "text"})
     *found, binary, last = check_file(path, run=False)
@@ -119,7 +82,7 @@ def test_values_lie_within_the_limits_of_the_fmu(package, limits, fault):
     base = '<{0}Unit name="{1}"><{0}BaseUnit m="1" factor="{2}"/></{0}Unit>'
     inside = f"<UnitDefinitions>{base.format('', 'cm', 0.01)}</UnitDefinitions>"
     units = f"</ssd:System><ssd:Units>{base.format('ssc:', 'm', 1)}</ssd:Units>"
-    text = ssd(component("c", inner=binding({"k": ' unit="m"' if "cm" in limits else ""})))
+    text = ssd(component("c", inner=values(parameter("k", unit="m" if "cm" in limits else ""))))
     path = package(text.replace("</ssd:System>", units), {"resources/m.fmu": fmu(limits=limits, before=inside)})
     assert [p.partition("): ")[2] for p in problems(path) if p[:3] == "c: "] == ([fault] if fault else [])
 
@@ -131,10 +94,10 @@ def test_fmus_are_checked_where_the_system_cannot_be_read(package):
 
 
 def test_units_are_defined_in_the_file_that_names_them(package):
-    text = ssd(component("c", "u:input:rad y:output:rad", inner=binding({"k": ' unit="furlong"'})))
+    text = ssd(component("c", "u:input:Real:rad y:output:Real:rad", inner=values(parameter("k", unit="furlong"))))
     assert problems(package(text)) == [
         "x.ssp: SystemStructure.ssd: unit 'rad' of c.u and 1 more is not defined; define it in ssd:Units",
-        "x.ssp: SystemStructure.ssd, line 5: unit 'furlong' of k is not defined; define it in ssv:Units",
+        "x.ssp: SystemStructure.ssd, line 3: unit 'furlong' of k is not defined; define it in ssv:Units",
     ]
     base = '"><ssc:BaseUnit m="1"/></ssc:Unit>'
     units = f'<ssd:Units><ssc:Unit name="rad{base}<ssc:Unit name="furlong{base}</ssd:Units>'
@@ -142,11 +105,12 @@ def test_units_are_defined_in_the_file_that_names_them(package):
 
 
 def test_names_that_occur_twice(package):
-    text = ssd(component("c", "u:input u:input", inner=binding({"a": "", "b": ""}, [("a", "k"), ("b", "k")])))
+    mapping = "".join(f'<ssm:MappingEntry source="{source}" target="k"/>' for source in "ab")
+    text = ssd(component("c", "u:input u:input", inner=values("a=1", "b=1", mapping=mapping)))
     path = package(text, {"B.ssd": ssd(component("c"))})
     assert problems(path) == [
         "x.ssp: parameter binding of c: the mapping has several entries for target 'k', from 'a', 'b'; keep one",
-        "x.ssp: SystemStructure.ssd, line 4: two connectors are named c.u; names of connectors of one element must "
+        "x.ssp: SystemStructure.ssd, line 3: two connectors are named c.u; names of connectors of one element must "
         "differ",
     ]
     same = "SystemStructure.ssd and B.ssd: have the same name, 'n', by which tools let users choose"
@@ -154,14 +118,11 @@ def test_names_that_occur_twice(package):
 
 
 def test_rules_of_the_package_and_of_its_files_and_of_packages_in_it(package):
-    inner = io.BytesIO()
-    with zipfile.ZipFile(inner, "w") as file:
-        file.writestr("SystemStructure.ssd", ssd(component("c", "u:input:rad")))
-        file.writestr("resources/m.fmu", fmu())
+    inner = zipped({"SystemStructure.ssd": ssd(component("c", "u:input:Real:rad")), "resources/m.fmu": fmu()})
     text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + ssd(
         component("p", source="resources/i.ssp", attributes='type="application/x-ssp-package"'), name="\xe9"
     )
-    members = {"resources/i.ssp": inner.getvalue(), "documentation/read.html": ""}
+    members = {"resources/i.ssp": inner, "documentation/read.html": ""}
     assert problems(package(text.encode("latin1"), members)) == [
         "x.ssp: has documentation/ without documentation/index.html, where readers start",
         "x.ssp: SystemStructure.ssd: is encoded in ISO-8859-1; SSP has UTF-8 only",

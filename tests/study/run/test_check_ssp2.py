@@ -1,21 +1,16 @@
 """`vdfmu check` on systems of SSP 2.0 and on several SSDs in a package."""
 
+from functools import partial
+
 import pytest
 
+from tests.engine import texts
+from tests.engine.texts import binding, connection, connections, elements, ssd
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.package import load_ssp, parse
 from vdfmu.system.scenario import load_scenario
-
-HEAD = (
-    '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
-    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" '
-    'xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" '
-    'xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" version="2.0" name="t">'
-    '<ssd:System name="s">'
-)
-TAIL = "</ssd:System></ssd:SystemStructureDescription>"
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +24,10 @@ def fmus(tmp_path_factory):
     }  # fmt: skip
 
 
+given = partial(texts.values, version="2.0")
+parameter = partial(texts.parameter, kind="Float64")
+
+
 def connector(name, kind, size=2, of="Float64"):
     dimension = f'<ssc:Dimension size="{size}"/>' if size else ""
     return f'<ssd:Connector name="{name}" kind="{kind}"><ssc:{of}/>{dimension}</ssd:Connector>'
@@ -36,46 +35,22 @@ def connector(name, kind, size=2, of="Float64"):
 
 def component(name, *connectors, inner=""):
     box = f"<ssd:Connectors>{''.join(connectors)}</ssd:Connectors>" if connectors else ""
-    return f'<ssd:Component name="{name}" source="resources/{name}.fmu">{box}{inner}</ssd:Component>'
+    return texts.component(name, f"resources/{name}.fmu", box + inner)
 
 
-def system(*components, links=""):
-    return f"{HEAD}<ssd:Elements>{''.join(components)}</ssd:Elements>{links}{TAIL}"
-
-
-def link(*ends):
-    items = "".join(
-        f'<ssd:Connection startElement="{a}" startConnector="{b}" endElement="{c}" endConnector="{d}"/>'
-        for a, b, c, d in ends
-    )
-    return f"<ssd:Connections>{items}</ssd:Connections>"
+def system(*components, links="", before="", units=""):
+    units = f"<ssd:Units>{units}</ssd:Units>" if units else ""
+    return ssd(before + elements(*components) + links, units, version="2.0")
 
 
 GOOD = system(
     component("Trajectory", connector("q_d", "output"), connector("q_d_dot", "output")),
     component("PDController", connector("q_d", "input"), connector("q_d_dot", "input"), connector("q", "input")),
     component("Plant", connector("q", "output")),
-    links=link(
-        ("Trajectory", "q_d", "PDController", "q_d"),
-        ("Trajectory", "q_d_dot", "PDController", "q_d_dot"),
-        ("Plant", "q", "PDController", "q"),
+    links=connections(
+        "Trajectory.q_d PDController.q_d", "Trajectory.q_d_dot PDController.q_d_dot", "Plant.q PDController.q"
     ),
 )
-
-
-def parameter(name, value="1", of="Float64", unit="", size=0):
-    unit = f' unit="{unit}"' if unit else ""
-    dimension = f'<ssc:Dimension size="{size}"/>' if size else ""
-    return f'<ssv:Parameter name="{name}"><ssv:{of} value="{value}"{unit}/>{dimension}</ssv:Parameter>'
-
-
-def binding(*parameters, mapping="", source=""):
-    head = '<ssd:ParameterValues><ssv:ParameterSet version="2.0" name="p"><ssv:Parameters>'
-    tail = "</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>"
-    values = f"{head}{''.join(parameters)}{tail}" if parameters else ""
-    source = f' source="{source}"' if source else ""
-    box = f"<ssd:ParameterBinding{source}>{values}{mapping}</ssd:ParameterBinding>"
-    return f"<ssd:ParameterBindings>{box}</ssd:ParameterBindings>"
 
 
 @pytest.fixture
@@ -109,11 +84,11 @@ def test_all_faults_of_connectors_and_connections_come_at_once(package):
         component("Trajectory", connector("q_d", "output", 3), connector("q_d_dot", "input"), connector("x", "output")),
         component("PDController", connector("q_d", "input", 0), connector("q_d_dot", "input", of="Int32")),
         component("Plant", connector("q", "output"), connector("E_kin", "output", 0)),
-        links=link(
-            ("Plant", "E_kin", "PDController", "q_d"),
-            ("Plant", "q", "PDController", "q_d"),
-            ("Plant", "q", "PDController", "nothing"),
-            ("Plant", "q", "Nobody", "q"),
+        links=connections(
+            "Plant.E_kin PDController.q_d",
+            "Plant.q PDController.q_d",
+            "Plant.q PDController.nothing",
+            "Plant.q Nobody.q",
         ),
     )
     assert inspect_file(package(text), run=False).problems == [
@@ -131,15 +106,11 @@ def test_all_faults_of_connectors_and_connections_come_at_once(package):
 
 
 def test_resources_and_parameters_are_checked(package):
-    mapping = (
-        '<ssd:ParameterMapping><ssm:ParameterMapping version="2.0">'
-        '<ssm:MappingEntry source="time" target="T_end"/><ssm:MappingEntry source="no" target="T"/>'
-        "</ssm:ParameterMapping></ssd:ParameterMapping>"
-    )
+    mapping = '<ssm:MappingEntry source="time" target="T_end"/><ssm:MappingEntry source="no" target="T"/>'
     text = system(
-        component("Plant", inner=binding(source="none.ssv")),
-        component("Trajectory", inner=binding(parameter("time"), mapping=mapping)),
-        component("PDController", inner=binding(parameter("K_q"))),
+        component("Plant", inner=binding("none.ssv")),
+        component("Trajectory", inner=given(parameter("time"), mapping=mapping)),
+        component("PDController", inner=given(parameter("K_q"))),
         '<ssd:Component name="gone" source="resources/gone.fmu"/>',
     )
     report = inspect_file(package(text), run=False)
@@ -158,13 +129,13 @@ def test_resources_and_parameters_are_checked(package):
 
 
 def test_values_are_held_against_the_variables_that_their_names_lead_to(package):
-    inner = binding(parameter("velocity", "zero", "String"))
-    values = binding(
-        parameter("PDController.velocity", "1", "Int32"), parameter("PDController.velocity", "0", "Int32"),
+    inner = given(parameter("velocity", "zero", kind="String"))
+    over = given(
+        parameter("PDController.velocity", "1", kind="Int32"), parameter("PDController.velocity", "0", kind="Int32"),
         *map(parameter, ("Plant.nonsense", "nope.q", "Plant.E_kin")),
     )  # fmt: skip
-    text = system(component("Plant"), component("PDController", inner=inner))
-    report = inspect_file(package(text.replace("<ssd:Elements>", values + "<ssd:Elements>")), run=False)
+    text = system(component("Plant"), component("PDController", inner=inner), before=over)
+    report = inspect_file(package(text), run=False)
     assert report.problems == [
         "x.ssp: p: PDController.velocity: occurs twice in the parameter set",
         "Plant: parameter 'E_kin' (p: Plant.E_kin): is not settable: causality output, variability continuous, "
@@ -191,9 +162,10 @@ def test_values_are_held_against_the_variables_that_their_names_lead_to(package)
 )
 def test_values_lie_within_the_limits_of_the_fmu(package, name, value, unit, fault):
     size = len(value.split())
-    inner = binding(parameter(name, value, unit=unit, size=size if size > 1 else 0))
-    units = '<ssd:Units><ssc:Unit name="percent"><ssc:BaseUnit factor="0.01"/></ssc:Unit></ssd:Units>'
-    text = system(component("Plant", inner=inner)).replace("</ssd:System>", f"</ssd:System>{units}")
+    inner = given(parameter(name, value, unit=unit, size=size if size > 1 else 0))
+    text = system(
+        component("Plant", inner=inner), units='<ssc:Unit name="percent"><ssc:BaseUnit factor="0.01"/></ssc:Unit>'
+    )
     where = f"Plant: parameter {name!r} (p: {name}): "
     assert inspect_file(package(text), run=False).problems == ([where + fault] if fault else [])
 
@@ -202,7 +174,7 @@ def test_kinds_of_connectors_that_only_ssp_2_has_can_be_connected(package):
     text = system(
         component("Plant", connector("q", "constant")),
         component("PDController", connector("ell", "structuralParameter"), connector("q", "input")),
-        links=link(("Plant", "q", "PDController", "ell"), ("Plant", "q", "PDController", "q")),
+        links=connections("Plant.q PDController.ell", "Plant.q PDController.q"),
     )
     assert not any("direction error" in p for p in inspect_file(package(text), run=False).problems)
 
@@ -244,8 +216,7 @@ def test_indices_choose_elements_and_must_lie_in_the_array(package):
     def linked(start, end, plant="E_kin"):
         size = 0 if plant == "E_kin" else 2
         items = [
-            f'<ssd:Connection startElement="Plant" startConnector="{plant}" endElement="PDController" '
-            f'endConnector="q_d" suppressUnitConversion="true" {a} {b}/>'
+            connection(f"Plant.{plant} PDController.q_d", attributes=f'suppressUnitConversion="true" {a} {b}')
             for a, b in zip(start, end, strict=True)
         ]
         text = system(
@@ -276,11 +247,10 @@ def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
             "Trajectory",
             connector("q_d", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="m"/>'),
             connector("q_d_dot", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="none"/>'),
-            inner=binding(parameter("q_start", value, unit="m", size=size)),
+            inner=given(parameter("q_start", value, unit="m", size=size)),
         ).replace("<ssd:Component", f'<ssd:Component implementation="{implementation}"')
-        units = f'<ssd:Units><ssc:Unit name="m"><ssc:BaseUnit m="1" factor="{factor}"/></ssc:Unit></ssd:Units>'
-        text = system(trajectory).replace("</ssd:System>", f"</ssd:System>{units}")
-        return inspect_file(package(text), run=False).problems
+        units = f'<ssc:Unit name="m"><ssc:BaseUnit m="1" factor="{factor}"/></ssc:Unit>'
+        return inspect_file(package(system(trajectory, units=units)), run=False).problems
 
     where = "Trajectory: parameter 'q_start' (p: q_start): "
     always = [

@@ -6,7 +6,9 @@ import json
 import pytest
 
 from tests.engine.files import check_file
+from tests.engine.texts import component, connections, connector_list, elements, ssd
 from tests.study.run.conftest import members
+from tests.system.package.problems import write
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import StorageError
@@ -100,16 +102,6 @@ def test_a_system_is_checked_as_package_and_as_folder(package, tmp_path):
         assert all(p.startswith(f"{name}: is not well-formed XML") for p in check_file(tmp_path / name))
 
 
-def test_all_problems_of_a_system_come_at_once(package, tmp_path):
-    content = members(package)
-    content["resources/Trajectory.fmu"] = b"nothing"
-    ssd = content["SystemStructure.ssd"].replace(b'unit="N.m"', b'unit="m"', 1)
-    pack_zip(tmp_path / "bad.ssp", content | {"SystemStructure.ssd": ssd})
-    problems = check_file(tmp_path / "bad.ssp")
-    assert any("Trajectory.fmu" in p for p in problems)
-    assert any("unit mismatch" in p for p in problems)
-
-
 @pytest.mark.heavy
 def test_a_system_whose_unit_fails_in_the_run_is_told(scenario, fmus, tmp_path):
     values = system_values(scenario, {"controller.K_p": "1e12"})
@@ -171,18 +163,9 @@ def test_a_temporary_folder_that_cannot_be_written_is_told(package, tmp_path, mo
 @pytest.mark.heavy
 def test_an_algebraic_loop_is_a_note(fmus, tmp_path):
     """The standard allows it, and a master can step it: the controller adds its own torque of the step before."""
-    connectors = '<ssd:Connector name="tau[1]" kind="output"/><ssd:Connector name="tau_m[1]" kind="input"/>'
-    text = (
-        '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
-        'version="1.0" name="t"><ssd:System name="s"><ssd:Elements><ssd:Component name="c" '
-        f'source="resources/PDController.fmu"><ssd:Connectors>{connectors}</ssd:Connectors></ssd:Component>'
-        '</ssd:Elements><ssd:Connections><ssd:Connection startElement="c" startConnector="tau[1]" endElement="c" '
-        'endConnector="tau_m[1]"/></ssd:Connections></ssd:System></ssd:SystemStructureDescription>'
-    )
-    path = tmp_path / "loop.ssp"
-    pack_zip(
-        path, {"SystemStructure.ssd": text.encode(), "resources/PDController.fmu": fmus["controller"].read_bytes()}
-    )
+    controller = component("c", "resources/PDController.fmu", connector_list("tau[1]:output tau_m[1]:input"))
+    members = {"resources/PDController.fmu": fmus["controller"].read_bytes()}
+    path = write(tmp_path / "loop.ssp", ssd(elements(controller) + connections("c.tau[1] c.tau_m[1]")), members)
     report = inspect_file(path)
     assert report.problems == []
     assert [note for note in report.notes if "loop" in note] == [

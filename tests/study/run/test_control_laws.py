@@ -5,8 +5,6 @@ delta, must come from its feedback: statically, the error is K^-1 delta with the
 of a joint. A step of delta makes at most twice that in a loop of second order. Along a slow motion, that is the bound.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

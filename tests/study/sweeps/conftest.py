@@ -1,7 +1,6 @@
 """A package of one unit that misbehaves at some values of its parameters."""
 
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +31,7 @@ def table(found: Sweep) -> dict[str, list]:
 
 
 @pytest.fixture(scope="session")
-def wild(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wild(tmp_path_factory):
     """Return a package of one unit, ``unit``, with the output y and the parameters ``way`` and ``at`` [s]."""
     folder = tmp_path_factory.mktemp("wild")
     write(folder / "Wild.fmu", build(folder))

@@ -22,7 +22,7 @@ D = np.column_stack([np.cos(T), T])
 
 
 @pytest.fixture(scope="module")
-def results() -> Results:
+def results():
     names = ["plant.q[1]", "plant.q[2]", "motion.q_d[1]", "motion.q_d[2]", "inner.part.x"]
     signals = [Signal(name, "real", "rad", i) for i, name in enumerate(names)]
     return Results(T, signals, {"real": np.column_stack([Q, D, 1.0 - np.exp(-3.0 * T)])})

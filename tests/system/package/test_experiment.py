@@ -1,45 +1,32 @@
 """The default experiment and its annotations: what is written is read back, and what cannot be run is a problem."""
 
 import dataclasses
-import zipfile
 
 import pytest
 
 from tests.engine.files import check_file
-from tests.system.package.problems import problems
+from tests.engine.texts import ssd
+from tests.system.package.problems import problems, write
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.experiment import FOREIGN, Experiment, read_experiment
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.structure_file import structure_file
 from vdfmu.system.scenario import load_scenario
 
-SSD = (
-    '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
-    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" '
-    f'xmlns:osp="{FOREIGN["osp"]}" xmlns:own="{FOREIGN["vdfmu"]}" '
-    'version="{version}" name="t"><ssd:System name="s"/>{experiment}</ssd:SystemStructureDescription>'
-)
 
-
-def write(path, attributes="", *annotations, version="1.0"):
+def experiment(path, attributes="", *annotations, version="1.0"):
     inner = f"<ssd:Annotations>{''.join(annotations)}</ssd:Annotations>" if annotations else ""
-    text = SSD.format(
-        version=version, experiment=f"<ssd:DefaultExperiment {attributes}>{inner}</ssd:DefaultExperiment>"
-    )
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("SystemStructure.ssd", text)
-    return path
+    return write(path, ssd("", f"<ssd:DefaultExperiment {attributes}>{inner}</ssd:DefaultExperiment>", version=version))
 
 
 def ours(attributes):
-    return f'<ssc:Annotation type="org.vdfmu.experiment"><own:Experiment {attributes}/></ssc:Annotation>'
+    element = f'<own:Experiment xmlns:own="{FOREIGN["vdfmu"]}" {attributes}/>'
+    return f'<ssc:Annotation type="org.vdfmu.experiment">{element}</ssc:Annotation>'
 
 
 def osp(attributes):
-    return (
-        '<ssc:Annotation type="com.opensimulationplatform"><osp:Algorithm>'
-        f"<osp:FixedStepAlgorithm {attributes}/></osp:Algorithm></ssc:Annotation>"
-    )
+    algorithm = f'<osp:Algorithm xmlns:osp="{FOREIGN["osp"]}"><osp:FixedStepAlgorithm {attributes}/></osp:Algorithm>'
+    return f'<ssc:Annotation type="com.opensimulationplatform">{algorithm}</ssc:Annotation>'
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
@@ -53,23 +40,23 @@ def test_what_is_written_is_read_back(master, adaptive, version):
 
 
 def test_the_step_of_libcosim_is_read_where_there_is_none_of_ours(tmp_path):
-    path = write(tmp_path / "x.ssp", 'stopTime="1"', osp('baseStepSize="0.25"'))
+    path = experiment(tmp_path / "x.ssp", 'stopTime="1"', osp('baseStepSize="0.25"'))
     assert load_ssp(path).experiment == Experiment(stop=1.0, step=0.25)
-    path = write(tmp_path / "x.ssp", "", osp('baseStepSize="0.25"'), ours('communicationStepSize="0.5"'))
+    path = experiment(tmp_path / "x.ssp", "", osp('baseStepSize="0.25"'), ours('communicationStepSize="0.5"'))
     assert load_ssp(path).experiment == Experiment(step=0.5)
 
 
 def test_annotations_of_others_are_left_alone(tmp_path):
-    other = '<ssc:Annotation type="com.example"><own:Experiment communicationStepSize="x"/></ssc:Annotation>'
-    path = write(tmp_path / "x.ssp", 'stopTime="1"', other, '<ssc:Annotation type="org.vdfmu.experiment"/>')
+    other = ours('communicationStepSize="x"').replace("org.vdfmu.experiment", "com.example")
+    path = experiment(tmp_path / "x.ssp", 'stopTime="1"', other, '<ssc:Annotation type="org.vdfmu.experiment"/>')
     assert load_ssp(path).experiment == Experiment(stop=1.0)
 
 
 @pytest.mark.parametrize("attributes", ["", 'startTime="1"', 'stopTime="2"', 'startTime="-1" stopTime="0"'])
 def test_times_may_be_left_out(tmp_path, attributes):
-    experiment = load_ssp(write(tmp_path / "x.ssp", attributes)).experiment
-    assert (experiment.start is None) == ("startTime" not in attributes)
-    assert (experiment.stop is None) == ("stopTime" not in attributes)
+    read = load_ssp(experiment(tmp_path / "x.ssp", attributes)).experiment
+    assert (read.start is None) == ("startTime" not in attributes)
+    assert (read.stop is None) == ("stopTime" not in attributes)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +72,7 @@ def test_times_may_be_left_out(tmp_path, attributes):
 )
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_times_that_cannot_be_run_are_a_problem(tmp_path, attributes, expected, version):
-    path = write(tmp_path / "x.ssp", attributes, version=version)
+    path = experiment(tmp_path / "x.ssp", attributes, version=version)
     (found,) = [problem for problem in check_file(path) if "default experiment" in problem]
     assert found.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")
     assert expected in found
@@ -104,6 +91,6 @@ def test_times_that_cannot_be_run_are_a_problem(tmp_path, attributes, expected, 
     ],
 )  # fmt: skip
 def test_annotations_that_cannot_be_run_are_a_problem(tmp_path, annotation, expected):
-    (found,) = problems(write(tmp_path / "x.ssp", 'stopTime="1"', annotation))
+    (found,) = problems(experiment(tmp_path / "x.ssp", 'stopTime="1"', annotation))
     assert found.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")
     assert expected in found

@@ -4,7 +4,8 @@ import zipfile
 
 import pytest
 
-from tests.system.package.problems import binding, component, elements, problems, ssd, write
+from tests.engine.texts import binding, component, connections, connector_list, elements, ssd, values
+from tests.system.package.problems import problems, write
 from vdfmu.engine.package import limits, load_ssp
 from vdfmu.engine.package.read import read_system
 
@@ -19,30 +20,19 @@ def test_entries_outside_the_package_are_refused(tmp_path, name):
     assert list(tmp_path.iterdir()) == [tmp_path / "x.ssp"]
 
 
-def test_large_members_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "MEMBER_LIMIT", 1000)
-    path = write(tmp_path / "x.ssp", ssd(), {"big": bytes(1001), "ok": bytes(1000)})
-    assert problems(path) == ["x.ssp: entry 'big' has 1001 bytes; the limit is 1000"]
-
-
-def test_a_large_sum_of_members_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "TOTAL_LIMIT", 1500)
-    path = write(tmp_path / "x.ssp", ssd(), {"one": bytes(1000), "two": bytes(1000)})
-    assert "the limit is 1500" in problems(path)[0]
-
-
-ENTITIES = [
-    '<!DOCTYPE d [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>',
-    '<!DOCTYPE d [<!ENTITY a SYSTEM "file:///etc/passwd">]>',
-    '<!DOCTYPE d SYSTEM "http://localhost:1/x.dtd">',
-    "<!DOCTYPE d>",
-]
-
-
-@pytest.mark.parametrize("doctype", ENTITIES)
-def test_document_types_and_entities_are_refused(tmp_path, doctype):
-    path = write(tmp_path / "x.ssp", doctype + ssd())
-    assert "document type declaration" in problems(path)[0]
+@pytest.mark.parametrize(
+    ("limit", "value", "sizes", "expected"),
+    [
+        ("MEMBER_LIMIT", 1000, [1000, 1001], "entry '1' has 1001 bytes; the limit is 1000"),
+        ("TOTAL_LIMIT", 1500, [1000, 1000], "the limit is 1500"),
+        ("COUNT_LIMIT", 10, [0] * 10, "has 11 entries; the limit is 10"),
+        ("DIRECTORY_LIMIT", 205, [0, 0, 0], "has a directory of 206 bytes; the limit is 205. Pack fewer files"),
+    ],
+)
+def test_what_is_large_is_refused(tmp_path, monkeypatch, limit, value, sizes, expected):
+    monkeypatch.setattr(limits, limit, value)
+    (found,) = problems(write(tmp_path / "x.ssp", ssd(), {str(k): bytes(size) for k, size in enumerate(sizes)}))
+    assert found.startswith("x.ssp: ") and expected in found
 
 
 def test_a_file_that_is_no_package(tmp_path):
@@ -101,13 +91,11 @@ def test_missing_resources_and_bad_sources_at_once(tmp_path):
 
 def test_a_faulty_package_is_read_as_far_as_it_goes(tmp_path):
     """With all faults in one pass: of the parameter set, of its mapping, of the FMUs, of the wiring."""
-    bindings = (
-        '<ssd:ParameterBindings><ssd:ParameterBinding source="none.ssv"><ssd:ParameterMapping source="none.ssm"/>'
-        '</ssd:ParameterBinding><ssd:ParameterBinding source="p.ssv" sourceBase="component"/></ssd:ParameterBindings>'
-    )
-    link = '<ssd:Connection startElement="a" startConnector="y" endElement="c" endConnector="u"/>'
+    end = "</ssd:ParameterBindings>"
+    second = f'<ssd:ParameterBinding source="p.ssv" sourceBase="component"/>{end}'
+    bindings = binding("none.ssv", "none.ssm").replace(end, second)
     inside = elements(component("a", "there.fmu"), component("b", "missing.fmu", bindings))
-    path = write(tmp_path / "x.ssp", ssd(f"{inside}<ssd:Connections>{link}</ssd:Connections>"), {"there.fmu": b""})
+    path = write(tmp_path / "x.ssp", ssd(inside + connections("a.y c.u")), {"there.fmu": b""})
     found, faults = read_system(path)
     assert faults == problems(path)
     assert faults == [
@@ -126,22 +114,8 @@ def test_a_faulty_package_is_read_as_far_as_it_goes(tmp_path):
     assert "not well-formed" in read_system(tmp_path / "y.ssp")[1][0]
 
 
-def test_an_ssv_with_an_entity_is_refused(tmp_path):
-    ssv = b'<!DOCTYPE x [<!ENTITY e "1">]><x/>'
-    path = write(tmp_path / "x.ssp", ssd(elements(component(inner=binding("p.ssv")))), {"a.fmu": b"", "p.ssv": ssv})
-    assert problems(path) == ["x.ssp: p.ssv: has a document type declaration, which is refused (entities); remove it"]
-
-
 def test_an_inline_parameter_set_is_validated(tmp_path):
-    inline = (
-        "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>"
-        '<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" '
-        'version="1.0" name="p"><ssv:Parameters><ssv:Parameter name="k"><ssv:Real value="big"/>'
-        "</ssv:Parameter>"
-        "</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>"
-        "</ssd:ParameterBindings>"
-    )
-    path = write(tmp_path / "x.ssp", ssd(elements(component(inner=inline))), {"a.fmu": b""})
+    path = write(tmp_path / "x.ssp", ssd(elements(component(inner=values("k=big")))), {"a.fmu": b""})
     assert "'big' is not a valid value of the atomic type 'xs:double'" in problems(path)[0]
 
 
@@ -157,12 +131,7 @@ def test_default_experiment_and_units(tmp_path):
 
 
 def test_connectors_that_feed_each_other_in_a_ring_end(tmp_path):
-    sub = (
-        '<ssd:System name="{0}"><ssd:Connectors><ssd:Connector name="i" kind="input"/>'
-        '<ssd:Connector name="o" kind="output"/></ssd:Connectors><ssd:Connections>'
-        '<ssd:Connection startConnector="i" endConnector="o"/></ssd:Connections></ssd:System>'
-    )
-    link = '<ssd:Connection startElement="{}" startConnector="o" endElement="{}" endConnector="i"/>'
-    rest = f"<ssd:Connections>{link.format('p', 'q')}{link.format('q', 'p')}</ssd:Connections>"
-    path = write(tmp_path / "x.ssp", ssd(elements(sub.format("p"), sub.format("q")) + rest))
+    through = connector_list("i:input o:output") + connections("i o")
+    systems = elements(*(f'<ssd:System name="{name}">{through}</ssd:System>' for name in "pq"))
+    path = write(tmp_path / "x.ssp", ssd(systems + connections("p.o q.i", "q.o p.i")))
     assert load_ssp(path).connections == ()

@@ -1,7 +1,5 @@
 """Systems that refer to systems: how many elements and how deep, in every way of reference."""
 
-from __future__ import annotations
-
 import os
 import tracemalloc
 import zipfile
@@ -10,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import vdfmu
+from tests.engine import texts
 from tests.engine.files import check_file
 from tests.hostile.packages import pack
-from tests.system.package import problems as texts
 from tests.system.package.problems import problems
 from tests.warm import command
 from vdfmu.engine.package import limits, load_ssp
@@ -132,12 +130,6 @@ def test_what_is_taken_into_memory_counts_each_time(tmp_path, monkeypatch):
 def test_packages_inside_have_a_limit_in_number(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "PACKAGE_LIMIT", 3)
     assert "x.ssp: has more than 3 packages inside it; that is the limit" in problems(nested(tmp_path / "x.ssp", 4))
-
-
-def test_a_long_directory_is_refused_before_it_is_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "DIRECTORY_LIMIT", 100)
-    (found,) = problems(chain(tmp_path / "x.ssp", "definition", levels=8, fan=1))
-    assert "bytes; the limit is 100. Pack fewer files" in found
 
 
 @pytest.mark.heavy

@@ -1,50 +1,29 @@
 """Systems in every form that SSP 1.0 has for them: nested, referenced, packed inside, in several files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import fmpy
 import pytest
 
+from tests.engine import texts
+from tests.engine.texts import SPACES, connections, connector_list, elements, parameter, ssd, values
 from tests.hostile.packages import pack as zipped
-from tests.system.package import problems as texts
-from tests.system.package.problems import SPACES, elements, problems, ssd
+from tests.system.package.problems import problems
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.plan.check import check_system
 
 PACKAGE = 'type="application/x-ssp-package"'
 DEFINITION = 'type="application/x-ssp-definition"'
-IO = '<ssd:Connectors><ssd:Connector name="u" kind="input"/><ssd:Connector name="y" kind="output"/></ssd:Connectors>'
+IO = connector_list("u:input y:output")
 
 
 def component(name: str, source: str = "f.fmu", inner: str = IO, attributes: str = "") -> str:
     return texts.component(name, source, inner, attributes)
 
 
-def connections(*links: str) -> str:
-    """From texts such as "a.y b.u"; an end without a dot is a connector of the system."""
-    out = []
-    for link in links:
-        text = ""
-        for label, end in zip(("start", "end"), link.split(), strict=True):
-            owner, _, name = end.rpartition(".")
-            text += (f'{label}Element="{owner}" ' if owner else "") + f'{label}Connector="{name}" '
-        out.append(f"<ssd:Connection {text}/>")
-    return f"<ssd:Connections>{''.join(out)}</ssd:Connections>"
-
-
-def values(*pairs: str, attributes: str = "", mapping: str = "") -> str:
-    inner = "".join(
-        f'<ssv:Parameter name="{name}"><ssv:Real value="{value}"/></ssv:Parameter>'
-        for name, _, value in (pair.partition("=") for pair in pairs)
-    )
-    return (
-        f"<ssd:ParameterBindings><ssd:ParameterBinding {attributes}><ssd:ParameterValues>"
-        f'<ssv:ParameterSet version="1.0" name="p"><ssv:Parameters>{inner}</ssv:Parameters></ssv:ParameterSet>'
-        f"</ssd:ParameterValues>{mapping}</ssd:ParameterBinding></ssd:ParameterBindings>"
-    )
+def problems_of_wiring(path: Path) -> list[str]:
+    return list(load_ssp(path).problems)
 
 
 @pytest.fixture
@@ -84,7 +63,7 @@ def test_a_package_inside_the_package_is_a_system(pack):
     unit = '<ssd:Units><ssc:Unit name="angle"><ssc:BaseUnit rad="1" factor="{}"/></ssc:Unit></ssd:Units>'
     inner = zipped(
         {
-            "SystemStructure.ssd": ssd(GAIN + "", unit.format("0.01"), "").replace(
+            "SystemStructure.ssd": ssd(GAIN, unit.format("0.01")).replace(
                 "<ssd:Elements>", values("g.k=1", "g.m=2") + "<ssd:Elements>", 1
             ),
             "f.fmu": b"inner",
@@ -194,22 +173,16 @@ def test_a_package_may_have_several_ssds(pack):
 
 def test_empty_element_names_mean_the_system_itself(pack):
     """The form of OMSimulator's resources/import_export_parameters: startElement="" ."""
-    top = IO + elements(component("a")) + '<ssd:Connections><ssd:Connection startElement="" startConnector="u" '
-    top += 'endElement="a" endConnector="u"/></ssd:Connections>' + ""
-    path = pack(
-        {"SystemStructure.ssd": ssd(top.replace("<ssd:Elements>", values("u=7") + "<ssd:Elements>")), "f.fmu": b""}
-    )
+    link = connections("u a.u").replace("<ssd:Connection ", '<ssd:Connection startElement="" ')
+    path = pack({"SystemStructure.ssd": ssd(IO + values("u=7") + elements(component("a")) + link), "f.fmu": b""})
     assert load_ssp(path).problems == ()
     assert [(p.name, p.value) for p in load_ssp(path).component("a").parameters] == [("u", 7.0)]
 
 
 def test_external_files_outside_the_resources_folder_with_prefix_and_precedence(pack):
     """The form of ecos' quarter_truck, ssv/ beside resources/. The mapping finds names with their prefix."""
-    document = (
-        f'<ssv:ParameterSet {SPACES} version="1.0" name="p"><ssv:Parameters>'
-        '<ssv:Parameter name="k"><ssv:Real value="2"/></ssv:Parameter>'
-        '<ssv:Parameter name="m"><ssv:Real value="3"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet>'
-    )
+    parameters = f"<ssv:Parameters>{parameter('k', 2)}{parameter('m', 3)}</ssv:Parameters>"
+    document = f'<ssv:ParameterSet {SPACES} version="1.0" name="p">{parameters}</ssv:ParameterSet>'
     mapping = (
         f'<ssm:ParameterMapping {SPACES} version="1.0"><ssm:MappingEntry source="a.k" target="a.gain">'
         '<ssc:LinearTransformation factor="10" offset="1"/></ssm:MappingEntry></ssm:ParameterMapping>'
@@ -229,8 +202,8 @@ def test_external_files_outside_the_resources_folder_with_prefix_and_precedence(
     assert (hop.transformation.factor, hop.transformation.offset) == (10.0, 1.0)
 
 
-def nested(rest: str, name: str = "B", bindings: str = "") -> str:
-    return f'<ssd:System name="{name}">{bindings}{rest}</ssd:System>'
+def nested(rest: str, name: str = "B") -> str:
+    return f'<ssd:System name="{name}">{rest}</ssd:System>'
 
 
 def given(system) -> dict[str, dict[str, object]]:
@@ -254,7 +227,7 @@ def test_a_value_goes_to_everything_that_has_its_name(pack):
 
 def test_values_of_connectors_that_feed_no_input_have_no_effect(pack):
     """The form of OMSimulator's resources/toplevelparameter1: a parameter that nothing is connected to."""
-    own = '<ssd:Connectors><ssd:Connector name="K" kind="parameter"/></ssd:Connectors>'
+    own = connector_list("K:parameter")
     inner = nested(IO + elements(component("g")) + connections("g.y y"), "S")
     top = own + values("K=4", "S.y=5", "S.u=6") + elements(inner, component("h")) + connections("S.y h.u")
     system = load_ssp(pack({"SystemStructure.ssd": ssd(top), "f.fmu": b""}))
@@ -269,7 +242,7 @@ def test_values_of_connectors_that_feed_no_input_have_no_effect(pack):
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_what_is_connected_takes_the_value_of_its_source_in_any_order(pack, order):
-    own = '<ssd:Connectors><ssd:Connector name="K" kind="input"/></ssd:Connectors>'
+    own = connector_list("K:input")
     inner = nested(IO + elements(component("g", inner=IO + values("u=1"))) + connections("u g.u"), "S")
     pairs = ["K=4", "S.u=5", "S.g.u=9"][::order]
     top = own + values(*pairs) + elements(inner) + connections("K S.u")
@@ -302,13 +275,22 @@ def test_a_signal_dictionary_in_a_file_joins_systems_of_two_levels(pack):
 
 def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
     """`local` is a kind of connector that only SSP 2.0 has."""
-    inner = '<ssd:Connectors><ssd:Connector name="u" kind="local"/></ssd:Connectors>'
-    text = ssd(elements(component("a", inner=inner)))
+    text = ssd(elements(component("a", inner=connector_list("u:local"))))
     found, *_ = problems(pack({"SystemStructure.ssd": text}))
     assert found.startswith("x.ssp: SystemStructure.ssd, line") and "'local' is not an element of the set" in found
     newer = text.replace('version="1.0"', 'version="2.0"', 1)
     system = load_ssp(pack({"SystemStructure.ssd": newer, "f.fmu": b""}))
     assert (system.version, system.component("a").connectors["u"].kind) == ("2.0", "local")
+
+
+def test_a_connector_of_the_system_has_the_size_of_what_it_is_connected_to(pack):
+    def array(size: int) -> str:
+        inner = f'<ssc:Float64/><ssc:Dimension size="{size}"/>'
+        return f'<ssd:Connectors><ssd:Connector name="y" kind="output">{inner}</ssd:Connector></ssd:Connectors>'
+
+    for size, found in ((2, []), (3, ["connection a.y -> y: dimension mismatch, an array of 2 to an array of 3"])):
+        inside = array(size) + elements(component("a", inner=array(2))) + connections("a.y y")
+        assert problems_of_wiring(pack({"SystemStructure.ssd": ssd(inside, version="2.0"), "f.fmu": b""})) == found
 
 
 def enumeration_fmu(items: str) -> bytes:
@@ -334,7 +316,7 @@ def enumeration_fmu(items: str) -> bytes:
 
 def mapped(pack, entries: str, parameter: str = ""):
     table = f"<ssc:EnumerationMappingTransformation>{entries}</ssc:EnumerationMappingTransformation>"
-    link = connections("a.y b.u").replace("/></ssd:Connections>", f">{table}</ssd:Connection></ssd:Connections>")
+    link = connections("a.y b.u", inner=table)
     top = elements(component("a", "a.fmu"), component("b", "b.fmu", IO + parameter)) + link
     return pack(
         {
@@ -357,10 +339,6 @@ def test_enumerations_are_mapped_by_the_names_of_their_items(pack):
     assert problems_of_wiring(mapped(pack, off + off)) == [
         "connection a.y -> b.u: the mapping has several entries for off; keep one"
     ]
-
-
-def problems_of_wiring(path: Path) -> list[str]:
-    return list(load_ssp(path).problems)
 
 
 def test_an_enumeration_of_a_parameter_set_is_mapped_by_name(pack):
