@@ -9,17 +9,12 @@ import pytest
 
 import vdfmu
 from tests.conftest import heavy
+from tests.study.batch.scenarios import CHOPPER, NOISY, POSITION, REST, scenario_file
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.job import Bench
 from vdfmu.study.sweeps.plan import make_plan
 from vdfmu.system.scenario import load_scenario
-
-POSITION = 1e-9
-"""[rad] What is asked for. Rounding alone gives 1e-15 in the runs here; where it decides whether an internal step is
-taken, the local errors of two ways to go on remain, 4.5e-10 rad over 10 s of the paper's arm (docs/internals.md)."""
-REST = 1e-7
-"""Of the largest value of any other signal, which follow the positions by gains of a hundred 1/s and more."""
 
 
 @pytest.fixture
@@ -216,16 +211,6 @@ def test_packages_and_few_points_are_run_by_fmus(tmp_path, bench):
         make_plan(path, {"plant.mass[1]": "1, 2"}, measure=["m=max(plant.q)"], engine="batch")
 
 
-def scenario_file(folder, units):
-    """Write a system and its scenario, and return the latter."""
-    (folder / "system.toml").write_text(f'name = "own"\ndescription = "units of a user"\n\n[units]\n{units}')
-    (folder / "scenario.toml").write_text(
-        'name = "own"\ndescription = "units of a user"\nsystem = "system.toml"\n'
-        'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'
-    )
-    return folder / "scenario.toml"
-
-
 @pytest.mark.heavy
 def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     (tmp_path / "wave.py").write_text(
@@ -244,57 +229,6 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     assert_same_runs(rows, others)
     assert not bench.needed
     assert len({row["end"] for row in rows}) == 12
-
-
-CHOPPER = """
-import numpy as np
-
-from vdfmu.unit import Derivative, Input, Parameter, State, Unit, where
-
-
-class Chopper(Unit):
-    \"\"\"A low pass of a voltage that is switched by time.\"\"\"
-
-    u = Input("V")
-    f = Parameter("1/s", text="frequency", start=40.0)
-    y = State("V", text="filtered voltage")
-    y_dot = Derivative(y)
-
-    def derivatives(self) -> None:
-        \"\"\"On in the first third of each period.\"\"\"
-        on = self.t * self.f - np.floor(self.t * self.f) < 0.3
-        self.y_dot = 100.0 * (where(on, 1.0 + self.u, 0.0) - self.y)
-"""
-NOISY = """
-import numpy as np
-
-from vdfmu.unit import Derivative, Input, Parameter, Sampled, State, Unit, normal, seeded
-
-
-class Noisy(Unit):
-    \"\"\"A sampled, rounded and noisy value, and the sum of its input.\"\"\"
-
-    y = Input("V")
-    seed = Parameter("1", text="seed", start=3.0)
-    period = Parameter("s", text="time between samples", start=7e-3, minimum=1e-6)
-    s = State("V.s", text="sum")
-    s_dot = Derivative(s)
-    random = Sampled("1", 6, "state of the random numbers")
-    z = Sampled("V", text="measured value")
-
-    def start(self) -> None:
-        \"\"\"Seed.\"\"\"
-        self.random, self.z, self.s = seeded(self.seed), 0.0, 0.0
-
-    def update(self) -> None:
-        \"\"\"Draw and round.\"\"\"
-        (noise,), self.random = normal(self.random, 1)
-        self.z = 0.01 * np.floor((self.y + 0.02 * noise) / 0.01 + 0.5)
-
-    def derivatives(self) -> None:
-        \"\"\"Integrate.\"\"\"
-        self.s_dot = self.y + self.z
-"""
 
 
 @pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])

@@ -11,7 +11,7 @@ import wasmtime
 import vdfmu
 from tests.compiler.wasm.linked import linked
 from tests.conftest import heavy
-from tests.study.batch.test_batch import CHOPPER, NOISY, POSITION, REST, scenario_file
+from tests.study.batch.scenarios import CHOPPER, NOISY, POSITION, REST, scenario_file
 from vdfmu.study.batch.module import write_module
 from vdfmu.study.batch.program import SystemProgram
 from vdfmu.study.run.scenario_run import prepare
