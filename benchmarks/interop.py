@@ -129,7 +129,7 @@ class Tracking:
         for kind in ("python", "native"):
             for step in (self.step, EXACT_STEP):
                 steps = round(self.stop / step)
-                results = simulate(self.package(kind), step=step, stop=steps * step, algorithm="jacobi")
+                results = simulate(self.package(kind), step=step, stop=steps * step, algorithm="jacobi", record=["*"])
                 arrays: dict[str, Any] = {name: results[name] for name in results.names}
                 np.savez(self.recorded(kind, step), time=results.time, **arrays)
         return self

@@ -208,7 +208,8 @@ def test_the_command_prints_and_draws_a_motion(written, tmp_path, capsys):
 
 
 def test_the_command_takes_names_of_scenarios(capsys):
-    app(["motion", "two_joint"], standalone_mode=False)
+    with pytest.raises(SystemExit, match="0"):
+        app(["motion", "two_joint"], standalone_mode=False)
     assert "30 s at" in capsys.readouterr().out
     with pytest.raises(UsageError, match="no scenario 'two_join'.* Did you mean \"two_joint\"?"):
         app(["motion", "two_join"], standalone_mode=False)

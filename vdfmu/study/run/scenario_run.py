@@ -17,7 +17,6 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report
-from vdfmu.base.seal import seal
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
@@ -127,7 +126,7 @@ class ScenarioRun:
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend, fmi_version)
             self.package = write_ssp(scenario, built, folder / "system.ssp", self.system.values, mixed=True)
-        self._facts = _facts(self.system, options, backend) | {"seal": seal(self.package)}
+        self._facts = _facts(self.system, options, backend)
         self._poses, self._limits = poses_of(self.system), limits_of(self.system)
         self._bond = PowerBond(scenario.robot) if scenario.robot else None
 
