@@ -43,8 +43,9 @@ class Module:
 
     def steps(self) -> Iterator[int]:
         """Yield the result of each step."""
-        for t, size in zip(self.program.points.tolist(), self.program.sizes.tolist(), strict=True):
-            yield self._exports["step"](self._store, t, size)
+        grid = self.program.grid
+        for k in range(grid.n):
+            yield self._exports["step"](self._store, grid.time(k), grid.step if k < grid.n - 1 else grid.last)
 
 
 def assert_same_run(scenario: Any, settings: dict[str, Any] | None = None) -> None:

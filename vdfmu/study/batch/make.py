@@ -175,7 +175,10 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
         Compilation("lanes", files, platform, (*FLAGS, f"-DLANES={width}", *flags)) for width, flags in levels
     )
     fed = np.array([place for place, _ in program.system.outside], dtype=np.int64)
+    grid = program.grid
+    points = grid.times(0, grid.n)
+    sizes = np.append(np.full(grid.n - 1, grid.step), grid.last)
     return BatchProgram(
         tuple(libraries), program.system.memory.copy(), program.limits(), program.signals(), optional, fed,
-        program.courses(), program.points, program.sizes, program.time,
+        program.courses(), points, sizes, np.append(points, grid.end),
     )  # fmt: skip

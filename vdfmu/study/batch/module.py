@@ -69,11 +69,11 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
         "places": [*outputs.values()],
         "conditions": [words for condition in program.conditions for words in condition.words],
         "moving": [moving.name for moving in program.moving],
-        "start": 0.0,
-        "stop": program.time[-1].item(),
-        "step": program.sizes[0].item(),
-        "steps": len(program.points),
-        "last": program.sizes[-1].item(),
+        "start": program.grid.begin,
+        "stop": program.grid.end,
+        "step": program.grid.step,
+        "steps": program.grid.n,
+        "last": program.grid.last,
     }
 
 

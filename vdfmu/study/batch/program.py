@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.machine import traced_margins
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.requirements import traced_requirements
 from vdfmu.engine.algorithms import ALGORITHMS, choice
-from vdfmu.engine.plan.grid import largest_step
+from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.solution import SampledReference
 from vdfmu.system.reference.wired import Action, Evaluate, WiredUnits
@@ -84,8 +84,7 @@ class SystemProgram:
     moving : list of MovingUnit
         In the order of a step.
     conditions : list of ParameterCondition
-    points, sizes : (n,) begin and length of each step [s]
-    time : (n + 1,) times of the rows [s]
+    grid : Grid
 
     Raises
     ------
@@ -111,12 +110,7 @@ class SystemProgram:
         self.lists = {"begin": start} | {name: solution.lists[name] for name in parts}
         self.moving = [self._moving(name) for name in solution.moving]
         self.conditions = list(self._conditions(scenario.step))
-        n = round(scenario.stop / scenario.step)
-        self.points = scenario.step * np.arange(n, dtype=np.float64)
-        self.sizes = np.full(n, scenario.step)
-        if self.points[-1] + self.sizes[-1] != scenario.stop:
-            self.sizes[-1] = largest_step(self.points[-1].item(), scenario.stop)
-        self.time = np.append(self.points, scenario.stop)
+        self.grid = Grid(0.0, scenario.stop, scenario.step, count_steps(scenario.step, scenario.stop))
 
     def unit(self, name: str) -> Traced:
         """Return a unit."""
@@ -192,8 +186,9 @@ class SystemProgram:
     def courses(self) -> Floats:
         """Values of the inputs from outside in the steps, (n, k)."""
         courses = [course for _, course in self.system.outside]
-        values = [[course.at(t)[0] for course in courses] for t in self.points.tolist()] if courses else []
-        return np.array(values, dtype=np.float64).reshape(len(self.points), len(courses))
+        points = self.grid.times(0, self.grid.n).tolist()
+        values = [[course.at(t)[0] for course in courses] for t in points] if courses else []
+        return np.array(values, dtype=np.float64).reshape(len(points), len(courses))
 
 
 def _whole_multiple(step: float) -> ca.Function:
