@@ -4,27 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import click
-
 from vdfmu.cli.app import App
 from vdfmu.cli.terminal import say
 
 if TYPE_CHECKING:
     from vdfmu.base.cache import CachedFile
-
-
-def _show() -> None:
-    if click.get_current_context().invoked_subcommand is None:
-        say_cache()
-
-
-app = App(
-    "cache",
-    callback=_show,
-    invoke_without_command=True,
-    help="Show the cache of what was built, or clear it.",
-    example="vdfmu cache",
-)
 
 
 def say_cache() -> None:
@@ -37,6 +21,9 @@ def say_cache() -> None:
     say(f"Entries  {len(found)}")
     say(f"Size     {_size(found)}, at most {limit() / 2**20:g} MB")
     say(f"What the compiler keeps for itself, in {folder / COMPILER}, is not counted.")
+
+
+app = App("cache", default=say_cache, help="Show the cache of what was built, or clear it.", example="vdfmu cache")
 
 
 @app.command("clear", example="vdfmu cache clear")

@@ -83,31 +83,6 @@ def _completion(context: click.Context, parameter: click.Parameter, shell: str |
         context.exit()
 
 
-def _begin() -> None:
-    if click.get_current_context().invoked_subcommand is None:
-        _say_first()
-
-
-app = App(
-    "vdfmu",
-    invoke_without_command=True,
-    callback=_begin,
-    help="Flexible-joint manipulators as co-simulation FMUs.",
-    params=[
-        click.Option(
-            ["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
-            help="Show the version.",
-        ),
-        click.Option(
-            ["--completion"], metavar="SHELL", is_eager=True, expose_value=False, callback=_completion,
-            help="Print the completion of bash, zsh or fish.",
-        ),
-    ],
-)  # fmt: skip
-for panel, listed in COMMANDS.items():
-    app.add(listed, panel)
-
-
 def _say_first() -> None:
     """Name the commands that are needed most, and where the others are."""
     known: Any = app.commands
@@ -154,3 +129,22 @@ def command() -> None:
         if not isinstance(error, BrokenPipeError):
             fail(f"the output cannot be written: {error.strerror or error}", 1)
         sys.exit(1)
+
+
+app = App(
+    "vdfmu",
+    default=_say_first,
+    help="Flexible-joint manipulators as co-simulation FMUs.",
+    params=[
+        click.Option(
+            ["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
+            help="Show the version.",
+        ),
+        click.Option(
+            ["--completion"], metavar="SHELL", is_eager=True, expose_value=False, callback=_completion,
+            help="Print the completion of bash, zsh or fish.",
+        ),
+    ],
+)  # fmt: skip
+for panel, listed in COMMANDS.items():
+    app.add(listed, panel)
