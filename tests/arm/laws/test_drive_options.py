@@ -10,7 +10,7 @@ from vdfmu.arm.drive.bristles import bristle_rate, bristle_torque
 from vdfmu.arm.drive.dahl import dahl_energy, dahl_loss, dahl_rate
 from vdfmu.arm.drive.load_loss import efficiency, mesh_friction
 from vdfmu.arm.drive.option import Friction
-from vdfmu.arm.drive.options import OPTION_STATES
+from vdfmu.arm.drive.options import OPTIONS as DRIVE_OPTIONS
 from vdfmu.arm.drive.thermal import THERMAL, temperature_rate, warm_viscosity
 from vdfmu.arm.drive.winding import current_rate, winding_voltage
 from vdfmu.arm.equations.flexible_joint import state_names
@@ -193,8 +193,8 @@ def test_without_an_option_nothing_is_traced_of_it(planar, with_options, functio
     table = next(row for row in section(option)).table
     with pytest.raises(UsageError, match=rf"it has no {option}\. .* \[{table}\]"):
         planar.with_parameters(**{min(names): 1.0})
-    more = [name for name, when in OPTION_STATES.items() if when == option]
-    assert state_names(robot) == [*state_names(planar), *more]
+    state = DRIVE_OPTIONS[option].state
+    assert state_names(robot) == [*state_names(planar), *([state.name] if state else [])]
     bare, longer = (functions_of("plant", one).made("plant_derivatives") for one in (planar, robot))
     assert len("".join(c_texts(bare))) < len("".join(c_texts(longer)))
 

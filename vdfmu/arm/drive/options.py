@@ -40,10 +40,6 @@ class OptionRows(
     """Parameters of all options, and flags that say which a robot has; the fields of the last base come first."""
 
 
-OPTION_STATES = {option.state.name: name for name, option in OPTIONS.items() if option.state}
-"""State to the option of the robot that has it."""
-
-
 def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:
     """Return each option of a robot with its state, or None if `states` lack it. Its own drive comes last."""
     listed = [option for name, option in OPTIONS.items() if getattr(robot, name)] + [*getattr(robot, "own", ())]
