@@ -11,9 +11,10 @@ import pytest
 from pythonfmu.builder import FmuBuilder
 
 from tests.engine import texts
+from tests.engine.files import hard_results
 from tests.engine.reference import models
 from tests.engine.texts import connection, connector_list
-from vdfmu.engine.run import session
+from vdfmu.engine.run import Results, session
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.parts import cached_fmus
@@ -373,3 +374,9 @@ def system(pack, built):
         return pack(elements, connections, extra=extra)
 
     return write
+
+
+@pytest.fixture
+def results() -> Results:
+    """Return signals that are hard to write."""
+    return hard_results()

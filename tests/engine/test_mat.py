@@ -9,16 +9,10 @@ import numpy as np
 import pytest
 import scipy.io
 
-from tests.engine.files import assert_same_bits, hard_results
+from tests.engine.files import assert_same_bits
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import Results, Signal
-
-
-@pytest.fixture
-def results() -> Results:
-    """Return signals that are hard to write."""
-    return hard_results()
 
 
 def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path):

@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import vdfmu
 from tests.added import installed
-from tests.engine.files import assert_same_bits, hard_results
+from tests.engine.files import assert_same_bits
 from tests.study.identify.recorded import M, T, motion
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.package_run import run_system
@@ -39,12 +39,6 @@ def plugin(added: Callable[[Path], None], tmp_path_factory: pytest.TempPathFacto
     installed(folder, project["name"], project["entry-points"])
     added(folder)
     added(EXAMPLE)
-
-
-@pytest.fixture
-def results() -> Results:
-    """Return signals that are hard to write."""
-    return hard_results()
 
 
 def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path):
