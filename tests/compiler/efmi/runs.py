@@ -84,7 +84,7 @@ class ScenarioRun:
         self._values = system_values(self._scenario)
         fmus = build_parts(self._scenario, folder, self._values, backend="native")
         package = write_ssp(self._scenario, fmus, folder / "system.ssp", self._values)
-        self._results = simulate(package, progress=False)
+        self._results = simulate(package, progress=False, record=["*"])
 
     def efmus(self, folder: Path, precision: str) -> dict[str, Path]:
         """Return component to its eFMU, with the scenario's values."""

@@ -1,1 +1,1 @@
-"""The program of a system of our own units, compiled as one: in lanes for many runs at once, as a module for a page."""
+"""Runs side by side: the program of a system in C, with a parameter set in each lane of a vector."""

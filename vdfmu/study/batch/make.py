@@ -18,8 +18,8 @@ from vdfmu.compiler.c.text import head
 from vdfmu.compiler.unit.evaluate import Evaluation, Traced
 from vdfmu.compiler.unit.program import Call
 from vdfmu.study.batch.engine import BatchProgram
-from vdfmu.study.batch.program import MovingUnit, SystemProgram
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.program.program import MovingUnit, SystemProgram
 from vdfmu.system.reference.compiled import Code
 
 _DIVISION = re.compile(r" / (w\d+);")

@@ -18,12 +18,12 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.wasm.module import base_module
 from vdfmu.engine.results.results import Results
-from vdfmu.study.batch.module import compressed, page_program
-from vdfmu.study.batch.program import SystemProgram
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.tracks import GOOD, POOR, tracks
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.program.module import compressed, page_program
+from vdfmu.system.program.program import SystemProgram
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
@@ -82,7 +82,7 @@ def keep_program(system: SystemDescription, package: Path) -> None:
 
 
 def _kept(package: Path) -> Path:
-    digest = sha256(source_digest("study.batch", "study.report.simulation").encode() + base_module())
+    digest = sha256(source_digest("system.program", "study.report.simulation").encode() + base_module())
     with package.open("rb") as file:
         digest.update(file_digest(file, "sha256").digest())
     return cache_folder() / "programs" / digest.hexdigest()

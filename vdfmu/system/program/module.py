@@ -27,7 +27,7 @@ from vdfmu.compiler.wasm.module import (
     return_if_not,
     unsigned,
 )
-from vdfmu.study.batch.program import MovingUnit, SystemProgram
+from vdfmu.system.program.program import MovingUnit, SystemProgram
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, TimeSetter
 
 
