@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from vdfmu.base.measure import quantity
-from vdfmu.study.run.summary import energies
-from vdfmu.study.run.summary_keys import Summary
+from vdfmu.study.run.summary_keys import Summary, energies
 
 
 class Tile(NamedTuple):

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 from vdfmu.base.measure import number, quantity
 from vdfmu.base.standards import FMI_2
-from vdfmu.study.run.summary import energies
-from vdfmu.study.run.summary_keys import Summary
+from vdfmu.study.run.summary_keys import Summary, energies
 
 
 class Sheet(NamedTuple):

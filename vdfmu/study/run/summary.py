@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -191,8 +191,3 @@ def _earlier(rows: Floats, before: Floats | None, substeps: int) -> Floats:
     """Return the values a substep earlier, on lines through the rows; `before` is the row before the first."""
     lag = 1.0 / substeps if substeps else 0.0
     return (1.0 - lag) * rows + lag * np.vstack([rows[:1] if before is None else before, rows[:-1]])
-
-
-def energies(bond: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the energy that the coupling adds or takes, sum of absolute values, and that it exchanges, in all [J]."""
-    return sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])

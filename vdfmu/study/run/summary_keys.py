@@ -276,3 +276,8 @@ def _read(value: Any, of: Any, where: str, problems: list[str], lengths: dict[st
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:60]}..."
+
+
+def energies(bond: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the energy that the coupling adds or takes, sum of absolute values, and that it exchanges, in all [J]."""
+    return sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])

@@ -13,8 +13,7 @@ from vdfmu.base.measure import number, quantity
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check, verdict_of
 from vdfmu.study.analysis.loops import since
 from vdfmu.study.run.key_figures import STANDING, off_from
-from vdfmu.study.run.summary import energies
-from vdfmu.study.run.summary_keys import Summary
+from vdfmu.study.run.summary_keys import Summary, energies
 from vdfmu.system.reference.solution import SHORT
 
 VISIBLE = 1e-3
