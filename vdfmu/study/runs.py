@@ -74,9 +74,10 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     place = (
         temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
     )
+    job = ScenarioRun(scenario, options)
     with place as made:
         made = Path(made)
-        job = ScenarioRun(scenario, options, made)
+        job.pack(made)
         if out is not False:
             keep_program(job.system, job.package)
         try:

@@ -111,24 +111,25 @@ class ScenarioRun:
         Of :func:`prepare`.
     options : mapping
         :class:`vdfmu.study.options.ScenarioRunOptions`. If `out` is False, the run writes nothing but its package.
-    folder : Path
-        Of the package, and of the rows.
     """
 
-    def __init__(self, scenario: Scenario, options: ScenarioRunOptions, folder: Path) -> None:
-        self.scenario, self.folder, self._options = scenario, folder, options
-        fmi_version, say = options["fmi_version"], self._say
-        native = options["backend"] is None and fmi_version != PYTHON_FMI.name
-        backend = choose_backend("native" if native else options["backend"])
+    def __init__(self, scenario: Scenario, options: ScenarioRunOptions) -> None:
+        self.scenario, self._options = scenario, options
+        native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
+        self._backend = backend = choose_backend("native" if native else options["backend"])
         self.system = SystemDescription(scenario, system_values(scenario, options["settings"]))
         for note in _notes(scenario, backend, options["settings"]):
-            say(note)
-        with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
-            built = cached_fmus(scenario, fmus, backend, fmi_version)
-            self.package = write_ssp(scenario, built, folder / "system.ssp", self.system.values, mixed=True)
+            self._say(note)
         self._facts = _facts(self.system, options, backend)
         self._poses, self._limits = poses_of(self.system), limits_of(self.system)
         self._bond = PowerBond(scenario.robot) if scenario.robot else None
+
+    def pack(self, folder: Path) -> None:
+        """Build the FMUs, and write the package into the folder of the run, where its rows go too."""
+        self.folder, values = folder, self.system.values
+        with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
+            built = cached_fmus(self.scenario, fmus, self._backend, self._options["fmi_version"])
+            self.package = write_ssp(self.scenario, built, folder / "system.ssp", values, mixed=True)
 
     def simulate(self) -> Results:
         """Co-simulate; return rows and the numbers that need no reference. A failed run keeps its summary."""
@@ -243,6 +244,8 @@ def _references(system: SystemDescription, package: Path, results: Results) -> d
             float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
         )
     how = ALGORITHMS[scenario.master]
+    # without a feedforward torque in the controller there is no compensation error: all outputs are compared
+    robot = scenario.robot if "controller.tau_m" in scenario.system.fed else None
     wanted = {"sampled": how.reference} if how.reference else {}
     for key, name in (wanted | {"continuous": "continuous"}).items():
         stage = f"{name} reference"
@@ -253,11 +256,11 @@ def _references(system: SystemDescription, package: Path, results: Results) -> d
             step=scenario.step,
             stop=scenario.stop,
             substeps=how.substeps if key == "sampled" else 1,
-            groups=compared(results, scenario.robot),
+            groups=compared(results, robot),
             progress=partial(report, stage),
         )
         try:
-            differences[key], statistics = compare(results, solution, scenario.robot, how.substeps)
+            differences[key], statistics = compare(results, solution, robot, how.substeps)
         except UsageError as error:  # an algebraic loop, which the run may have solved
             found["no_reference"] = str(error).rstrip(".")
             continue
