@@ -14,7 +14,7 @@ from vdfmu.engine.fmu.access import DTYPES, TEXTS, Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.plan.check import Checked
-from vdfmu.engine.plan.conversion import SOURCE, Link, Port
+from vdfmu.engine.plan.conversion import Link, Port
 
 _RUNS = 6
 """Most copies of neighbours that are faster than one copy of single values."""
@@ -62,8 +62,8 @@ class Bank:
         }
 
     def is_free(self, place: int) -> bool:
-        """Whether the value at a place is an output, or an input that is fed from outside the system."""
-        return place < self.outputs.size or self.links[place - self.outputs.size].start[0] == SOURCE
+        """Whether the value at a place is an output, or an input that no component feeds, here or elsewhere."""
+        return place < self.outputs.size or self.links[place - self.outputs.size].is_given
 
     def gather(self, window: slice, late: bool = False) -> Callable[[], None] | None:
         """Return a function that brings the inputs of a window up to date; None for an empty window.

@@ -188,5 +188,10 @@ class Link:
         """Whether the value changes at communication points only."""
         return self.sink.type != "Real" or "discrete" in (self.source.variability, self.sink.variability)
 
+    @property
+    def is_given(self) -> bool:
+        """Whether the value is given for this input, by a file or a user. Values of other processes have their name."""
+        return self.start == (SOURCE, ".".join(self.end))
+
     def __str__(self) -> str:
         return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"
