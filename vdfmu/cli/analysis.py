@@ -202,7 +202,7 @@ def margins(
     if package and robot is not None:
         raise UsageError(f"margins: --robot is for a scenario; {system} has its own.")
     found = margins_along(system if package else load(system, robot), opened or (), at or (), **options)
-    shown = table("opened at", "t", "modulus", "", "gain", "phase", "delay", "growth",
+    shown = table("opened at", "t", "modulus", "gain", "phase", "delay", "growth",
                   title=f"Stepped by {found.step:g} s, {found.algorithm}")  # fmt: skip
     chosen = [(i, k) for i in range(len(found.names)) for k in (range(len(found.times)) if at else [found.least(i)])]
     smallest = min(float(found.margins[k].modulus[i]) for i, k in chosen)
@@ -213,10 +213,10 @@ def margins(
         rows.append({"opened_at": name, "t": t, "modulus": modulus, "gain": gain, "phase": phase, "delay": delay,
                      "rate": each.rate})  # fmt: skip
         late = f"{delay:.3g} s" if delay >= 1.0 else f"{1e3 * delay:.3g} ms"
-        mark = "smallest" if modulus == smallest else ""
-        numbers = (f"{modulus:.3f}", mark, f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", late)
+        mark = " smallest" if modulus == smallest else ""
+        numbers = (f"{modulus:.3f}{mark}", f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", late)
         style = ("bold" if mark else None) if modulus else "red"
-        cells = numbers if modulus else ("none", "", "", "", "")
+        cells = numbers if modulus else ("none", "", "", "")
         shown.add_row(name, f"{t:.4g} s", *cells, f"{each.rate:.3g} 1/s", style=style)
     state, words = words_of(found.judged)
     if as_json:

@@ -109,6 +109,8 @@ def run(
         summary = results.summary
         failed = state_of(summary) == FAILED
         _say_verdict(summary)
+        if "no_reference" in summary:
+            say_notes([f"No reference: {summary['no_reference']}."])
         if LOG.isEnabledFor(logging.INFO):
             tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
         (console.print if failed else tell)(tables.verdict_table(summary))
