@@ -198,4 +198,4 @@ def test_commands_and_scenarios_know_it(toy, tmp_path):
     assert out.returncode == 0, out.stderr
     assert UNSAID in " ".join(out.stderr.split())
     page = (tmp_path / "results" / "planar_tracking" / "report.html").read_text()
-    assert UNSAID in page and "its master is halving, and the page's is gauss-seidel or jacobi" in page
+    assert UNSAID in page and "master: expected gauss-seidel or jacobi, got halving" in page

@@ -198,7 +198,8 @@ def test_the_schema_has_the_keys_of_each_kind():
 @pytest.mark.heavy
 def test_the_command_prints_and_draws_a_motion(written, tmp_path, capsys):
     path = written(f'robot = "planar_2dof"\n[motion]\nkind = "multisine"\n{GOOD["multisine"]}\nvelocity = 0.1\n')
-    app(["motion", str(path), "-o", str(tmp_path / "a.png")], standalone_mode=False)
+    with pytest.raises(SystemExit, match="0"):
+        app(["motion", str(path), "-o", str(tmp_path / "a.png")], standalone_mode=False)
     out, err = capsys.readouterr()
     assert "6 s in" in out and "ends where it starts" in out and "amplitude" in err
     assert [row.split()[0] for row in out.splitlines()[:4:3] + out.splitlines()[2:3]] == ["joint", "2", "1"]

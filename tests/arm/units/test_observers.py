@@ -8,6 +8,7 @@ import pytest
 
 import vdfmu
 from tests.arm.units.steps import sampled
+from vdfmu.arm.equations.flexible_joint import link_torques
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.fmus import build_fmus
@@ -61,7 +62,8 @@ def test_the_momentum_observer_sees_nothing_in_free_motion_and_the_wrench_else(n
     def tau_s(t, wrench):
         rotors = kappa_dot(t), kappa_ddot(t)
         xi_l, _ = joint_friction(robot, q_dot(t), kappa_dot(t))
-        return inverse_dynamics(robot, q(t), q_dot(t), q_ddot(t), wrench, rotors) + xi_l
+        links = inverse_dynamics(robot, q(t), q_dot(t), q_ddot(t), wrench, rotors)
+        return links - link_torques(robot, q(t)) + xi_l
 
     errors = []
     for period in (2e-3, 1e-3):

@@ -118,7 +118,7 @@ def test_a_federate_that_is_killed_ends_the_run_with_its_name_and_the_rows(packa
 
     name = "rp"[victim]
     with pytest.raises(
-        CosimError, match=rf"federate {name}\b.* at t = \S+ s failed: its process ended \(SIGKILL\)|federate {name}\)$"
+        CosimError, match=rf"federate {name}\b.* at t = \S+ s in \S+: its process ended \(SIGKILL\)|federate {name}\)$"
     ) as info:
         vdfmu.federate(package, ["r,a", "p"], step=0.01, progress=kill)
     assert 5 <= len(info.value.results) < 10
