@@ -85,9 +85,9 @@ class RecordOptions(SpanOptions, ObserverOptions, total=False):
 
     start: Annotated[float | None, Option("Start of the run in s.", "float [s]",
         "Row k is at ``start + k * step``. Default of all times: the package's default experiment; else 0.")]
-    record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]', '*'. Repeatable.",
-        "sequence of str", "Default: outputs and inputs from outside. Connected inputs have the values that components "
-        "used. Text is not recorded.", metavar="SIGNAL", typed=TEXTS)]
+    record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]'. Repeatable.",
+        "sequence of str", "``'*'`` records all. Default: outputs and inputs from outside. Connected inputs have the "
+        "values that components used. Text is not recorded.", metavar="SIGNAL", typed=TEXTS)]
 
 
 class ProgressOptions(TypedDict, total=False):
