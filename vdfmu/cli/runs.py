@@ -219,7 +219,10 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        out_option("File to write; default report.html in the folder, of several comparison.html beside it."),
+        out_option(
+            "File to write; default report.html in the folder, of several comparison.html beside it. FILE.tex has "
+            "the tables as LaTeX."
+        ),
     ] = None,
     simulate: Annotated[
         bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")
@@ -229,7 +232,9 @@ def report(
 ) -> None:
     """Write the page of a run, or of several side by side: one file, which any browser opens."""
     from vdfmu.study.report.gallery import INDEX, is_gallery, write_gallery
+    from vdfmu.study.report.latex import SUFFIX, write_tables
     from vdfmu.study.report.page import NAME, write_report
+    from vdfmu.study.report.sheets import sheets
     from vdfmu.study.report.shown_run import newest_run, read_run, run_folder
 
     if folders and len(folders) == 1 and is_gallery(folders[0]):
@@ -246,6 +251,9 @@ def report(
         inside(folders[0] if len(runs) == 1 else page.parent, page)
     with replacing_foreign(overwrite):
         require_ours(page)
+    if page.suffix == SUFFIX:
+        say_written(write_tables((sheet for each in runs for sheet in sheets(each.summary)), page))
+        return
     write_report(runs, page, simulate=simulate)
     say_written(page)
     _say_page(page, opened)

@@ -183,6 +183,15 @@ class ResultOptions(ProgressOptions, total=False):
         metavar="|".join(suffix[1:] for suffix in FORMATS), typed=str)]
 
 
+class PictureOptions(TypedDict, total=False):
+    """Figures of a run in files."""
+
+    pictures: Annotated[Sequence[str], Option("Files of the figures: png, svg and pdf, separated by commas; default "
+        "none.", "sequence of str", default=(), typed=str, choices=SUFFIXES)]
+    width: Annotated[str, Option("Width of the figures, such as 85mm, 17cm or 3.3in; their text has 8 pt.",
+        default="160mm", metavar="LENGTH")]
+
+
 class PackageOptions(RecordOptions, MemberOptions, ResultOptions, total=False):
     """Options of the run of a package, in one process or several."""
 
@@ -194,9 +203,7 @@ class PackageOptions(RecordOptions, MemberOptions, ResultOptions, total=False):
         metavar="SSD")]
 
 
-class SystemOptions(PackageOptions, LoadedOptions, FederationOptions, total=False):
+class SystemOptions(PackageOptions, PictureOptions, LoadedOptions, FederationOptions, total=False):
     """Options of `vdfmu.engine.package_run.run_system`."""
 
     master: Annotated[str | None, master_option]
-    pictures: Annotated[Sequence[str], Option("Kinds of signals.png, the drawn signals: png, svg and pdf, separated by "
-        "commas; default none.", "sequence of str", default=(), typed=str, choices=SUFFIXES)]

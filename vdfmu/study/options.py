@@ -15,12 +15,12 @@ from vdfmu.engine.options import (
     InputOptions,
     LogOptions,
     ObserverOptions,
+    PictureOptions,
     ProgressOptions,
     ResultOptions,
     SpanOptions,
     master_option,
 )
-from vdfmu.engine.results.formats import SUFFIXES
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -72,7 +72,7 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
 
 
-class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOptions, total=False):
+class ScenarioRunOptions(ScenarioOptions, ResultOptions, PictureOptions, LogOptions, ObserverOptions, total=False):
     """Options of `vdfmu.run`."""
 
     out: Annotated["str | os.PathLike[str] | Literal[False] | None", Option(
@@ -83,8 +83,6 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
         default=True, flag="--reference/--no-reference")]
     fmi_version: Annotated[str, Option("Version of FMI: 2.0, or 3.0 for native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
-    pictures: Annotated[Sequence[str], Option("Kinds of the figures: png, svg and pdf, separated by commas.",
-        "sequence of str", default=("png",), typed=str, choices=SUFFIXES)]
     simulate: Annotated[bool | None, Option("Let report.html run the scenario again, with sliders.",
         more="Its units are compiled for WebAssembly for that, once for each structure; default on the command line, "
         "but not in Python.", flag="--simulate/--no-simulate")]

@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -29,8 +28,6 @@ from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.folder import (
-    DRAWN,
-    SUFFIXES,
     SYSTEM_OUTPUTS,
     keep,
     known_formats,
@@ -45,7 +42,7 @@ from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.page import NAME, write_failed, write_report
-from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
+from vdfmu.study.report.pictures import write_pictures
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import compiling_modules
 from vdfmu.study.report.world import scene_of
@@ -74,12 +71,7 @@ from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.replace import with_payload, with_units
 from vdfmu.system.scenario.values import robot_with, system_values
 
-RUN_OUTPUTS = (
-    *SYSTEM_OUTPUTS,
-    "system.ssp",
-    *(f"{name}.{suffix}" for name in sorted({*chain(*PICTURES.values())}) for suffix in SUFFIXES),
-    NAME,
-)
+RUN_OUTPUTS = (*SYSTEM_OUTPUTS, "system.ssp", NAME)
 """Files that the run of a scenario writes and replaces."""
 _LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
 _JOINED = "connected too, since the unit instead of the system's has such a signal, in a terminal of one name"
@@ -154,7 +146,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     """
     scenario = prepare(scenario, **pick(ScenarioOptions, options))
     known_formats(options["formats"])
-    known_pictures(options["pictures"])
+    width = known_pictures(options["pictures"], options["width"])
     out, observer, fmi_version = options["out"], options["observer"], options["fmi_version"]
     folder = Path(out or "") if out is not None else Path("results") / scenario.name
     place = (
@@ -204,7 +196,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         if out is False:
             return results
         with doing("figures"):
-            _draw(results, scenario, made, options["pictures"])
+            write_pictures(results, scenario.robot, made, options["pictures"], width)
         with doing("page"):
             if modules is not None:
                 modules()
@@ -264,16 +256,6 @@ def _judge(results: Results, system: SystemDescription, poses: Poses, limits: li
         figures |= key_figures(results, scenario.robot, limits, plant, touches)
     summary["key_figures"] = figures | {name: one for loop in loops for name, one in loop.figures.items()}
     summary["verdict"] = verdict(summary, [loop.check for loop in loops])
-
-
-def _draw(results: Results, scenario: Scenario, folder: Path, pictures: Sequence[str]) -> None:
-    """Draw the pictures of the paper's signals, of other systems their own signals."""
-    if scenario.robot is not None and has_signals(results, *SIGNALS):
-        write_pictures(results.thinned(DRAWN), scenario, folder, pictures)
-    else:
-        from vdfmu.engine.results.picture import signals_figure  # takes long to import
-
-        signals_figure(results.thinned(DRAWN), folder, pictures=pictures)
 
 
 def _references(system: SystemDescription, package: Path, results: Results) -> dict[str, Any]:
