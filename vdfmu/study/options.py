@@ -99,6 +99,8 @@ class WorkerOptions(ProgressOptions, total=False):
 
     workers: Annotated[int | None, Option("Processes; default one a processor.")]
     time_limit: Annotated[float | None, Option("Seconds that a run has; default 600.", "float [s]")]
+    scheduler: Annotated[str | None, Option("Address of a Dask scheduler, whose workers are taken instead.",
+        metavar="ADDRESS")]
     overwrite: Annotated[bool, Option("Replace another study in the folder.", default=False)]
 
 
@@ -128,8 +130,6 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
 class SweepOptions(PlanOptions, WorkerOptions, total=False):
     """Options of `vdfmu.sweep`."""
 
-    scheduler: Annotated[str | None, Option("Address of a Dask scheduler, whose workers are taken instead.",
-        metavar="ADDRESS")]
     chunk: Annotated[int | None, Option("Points that a worker takes at a time; default by time.",
         more="A file has as many; by default what takes some seconds, at most 50, or 56 that are run side by side.")]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/sweep_SCENARIO.", "path",
