@@ -149,7 +149,25 @@ def joint() -> str:
     ])  # fmt: skip
 
 
-PICTURES = {"frames": arm, "loop": loop, "joint": joint}
+def rooms() -> str:
+    """Return the seven rooms of the package: a room may import from every room below it."""
+    above = [
+        ("cli", "commands"),
+        ("study", "runs, sweeps, tuning, identification, pages"),
+        ("system", "scenario, SSP, scipy reference"),
+        ("arm", "robots, equations, drives, units, motions"),
+    ]
+    parts = [_box(110, 14 + 62 * k, 500, 50, "plain", *lines) for k, lines in enumerate(above)]
+    parts += [
+        _box(110, 262, 240, 50, "motor", "engine", "reads, runs and checks FMUs"),
+        _box(370, 262, 240, 50, "link", "compiler", "a numpy class becomes an FMU"),
+        _box(110, 324, 500, 50, "plain", "base", "errors, files, processes, units of measurement"),
+        _line((60, 30), (60, 360), tip=True), _text(52, 200, "imports", "soft end"),
+    ]  # fmt: skip
+    return _page(720, 388, "The seven rooms: cli, study, system, arm, engine beside compiler, base", parts)
+
+
+PICTURES = {"frames": arm, "loop": loop, "joint": joint, "rooms": rooms}
 """File in docs/images to what draws it."""
 
 
