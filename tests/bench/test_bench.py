@@ -164,7 +164,7 @@ def test_engines(report: Report) -> None:
 def test_whole(report: Report) -> None:
     whole.run(report, quick=True)
     commands = report.facts["commands_s"]
-    assert set(commands) > {"vdfmu --help", "vdfmu run, references and pictures kept"} and min(commands.values()) > 0.0
+    assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0
     assert report.facts["results.csv_mb"] > report.facts["results.parquet_mb"] > 0.1
     assert report.facts["a state of a batch, compiled"] > 0.0
 
