@@ -123,10 +123,10 @@ def test_points_of_a_search_have_the_numbers_of_an_undisturbed_one():
             self.rows = self.rows + rows
 
     class Workers:
-        def run(self, chunks, advance):
+        def run(self, chunks, tell, advance):
             while (chunk := chunks.take(1)) is not None:
-                yield [{"point": n, "failed": None, "failed_at": None, "wall_s": 0.0, "cost": own["x"]}
-                       for n, _, own in chunk]  # fmt: skip
+                tell([{"point": n, "failed": None, "failed_at": None, "wall_s": 0.0, "cost": own["x"]}
+                      for n, _, own in chunk])  # fmt: skip
 
     spread, nothing = {"m": np.array([1.0, 2.0])}, np.zeros(0)
     problem = SimpleNamespace(

@@ -50,8 +50,8 @@ class DaskWorkers:
         except (OSError, ValueError, TimeoutError) as error:
             raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
 
-    def run(self, chunks: Chunks, advance: Callable[[int], None]) -> Generator[list[Row]]:
-        """Yield the rows of chunks as they are done; see `LocalWorkers.run`.
+    def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
+        """Run chunks, and tell their rows as they are done; see `LocalWorkers.run`.
 
         VdfmuError if the scheduler or its workers are gone for longer than `_PATIENCE`, or a chunk kills all that run
         it.
@@ -59,7 +59,9 @@ class DaskWorkers:
         waiting: list[tuple[list[Task], int]] = []
         while True:
             try:
-                yield from _rounds(self._client, self._job, chunks, waiting, self._time_limit, advance)
+                for rows in _rounds(self._client, self._job, chunks, waiting, self._time_limit):
+                    tell(rows)
+                    advance(len(rows))
                 return
             except _LostError:
                 self.close()
@@ -93,14 +95,9 @@ _LOST = (OSError, futures.CancelledError, asyncio.CancelledError)
 
 
 def _rounds(
-    client: Any,
-    job: bytes,
-    chunks: Chunks,
-    waiting: list[tuple[list[Task], int]],
-    time_limit: float | None,
-    advance: Callable[[int], None],
+    client: Any, job: bytes, chunks: Chunks, waiting: list[tuple[list[Task], int]], time_limit: float | None
 ) -> Generator[list[Row]]:
-    """See `DaskWorkers.run`; uses one scheduler. `waiting` holds the chunks to send out, with the number of tries."""
+    """Yield the rows of chunks from one scheduler. `waiting` holds the chunks to send out, with the number of tries."""
     from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
 
@@ -155,7 +152,6 @@ def _rounds(
                 for row in rows:
                     chunks.note(row["wall_s"])
                 yield rows
-                advance(len(rows))
             elif not isinstance(error, (KilledWorker, CommClosedError)):
                 if isinstance(error, ImportError):
                     raise UsageError(f"scheduler: its workers cannot import what they need: {error}.")

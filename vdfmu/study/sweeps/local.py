@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import queue
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.study.sweeps.job import Row, Task
 from vdfmu.study.sweeps.worker import Worker
 
@@ -34,8 +35,6 @@ class Chunks:
         self._task, self._size, self._next, self._together = task, size, 0, together
         self._lock = threading.Lock()
         self._points, self._seconds = 0, 0.0
-        self.left: list[list[Row]] = []
-        """Rows that were done when the study was stopped."""
 
     def note(self, seconds: float) -> None:
         """Take into account how long a point took."""
@@ -83,8 +82,8 @@ class LocalWorkers:
         # a thread waits for each process, which ends with the thread that started it
         self._threads = ThreadPoolExecutor(count)
 
-    def run(self, chunks: Chunks, advance: Callable[[int], None]) -> Generator[list[Row]]:
-        """Yield the rows of chunks as they are done. The rows of interrupted chunks are in `Chunks.left`.
+    def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
+        """Run chunks, and tell their rows as they are done, even of a chunk that is interrupted.
 
         `advance` is called with the number of points done since the last time.
         """
@@ -117,7 +116,7 @@ class LocalWorkers:
                 except queue.Empty:
                     continue
                 if isinstance(message, list):
-                    yield message
+                    tell(message)
                 elif isinstance(message, int):
                     advance(message)
                 elif message is None:
@@ -133,10 +132,10 @@ class LocalWorkers:
                 for worker in self._team:
                     worker.stop()
             wait(at_work)
-            while not done.empty():
-                rows = done.get()
-                if isinstance(rows, list) and rows:
-                    chunks.left.append(rows)
+            with InterruptGuard():
+                while not done.empty():
+                    if isinstance(rows := done.get(), list):
+                        tell(rows)
 
     def close(self) -> None:
         """Let the processes end."""

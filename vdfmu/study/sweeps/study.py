@@ -26,7 +26,7 @@ class Study:
     def __init__(
         self, job: Job, ledger: Ledger, options: WorkerOptions, most: int | None = None, chunk: int | None = None
     ) -> None:
-        self.ledger, self._together, self._chunk = ledger, max(job.together), chunk
+        self.ledger, self._together, self._chunk, self._missing = ledger, max(job.together), chunk, 0
         packed, limit = job.packed(), options["time_limit"]
         if (scheduler := options.get("scheduler")) is not None:
             from vdfmu.study.sweeps.cluster import DaskWorkers
@@ -52,25 +52,17 @@ class Study:
         `advance` is called with the number of points done since the last time. VdfmuError if points are missing.
         """
         chunks = Chunks(np.array(points, dtype=int), task, self._chunk, self._together)
-        missing = len(points)
-        runs = self._workers.run(chunks, advance)
-        try:
-            for rows in runs:
-                self.tell(rows)
-                missing -= len(rows)
-        finally:
-            runs.close()
-            with InterruptGuard():
-                for rows in chunks.left:
-                    self.tell(rows)
-        if missing:
+        self._missing = len(points)
+        self._workers.run(chunks, self.tell, advance)
+        if self._missing:
             raise VdfmuError(
-                f"{self.ledger.folder}: {missing} points are missing: give the same command again to run them."
+                f"{self.ledger.folder}: {self._missing} points are missing: give the same command again to run them."
             )
 
     def tell(self, rows: list[Row]) -> None:
         """Keep the rows of consecutive points."""
         self.ledger.add(rows)
+        self._missing -= len(rows)
 
 
 def check_workers(options: WorkerOptions) -> None:
