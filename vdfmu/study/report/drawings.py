@@ -64,7 +64,10 @@ def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str])
     signals = [Signal(name, "real", "", column) for column, name in enumerate(names)]
     figures: list[Figure] = []
     for i, unit in enumerate(units, 1):
-        both = [Curve(kind, 1, [(1.0, f"{kind}[{i}]")], dashed=kind == "model") for kind in ("measured", "model")]
+        both = [
+            Curve(f"joint {i}, {kind}", i, [(1.0, f"{kind}[{i}]")], dashed=kind == "model")
+            for kind in ("measured", "model")
+        ]
         difference = Curve("difference", i, [(1.0, f"difference[{i}]")])
         figures.append(Figure(f"torque.{i}", f"Joint {i}", Shown(unit), both))
         figures.append(Figure(f"difference.{i}", f"Joint {i}, measured minus model", Shown(unit), [difference]))
