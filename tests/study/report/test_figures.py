@@ -87,7 +87,9 @@ def test_torques_are_link_side_and_the_feedforward_is_dashed_on_top(made, types)
         joints = [i for i, each in enumerate(types) if each == kind]
         for i, control, feedforward in zip(joints, axes.lines[: len(joints)], axes.lines[len(joints) :], strict=True):
             np.testing.assert_array_equal(control.get_ydata(), robot.ell[i] * results[f"controller.tau[{i + 1}]"])
-            np.testing.assert_array_equal(feedforward.get_ydata(), robot.ell[i] * results[f"feedforward.tau_m[{i + 1}]"])
+            np.testing.assert_array_equal(
+                feedforward.get_ydata(), robot.ell[i] * results[f"feedforward.tau_m[{i + 1}]"]
+            )
             assert feedforward.is_dashed() and not control.is_dashed()
             assert feedforward.get_linewidth() < control.get_linewidth()
         assert axes.get_ylabel() == ("Control forces [N]" if kind == "prismatic" else "Control torques [N m]")
