@@ -211,8 +211,8 @@ def report(
     out: Annotated[
         Path | None,
         Option(
-            "File (default report.html or comparison.html).",
-            more="It goes into the run's folder. FILE.tex has the tables as LaTeX.",
+            "Page, or FILE.tex for LaTeX (default report.html).",
+            more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.",
         ),
     ] = None,
     simulate: Annotated[bool, Option("Let the page run them again, with sliders.")] = True,

@@ -128,7 +128,7 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 def report(
     study: StudyArgument,
     out: Annotated[
-        Path | None, Option("File (default report.html in the folder).", more="FILE.tex has the measures as LaTeX.")
+        Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).", more="FILE.tex has the measures.")
     ] = None,
     simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,

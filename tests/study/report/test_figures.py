@@ -19,8 +19,9 @@ from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report import content
-from vdfmu.study.report.content import arm_of, run_figures
+from vdfmu.study.report.content import run_figures
 from vdfmu.study.report.pictures import TOOL, tool_error, write_pictures
+from vdfmu.study.run.scene import arm_of
 
 KEYS = ("position", "tracking", "torque", "compensation", "torsion")
 MIXED = ("revolute", "prismatic", "revolute")
