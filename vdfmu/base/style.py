@@ -201,12 +201,6 @@ def label_time(panels: Sequence[Axes], columns: int) -> None:
         axes.set_xlabel("Time [s]")
 
 
-def grid_of(count: int) -> tuple[int, int]:
-    """Return rows and columns for `count` panels: one or two columns up to eight panels, then a square."""
-    columns = math.ceil(math.sqrt(count)) if count > 8 else 1 if count in (1, 3) else 2
-    return math.ceil(count / columns), columns
-
-
 def legend_beside(axes: Axes, handles: Sequence[Artist]) -> None:
     """Put a legend right of a panel, where it hides no data; it wraps into columns of 14."""
     axes.legend(
