@@ -16,9 +16,9 @@ import click
 from rich.markup import escape
 
 from vdfmu.base.bars import Bars, EscapedTerminal, errors
+from vdfmu.base.bars import plain_table as table
 from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.option import Option, option_of
-from vdfmu.base.table import plain_table as table
 from vdfmu.base.text import elided, error_text, first_few
 from vdfmu.cli.parameters import Positional
 from vdfmu.study.options import RobotOptions, ScenarioRunOptions, known_robots
@@ -101,7 +101,7 @@ def say_written(*paths: Path, more: str = "") -> None:
 
 def say_json(content: Mapping[str, Any]) -> None:
     """Print JSON, and nothing in addition to it; an output that takes none is an error."""
-    from vdfmu.base.json_text import to_json
+    from vdfmu.base.text import to_json
 
     if sys.stdout is None:
         fail("the findings cannot be written: the standard output is closed", 2)

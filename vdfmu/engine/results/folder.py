@@ -14,7 +14,7 @@ from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.json_text import to_json
+from vdfmu.base.text import to_json
 from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats, format_of, result_files
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, Check, verdict_of
 from vdfmu.engine.run import Interrupted

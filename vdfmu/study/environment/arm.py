@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option_types import check_type
+from vdfmu.base.option import check_type
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.system import packaged
 from vdfmu.study.batch.engine import SteppedLanes

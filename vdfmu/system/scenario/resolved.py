@@ -13,9 +13,9 @@ import fmpy
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.arm.units.plant import Plant
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import measure
-from vdfmu.base.once import cached_per_command
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.base.text import nearest
 from vdfmu.compiler.unit.declaration import Input, Output

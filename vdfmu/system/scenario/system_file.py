@@ -12,8 +12,8 @@ from typing import Any, cast
 
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.robot.robot import ENDS, Robot
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.once import cached_per_command
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_tables import Problems, Table, as_number, value_text
