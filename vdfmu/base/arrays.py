@@ -48,15 +48,8 @@ def bends(
     """Return at most `count` more rows at which curves leave the straight lines between `rows`, with the distances.
 
     Rule of Ramer (1972) and Douglas and Peucker (1973), from the top: always add the row farthest from its line. Its
-    distance counts at that moment. Smaller distances than `least` are ignored.
-
-    Parameters
-    ----------
-    time : (m,), increasing
-    values : (curves, m)
-        In one measure: the distance is the largest over the curves. Values that are not finite are ignored.
-    rows : (k,)
-        Rows that are kept already, increasing.
+    distance counts at that moment. It is the largest over the curves. Distances below `least` and values that are not
+    finite are ignored. `time` (m,) and `rows` (k,) increase; `values` (curves, m) have the same unit.
     """
 
     def farthest(first: int, last: int) -> tuple[float, int, int, int]:

@@ -72,18 +72,8 @@ class UsageError(VdfmuError):
 class CosimError(VdfmuError):
     """A co-simulation that a unit ended.
 
-    Parameters
-    ----------
-    unit : str
-        Name of the component in the system.
-    call : str
-        The FMI call that failed, such as ``doStep``.
-    time : float
-        Simulated time of the call [s].
-    reason : str
-        Message of the unit.
-    results : object, optional
-        Results recorded before the failure.
+    Attributes: the component `unit`, the failed FMI `call` such as ``doStep``, its simulated `time` [s], the `reason`
+    (a message of the unit), and `results` recorded before the failure.
     """
 
     def __init__(self, unit: str, call: str, time: float, reason: str, results: Any = None) -> None:

@@ -28,33 +28,18 @@ LARGEST_NUMBER = 1e12
 """Default bound of the absolute value of a number."""
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _DERIVED = {
-    "N": {"kg": 1, "m": 1, "s": -2},
-    "J": {"kg": 1, "m": 2, "s": -2},
-    "W": {"kg": 1, "m": 2, "s": -3},
-    "Pa": {"kg": 1, "m": -1, "s": -2},
-    "Hz": {"s": -1},
-    "C": {"A": 1, "s": 1},
-    "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
-    "Ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
-    "F": {"kg": -1, "m": -2, "s": 4, "A": 2},
-    "H": {"kg": 1, "m": 2, "s": -2, "A": -2},
-    "Wb": {"kg": 1, "m": 2, "s": -2, "A": -1},
-    "T": {"kg": 1, "s": -2, "A": -1},
-}
+    "N": {"kg": 1, "m": 1, "s": -2}, "J": {"kg": 1, "m": 2, "s": -2}, "W": {"kg": 1, "m": 2, "s": -3},
+    "Pa": {"kg": 1, "m": -1, "s": -2}, "Hz": {"s": -1}, "C": {"A": 1, "s": 1},
+    "V": {"kg": 1, "m": 2, "s": -3, "A": -1}, "Ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
+    "F": {"kg": -1, "m": -2, "s": 4, "A": 2}, "H": {"kg": 1, "m": 2, "s": -2, "A": -2},
+    "Wb": {"kg": 1, "m": 2, "s": -2, "A": -1}, "T": {"kg": 1, "s": -2, "A": -1},
+}  # fmt: skip
 _DEG = 180.0 / math.pi
 _DISPLAY = {
-    "s": {"ms": 1e3},
-    "kg": {"g": 1e3},
-    "rad": {"deg": _DEG},
-    "rad/s": {"deg/s": _DEG},
-    "rad/s2": {"deg/s2": _DEG},
-    "rad/s3": {"deg/s3": _DEG},
-    "rad/s4": {"deg/s4": _DEG},
-    "m": {"mm": 1e3},
-    "m/s": {"mm/s": 1e3},
-    "N/m": {"N/mm": 1e-3},
-    "N.m": {"N.mm": 1e3},
-}
+    "s": {"ms": 1e3}, "kg": {"g": 1e3}, "m": {"mm": 1e3}, "m/s": {"mm/s": 1e3}, "N/m": {"N/mm": 1e-3},
+    "N.m": {"N.mm": 1e3}, "rad": {"deg": _DEG}, "rad/s": {"deg/s": _DEG},
+    **{f"rad/s{k}": {f"deg/s{k}": _DEG} for k in (2, 3, 4)},
+}  # fmt: skip
 # Quantity to unit, for a revolute and for a prismatic joint. "_m" is motor-side, else link-side.
 _QUANTITIES = {
     "position": ("rad", "m"),

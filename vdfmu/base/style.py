@@ -47,38 +47,18 @@ _MARGIN = 0.1
 _CAPTION_CHARACTERS = 15.6  # that fit into an inch
 _RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
-    "font.size": 10.0,
-    "axes.titlesize": 10.0,
-    "axes.labelsize": 10.0,
-    "axes.titlelocation": "left",
-    "axes.titleweight": "bold",
-    "axes.titley": 1.0,  # else matplotlib measures all that a title might lie on
-    "axes.edgecolor": _GREY,
-    "axes.linewidth": 0.8,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.xmargin": 0.0,
-    "axes.ymargin": 0.08,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.7,
-    "lines.linewidth": 1.6,
-    "lines.solid_capstyle": "round",
-    "legend.frameon": False,
-    "legend.fontsize": 10.0,
-    "xtick.labelsize": 9.0,
-    "ytick.labelsize": 9.0,
-    "xtick.color": _GREY,
-    "ytick.color": _GREY,
-    "xtick.labelcolor": "black",
-    "ytick.labelcolor": "black",
-    "svg.hashsalt": "vdfmu",
-    "figure.constrained_layout.h_pad": 0.06,
-    "figure.constrained_layout.w_pad": 0.06,
-    "figure.constrained_layout.hspace": 0.03,
-    "figure.constrained_layout.wspace": 0.03,
-}
+    "font.size": 10.0, "axes.titlesize": 10.0, "axes.labelsize": 10.0, "legend.fontsize": 10.0,
+    "axes.titlelocation": "left", "axes.titleweight": "bold",
+    "axes.titley": 1.0,  # otherwise matplotlib measures everything below a title
+    "axes.edgecolor": _GREY, "axes.linewidth": 0.8, "axes.grid": True, "axes.axisbelow": True,
+    "axes.xmargin": 0.0, "axes.ymargin": 0.08, "axes.spines.top": False, "axes.spines.right": False,
+    "grid.color": "#DDDDDD", "grid.linewidth": 0.7, "lines.linewidth": 1.6, "lines.solid_capstyle": "round",
+    "legend.frameon": False, "svg.hashsalt": "vdfmu",
+    **{f"{axis}tick.labelsize": 9.0 for axis in "xy"}, **{f"{axis}tick.color": _GREY for axis in "xy"},
+    **{f"{axis}tick.labelcolor": "black" for axis in "xy"},
+    **{f"figure.constrained_layout.{axis}_pad": 0.06 for axis in "hw"},
+    **{f"figure.constrained_layout.{axis}space": 0.03 for axis in "hw"},
+}  # fmt: skip
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:

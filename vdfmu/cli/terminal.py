@@ -58,7 +58,7 @@ console = _StandardOutput()
 
 def known_scenarios() -> list[str]:
     """Return the names of scenarios."""
-    from vdfmu.system.scenario.scenario_file import scenario_names
+    from vdfmu.system.scenario import scenario_names
 
     return [*scenario_names(), "reach"]
 
@@ -165,8 +165,8 @@ def load(scenario: str, robot: str | None, settings: Mapping[str, str] | None = 
     locate(scenario, "scenarios")
     if robot is not None:
         locate(robot, "robots")
+    from vdfmu.system.scenario import load_scenario
     from vdfmu.system.scenario.replace import with_payload
-    from vdfmu.system.scenario.scenario_file import load_scenario
 
     return with_payload(load_scenario(scenario, robot), settings or {})
 
