@@ -24,6 +24,7 @@ from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.run import Results, Simulator, simulate
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.system import packaged
+from vdfmu.study.referee import Judgement, judge
 from vdfmu.study.sweeps.sweep import Sweep, sweep
 from vdfmu.system.scenario import Scenario
 
@@ -130,6 +131,18 @@ class System:
     def margins(self, opened: Sequence[str] = (), at: Sequence[float] = (), **options: Any) -> Any:
         """Return the stability margins of the loops, see `vdfmu.study.analysis.loops.margins_along`."""
         return margins_along(self.path, opened, at, **options)
+
+    def judge(
+        self,
+        wanted: float = 0.01,
+        stop: float | None = None,
+        step: float | None = None,
+        *,
+        values: Mapping[str, Any] | None = None,
+        **options: Any,
+    ) -> Judgement:
+        """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.referee.judge`."""  # fmt: skip
+        return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
 
     def sweep(self, vary: Mapping[str, Any] | Sequence[str], **options: Any) -> Sweep:
         """Run the system at many points, see :func:`vdfmu.sweep`."""

@@ -103,7 +103,7 @@ def _described(component: str, path: Path) -> Description:
 
 
 def _each(connections: Connections) -> list[tuple[str, Sequence[str]]]:
-    items: Iterable[tuple[str, Ends]] = connections.items() if isinstance(connections, Mapping) else connections
+    items: Any = connections.items() if isinstance(connections, Mapping) else connections
     return [(start, [ends] if isinstance(ends, str) else ends) for start, ends in items]
 
 
