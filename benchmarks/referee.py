@@ -148,9 +148,8 @@ def main() -> None:
     print(f"{chosen.systems} systems, seed {chosen.seed}")
     for algorithm, count in counts.items():
         near = [f"{count[f'within {factor}'] / count['compared']:.3f} within {factor}" for factor in (2, 3)]
-        print(
-            f"{algorithm}: {count['cases']} cases, {count['failed']} failed runs, {count['refused']} systems refused, {', '.join(near)}"
-        )
+        cases, failed, refused = (count[kind] for kind in ("cases", "failed", "refused"))
+        print(f"{algorithm}: {cases} cases, {failed} failed runs, {refused} systems refused, {', '.join(near)}")
         for wanted in WANTED:
             kinds = ("right", "false right", "false not right", "truly right", "called right")
             right, false, alarm, truly, called = (count[f"{kind} {wanted}"] for kind in kinds)

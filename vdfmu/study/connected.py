@@ -78,9 +78,9 @@ class System:
 
     @property
     def _checked(self) -> Checked:
-        return check_system(
-            load_ssp(self.path), self._options.get("parameters"), algorithm=self._options.get("algorithm")
-        )
+        flat = load_ssp(self.path)
+        algorithm = self._options.get("algorithm") or flat.experiment.algorithm
+        return check_system(flat, self._options.get("parameters"), algorithm=algorithm)
 
     def __repr__(self) -> str:
         lines = [f"System {self.name!r}: {len(self.components)} components, {len(self.connections)} connections"]
