@@ -32,8 +32,8 @@ Python API
     A scenario or package at many points: a table that outlives all that may happen.
 ``tune``
     Parameters of a scenario that make a stated cost smallest.
-``ArmEnv``, ``ArmVectorEnv``
-    A scenario as an environment of gymnasium, for one arm or many.
+``Environment``, ``ArmEnv``, ``ArmVectorEnv``
+    Any system as an environment of gymnasium; a scenario as one, for one arm or many.
 ``LiveView``, ``RobotView``
     A run while it goes on, and a robot with sliders, in a browser.
 ``package_limit``
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.modes import Modes, natural_modes
     from vdfmu.study.connected import System, connect, load
-    from vdfmu.study.environment.arm import ArmEnv, ArmVectorEnv
+    from vdfmu.study.environment.environments import ArmEnv, ArmVectorEnv, Environment
     from vdfmu.study.report.animation import Animation, animate
     from vdfmu.study.runs import run
     from vdfmu.study.sweeps.sweep import Sweep, sweep
@@ -102,17 +102,17 @@ _NAMES = {
     "vdfmu.system.package.write": ("write_ssp",),
     "vdfmu.study.sweeps.sweep": ("Sweep", "sweep"),
     "vdfmu.study.tuning.tune": ("tune",),
-    "vdfmu.study.environment.arm": ("ArmEnv", "ArmVectorEnv"),
+    "vdfmu.study.environment.environments": ("ArmEnv", "ArmVectorEnv", "Environment"),
     "vdfmu.study.view.live": ("LiveView",),
     "vdfmu.study.view.robot": ("RobotView",),
 }  # fmt: skip
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "Animation", "ArmEnv", "ArmVectorEnv", "LiveView", "Modes", "Results", "Robot", "RobotView", "Scenario",
-    "Simulator", "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build", "build_fmus",
-    "connect", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian",
-    "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
+    "Animation", "ArmEnv", "ArmVectorEnv", "Environment", "LiveView", "Modes", "Results", "Robot", "RobotView",
+    "Scenario", "Simulator", "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build",
+    "build_fmus", "connect", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics",
+    "jacobian", "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
     "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",
     "tune", "write_container", "write_ssp",
 ]  # fmt: skip
