@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.compiler.scalar.elimination import Rows, factorize, solve, sparse
+from vdfmu.compiler.scalar.matrices import Rows, factorize, solve_factorized, sparse
 from vdfmu.compiler.scalar.symbol import Symbol, from_sx, to_sx
 
 ORDER = 4
@@ -83,7 +83,7 @@ def stage_equations(
     right, slope, delay = ca.SX.sym("right", m), ca.SX.sym("slope", len(carried)), ca.SX.sym("delay")
     u = np.empty(size, dtype=object)
     known = ca.vertcat(right, ca.SX(size - m, 1)) + rest @ slope + delay * R_t
-    u[order] = solve(LU, from_sx(known)[order])
+    u[order] = solve_factorized(LU, from_sx(known)[order])
     arguments = {"factors": symbols, "right": right} | ({"slope": slope} if carried else {}) | {"delay": delay}
     increment = ca.cse([to_sx(u[:m])])
     function = ca.Function(f"{name}_solve", list(arguments.values()), increment, list(arguments), ["u"])
