@@ -13,8 +13,8 @@ import wasmtime
 
 from tests.compiler.wasm.linked import linked
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import lookup_table
+from vdfmu.compiler.c.text import EXPRESSIONS
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.wasm.functions import IMPORTED, OPERATIONS, WrittenFunctions
 from vdfmu.compiler.wasm.module import INTEGER, NUMBER, Assembler

@@ -15,10 +15,21 @@ import numpy as np
 
 from vdfmu.base.progress import counted
 from vdfmu.base.version import __version__
-from vdfmu.compiler.c.expressions import c_constant, c_prototype
-from vdfmu.compiler.c.files import avx2_copies, kernel_files
+from vdfmu.compiler.c.functions import avx2_copies, kernel_files
 from vdfmu.compiler.c.grow import grown
-from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, setting_lines, string, wrapped
+from vdfmu.compiler.c.text import (
+    array,
+    c_constant,
+    c_prototype,
+    call_lines,
+    cell,
+    comment,
+    fields,
+    head,
+    setting_lines,
+    string,
+    wrapped,
+)
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, NEVER
 from vdfmu.compiler.unit.declaration import PHASES
 from vdfmu.compiler.unit.interface import Interface

@@ -12,8 +12,8 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 
-from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype
 from vdfmu.compiler.c.loops import Loops, Operand, Pass, Segment
+from vdfmu.compiler.c.text import EXPRESSIONS, c_prototype
 
 STACK = 32_768
 """Numbers of the memory from which it is not on the stack, which threads have 512 kB of on some systems."""

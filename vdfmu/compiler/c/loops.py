@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from vdfmu.compiler.c.counterparts import Trace
-from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant
 from vdfmu.compiler.c.series import BEFORE, Layout, Series, find_series
+from vdfmu.compiler.c.text import EXPRESSIONS, c_constant
 
 _PERIODS = (1, 2, 4)
 """Joints after which a chain may repeat; signs that cancel double its own period."""

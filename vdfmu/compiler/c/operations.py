@@ -15,10 +15,9 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
 from vdfmu.compiler.c.loop_text import STACK
 from vdfmu.compiler.c.loops import Loops, Operand, Segment
-from vdfmu.compiler.c.text import array, cell, head, source_text, wrapped
+from vdfmu.compiler.c.text import EXPRESSIONS, array, c_prototype, cell, head, slopes, source_text, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative_names
 
 _CODES = {operation: code for code, operation in enumerate(EXPRESSIONS)}

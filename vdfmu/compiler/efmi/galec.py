@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import casadi as ca
 
-from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import Language, operations_of
+from vdfmu.compiler.c.text import EXPRESSIONS
 from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
 from vdfmu.compiler.unit.program import Call
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.version import __version__
-from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant
 from vdfmu.compiler.c.functions import Language, operations_of
-from vdfmu.compiler.c.text import comment, fields
+from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, comment, fields
 from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.unit.program import Call

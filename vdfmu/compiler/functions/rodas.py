@@ -7,6 +7,7 @@ like the equations: its matrix with the elimination once, then one function for 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -99,16 +100,16 @@ def permuted(matrix: ca.SX, order: npt.NDArray[np.int_]) -> Rows:
 def _varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
     """Return the different elements that are not constant, symbols for them, and the expressions of the symbols."""
     expressions = ca.cse(expressions)
-    nonzeros: list[Any] = [element for expression in expressions for element in expression.nonzeros()]
+    nonzeros: list[list[Any]] = [expression.nonzeros() for expression in expressions]
     elements: dict[int, Any] = {}
-    for element in nonzeros:
+    for element in chain.from_iterable(nonzeros):
         if not element.is_constant():
             elements.setdefault(element.element_hash(), element)
     symbols = ca.SX.sym("factors", len(elements))
     places: dict[int, Any] = dict(zip(elements, symbols.nonzeros(), strict=True))
     replaced = [
-        ca.SX(expression.sparsity(), ca.vertcat(*(places.get(x.element_hash(), x) for x in expression.nonzeros())))
-        for expression in expressions
+        ca.SX(expression.sparsity(), ca.vertcat(*(places.get(x.element_hash(), x) for x in row)))
+        for expression, row in zip(expressions, nonzeros, strict=True)
     ]
     return ca.vertcat(*elements.values()), symbols, replaced
 

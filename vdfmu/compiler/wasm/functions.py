@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 import casadi as ca
 
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import lookup_table
+from vdfmu.compiler.c.text import EXPRESSIONS
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.wasm.module import (
     COPY,

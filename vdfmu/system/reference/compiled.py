@@ -10,11 +10,10 @@ from typing import Any
 import casadi as ca
 
 from vdfmu.base.errors import LOG, FmuError, KernelError
-from vdfmu.compiler.c.expressions import c_prototype
-from vdfmu.compiler.c.files import kernel_source
+from vdfmu.compiler.c.functions import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN, loaded
 from vdfmu.compiler.c.platforms import native_available
-from vdfmu.compiler.c.text import setting_lines
+from vdfmu.compiler.c.text import c_prototype, setting_lines
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.program import Call
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits
