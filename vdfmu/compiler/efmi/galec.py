@@ -42,60 +42,50 @@ _OTHERS = {
     ca.OP_IF_ELSE_ZERO: "(if {0} <> 0.0 then {1} else 0.0)",
 }
 GALEC_EXPRESSIONS = EXPRESSIONS | {k: f"(if {text} then 1.0 else 0.0)" for k, text in _TRUTHS.items()} | _OTHERS
-"""Operation to its text: C's, except for what GALEC writes in another way."""
+"""Operation to its text: C, except for other syntax of GALEC."""
 
 _INFINITE = "not isFinite({0})"
 
 
 def galec_number(value: float) -> str:
-    """Return a number: with a point, and a sign in the exponent."""
-    if math.isnan(value):
-        return "nan()"
-    if math.isinf(value):
-        return "plusInfinite()" if value > 0.0 else "minusInfinite()"
+    """Return a number, always with a point."""
+    if not math.isfinite(value):
+        return "nan()" if math.isnan(value) else "plusInfinite()" if value > 0.0 else "minusInfinite()"
     digits, e, exponent = repr(float(value)).partition("e")
     return digits + ("" if "." in digits else ".0") + e + exponent
 
 
 def galec_value(v: BlockVariable, value: float) -> str:
     """Return a value of a variable."""
-    texts = {"Real": galec_number, "Integer": lambda x: str(int(x)), "Boolean": lambda x: str(bool(x)).lower()}
-    return texts[v.type](value)
+    if v.type == "Real":
+        return galec_number(value)
+    return str(int(value)) if v.type == "Integer" else str(bool(value)).lower()
 
 
 def galec_name(v: BlockVariable) -> str:
-    """Name of a variable."""
+    """Return the name of a variable."""
     return f"'previous({v.name})'" if v.before else v.name
 
 
 def galec_text(block: SampledBlock) -> str:
     """Return the program."""
-    return "\n".join(
-        [
-            f"block {block.name}",
-            *(
-                f"    {_DECLARED[v.causality]}{_declaration(v)}"
-                for v in block.of("input", "output", "tunableParameter")
-            ),
-            "protected",
-            *(f"    {_DECLARED[v.causality]}{_declaration(v)}" for v in block.of("constant", "state")),
-            "public",
-            *_method("Startup", [], _startup(block)),
-            *_method("Recalibrate", ["    signals INVALID_ARGUMENT;"] if block.tunable else [], _recalibrate(block)),
-            *_step(block),
-            f"end {block.name};",
-            "",
-        ]
-    )
-
-
-_DECLARED = {
-    "input": "input ", "output": "output ", "tunableParameter": "parameter ", "constant": "constant ", "state": "",
-}  # fmt: skip
+    lines = [
+        f"block {block.name}",
+        *map(_declaration, block.of("input", "output", "tunableParameter")),
+        "protected",
+        *map(_declaration, block.of("constant", "state")),
+        "public",
+        *_method("Startup", [], _startup(block)),
+        *_method("Recalibrate", ["    signals INVALID_ARGUMENT;"] if block.tunable else [], _recalibrate(block)),
+        *_step(block),
+        f"end {block.name};\n",
+    ]
+    return "\n".join(lines)
 
 
 def _declaration(v: BlockVariable) -> str:
-    return f"{v.type} {galec_name(v)}{f'[{v.size}]' if v.size else ''};"
+    kind = {"tunableParameter": "parameter ", "state": ""}.get(v.causality, f"{v.causality} ")
+    return f"    {kind}{v.type} {galec_name(v)}{f'[{v.size}]' if v.size else ''};"
 
 
 def _method(name: str, before: Sequence[str], lines: Iterable[str]) -> list[str]:
@@ -105,12 +95,8 @@ def _method(name: str, before: Sequence[str], lines: Iterable[str]) -> list[str]
 
 def _startup(block: SampledBlock) -> Iterator[str]:
     for v in block.of("output", "tunableParameter", "constant", "state"):
-        values = [galec_value(v, value) for value in v.start]
-        yield f"self.{galec_name(v)} := {_listed(values) if v.size else values[0]};"
-
-
-def _listed(values: Iterable[str]) -> str:
-    return f"{{{', '.join(values)}}}"
+        values = ", ".join(galec_value(v, value) for value in v.start)
+        yield f"self.{galec_name(v)} := {f'{{{values}}}' if v.size else values};"
 
 
 def _recalibrate(block: SampledBlock) -> Iterator[str]:
@@ -120,7 +106,7 @@ def _recalibrate(block: SampledBlock) -> Iterator[str]:
 
 
 def _each(v: BlockVariable, broken: str, then: Sequence[str]) -> list[str]:
-    """Lines that do something where a condition is true for an element of a variable."""
+    """Return lines that run if a condition holds for an element of a variable."""
     element = f"self.{galec_name(v)}{'[i]' if v.size else ''}"
     lines = [f"if {broken.format(element)} then", *(f"    {line}" for line in then), "end if;"]
     return [f"for i in 1:{v.size} loop", *(f"    {line}" for line in lines), "end for;"] if v.size else lines
@@ -171,11 +157,8 @@ def _language(block: SampledBlock, call: Call) -> Language:
     def row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
         name, width = function.name(), function.numel_out(0)
         last = block.sizes[f"{name}_edges"] - 2
-        found = [
-            f"place := 0; for i in 1:{last} loop",
-            f"if w{argument} >= self.{name}_edges[i + 1] then place := i; end if; end for;",
-            *(f"w{i} := self.{name}_rows[place * {width} + {j + 1}];" for j, i in taken),
-        ]
-        return " ".join(found)
+        search = f"if w{argument} >= self.{name}_edges[i + 1] then place := i; end if;"
+        numbers = (f"w{i} := self.{name}_rows[place * {width} + {j + 1}];" for j, i in taken)
+        return " ".join([f"place := 0; for i in 1:{last} loop {search} end for;", *numbers])
 
     return Language(GALEC_EXPRESSIONS, galec_number, element, element, row, assignment="{} := {};")
