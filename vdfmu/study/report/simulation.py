@@ -16,7 +16,7 @@ import numpy as np
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.wasm.module import base_module
+from vdfmu.compiler.wasm import base_module
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed

@@ -12,8 +12,7 @@ import casadi as ca
 
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.wasm.functions import IMPORTED, WrittenFunctions
-from vdfmu.compiler.wasm.module import (
+from vdfmu.compiler.wasm import (
     COPY,
     INTEGER,
     LOAD,
@@ -86,8 +85,7 @@ class _ModuleWriter:
     """Writes the functions of a system. `at`: address of its memory."""
 
     def __init__(self, program: SystemProgram) -> None:
-        self.program, self.assembler = program, Assembler(IMPORTED)
-        self._functions = WrittenFunctions(self.assembler)
+        self.program, self.assembler = program, Assembler()
         self.at = self.assembler.room(8 * program.system.memory.size)
         self._still = self.assembler.room(8 * max(unit.interface.size for unit in program.system.units.values()))
         """Rates of the inputs."""
@@ -133,7 +131,7 @@ class _ModuleWriter:
 
     def _called(self, function: ca.Function, where: Mapping[str, int]) -> bytes:
         arguments = (constant(where[name]) for name in (*function.name_in(), *function.name_out()))
-        return b"".join(arguments) + call(self._functions.index(function))
+        return b"".join(arguments) + call(self.assembler.traced(function))
 
     def begin(self) -> int:
         """Add the start: states, outputs, and the conditions on several parameters."""
@@ -170,7 +168,7 @@ class _ModuleWriter:
                 place = moving.place(name)
                 code += local(1) if name == "h" else constant(self._still if place is None else self._address(place))
             first = arguments - function.n_out()
-            code += b"".join(map(local, range(first, arguments))) + call(self._functions.index(function))
+            code += b"".join(map(local, range(first, arguments))) + call(self.assembler.traced(function))
             functions.append(self.assembler.slot(self.assembler.function(arguments * INTEGER, b"", (), bytes(code))))
         code = b"".join(self._call(moving.name, one) for one in moving.update)
         update = self.assembler.slot(self.assembler.function(INTEGER, b"", (), code)) if code else 0
