@@ -43,7 +43,7 @@ _STEP = re.compile(r"kernel_\w+_step(_avx2)?\.c")
 """File of a solver's step, without its long callees."""
 _DERIVATIVES = re.compile(r"kernel_\w+_forward_reverse\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
-"""For rare code: derivatives, and a step with a copy for AVX2, which then runs on processors from before 2015 alone.
+"""For rare code: derivatives, and the step for processors from before 2015, if AVX2 has a copy of it.
 Optimised code takes three times as long to compile, and runs in half of the time."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""

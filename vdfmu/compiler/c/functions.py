@@ -23,7 +23,7 @@ from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
 _MOST_IN_C = 1_700
-"""Operations of a function up to which its derivatives, three times as long, are C. Longer: :mod:`.operations`.
+"""Most operations of a function with derivatives, three times as long, in C. Longer: :mod:`.operations`.
 
 Importers rarely call derivatives, and the derivatives of a feedforward took 4 s to compile. An importer's implicit
 solver may call the derivatives of the paper's plant. These are shorter.
@@ -117,13 +117,13 @@ def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0)
 
 
 WHOLE = 18_000
-"""Operations up to which a trace is one C function. The shipped arms have no longer trace."""
+"""Most operations in a C function. The traces of the shipped arms are shorter."""
 _PART = 1_000
 """Operations of one part of a longer trace."""
 _LONG = 3_000
-"""Operations from which a trace is long."""
+"""Fewest operations of a long trace."""
 _TOGETHER = 30
-"""Parts in a file, for which a compiler takes some 200 MB."""
+"""Parts in a file. A compiler takes some 200 MB for them."""
 
 
 def is_long(function: ca.Function, joints: int) -> bool:

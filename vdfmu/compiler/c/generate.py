@@ -142,13 +142,11 @@ class _UnitGenerator:
         ]
         listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in self.traced.steps]
         prototypes = "".join(f"{wrapped(prototype)};\n" for prototype in listed)
-        return (
-            head(
-                "Traced equations. `*_forward` is the product of the Jacobian with a direction d_*, `*_reverse` that "
-                "of a direction bar_* with the Jacobian, `*_avx2` see processor.h."
-            )
-            + f"#ifndef VDFMU_KERNEL_H\n#define VDFMU_KERNEL_H\n\n{prototypes}\n#endif\n"
+        about = (
+            "Traced equations. `*_forward` is the product of the Jacobian with a direction d_*, `*_reverse` that of a "
+            "direction bar_* with the Jacobian, `*_avx2` see processor.h."
         )
+        return head(about) + f"#ifndef VDFMU_KERNEL_H\n#define VDFMU_KERNEL_H\n\n{prototypes}\n#endif\n"
 
     def source(self) -> str:
         name, robot = self.interface.model_name, self.interface.robot
@@ -224,7 +222,7 @@ class _UnitGenerator:
         calls = ""
         first = [0, len(self.conditions)] if self.conditions else [0]
         for begin, function in zip(first, self.traced.margins, strict=False):
-            places = [self._place("m", argument) for argument in function.name_in()]
+            places = [f"m + at_{argument}" for argument in function.name_in()]
             calls += f"    {function.name()}({', '.join([*places, f'margin + {begin}' if begin else 'margin'])});\n"
         yield f"static void unit_margins(const double *m, double *margin)\n{{\n{calls}}}\n"
 
@@ -255,23 +253,23 @@ class _UnitGenerator:
     def _set(self, memories: str, ending: str, call: Call) -> list[str]:
         """Return the lines of a call that reads memories and sets its results in the last memory."""
         function = self.functions[call.function]
-        given = [self._place(memory, call.group(name)) for memory in memories for name in function.name_in()]
+        given = [f"{memory} + at_{call.group(name)}" for memory in memories for name in function.name_in()]
         groups = ((name, call.group(name)) for name in function.name_out())
-        made = [(name, self._place(memories[-1], group), self._size(group), name != group) for name, group in groups]
+        made = [(name, f"{memories[-1]} + at_{group}", self._size(group), name != group) for name, group in groups]
         return setting_lines(f"{function.name()}{ending}", given, made)
 
     def _reverse(self, call: Call) -> list[str]:
         function = self.functions[call.function]
         given = {name: call.group(name) for name in function.name_in()}
         made = [call.group(name) for name in function.name_out()]
-        places = [self._place("m", group) for group in given.values()]
-        places += [self._place("d", group) for group in made] + [f"bar_{name}" for name in given]
+        places = [f"m + at_{group}" for group in given.values()]
+        places += [f"d + at_{group}" for group in made] + [f"bar_{name}" for name in given]
         bars = fields((f"bar_{name}[{self._size(group)}]" for name, group in given.items()), indent="")
         lines = [
             *f"double {bars};".splitlines(),
             *call_lines(f"{function.name()}_reverse", places),
-            *(f"memset({self._place('d', group)}, 0, {self._size(group)} * sizeof(double));" for group in made),
-            *(f"add({self._place('d', group)}, bar_{name}, {self._size(group)});" for name, group in given.items()),
+            *(f"memset(d + at_{group}, 0, {self._size(group)} * sizeof(double));" for group in made),
+            *(f"add(d + at_{group}, bar_{name}, {self._size(group)});" for name, group in given.items()),
         ]
         return ["{", *(f"    {line}" for line in lines), "}"]
 
@@ -284,9 +282,7 @@ class _UnitGenerator:
         )
         for ending in ("", "_avx2"):
             lines = self._blocks(self.program.step, partial(self._step_call, ending))
-            unused = [] if any("rate + " in line for line in lines) else ["(void)rate;"]
-            body = "".join(f"    {line}\n" for line in (*unused, *lines))
-            text = f"static void solver_step{ending}({arguments})\n{{\n{body}}}\n"
+            text = _function(f"solver_step{ending}", arguments, ["rate"], lines)
             yield f"#ifdef AVX2_STEP\n{text}#endif\n" if ending else text
 
     def _left(self) -> Iterator[str]:
@@ -295,19 +291,11 @@ class _UnitGenerator:
             yield _function("left", "const double *m, const double *rate, double *left", ("m", "rate"), lines)
 
     def _step_call(self, ending: str, call: Call) -> list[str]:
-        function = self.functions[call.function]
-        places = [
-            f"&{name}"
-            if name in _SOLVER
-            else self._place("rate", name.removeprefix("rate_"))
-            if name.startswith("rate_")
-            else self._place("m", name)
-            for name in function.name_in()
-        ]
+        function, places = self.functions[call.function], list[str]()
+        for name in function.name_in():
+            memory = "rate" if name.startswith("rate_") else "m"
+            places.append(f"&{name}" if name in _SOLVER else f"{memory} + at_{name.removeprefix('rate_')}")
         return call_lines(function.name() + ending, [*places, *function.name_out()])
-
-    def _place(self, memory: str, group: str) -> str:
-        return f"{memory} + at_{group}"
 
     def _size(self, group: str) -> int:
         where = self.interface.arguments[group]
@@ -346,8 +334,10 @@ class _UnitGenerator:
         for name in ("start", "outputs", "derivatives", *(["update"] if self.program.update else [])):
             for ending in ("", "_forward", "_reverse"):
                 values[name + ending] = name + ending
-        values["left"] = "left" if self.program.left else "NULL"
-        values["solver_step"] = "solver_step" if has_step else "NULL"
+        values |= {
+            "left": "left" if self.program.left else "NULL",
+            "solver_step": "solver_step" if has_step else "NULL",
+        }
         lines = "".join(f"    .{name} = {value}".rstrip() + ",\n" for name, value in values.items())
         copy = "#ifdef AVX2_STEP\n    .solver_step_avx2 = solver_step_avx2,\n#endif\n" if has_step else ""
         return f"const Unit unit = {{\n{lines.replace(' */,', ' */')}{copy}}};\n"

@@ -15,13 +15,13 @@ from vdfmu.compiler.c.loops import Loops, Operand, Pass, Segment
 from vdfmu.compiler.c.text import EXPRESSIONS, c_prototype
 
 STACK = 32_768
-"""Numbers of memory up to which it is on the stack: threads have 512 kB on some systems."""
+"""Most numbers of a memory on the stack: threads have 512 kB on some systems."""
 
 _INDEX = re.compile(r"\b([ir])\b")
 """Indices of the loops. Arguments with these names are renamed in the definition."""
 _OPERAND = re.compile(r"{(\d)}")
 _WORDS = 16
-"""Words of an expression from which it has a separate line. A count of digits would grow with the joints."""
+"""Fewest words of an expression in a separate line. A count of digits would grow with the joints."""
 
 
 def c_loops(loops: Loops) -> str:

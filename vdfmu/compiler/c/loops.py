@@ -20,9 +20,9 @@ _DEPTHS = (0, 1, 2, 3)
 _GOOD = 3.0
 """Segments by operations of a joint at which the search ends."""
 _WORTH = 0.6
-"""Segments by operations up to which a trace is written as loops."""
+"""Most segments by operations of a trace in loops."""
 _LONG = 10
-"""Members of a series from which a trace is written as loops."""
+"""Fewest members of a series in loops."""
 
 
 def find_loops(function: ca.Function, joints: int) -> Loops | None:
@@ -121,7 +121,7 @@ class Loops:
 
     @property
     def complete(self) -> bool:
-        """Whether each segment has a place. Segments that read each other at different indices have no place."""
+        """Whether each segment has a place. Segments that read each other at different indices lack it."""
         return all(found.complete for found in self.passes.values())
 
     def is_local(self, segment: Segment, operand: Operand) -> bool:

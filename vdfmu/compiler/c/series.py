@@ -18,7 +18,7 @@ import numpy as np
 from vdfmu.compiler.c.counterparts import Counterparts, Trace
 
 _MOVES = 4
-"""Lengths of the longest series by which an index may move, so that series that read each other run one way."""
+"""Most lengths of the longest series that an index may move, so that series that read each other run one way."""
 
 BEFORE = -1
 """Pass of operations before all loops."""
@@ -56,7 +56,7 @@ class Layout:
     places: dict[int, tuple[int, int]]
     """Series and position of each operation that is not a leaf."""
     ordered: bool = False
-    """Whether each series has a pass. Series that read each other may have no common direction."""
+    """Whether each series has a pass. Series that read each other may lack a common direction."""
 
     def offset(self, reader: int, read: int, ahead: int) -> int:
         """Index of the read member less the index of the reader, for an entry of `reads`."""
@@ -187,7 +187,7 @@ def _order(layout: Layout) -> bool:
 
 
 def _place(layout: Layout, part: list[int], wanted: dict[int, list[int]]) -> bool:
-    """Choose the pass of series that read each other: the first in which all their operands are there."""
+    """Choose the pass of series that read each other: the first pass with all their operands."""
     series = layout.series
     inside = set(part)
     outside = [(k, r) for k in part for r in series[k].reads if r not in inside]

@@ -25,29 +25,19 @@ EXPRESSIONS = {
     ca.OP_INV: "1.0 / {0}",
     ca.OP_POW: "pow({0}, {1})",
     ca.OP_CONSTPOW: "pow({0}, {1})",
-    ca.OP_SQRT: "sqrt({0})",
-    ca.OP_SIN: "sin({0})",
-    ca.OP_COS: "cos({0})",
-    ca.OP_TAN: "tan({0})",
-    ca.OP_ASIN: "asin({0})",
-    ca.OP_ACOS: "acos({0})",
-    ca.OP_ATAN: "atan({0})",
-    ca.OP_ATAN2: "atan2({0}, {1})",
-    ca.OP_FLOOR: "floor({0})",
-    ca.OP_CEIL: "ceil({0})",
-    ca.OP_TANH: "tanh({0})",
-    ca.OP_SINH: "sinh({0})",
-    ca.OP_COSH: "cosh({0})",
-    ca.OP_ASINH: "asinh({0})",
-    ca.OP_ACOSH: "acosh({0})",
-    ca.OP_ATANH: "atanh({0})",
-    ca.OP_HYPOT: "hypot({0}, {1})",
-    ca.OP_EXP: "exp({0})",
-    ca.OP_EXPM1: "expm1({0})",
-    ca.OP_LOG: "log({0})",
-    ca.OP_LOG1P: "log1p({0})",
-    ca.OP_FMOD: "fmod({0}, {1})",
-    ca.OP_FABS: "fabs({0})",
+    **{
+        getattr(ca, f"OP_{name.upper()}"): f"{name}({operands})"
+        for names, operands in (
+            ("sqrt sin cos tan asin acos atan", "{0}"),
+            ("atan2", "{0}, {1}"),
+            ("floor ceil tanh sinh cosh asinh acosh atanh", "{0}"),
+            ("hypot", "{0}, {1}"),
+            ("exp expm1 log log1p", "{0}"),
+            ("fmod", "{0}, {1}"),
+            ("fabs", "{0}"),
+        )
+        for name in names.split()
+    },
     ca.OP_SIGN: "({0} > 0.0 ? 1.0 : 0.0) - ({0} < 0.0 ? 1.0 : 0.0)",
     ca.OP_COPYSIGN: "copysign({0}, {1})",
     ca.OP_FMIN: "fmin({0}, {1})",
@@ -138,7 +128,7 @@ def fields(items: Iterable[str], *, one_a_line: bool = False, indent: str = "   
 
 
 def array(kind: str, name: str, items: Iterable[str], *, one_a_line: bool = False) -> str:
-    """Return the definition of a constant array. C has no empty arrays: without items it has a zero."""
+    """Return the definition of a constant array. C forbids empty arrays: without items it has a zero."""
     listed = fields(items, one_a_line=one_a_line) or "    0"
     return f"static const {kind} {name}[] = {{\n{listed}\n}};\n"
 

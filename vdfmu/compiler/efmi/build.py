@@ -1,4 +1,4 @@
-"""The folder ``eFMU`` with its manifests, which turns an FMU into an eFMU."""
+"""The folder ``eFMU`` with its manifests. With it an FMU is an eFMU."""
 
 from __future__ import annotations
 

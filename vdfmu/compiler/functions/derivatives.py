@@ -97,7 +97,7 @@ def rebuilt(
 
 
 NEVER = 1e300
-"""Time [s] until the next switch if there is none."""
+"""Time [s] until the next switch without any switch."""
 _JUMPS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
 _BENDS = (ca.OP_FMIN, ca.OP_FMAX)
 _SIGNS = {ca.OP_SIGN: 0, ca.OP_FABS: 0, ca.OP_COPYSIGN: 1}

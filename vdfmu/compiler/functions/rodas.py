@@ -50,9 +50,9 @@ class Stages(NamedTuple):
     """Increment as a function of `factors`, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t
     [s]. The right-hand side of the stage is ``right + (E - explicit) slope``, with R_t."""
     explicit: ca.DM
-    """(m, 1): 1 for rows ``f(x, t) - y``, which need no y, else 0."""
+    """(m, 1): 1 for rows ``f(x, t) - y`` that need no y, else 0."""
     carried: list[int]
-    """Rows whose y is carried from stage to stage. A plain right-hand side has no such rows."""
+    """Rows whose y is carried from stage to stage. A plain right-hand side lacks such rows."""
 
 
 def stage_equations(

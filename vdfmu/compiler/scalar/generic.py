@@ -31,7 +31,7 @@ def clip(x: Any, low: Any, high: Any) -> Any:
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
-    """Return for each element the one of `a` if the condition holds, else of `b`."""
+    """Return the elements of `a` under a condition, else the elements of `b`."""
     if all(np.asarray(x).dtype != object for x in (condition, a, b)):
         return np.where(condition, a, b)[()]
 

@@ -72,6 +72,11 @@ def _method(function: Callable[[ca.SX], ca.SX]) -> Callable[[Symbol], Symbol]:
     return lambda symbol: Symbol(function(symbol.sx))
 
 
+def _paired(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, Any], Symbol]:
+    """Return the method of a function of two scalars."""
+    return lambda a, b: Symbol(function(a.sx, _sx(b)))
+
+
 def _operator(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, Any], Any]:
     """Return the method of an operator."""
     return lambda a, b: NotImplemented if _foreign(b) else Symbol(function(a.sx, _sx(b)))
@@ -174,7 +179,9 @@ class Symbol(_Dispatched):
     sinh, cosh, tanh = map(_method, (ca.sinh, ca.cosh, ca.tanh))
     exp, expm1, log, log1p = map(_method, (ca.exp, ca.expm1, ca.log, ca.log1p))
     arcsinh, arccosh, arctanh = map(_method, (ca.asinh, ca.acosh, ca.atanh))
+    arctan2, hypot, minimum, maximum = map(_paired, (ca.atan2, ca.hypot, ca.fmin, ca.fmax))
     sqrt, rint, fabs = map(_method, (ca.sqrt, _rint, ca.fabs))
+    sgn = _method(lambda x: ca.copysign(1.0, x))
     cbrt = _method(lambda x: ca.copysign(ca.fabs(x) ** (1.0 / 3.0), x))
     log2, log10, exp2 = map(_method, (_log_to(2.0), _log_to(10.0), lambda x: ca.SX(2.0) ** x))
     radians = deg2rad = _method(lambda x: x * (np.pi / 180.0))
@@ -182,30 +189,10 @@ class Symbol(_Dispatched):
     trunc = __trunc__ = _method(lambda x: ca.copysign(ca.floor(ca.fabs(x)), x))
 
     def conjugate(self) -> Symbol:
-        """Return the symbol, which is real."""
+        """Return the real symbol."""
         return self
 
     __pos__ = conjugate
-
-    def arctan2(self, x: Any) -> Symbol:
-        """Angle of the point (x, self)."""
-        return Symbol(ca.atan2(self.sx, _sx(x)))
-
-    def hypot(self, other: Any) -> Symbol:
-        """Length of the vector (self, other)."""
-        return Symbol(ca.hypot(self.sx, _sx(other)))
-
-    def sgn(self) -> Symbol:
-        """Sign; at a zero the sign of the zero."""
-        return Symbol(ca.copysign(1.0, self.sx))
-
-    def minimum(self, other: Any) -> Symbol:
-        """Return the smaller of two."""
-        return Symbol(ca.fmin(self.sx, _sx(other)))
-
-    def maximum(self, other: Any) -> Symbol:
-        """Return the larger of two."""
-        return Symbol(ca.fmax(self.sx, _sx(other)))
 
     def row_of(self, edges: Any, rows: Any) -> Any:
         """Return the row of a table for the interval that the symbol lies in."""
