@@ -18,7 +18,7 @@ from vdfmu.base.once import cached_per_command
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops, straight
 from vdfmu.compiler.c.operations import c_derivatives, c_operations
-from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, head, source_text, wrapped
+from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
@@ -121,14 +121,9 @@ WHOLE = 18_000
 _PART = 1_000
 """Operations of one part of a longer trace."""
 _LONG = 3_000
-"""Fewest operations of a long trace."""
+"""Most operations, for ten joints of a long arm, of a callee without a separate text."""
 _TOGETHER = 30
 """Parts in a file. A compiler takes some 200 MB for them."""
-
-
-def is_long(function: ca.Function, joints: int) -> bool:
-    """Whether a trace has a separate text if another calls it. For a long arm its part for ten joints decides."""
-    return 10 * function.n_instructions() > _LONG * max(joints, 10)
 
 
 def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list[str]:
@@ -157,14 +152,14 @@ def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list
         else:
             raise KernelError(f"{function.name()}: expected calls only, got operation {operation}.")
     declared = [f"double {name}[{size}];" for name, size in sizes.items()]
-    body = "\n".join(f"    {line}" for line in (*declared, *lines))
     prototypes = "".join(f"{c_prototype(callee)};\n" for callee in callees.values())
     texts: list[str] = []
     together = [f"#include <string.h>\n\n{prototypes}"]
     for callee in callees.values():
         if callee.name() not in apart:
-            (texts if is_long(callee, joints) else together).extend(c_texts(callee, joints=joints))
-    return [*texts, "\n".join([*together, f"{c_prototype(function)}\n{{\n{body}\n}}\n"])]
+            is_long = 10 * callee.n_instructions() > _LONG * max(joints, 10)
+            (texts if is_long else together).extend(c_texts(callee, joints=joints))
+    return [*texts, "\n".join([*together, definition(c_prototype(function), [*declared, *lines])])]
 
 
 def lookups(function: ca.Function) -> str:
@@ -256,7 +251,13 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
             lines.append(Operation(assign(f"w{target[0]}", value), (), target))
         elif operation == ca.OP_CALL:
             called = function.instructions_sx()[k].which_function()
-            lines.append(_call(called, source, target, language))
+            wanted = [(j, i) for j, i in enumerate(target) if i >= 0]
+            writes = tuple(i for _, i in wanted)
+            if called.name().startswith(LOOKUP):
+                lines.append(Operation(language.row(called, source[0], wanted), source[:1], writes))
+            else:  # the derivative of a lookup
+                zero = language.number(0.0)
+                lines.append(Operation(" ".join(assign(f"w{i}", zero) for i in writes), (), writes))
         elif operation == ca.OP_INPUT:
             name = arguments[source[0]]
             text = assign(f"w{target[0]}", language.argument(name, source[1]))
@@ -274,24 +275,13 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
     return lines
 
 
-def _call(called: ca.Function, source: tuple[int, ...], target: tuple[int, ...], language: Language) -> Operation:
-    """Return the lookup of a row. A trace also calls the derivative of a lookup: 0."""
-    wanted = [(j, i) for j, i in enumerate(target) if i >= 0]
-    writes = tuple(i for _, i in wanted)
-    if not called.name().startswith(LOOKUP):
-        zero = language.number(0.0)
-        return Operation(" ".join(language.assignment.format(f"w{i}", zero) for i in writes), (), writes)
-    return Operation(language.row(called, source[0], wanted), source[:1], writes)
-
-
 def _definition(
     prototype: str, operations: list[Operation], unused: list[str], load: Sequence[str] = (), keep: Sequence[str] = ()
 ) -> str:
     used = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
     declared = [f"double {', '.join(f'w{i}' for i in used)};"] if used else []
     lines = (*unused, *declared, *load, *(operation.text for operation in operations), *keep)
-    body = "\n".join(f"    {line}" for line in lines)
-    return f"{prototype}\n{{\n{body}\n}}\n"
+    return definition(prototype, lines)
 
 
 def _lookup(function: ca.Function) -> str:

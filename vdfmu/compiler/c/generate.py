@@ -24,8 +24,10 @@ from vdfmu.compiler.c.text import (
     call_lines,
     cell,
     comment,
+    definition,
     fields,
     head,
+    indented,
     setting_lines,
     string,
     wrapped,
@@ -109,8 +111,6 @@ class _UnitGenerator:
         self.conditions = robot.requirements() if robot is not None else []
         self.requirements = self.conditions + traced_requirements(interface)[0]
 
-    # ---------------------------------------------------------------- files
-
     def config(self) -> str:
         name = self.interface.model_name
         return (
@@ -171,8 +171,6 @@ class _UnitGenerator:
         )
         return "\n".join(filter(None, parts))
 
-    # ---------------------------------------------------------------- tables
-
     def _positions(self) -> str:
         """Return the positions of the groups, as an enumeration."""
         arguments = self.interface.arguments.items()
@@ -226,8 +224,6 @@ class _UnitGenerator:
             calls += f"    {function.name()}({', '.join([*places, f'margin + {begin}' if begin else 'margin'])});\n"
         yield f"static void unit_margins(const double *m, double *margin)\n{{\n{calls}}}\n"
 
-    # ---------------------------------------------------------------- programs
-
     def _programs(self) -> Iterator[str]:
         for name in PHASES:
             calls: tuple[Call, ...] = getattr(self.program, name)
@@ -244,10 +240,7 @@ class _UnitGenerator:
         lines: list[str] = []
         for call in calls:
             conditions = [f"m[at_{argument_name(group)}] == {c_constant(value)}" for group, value in call.when]
-            if conditions:
-                lines += [f"if ({' && '.join(conditions)}) {{", *(f"    {line}" for line in write(call)), "}"]
-            else:
-                lines += write(call)
+            lines += indented(f"if ({' && '.join(conditions)}) {{", write(call)) if conditions else write(call)
         return lines
 
     def _set(self, memories: str, ending: str, call: Call) -> list[str]:
@@ -271,7 +264,7 @@ class _UnitGenerator:
             *(f"memset(d + at_{group}, 0, {self._size(group)} * sizeof(double));" for group in made),
             *(f"add(d + at_{group}, bar_{name}, {self._size(group)});" for name, group in given.items()),
         ]
-        return ["{", *(f"    {line}" for line in lines), "}"]
+        return indented("{", lines)
 
     def _solver_step(self) -> Iterator[str]:
         if not self.program.step:
@@ -300,8 +293,6 @@ class _UnitGenerator:
     def _size(self, group: str) -> int:
         where = self.interface.arguments[group]
         return where.stop - where.start
-
-    # ---------------------------------------------------------------- the unit
 
     def _unit(self) -> str:
         interface, N = self.interface, self.interface.size
@@ -364,5 +355,4 @@ def _function(name: str, arguments: str, names: Iterable[str], lines: Sequence[s
     """Return a function of the program. An empty function marks its arguments as unused."""
     text = "\n".join(lines)
     unused = [f"(void){argument};" for argument in names if f"{argument} + " not in text]
-    body = "".join(f"    {line}\n" for line in (*unused, *lines))
-    return f"static void {name}({arguments})\n{{\n{body}}}\n"
+    return definition(f"static void {name}({arguments})", [*unused, *lines])

@@ -18,16 +18,11 @@ _NUMBER = re.compile(r"(?<![\d.])(?<![\d.]e)(?<![\d.]e[-+])(-?\d+)(?!\d|\.(?!0\b
 def grown(shorter: Mapping[int, Mapping[str, str]], joints: int) -> dict[str, str] | None:
     """Return file name to text for a number of joints.
 
+    `shorter` has the files of two or more smaller numbers of joints. The first two set the growth of each number, the
+    rest checks it. `joints` is a multiple of their distance after the first.
+
     None if the texts differ in more than numbers, if a number grows unevenly, or if a factor of an index grows. Such a
     factor belongs to a matrix of joints, and places behind it may grow with the square.
-
-    Parameters
-    ----------
-    shorter : mapping of int to mapping
-        At least two smaller numbers of joints, to their files. The first two set the growth of each number, others
-        check it.
-    joints : int
-        A multiple of the distance of the first two numbers of joints after the first.
     """
     counts, (first, *others) = list(shorter), shorter.values()
     if any(files.keys() != first.keys() for files in others):

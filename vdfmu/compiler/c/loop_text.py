@@ -88,8 +88,6 @@ class _Text:
         condition = f"i == {begin}" if begin == end else " && ".join(limits)
         return f" if ({condition}) {{" if limits else " {"
 
-    # ---------------------------------------------------------------- memory
-
     def _reserve(self) -> None:
         """Give places in the memory to values that are read at another index or in another pass.
 
@@ -132,8 +130,6 @@ class _Text:
         if k not in self._columns:
             return None
         return f"r + {offset * self._width + self._columns[k]}"
-
-    # ---------------------------------------------------------------- statements
 
     def _statements(self, segment: Segment, declared: str) -> Iterator[str]:
         k, place = segment.series, self._place(segment.series)

@@ -17,7 +17,7 @@ import casadi as ca
 
 from vdfmu.compiler.c.loop_text import STACK
 from vdfmu.compiler.c.loops import Loops, Operand, Segment
-from vdfmu.compiler.c.text import EXPRESSIONS, array, c_prototype, cell, head, slopes, source_text, wrapped
+from vdfmu.compiler.c.text import EXPRESSIONS, array, c_prototype, cell, definition, head, slopes, source_text, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative_names
 
 _CODES = {operation: code for code, operation in enumerate(EXPRESSIONS)}
@@ -106,8 +106,6 @@ class _OperationTable:
         slope = operand.slope or 0
         return _Place(self._begins[operand.argument] + operand.base - slope * self._loops.at(segment), slope)
 
-    # ---------------------------------------------------------------- text
-
     def text(self) -> str:
         """Return the table and the functions that run it."""
         name, size = self._function.name(), self._begins[-1] + len(self._constants)
@@ -145,13 +143,12 @@ class _OperationTable:
         ]
         for ending in DIRECTIONS:
             given, made = derivative_names(self._function, ending)
-            parts.append(f"""{wrapped(c_prototype(self._function, ending))}
-{{
-    const double *const given[] = {{{", ".join(given)}}};
-    double *const made[] = {{{", ".join(f"{one}_out" for one in made)}}};
-    {name}_run(given, made, {DIRECTIONS.index(ending)});
-}}
-""")
+            lines = [
+                f"const double *const given[] = {{{', '.join(given)}}};",
+                f"double *const made[] = {{{', '.join(f'{result}_out' for result in made)}}};",
+                f"{name}_run(given, made, {DIRECTIONS.index(ending)});",
+            ]
+            parts.append(definition(wrapped(c_prototype(self._function, ending)), lines))
         return "\n".join(parts)
 
 

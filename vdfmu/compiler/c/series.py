@@ -66,16 +66,8 @@ class Layout:
 def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int], most: float = math.inf) -> Layout | None:
     """Return the series of a trace, or None for `most` series or more.
 
-    Parameters
-    ----------
-    joints : int
-        Length of a vector with a number for each joint.
-    period : int
-        Joints from one member to the next.
-    alike : sequence of int
-        Number of each operation. Counterparts have the same number.
-    most : float
-        Lines of the best layout so far. Another layout has a line or more for each series.
+    A vector with a number for each joint has `joints` elements. Members of a series are `period` joints apart.
+    Counterparts have the same number in `alike`. The best layout so far has `most` lines, one or more for each series.
     """
     layout = _grouped(trace, Counterparts(trace, joints, period, alike).after)
     if len(layout.series) >= most:
@@ -104,9 +96,6 @@ def _grouped(trace: Trace, after: dict[int, int]) -> Layout:
                 other, at = places[read]
                 series[reader].reads[other][at - k] += 1
     return Layout(trace, series, places)
-
-
-# ---------------------------------------------------------------- indices
 
 
 def _number(layout: Layout, joints: int, period: int) -> None:
@@ -155,9 +144,6 @@ def _votes_of_inputs(layout: Layout, k: int, joints: int, period: int) -> Counte
             if per_joint and second[1] - first[1] == period:
                 votes[first[1] % joints // period] += len(layout.series[k].members)
     return votes
-
-
-# ---------------------------------------------------------------- passes
 
 
 def _order(layout: Layout) -> bool:

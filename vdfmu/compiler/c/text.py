@@ -145,6 +145,16 @@ def source_text(name: str) -> str:
     return source_bytes(data_path("fmu_src") / "functions" / name).decode()
 
 
+def indented(opening: str, lines: Iterable[str], closing: str = "}") -> list[str]:
+    """Return lines between an opening and a closing line."""
+    return [opening, *(f"    {line}" for line in lines), closing]
+
+
+def definition(prototype: str, lines: Iterable[str]) -> str:
+    """Return the definition of a function."""
+    return "\n".join([prototype, *indented("{", lines), ""])
+
+
 def call_lines(name: str, places: Sequence[str]) -> list[str]:
     """Return the lines of a call."""
     lines = [f"{name}("]

@@ -8,16 +8,13 @@ from collections.abc import Iterable, Iterator, Sequence
 import casadi as ca
 
 from vdfmu.compiler.c.functions import Language, operations_of
-from vdfmu.compiler.c.text import EXPRESSIONS
+from vdfmu.compiler.c.text import EXPRESSIONS, indented
 from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
 from vdfmu.compiler.unit.program import Call
 
 _TRUTHS = {
-    ca.OP_LT: "{0} < {1}",
-    ca.OP_LE: "{0} <= {1}",
-    ca.OP_EQ: "{0} == {1}",
+    **{k: EXPRESSIONS[k].removesuffix(" ? 1.0 : 0.0") for k in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NOT)},
     ca.OP_NE: "{0} <> {1}",
-    ca.OP_NOT: "{0} == 0.0",
     ca.OP_AND: "{0} <> 0.0 and {1} <> 0.0",
     ca.OP_OR: "{0} <> 0.0 or {1} <> 0.0",
 }
@@ -108,8 +105,12 @@ def _recalibrate(block: SampledBlock) -> Iterator[str]:
 def _each(v: BlockVariable, broken: str, then: Sequence[str]) -> list[str]:
     """Return lines that run if a condition holds for an element of a variable."""
     element = f"self.{galec_name(v)}{'[i]' if v.size else ''}"
-    lines = [f"if {broken.format(element)} then", *(f"    {line}" for line in then), "end if;"]
-    return [f"for i in 1:{v.size} loop", *(f"    {line}" for line in lines), "end for;"] if v.size else lines
+    lines = _when(broken.format(element), then)
+    return indented(f"for i in 1:{v.size} loop", lines, "end for;") if v.size else lines
+
+
+def _when(condition: str, lines: Iterable[str]) -> list[str]:
+    return indented(f"if {condition} then", lines, "end if;")
 
 
 def _step(block: SampledBlock) -> list[str]:
@@ -127,20 +128,17 @@ def _step(block: SampledBlock) -> list[str]:
     def check(variables: Iterable[BlockVariable]) -> list[str]:
         return [line for v in variables for line in _each(v, _INFINITE, ["signal NAN;", "valid := false;"])]
 
-    def when(condition: str, listed: Iterable[str]) -> list[str]:
-        return [f"if {condition} then", *(f"    {line}" for line in listed), "end if;"]
-
     body: list[str] = []
     states = [v for v in block.variables if v.before]
     if block.has_time:
         body += [f"t := real(self.{STEPS});", f"t := t * self.{PERIOD};", f"self.{STEPS} := self.{STEPS} + 1;"]
     body += ["valid := true;", *check(block.of("input", "tunableParameter"))]
     if block.start:
-        body += when(f"valid and self.{FIRST}", [*lines(block.start), *check(states)])
+        body += _when(f"valid and self.{FIRST}", [*lines(block.start), *check(states)])
     first = [f"self.{FIRST} := false;"] * bool(block.start)
-    body += when("valid", [*first, *lines(block.update), *lines(block.outputs), *check(block.of("output"))])
+    body += _when("valid", [*first, *lines(block.update), *lines(block.outputs), *check(block.of("output"))])
     if states:
-        body += when("valid", [f"self.{galec_name(v)} := self.{v.name};" for v in states])
+        body += _when("valid", [f"self.{galec_name(v)} := self.{v.name};" for v in states])
     local = [f"    Real w{i};" for i in range(values)] + ["    Real t;"] * block.has_time + ["    Boolean valid;"]
     local += ["    Integer place;"] * any(line.startswith("place := ") for line in body)
     return _method("DoStep", ["    signals NAN;", "protected", *local], body)

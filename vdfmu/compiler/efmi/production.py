@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import casadi as ca
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from vdfmu.base.errors import UsageError
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.functions import Language, operations_of
-from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, comment, fields
+from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, comment, definition, fields, indented
 from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.unit.program import Call
@@ -172,12 +173,7 @@ def _function(block: SampledBlock, call: Call, precision: Precision) -> str:
     used = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
     lines = [f"{block.name}_Real w{i};" for i in used] + [operation.text for operation in operations]
     time = f", {block.name}_Real t" if "t" in call.reads else ""
-    return _definition(f"static void {call.function}({block.name} *self{time})", lines)
-
-
-def _definition(prototype: str, lines: Iterable[str]) -> str:
-    body = "".join(f"    {line}\n" for line in lines)
-    return f"{prototype}\n{{\n{body}}}\n"
+    return definition(f"static void {call.function}({block.name} *self{time})", lines)
 
 
 def _language(block: SampledBlock, call: Call, precision: Precision) -> Language:
@@ -223,17 +219,12 @@ def _expressions(precision: Precision) -> dict[int, str]:
 def _method(block: SampledBlock, name: str, lines: Iterable[str]) -> str:
     body = list(lines)
     first = ["uint32_t i;"] if any("for (i" in line for line in body) else []
-    return _definition(f"void {block.name}_{name}({block.name} *self)", [*first, *body])
+    return definition(f"void {block.name}_{name}({block.name} *self)", [*first, *body])
 
 
-def _loop(size: int, lines: Iterable[str]) -> Iterator[str]:
-    """Yield lines for each index i of an array, or alone."""
-    if size:
-        yield f"for (i = 0U; i < {size}U; i++) {{"
-        yield from (f"    {line}" for line in lines)
-        yield "}"
-    else:
-        yield from lines
+def _loop(size: int, lines: list[str]) -> list[str]:
+    """Return lines for each index i of an array, or alone."""
+    return indented(f"for (i = 0U; i < {size}U; i++) {{", lines) if size else lines
 
 
 def _startup(block: SampledBlock, precision: Precision) -> Iterator[str]:
@@ -246,9 +237,9 @@ def _startup(block: SampledBlock, precision: Precision) -> Iterator[str]:
     yield "self->errorSignals = 0U;"
 
 
-def _check(v: BlockVariable, broken: str, signal: str) -> Iterator[str]:
-    element = f"self->{c_name(v)}{'[i]' * bool(v.size)}"
-    yield from _loop(v.size, [f"if ({broken.format(element)}) {{", f"    self->errorSignals |= {signal};", "}"])
+def _check(v: BlockVariable, broken: str, signal: str) -> list[str]:
+    condition = broken.format(f"self->{c_name(v)}{'[i]' * bool(v.size)}")
+    return _loop(v.size, indented(f"if ({condition}) {{", [f"self->errorSignals |= {signal};"]))
 
 
 def _recalibrate(block: SampledBlock, precision: Precision) -> Iterator[str]:
@@ -262,23 +253,15 @@ def _recalibrate(block: SampledBlock, precision: Precision) -> Iterator[str]:
 def _step(block: SampledBlock) -> Iterator[str]:
     """Yield the lines of a step. If a value is not finite, the rest is not calculated, and states are not kept."""
 
-    def calls(listed: Sequence[Call]) -> Iterator[str]:
-        for call in listed:
-            yield f"{call.function}(self{', t' if 't' in call.reads else ''});"
+    def calls(listed: Sequence[Call]) -> list[str]:
+        return [f"{call.function}(self{', t' if 't' in call.reads else ''});" for call in listed]
 
-    def check(variables: Iterable[BlockVariable]) -> Iterator[str]:
-        for v in variables:
-            yield from _check(v, _INFINITE, f"{block.name}_NAN")
+    def check(variables: Iterable[BlockVariable]) -> list[str]:
+        return [line for v in variables for line in _check(v, _INFINITE, f"{block.name}_NAN")]
 
     fine = "self->errorSignals == 0U"
-
-    def when(condition: str, lines: Iterable[str]) -> Iterator[str]:
-        yield f"if ({condition}) {{"
-        yield from (f"    {line}" for line in lines)
-        yield "}"
-
     states = [v for v in block.variables if v.before]
-    given = list(check(block.of("input", "tunableParameter")))
+    given = check(block.of("input", "tunableParameter"))
     if block.has_time:
         yield f"const {block.name}_Real t = ({block.name}_Real)self->{STEPS} * {block.name}_{PERIOD};"
         yield f"self->{STEPS}++;"
@@ -286,14 +269,11 @@ def _step(block: SampledBlock) -> Iterator[str]:
     yield from given
     if block.start:
         first = f"({fine}) && self->{FIRST}" if given else f"self->{FIRST}"
-        yield from when(first, [*calls(block.start), *check(states)])
+        yield from indented(f"if ({first}) {{", [*calls(block.start), *check(states)])
     started = [f"self->{FIRST} = false;"] * bool(block.start)
     step = [*started, *calls(block.update), *calls(block.outputs), *check(block.of("output"))]
-    yield from when(fine, step) if given or block.start else step
-    kept = [
-        line
-        for v in states
-        for line in _loop(v.size, [f"self->{c_name(v)}{{0}} = self->{v.name}{{0}};".format("[i]" * bool(v.size))])
-    ]
-    if kept:
-        yield from when(fine, kept)
+    yield from indented(f"if ({fine}) {{", step) if given or block.start else step
+    if states:
+        elements = [(v, "[i]" * bool(v.size)) for v in states]
+        kept = [_loop(v.size, [f"self->{c_name(v)}{i} = self->{v.name}{i};"]) for v, i in elements]
+        yield from indented(f"if ({fine}) {{", chain.from_iterable(kept))

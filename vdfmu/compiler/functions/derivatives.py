@@ -106,21 +106,11 @@ _WHOLE = (ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD)
 
 
 def time_left(function: ca.Function, inputs: dict[str, ca.SX], changing: dict[str, ca.SX]) -> ca.SX | None:
-    """Return the time [s] until a choice on the time changes, with arguments that go on at their present rates.
+    """Return the time [s] until a choice on the time ``t`` changes, or None without such a choice.
 
-    None without such a choice. The time is exact for conditions that are linear in time. Other arguments are followed
-    along their tangents.
-
-    Parameters
-    ----------
-    function : traced function of SX, with the time ``t``
-    inputs : its arguments
-    changing : argument to its derivative by time. Other arguments are constant.
-
-    Raises
-    ------
-    ValueError
-        For a jump at a condition that is not linear in time, or if a table is read.
+    `inputs` are the arguments of a function of SX, `changing` their derivatives by time. Other arguments are constant.
+    The time is exact for conditions that are linear in time. Other arguments are followed along their tangents.
+    ValueError for a jump at a condition that is not linear in time, or if a table is read.
     """
     t = inputs["t"]
     operations = {function.instruction_id(k) for k in range(function.n_instructions())}

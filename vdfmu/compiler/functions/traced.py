@@ -23,16 +23,8 @@ class KernelFunction:
     For speed, write into `args[name]`, call :meth:`run`, read `results[name]`: no memory is allocated. Keep the object
     as long as its `run` is called, because it owns the buffers. A call of the object checks shapes and copies results.
 
-    Parameters
-    ----------
-    function : casadi.Function
-    buffers : mapping of str to numpy.ndarray, optional
-        Memory of the caller for some arguments or results: contiguous float arrays, used without a copy.
-
-    Attributes
-    ----------
-    args, results : dict of str to numpy.ndarray
-        Float arrays, (m,). A rotation is laid out row by row, a Jacobian of CasADi column by column.
+    `args` and `results` are float arrays (m,), rotations row by row, Jacobians of CasADi column by column. `buffers`
+    may have contiguous arrays of the caller, used without a copy.
     """
 
     def __init__(self, function: ca.Function, buffers: Mapping[str, Floats] | None = None) -> None:
@@ -74,12 +66,7 @@ def _buffer(buffers: Mapping[str, Floats], name: str, size: int) -> Floats:
 class Functions:
     """Traced functions of one structure, each traced or loaded at its first use.
 
-    Parameters
-    ----------
-    key : str
-        Folder of the functions in the cache.
-    cache : path or None, optional
-        Folder of the cache. Default is :func:`cache_folder`. None traces every time.
+    `key` is their folder in `cache`, by default :func:`cache_folder`. Without a cache, None, they are traced each time.
     """
 
     def __init__(self, key: str, cache: Path | None | str = "default") -> None:

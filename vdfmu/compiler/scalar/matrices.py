@@ -13,6 +13,7 @@ a sparse elimination.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -100,13 +101,7 @@ def solve(A: Any, b: Any) -> Any:
     ----------
     A : (n, n)
     b : (n,) or (n, k)
-
-    Raises
-    ------
-    UsageError
-        For other shapes.
-    numpy.linalg.LinAlgError
-        For a singular matrix of floats.
+        UsageError for other shapes, numpy.linalg.LinAlgError for a singular matrix of floats.
     """
     A, b = np.asarray(A), np.asarray(b)
     if A.ndim != 2 or A.shape[0] != A.shape[1] or b.ndim not in (1, 2) or len(b) != len(A):
@@ -118,7 +113,9 @@ def solve(A: Any, b: Any) -> Any:
     for k in range(n):
         for i in range(k + 1, n):  # the largest of the column comes to the diagonal
             if not is_zero(rows[i, k]):
-                _exchange(rows, k, i)
+                upper, lower = rows[k, k:].copy(), rows[i, k:].copy()
+                larger = abs(lower[0]) > abs(upper[0])
+                rows[k, k:], rows[i, k:] = where(larger, lower, upper), where(larger, upper, lower)
         for i in range(k + 1, n):
             if not is_zero(rows[i, k]):
                 rows[i, k + 1 :] -= rows[i, k] / rows[k, k] * rows[k, k + 1 :]
@@ -146,9 +143,7 @@ def expm(A: Any) -> Any:
     A = np.asarray(A)
     if A.ndim != 2 or A.shape[0] != A.shape[1]:
         raise UsageError(f"expm: expected the shape (n, n), got {A.shape}.")
-    norm: Any = 0.0
-    for column in A.T:
-        norm = maximum(norm, np.sum(np.abs(column)))
+    norm: Any = reduce(maximum, (np.sum(np.abs(column)) for column in A.T), 0.0)
     largest = 2.0**_SQUARINGS
     if A.dtype != object:
         from scipy.linalg import expm as expm_of_floats
@@ -171,10 +166,3 @@ def expm(A: Any) -> Any:
     for s in range(_SQUARINGS):
         E = where(norm > 2.0**s, E @ E, E)
     return np.asarray(E).view(SymbolArray)
-
-
-def _exchange(rows: np.ndarray, k: int, i: int) -> None:
-    """Exchange two rows from column k on, if the second has the larger element in column k."""
-    upper, lower = rows[k, k:].copy(), rows[i, k:].copy()
-    larger = abs(lower[0]) > abs(upper[0])
-    rows[k, k:], rows[i, k:] = where(larger, lower, upper), where(larger, upper, lower)
