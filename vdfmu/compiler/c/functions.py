@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import casadi as ca
 
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import KernelError
-from vdfmu.base.once import cached_per_command
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops, straight
 from vdfmu.compiler.c.operations import c_derivatives, c_operations

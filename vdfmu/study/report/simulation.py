@@ -15,15 +15,14 @@ import numpy as np
 
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
+from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.wasm import base_module
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.tracks import GOOD, POOR, tracks
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.program.module import compressed, page_program
-from vdfmu.system.program.program import SystemProgram
+from vdfmu.system.program import SystemProgram, compressed, page_program
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
@@ -82,7 +81,7 @@ def keep_program(system: SystemDescription, package: Path) -> None:
 
 
 def _kept(package: Path) -> Path:
-    digest = sha256(source_digest("system.program", "study.report.simulation").encode() + base_module())
+    digest = sha256(source_digest("system.program", "study.report.simulation").encode() + wasm.base_module())
     with package.open("rb") as file:
         digest.update(file_digest(file, "sha256").digest())
     return cache_folder() / "programs" / digest.hexdigest()
@@ -108,7 +107,7 @@ def simulation_of(
     elif binaries is None:
         return {"reason": NOT_MADE}
     else:
-        modules = {"module": program["module"], "base": compressed(base_module())}
+        modules = {"module": program["module"], "base": compressed(wasm.base_module())}
         digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
         added = {digests[key]: module for key, module in modules.items()}
         try:
