@@ -16,6 +16,7 @@ from vdfmu.base.errors import KernelError
 from vdfmu.base.files import data_path
 from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.c.text import EXPRESSIONS
+from vdfmu.compiler.functions.derivatives import instructions
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
 INTEGER, NUMBER = b"\x7f", b"\x7c"
@@ -177,9 +178,7 @@ class Assembler:
         """Add a function of calls."""
         code = bytearray()
         places: dict[int, bytes] = {}
-        for k in range(function.n_instructions()):
-            operation = function.instruction_id(k)
-            source, target = function.instruction_input(k), function.instruction_output(k)
+        for k, operation, source, target in instructions(function):
             if operation == ca.OP_INPUT:
                 places[target[0]] = local(source[0])
             elif operation == ca.OP_OUTPUT:
@@ -212,9 +211,7 @@ class Assembler:
             places = max(places, place + 1)
             code += value + SET + unsigned(row + 1 + place)
 
-        for k in range(function.n_instructions()):
-            operation = function.instruction_id(k)
-            source, target = function.instruction_input(k), function.instruction_output(k)
+        for k, operation, source, target in instructions(function):
             if operation == ca.OP_INPUT:
                 keep(target[0], local(source[0]) + LOAD + unsigned(8 * source[1]))
             elif operation == ca.OP_CONST:

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 import casadi as ca
 import numpy as np
 
+from vdfmu.compiler.functions.derivatives import instructions
+
 _DEPTH = 4
 """Depth of operands that must be alike before two operations are tried as a pair."""
 _TRIED = 3
@@ -41,10 +43,9 @@ class Trace:
         """Distances that :class:`Counterparts` of any period have found."""
         self._digests: list[list[int]] = []  # by depth
         held: dict[int, int] = {}  # place in CasADi's memory to the operation of its value
-        for k in range(function.n_instructions()):
-            operation, target = function.instruction_id(k), function.instruction_output(k)
+        for k, operation, source, target in instructions(function):
             if operation == ca.OP_OUTPUT:
-                made = held[function.instruction_input(k)[0]]
+                made = held[source[0]]
                 if self.is_leaf(made):
                     made = self._append(ca.OP_ASSIGN, (made,))
                 self.results.append((target[0], target[1], made))
@@ -54,10 +55,9 @@ class Trace:
             if operation == ca.OP_CONST:
                 given = function.instruction_constant(k)
             elif operation == ca.OP_INPUT:
-                argument, element = function.instruction_input(k)
-                given = argument, element
+                given = source[0], source[1]
             else:
-                read = tuple(held[place] for place in function.instruction_input(k))
+                read = tuple(held[place] for place in source)
             held[target[0]] = self._append(operation, read, given)
 
     def _append(self, operation: int, read: tuple[int, ...], given: tuple[int, int] | float | None = None) -> int:

@@ -19,7 +19,7 @@ from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops, straight
 from vdfmu.compiler.c.operations import c_derivatives, c_operations
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
-from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, instructions
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
 _MOST_IN_C = 1_700
@@ -132,9 +132,7 @@ def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list
     sizes: dict[str, int] = {}
     callees: dict[str, ca.Function] = {}
     lines: list[str] = []
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        source, target = function.instruction_input(k), function.instruction_output(k)
+    for k, operation, source, target in instructions(function):
         if operation == ca.OP_INPUT:
             places[target[0]] = function.name_in(source[0])
         elif operation == ca.OP_OUTPUT:
@@ -239,9 +237,8 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
     arguments, results = function.name_in(), function.name_out()
     lines: list[Operation] = []
     assign = language.assignment.format
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        source, target = tuple(function.instruction_input(k)), tuple(function.instruction_output(k))
+    for k, operation, inputs, outputs in instructions(function):
+        source, target = tuple(inputs), tuple(outputs)
         if operation == ca.OP_OUTPUT:
             name = results[target[0]]
             text = assign(language.result(name, target[1]), f"w{source[0]}")
@@ -314,7 +311,7 @@ static void {name}(const double *x, double *row)
 
 def lookup_table(function: ca.Function) -> tuple[list[float], list[float]]:
     """Return the edges of a table, and its rows one after the other."""
-    constants = [k for k in range(function.n_instructions()) if function.instruction_id(k) == ca.OP_CONST]
+    constants = [k for k, operation, *_ in instructions(function) if operation == ca.OP_CONST]
     edges, rows = (function.instruction_MX(k).to_DM().nonzeros() for k in constants)
     return edges, rows
 

@@ -58,9 +58,7 @@ def compiled_rows(function: ca.Function) -> Callable[[Sequence[Floats], Floats],
 
 {SHOWN}
 {c_prototype(function)};
-SHOWN void rows(const double *const *given, const size_t *step, double *out, size_t n);
-
-void rows(const double *const *given, const size_t *step, double *out, size_t n)
+SHOWN void rows(const double *const *given, const size_t *step, double *out, size_t n)
 {{
     for (size_t k = 0; k < n; k++)
         {function.name()}({", ".join(given)}, out + k * {function.numel_out(0)});

@@ -11,7 +11,7 @@ from functools import cache
 import casadi as ca
 
 from vdfmu.base.files import data_path, source_bytes
-from vdfmu.compiler.functions.derivatives import derivative_names
+from vdfmu.compiler.functions.derivatives import derivative_names, instructions
 
 EXPRESSIONS = {
     ca.OP_ASSIGN: "{0}",
@@ -66,8 +66,7 @@ def slopes(operation: int) -> tuple[str, ...]:
     function = ca.Function("slopes", operands, [ca.densify(ca.jacobian(made, ca.vertcat(*operands)))])
     texts: dict[int, str] = {}
     derivatives = [""] * len(operands)
-    for k in range(function.n_instructions()):
-        code, read, place = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+    for k, code, read, place in instructions(function):
         if code == ca.OP_OUTPUT:
             derivatives[place[1]] = texts[read[0]]
         elif code == ca.OP_INPUT:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import accumulate
 from typing import Any
 
@@ -70,6 +70,12 @@ def _slopes_of_rounding(function: ca.Function, result: ca.SX, argument: ca.SX, a
     return slopes
 
 
+def instructions(function: ca.Function) -> Iterator[tuple[int, int, list[int], list[int]]]:
+    """Yield number, operation, inputs and outputs of each instruction of a function."""
+    for k in range(function.n_instructions()):
+        yield k, function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+
+
 def rebuilt(
     function: ca.Function, arguments: list[ca.SX], replace: Callable[[int, list[ca.SX]], ca.SX | None]
 ) -> list[ca.SX]:
@@ -79,9 +85,7 @@ def rebuilt(
     """
     work: list[Any] = [0.0] * function.sz_w()
     results = [ca.SX(function.size_out(i)[0], 1) for i in range(function.n_out())]
-    for k in range(function.n_instructions()):
-        operation, read = function.instruction_id(k), function.instruction_input(k)
-        place = function.instruction_output(k)
+    for k, operation, read, place in instructions(function):
         if operation == ca.OP_CONST:
             work[place[0]] = ca.SX(function.instruction_constant(k))
         elif operation == ca.OP_INPUT:

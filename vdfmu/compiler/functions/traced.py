@@ -108,7 +108,7 @@ class Functions:
         base, _, direction = name.rpartition("_")
         if direction in DIRECTIONS and base in self.names():
             return derivative(self.casadi_function(base), direction)
-        raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(self.names())}.")
+        raise KernelError(f"traced function: must be one of {', '.join(self.names())}, got {name!r}.")
 
     def function(self, name: str, /, **buffers: Floats) -> KernelFunction:
         """Return a function with separate buffers, or with some of the caller, see :class:`KernelFunction`."""

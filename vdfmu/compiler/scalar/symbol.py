@@ -188,11 +188,10 @@ class Symbol(_Dispatched):
     degrees = rad2deg = _method(lambda x: x * (180.0 / np.pi))
     trunc = __trunc__ = _method(lambda x: ca.copysign(ca.floor(ca.fabs(x)), x))
 
-    def conjugate(self) -> Symbol:
-        """Return the real symbol."""
+    def __pos__(self) -> Symbol:
         return self
 
-    __pos__ = conjugate
+    conjugate = __pos__
 
     def row_of(self, edges: Any, rows: Any) -> Any:
         """Return the row of a table for the interval that the symbol lies in."""
