@@ -15,7 +15,7 @@ from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.robot import robot_argument
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.c.rows import compiled_rows
+from vdfmu.compiler.c.loaded import compiled_rows
 
 _NO_WRENCH = np.zeros(6)
 _WORTH = 50_000

@@ -23,7 +23,7 @@ from vdfmu.arm.robot.structure import structure_key, symbolic_robot, values
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.functions.traced import Functions, KernelFunction, traced_function
-from vdfmu.compiler.scalar.symbol import from_sx, to_sx
+from vdfmu.compiler.scalar import from_sx, to_sx
 
 
 def _pose(robot: Any, q: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Build targets beside the plain FMU. A new target is a folder of the compiler and a row of `TARGETS`."""
+"""Build targets beside the plain FMU: a folder of the compiler and a row of `TARGETS` for each."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ class BuildTarget:
     """A target, imported only when it is built."""
 
     module: str
-    """Module with ``reason_against(unit)``, the reason why a unit cannot be built for it or None, and
-    ``finish(path, content, precision, step)``, which turns an FMU into the target."""
+    """Module with ``reason_against(unit)``, the reason why the target excludes a unit or None, and
+    ``finish(path, content, precision, step)`` to turn an FMU into the target."""
     precisions: tuple[str, ...]
-    """Floating-point types of its code, the default first."""
+    """Floating-point types of the code, the default first."""
 
     def load(self) -> Any:
         """Return the module."""
@@ -23,6 +23,5 @@ class BuildTarget:
 
 
 FMI = "fmi"
-"""The target of all units: an FMU alone."""
+"""Target of all units: an FMU alone."""
 TARGETS = {FMI: None, "efmi": BuildTarget("vdfmu.compiler.efmi.build", ("double", "float32"))}
-"""Name to target."""

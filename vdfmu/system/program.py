@@ -13,13 +13,12 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.compiler import wasm
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.machine import traced_margins
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.requirements import traced_requirements
-from vdfmu.compiler.wasm import module as wasm
-from vdfmu.compiler.wasm.functions import IMPORTED, WrittenFunctions
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.system.package.description import SystemDescription
@@ -262,8 +261,7 @@ class _ModuleWriter:
     """Writer of the functions of a system, with its memory at the address `at`."""
 
     def __init__(self, program: SystemProgram) -> None:
-        self.program, self.assembler = program, wasm.Assembler(IMPORTED)
-        self._functions = WrittenFunctions(self.assembler)
+        self.program, self.assembler = program, wasm.Assembler()
         self.at = self.assembler.room(8 * program.system.memory.size)
         self._still = self.assembler.room(8 * max(unit.interface.size for unit in program.system.units.values()))
         """Rates of the inputs."""
@@ -309,7 +307,7 @@ class _ModuleWriter:
 
     def _called(self, function: ca.Function, where: Mapping[str, int]) -> bytes:
         arguments = (wasm.constant(where[name]) for name in (*function.name_in(), *function.name_out()))
-        return b"".join(arguments) + wasm.call(self._functions.index(function))
+        return b"".join(arguments) + wasm.call(self.assembler.traced(function))
 
     def begin(self) -> int:
         """Add the start: states, outputs, and the conditions on several parameters."""
@@ -347,7 +345,7 @@ class _ModuleWriter:
                 address = self._still if place is None else self._address(place)
                 code += wasm.local(1) if name == "h" else wasm.constant(address)
             first = arguments - function.n_out()
-            code += b"".join(map(wasm.local, range(first, arguments))) + wasm.call(self._functions.index(function))
+            code += b"".join(map(wasm.local, range(first, arguments))) + wasm.call(self.assembler.traced(function))
             written = self.assembler.function(arguments * wasm.INTEGER, b"", (), bytes(code))
             functions.append(self.assembler.slot(written))
         code = b"".join(self._call(moving.name, each) for each in moving.update)

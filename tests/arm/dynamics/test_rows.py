@@ -9,7 +9,7 @@ import vdfmu
 from vdfmu.arm import dynamics
 from vdfmu.arm.kernel import Kernel
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.c import rows
+from vdfmu.compiler.c import loaded
 from vdfmu.compiler.functions.traced import KernelFunction
 
 
@@ -96,5 +96,5 @@ def test_without_the_compiler_a_large_batch_is_the_same(arm, monkeypatch):
     q, q_dot, q_ddot = motion(arm.n, 10)
     plain = vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot)
     monkeypatch.setattr(dynamics, "_WORTH", 0)
-    monkeypatch.setattr(rows, "native_available", lambda: False)
+    monkeypatch.setattr(loaded, "native_available", lambda: False)
     np.testing.assert_array_equal(vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot), plain)

@@ -187,7 +187,7 @@ def test_a_motion_of_other_joints_or_too_long_is_refused():
 
 def test_generated_code_of_a_unit_without_a_table_has_none(robot):
     from vdfmu.arm.units import shipped_units
-    from vdfmu.compiler.c.files import kernel_source
+    from vdfmu.compiler.c.functions import kernel_source
 
     for unit in shipped_units().values():
         functions = Interface(unit, robot).functions

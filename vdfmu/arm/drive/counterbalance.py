@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.drive.option import Array, Condition, DriveOption, LinkTorque, row
-from vdfmu.compiler.scalar.elimination import is_zero
+from vdfmu.compiler.scalar import is_zero
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 from vdfmu.arm.drive.option import Array, Condition, DriveOption, LinkTorque, row
 from vdfmu.base.measure import POSITIVE
-from vdfmu.compiler.scalar.generic import clip
+from vdfmu.compiler.scalar import clip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -11,7 +11,7 @@ from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import AT_REST, NO_WRENCH, Base, inverse_dynamics
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.world.attachment import seen_from_base
-from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.scalar import derivative, jets
 
 
 class DriveMotion(NamedTuple):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import sgn
+from vdfmu.compiler.scalar import sgn
 
 
 def wave_generator_position(theta_c: Any, theta_f: Any, ell: Any) -> Any:

@@ -10,8 +10,7 @@ from vdfmu.arm.equations.inverse_dynamics import NO_WRENCH, inverse_dynamics
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import mass_matrix as body_mass_matrix
 from vdfmu.arm.equations.spatial import joint_axis
-from vdfmu.compiler.scalar.elimination import factorize, solve, sparse_of
-from vdfmu.compiler.scalar.generic import zeros
+from vdfmu.compiler.scalar import factorize, solve_factorized, zeros
 
 
 def velocity_mapping(robot: Any, q: np.ndarray) -> np.ndarray:
@@ -97,4 +96,4 @@ def forward_dynamics_by_mapping(
     """
     M = joint_space_mass_matrix(robot, q)
     bias = inverse_dynamics(robot, q, q_dot, np.zeros(robot.n), F_e)
-    return solve(factorize(sparse_of(M)), tau - bias)
+    return solve_factorized(factorize(M), tau - bias)

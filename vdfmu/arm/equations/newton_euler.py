@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import zeros
+from vdfmu.compiler.scalar import zeros
 
 _AXIS = np.array([0.0, 0.0, 1.0])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from vdfmu.compiler.scalar.generic import clip
+from vdfmu.compiler.scalar import clip
 
 
 class Command(NamedTuple):

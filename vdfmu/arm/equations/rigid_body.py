@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.equations.spatial import skew
-from vdfmu.compiler.scalar.generic import zeros
+from vdfmu.compiler.scalar import zeros
 
 BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Ten parameters of a body in which (59) is linear: mass, first moments, and the inertia about the origin of {B}."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import cut, zeros
+from vdfmu.compiler.scalar import cut, zeros
 
 _AXES = {"revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "prismatic": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])}
 

@@ -12,7 +12,7 @@ from vdfmu.arm.equations.harmonic_drive import (
     kinematic_error,
     wave_generator_deformation,
 )
-from vdfmu.compiler.scalar.generic import clip, sgn
+from vdfmu.compiler.scalar import clip, sgn
 
 _PASSES = 16
 

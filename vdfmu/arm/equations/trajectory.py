@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import clip, lookup, minimum
+from vdfmu.compiler.scalar import clip, lookup, minimum
 
 
 class Desired(NamedTuple):

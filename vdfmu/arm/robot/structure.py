@@ -18,7 +18,7 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, Parameters, read_only
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.scalar.symbol import ZERO, Symbol
+from vdfmu.compiler.scalar import ZERO, Symbol
 from vdfmu.compiler.unit.machine import Entry
 
 R = TypeVar("R", bound=Parameters)

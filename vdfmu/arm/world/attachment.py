@@ -18,7 +18,7 @@ from vdfmu.arm.equations.inverse_dynamics import Base, ChainMotion, link_motion
 from vdfmu.arm.equations.kinematics import tool_transform
 from vdfmu.arm.equations.plant import driven
 from vdfmu.arm.equations.spatial import skew, transform_mass_matrix
-from vdfmu.compiler.scalar.jet import jets
+from vdfmu.compiler.scalar import jets
 
 
 class Load(NamedTuple):

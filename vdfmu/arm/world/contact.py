@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import maximum
+from vdfmu.compiler.scalar import maximum
 
 
 def normal_force(k: Any, c: Any, depth: Any, depth_dot: Any) -> Any:

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.compiler.scalar.casadi_call import casadi_call, shape_of
 from vdfmu.compiler.scalar.generic import clip, lookup
+from vdfmu.compiler.scalar.symbol import casadi_call, shape_of
 from vdfmu.compiler.unit.declaration import Declared, Derivative, Input, Output, Parameter, Sampled, State
 from vdfmu.compiler.unit.declaration_check import check_unit
 from vdfmu.compiler.unit.place import shown

@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from vdfmu.compiler.functions.rodas import Stages, permuted, rodas_step, stage_equations
 from vdfmu.compiler.functions.traced import traced_function
-from vdfmu.compiler.scalar.elimination import factorize, solve
 from vdfmu.compiler.scalar.generic import cutting
+from vdfmu.compiler.scalar.matrices import factorize, solve_factorized
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.trace import Symbols, argument_name, run, state_slices
@@ -128,7 +128,7 @@ class ImplicitEquations:
         factors = factorize(permuted(self.E, order))
         J = np.empty((n_x, n_x), dtype=object)
         for j in range(n_x):
-            J[order, j] = solve(factors, rows[order, j])
+            J[order, j] = solve_factorized(factors, rows[order, j])
         column = ca.reshape(ca.reshape(to_sx(J), n_x, n_x).T, n_x, n_x)
         return traced_function(name, self.inputs, {"J": column})
 

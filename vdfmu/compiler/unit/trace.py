@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.base.errors import KernelError, UnitError, UsageError
 from vdfmu.base.text import kind_text
-from vdfmu.compiler.c.expressions import CALLED
+from vdfmu.compiler.c.text import CALLED
 from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, to_sx
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.call import call

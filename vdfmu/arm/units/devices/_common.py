@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.random_numbers import LARGEST_SEED
+from vdfmu.compiler.scalar import LARGEST_SEED
 from vdfmu.compiler.unit import Parameter
 
 PAST = 16

@@ -12,7 +12,7 @@ from vdfmu.arm.equations.friction import linear_friction
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.equations.mapping import joint_space_mass_matrix
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.scalar import derivative, jets
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, expm
 
 

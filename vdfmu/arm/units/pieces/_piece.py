@@ -17,7 +17,7 @@ from vdfmu.arm.robot.parameters import ENDS, PARAMETERS, Section
 from vdfmu.arm.units._signals import ACCELERATION, MASS, VELOCITY, WRENCH, six
 from vdfmu.arm.world.payload import link_body
 from vdfmu.base.measure import derivative_of, unit_of
-from vdfmu.compiler.scalar.jet import jets
+from vdfmu.compiler.scalar import jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, State, Switch, Unit
 
 D = TypeVar("D", Input, Output, Parameter, State)

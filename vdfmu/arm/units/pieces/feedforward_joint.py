@@ -31,7 +31,7 @@ from vdfmu.arm.units.pieces._piece import (
     row_pair,
 )
 from vdfmu.arm.world.attachment import turning_gravity
-from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.scalar import derivative, jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Terminal
 
 

@@ -8,7 +8,7 @@ from vdfmu.arm.equations.feedforward import required_net_force
 from vdfmu.arm.equations.rigid_body import net_force
 from vdfmu.arm.units.pieces._piece import Piece, desired_forces, desired_ports, numbers, row_pair
 from vdfmu.arm.world.attachment import turning_gravity
-from vdfmu.compiler.scalar.jet import derivative
+from vdfmu.compiler.scalar import derivative
 from vdfmu.compiler.unit import Input, Output, Parameter, Terminal
 
 
