@@ -111,10 +111,10 @@ _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "Animation", "ArmEnv", "ArmVectorEnv", "Environment", "LiveView", "Modes", "Results", "Robot", "RobotView",
     "Scenario", "Simulator", "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build",
-    "build_fmus", "connect", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics",
-    "jacobian", "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
-    "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",
-    "tune", "write_container", "write_ssp",
+    "build_fmus", "connect", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque",
+    "inverse_dynamics", "jacobian", "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp",
+    "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run",
+    "scenario_names", "simulate", "sweep", "tune", "write_container", "write_ssp",
 ]  # fmt: skip
 
 

@@ -127,7 +127,8 @@ class Environment(gymnasium.Env[Floats, Floats]):
             system = opened(system if isinstance(system, Scenario) else load_scenario(system), actions, seen)
         package, options = stack.enter_context(packaged(system))
         given: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
-        return Simulator(package, **{**given, "parameters": values or {}, "isolate": False})
+        given |= {"parameters": values or {}, "isolate": False}
+        return Simulator(package, **given)
 
     def _begin(self, task: Any, simulator: Simulator, span: dict[str, float], held: ExitStack) -> None:
         self.task, self._simulator, self._span, self._done = task, simulator, span, -1
