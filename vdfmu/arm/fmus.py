@@ -13,7 +13,7 @@ from vdfmu.base.progress import Shown, with_progress
 from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.fmu.build import build_units
 from vdfmu.compiler.targets import FMI
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.unit import Unit
 
 _One = str | os.PathLike[str] | type[Unit]
 Units = _One | Sequence[_One]

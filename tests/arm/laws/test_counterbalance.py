@@ -20,8 +20,7 @@ from vdfmu.base.errors import ModelError
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.machine import margins
-from vdfmu.compiler.unit.requirements import unmet
+from vdfmu.compiler.unit.requirements import margins, unmet
 
 EPS = np.finfo(float).eps
 

@@ -84,7 +84,7 @@ def test_what_is_no_parameter_is_not_required(name):
 )
 def test_requirements_of_another_form_are_told_with_what_is_expected(returned, got):
     unit = type("Early", (Early,), {"requirements": lambda self: returned})
-    words = f"requirements.. of Early: expected a parameter's name to what is expected of it and one number.*got {got}"
+    words = f"requirements.. of Early: expected a parameter's name to its condition and one number.*got {got}"
     with pytest.raises(UnitError, match=words):
         traced_requirements(Interface(unit, None))
     with pytest.raises(UnitError, match=words):

@@ -23,9 +23,8 @@ from vdfmu.compiler.functions.derivatives import DIRECTIONS
 from vdfmu.compiler.functions.switching import NEVER
 from vdfmu.compiler.unit.declaration import PHASES
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.machine import traced_margins
 from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.unit.requirements import traced_requirements
+from vdfmu.compiler.unit.requirements import traced_margins, traced_requirements
 from vdfmu.compiler.unit.trace import argument_name
 from vdfmu.compiler.unit.variable import Variable
 

@@ -16,7 +16,7 @@ from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.fmu.content import Content, is_built, keep_record
 from vdfmu.compiler.targets import TARGETS, BuildTarget
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
-from vdfmu.compiler.unit.machine import Machine
+from vdfmu.compiler.unit.declaration import Machine
 from vdfmu.compiler.unit.requirements import unmet
 
 _MOST_JOINTS = 512

@@ -22,9 +22,9 @@ from vdfmu.base.text import kind_text
 from vdfmu.base.version import __version__
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.base import ABOUT, BaseUnit, is_shipped, unit_name
+from vdfmu.compiler.unit.declaration import Machine
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import load_units
-from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import source_file
 
 CONTENT_FILE = "vdfmu.json"

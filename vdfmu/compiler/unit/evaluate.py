@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.base.state_space import StateSpace
 from vdfmu.compiler.functions.traced import KernelFunction
+from vdfmu.compiler.unit.base import Values
 from vdfmu.compiler.unit.declaration import PHASES, Choice, Declared, Derivative, Switch, constant
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.trace import argument_name, run
-from vdfmu.compiler.unit.values import Values
 
 Conditions = list[tuple[Floats, float]]
-"""Choices in the memory of a unit, and the values with which something holds."""
+"""Choices in the memory of a unit, and the values that they must have."""
 
 
 def holds(conditions: Conditions) -> bool:
@@ -27,7 +30,7 @@ def holds(conditions: Conditions) -> bool:
 
 
 class Evaluation:
-    """The methods of a unit, which read and set its memory in place.
+    """The methods of a unit. They read and set its memory in place.
 
     Parameters
     ----------
@@ -72,14 +75,14 @@ class Evaluation:
         return self.interface.unit.backend == "native" and bool(self.interface.program.left)
 
     def left(self, t: float) -> float:
-        """Return the time [s] until the derivatives switch by time, with the inputs held; inf where they do not."""
+        """Return the time [s] until the derivatives switch by time, with the inputs held; inf without switchings."""
         self.memory[-1] = t
-        found = math.inf
+        left = math.inf
         for conditions, function in self._left:
             if holds(conditions):
                 function.run()
-                found = float(function.results["left"][0])
-        return found
+                left = float(function.results["left"][0])
+        return left
 
     @cached_property
     def _left(self) -> list[tuple[Conditions, KernelFunction]]:
@@ -93,11 +96,11 @@ class Evaluation:
         return functions.function(name, **{n: self.argument(n) for n in names}, **buffers)
 
     def conditions(self, call: Call) -> Conditions:
-        """Return the choices of the unit for which a call is, in place, and their values."""
+        """Return the choices that a call is for, in place, and their values."""
         return [(self.argument(argument_name(choice)), float(value)) for choice, value in call.when]
 
     def takes(self, call: Call) -> bool:
-        """Whether the values of the unit's choices are those for which a call is."""
+        """Whether a call is for the values of the unit's choices."""
         return holds(self.conditions(call))
 
 
@@ -106,9 +109,8 @@ class Traced(Evaluation):
 
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         super().__init__(interface, memory)
-        program = interface.program
-        self.start, self.outputs = self._bound(program.start), self._bound(program.outputs)
-        self.derivatives, self.update = self._bound(program.derivatives), self._bound(program.update)
+        for phase in PHASES:
+            setattr(self, phase, self._bound(getattr(interface.program, phase)))
 
     def _bound(self, calls: Sequence[Call]) -> Callable[[], None]:
         actions = [self._action(call) for call in calls]
@@ -152,9 +154,7 @@ class Plain(Evaluation, Values):
         self._robot: tuple[bytes, Any] = (b"", None)
         self.start, self.outputs, self.derivatives, self.update = (partial(run, unit, phase, self) for phase in PHASES)
         self.experiment = partial(run, unit, "experiment", self)
-        """Set the inputs of the reference experiment."""
         self.requirements = partial(run, unit, "requirements", self)
-        """Return what the unit requires of its parameters."""
 
     def read(self, declared: Declared) -> Any:
         """Return the value of a variable."""
@@ -192,5 +192,51 @@ class Plain(Evaluation, Values):
 
 
 def evaluation(interface: Interface, memory: Floats | None = None) -> Evaluation:
-    """Return what runs a unit: traced, unless it says that it cannot be."""
+    """Return the evaluation of a unit: traced, unless its backend is Python."""
     return (Plain if interface.unit.backend == "python" else Traced)(interface, memory)
+
+
+def state_space(
+    unit: Evaluation, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
+) -> StateSpace:
+    """Linearise a unit exactly at its memory; UsageError if it is not traced.
+
+    `inputs` and `outputs` are groups, whose columns and rows come one after the other; default all, the states first
+    among the outputs.
+    """
+    table = unit.interface
+    if not isinstance(unit, Traced):
+        raise UsageError(f"{table.unit.__name__} is not traced and has no derivatives.")
+    inputs = list(table.groups_of("input")) if inputs is None else inputs
+    outputs = list(table.groups_of("output")) if outputs is None else outputs
+    J = _jacobian(unit, ["x", *map(argument_name, inputs)])
+    places = np.arange(table.size)
+    x, x_dot = places[table.states], places[table.derivatives]
+    J[x, x] = 1.0  # of outputs that are states
+    u, y = (np.concatenate([x[:0], *(places[table.groups[g]] for g in gs)]) for gs in (inputs, outputs))
+    signals = (
+        [(table.memory[i].name, table.memory[i].unit or "1", float(unit.memory[i])) for i in part] for part in (x, u, y)
+    )
+    model = StateSpace.of(J[np.ix_(np.concatenate([x_dot, y]), np.concatenate([x, u]))], *signals)
+    still = ", ".join(dict.fromkeys(v.group for v in table.memory[table.sampled]))
+    return replace(model, notes=(f"sampled states are taken as constant: {still}",)) if still else model
+
+
+def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:
+    """Return the slopes of outputs and derivatives by some arguments for the present choices, (size, size)."""
+    table, functions = unit.interface, unit.interface.functions
+    J = np.zeros((table.size, table.size))
+    for call in filter(unit.takes, (*table.program.derivatives, *table.program.outputs)):
+        function = functions.casadi_function(call.function)
+        given = {name: unit.argument(name) for name in function.name_in()}
+        product = functions.function(f"{call.function}_forward", **given)
+        for name in (name for name in names if name in given):
+            direction = product.args[f"d_{name}"]
+            for column, i in enumerate(range(table.size)[table.arguments[name]]):
+                direction[:] = 0.0
+                direction[column] = 1.0
+                product.run()
+                for result in function.name_out():
+                    J[table.arguments[result], i] = product.results[f"d_{result}"]
+            direction[:] = 0.0
+    return J

@@ -1,9 +1,7 @@
 """Program of a unit: short lists of calls of traced functions on its memory.
 
-The Python slave runs the lists, the native FMU is generated from them, and the dependencies are read off them. The
-arguments and results of a function are names of groups of variables; further groups are ``p``, the robot's run-time
-parameters, ``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time. A variable of such a
-name is ``own_x_`` there.
+Arguments and results of a function are groups of variables. Further groups are ``p``, the robot's run-time parameters,
+``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time. A variable ``x`` is ``own_x_``.
 """
 
 from __future__ import annotations
@@ -21,9 +19,8 @@ from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.switching import NEVER, time_left
 from vdfmu.compiler.functions.traced import Functions, traced_function
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
-from vdfmu.compiler.unit.declaration import PHASES
+from vdfmu.compiler.unit.declaration import PHASES, Machine
 from vdfmu.compiler.unit.implicit import ImplicitEquations
-from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import place, shown, source_file
 from vdfmu.compiler.unit.trace import Leaf, Symbols, argument_name, leaves, run
 from vdfmu.compiler.unit.variable import scalar_variables
@@ -67,16 +64,11 @@ class Program:
     """
 
     def __init__(self, functions: UnitFunctions) -> None:
-        lists = {phase: tuple(functions.calls(phase)) for phase in PHASES}
-        self.start, self.outputs = lists["start"], lists["outputs"]
-        self.derivatives, self.update = lists["derivatives"], lists["update"]
-        self.step = tuple(
-            Call(functions.related(call.function, "step"), call.when, call.reads, ()) for call in self.derivatives
-        )
-        self.left = tuple(
-            Call(functions.related(call.function, "left"), call.when, call.reads, ())
-            for call in self.derivatives
-            if functions.switches(call.function)
+        self.start, self.outputs, self.derivatives, self.update = (tuple(functions.calls[phase]) for phase in PHASES)
+        switching = [call for call in self.derivatives if functions.switches(call.function)]
+        self.step, self.left = (
+            tuple(Call(functions.related(call.function, kind), call.when, call.reads, ()) for call in calls)
+            for kind, calls in (("step", self.derivatives), ("left", switching))
         )
 
     @property
@@ -94,8 +86,13 @@ class UnitFunctions(Functions):
     robot : Robot or None
         Its structure decides the functions.
     cache : path, None or "default"
-        See :class:`~vdfmu.compiler.functions.traced.Functions`. Functions of a unit that is not one of
-        the package's are not kept: what they come from is known only once they are traced.
+        See :class:`~vdfmu.compiler.functions.traced.Functions`. Only functions of units of the package are cached:
+        others may come from any module.
+
+    Attributes
+    ----------
+    calls : dict of str to list of Call
+        Method to its calls, one for each value of the choices that it reads.
     """
 
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, cache: Path | None | str = "default") -> None:
@@ -103,28 +100,21 @@ class UnitFunctions(Functions):
         self.name = unit_name(unit)
         self._leaves: dict[str, Leaf] = {}
         instance = unit(robot)
-        self._calls = {phase: self._listed(leaves(instance, phase)) for phase in PHASES}
+        self.calls = {phase: [self._call(leaf) for leaf in leaves(instance, phase)] for phase in PHASES}
         self._related: dict[str, tuple[str, str]] = {}  # function to its kind, and the derivatives that it belongs to
-        for call in self._calls["derivatives"]:
+        for call in self.calls["derivatives"]:
             for kind in ("step", "jacobian", *(["left"] if "t" in call.reads else [])):
                 self._related[self.related(call.function, kind)] = kind, call.function
         self.shipped = is_shipped(unit)
         key = robot.key() if robot is not None else "no-robot"
-        own = [unit.__module__.partition(".")[2]] if self.shipped else []
-        super().__init__(f"{key}-{source_digest('compiler', *own)[:16]}", cache if self.shipped else None)
+        module = [unit.__module__.partition(".")[2]] if self.shipped else []
+        super().__init__(f"{key}-{source_digest('compiler', *module)[:16]}", cache if self.shipped else None)
 
-    def _listed(self, found_leaves: list[Leaf]) -> list[Call]:
-        found: list[Call] = []
-        for leaf in found_leaves:
-            names = [_choice_name(self.unit, name, value) for name, value in leaf.fixed.items()]
-            function = "_".join((self.name, leaf.phase, *names))
-            self._leaves[function] = leaf
-            found.append(Call(function, tuple(leaf.fixed.items()), leaf.reads, leaf.sets))
-        return found
-
-    def calls(self, phase: str) -> list[Call]:
-        """Return the calls of one method, one for each value of the choices that it reads."""
-        return self._calls[phase]
+    def _call(self, leaf: Leaf) -> Call:
+        names = [_choice_name(self.unit, name, value) for name, value in leaf.fixed.items()]
+        function = "_".join((self.name, leaf.phase, *names))
+        self._leaves[function] = leaf
+        return Call(function, tuple(leaf.fixed.items()), leaf.reads, leaf.sets)
 
     def names(self) -> list[str]:
         """Names of the functions, except for derivatives of them."""
@@ -136,11 +126,7 @@ class UnitFunctions(Functions):
 
     @cached_property
     def digest(self) -> str:
-        """Digest of what the unit is; empty for units of the package, whose sources decide it.
-
-        It covers its file and those that it names, its variables, which other modules may decide too, and what
-        the functions calculate.
-        """
+        """Digest of the unit: its files, variables and traced functions. Empty for units of the package."""
         if self.shipped:
             return ""
         digest = sha256()
@@ -167,14 +153,14 @@ class UnitFunctions(Functions):
         if path is None:
             if self.unit.backend == "native":
                 return {}
-            raise UnitError(f"{self.unit.__name__}: a Python FMU carries the file of its unit, and this one has none.")
-        found: dict[str, bytes] = {}
+            raise UnitError(f"{self.unit.__name__} must be in a file, since a Python FMU carries it.")
+        contents: dict[str, bytes] = {}
         for name in ("unit.py", *self.unit.files):
             try:
-                found[name] = (path if name == "unit.py" else path.with_name(name)).read_bytes()
+                contents[name] = (path if name == "unit.py" else path.with_name(name)).read_bytes()
             except OSError as error:
                 raise UnitError(f"{shown(self.unit)}: files: {name} cannot be read: {error.strerror}.") from None
-        return found
+        return contents
 
     def made(self, name: str) -> ca.Function:
         """Trace a function."""
@@ -194,7 +180,7 @@ class UnitFunctions(Functions):
             ) from None
 
     def switches(self, derivatives: str) -> bool:
-        """Whether derivatives switch by time; UnitError if it is not known when."""
+        """Whether derivatives switch by time; UnitError if the time cannot be found."""
         reads = self._leaves[derivatives].reads
         return self.unit.backend == "native" and "t" in reads and self._left(derivatives)[0]
 
@@ -202,8 +188,7 @@ class UnitFunctions(Functions):
         """Return whether derivatives switch by time, and the function of the time until they do."""
         record, function = self._traced(self._leaves[derivatives]), self.casadi_function(derivatives)
         given = record.symbols
-        declared = self.unit.declared.items()
-        inputs = [argument_name(name) for name, d in declared if d.causality == "input"]
+        inputs = [argument_name(name) for name, d in self.unit.declared.items() if d.causality == "input"]
         rates = {name: ca.SX.sym(f"rate_{name}", given[name].numel()) for name in inputs if name in given}
         changing = rates | ({"x": record.expressions()["x_dot"]} if "x" in given else {})
         try:
@@ -220,7 +205,7 @@ class UnitFunctions(Functions):
 
     def _made(self, name: str) -> ca.Function:
         base, _, direction = name.rpartition("_")
-        if direction in DIRECTIONS and base in {call.function for call in self._calls["update"]}:
+        if direction in DIRECTIONS and base in {call.function for call in self.calls["update"]}:
             return derivative(self.casadi_function(base), direction, rounded=True)
         return super()._made(name)
 

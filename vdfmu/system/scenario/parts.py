@@ -15,8 +15,8 @@ from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.fmu.build import choose_backend, form_of
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.targets import FMI, TARGETS
+from vdfmu.compiler.unit import Unit
 from vdfmu.compiler.unit.base import unit_name
-from vdfmu.compiler.unit.unit import Unit
 from vdfmu.system.scenario.scenario import Scenario
 
 

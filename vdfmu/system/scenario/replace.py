@@ -11,7 +11,7 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.unit import Unit
 from vdfmu.system.scenario.resolved import ResolvedSystem, resolve
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.start import started

@@ -24,9 +24,8 @@ from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.description import LOG_CATEGORIES, model_description
 from vdfmu.compiler.fmu.python.wrapper import hold, loaded_from, plain, refusal
 from vdfmu.compiler.unit.evaluate import Traced, evaluation
-from vdfmu.compiler.unit.integrator import FIRST_STEP, Integrator
 from vdfmu.compiler.unit.requirements import unmet
-from vdfmu.compiler.unit.solver import ScipySolver
+from vdfmu.compiler.unit.solver import FIRST_STEP, Integrator, ScipySolver
 from vdfmu.compiler.unit.variable import Variable
 
 _WHEN = {
