@@ -11,8 +11,7 @@ from vdfmu.arm.units import find_unit, shipped_units
 from vdfmu.base.once import one_job
 from vdfmu.base.progress import Shown, with_progress
 from vdfmu.base.standards import FMI_2
-from vdfmu.compiler.fmu.build import build_units
-from vdfmu.compiler.targets import FMI
+from vdfmu.compiler.fmu.build import FMI, build_units
 from vdfmu.compiler.unit import Unit
 
 _One = str | os.PathLike[str] | type[Unit]

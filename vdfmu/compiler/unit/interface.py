@@ -57,7 +57,8 @@ class Interface:
     """Variables of one unit in the order of their value references, 0, 1, ..., and its memory.
 
     The memory holds the variables, the derivatives of the continuous states, and the time. A group's variables lie next
-    to each other: its values are a slice of the memory. Iteration is over the variables.
+    to each other: its values are a slice of the memory. Iteration is over the variables. Raises one UsageError for all
+    wrong start values, and UnitError for a wrong declaration, or joints without a robot.
 
     Parameters
     ----------
@@ -72,20 +73,24 @@ class Interface:
     variables : tuple of Variable
     memory : tuple of Variable
         Meaning of each position.
+    size, time : int
+        Length of the memory, and position of the time, the last.
     states, derivatives : slice
         Positions of the continuous states and of their derivatives, in the same order; empty without states.
-
-    Raises
-    ------
-    UsageError
-        If a start value has no variable, belongs to an output or is out of its limits; names all of them.
-    UnitError
-        If a unit with joints has no robot, or is declared wrongly.
+    name, model_name, description : str
+        ``plant``, ``Plant``, and one line of text.
+    joints : int
+        Number of joints; 0 without a robot.
+    has_robot : bool
+        Whether all run-time parameters of the robot are parameters of the unit.
+    has_states, has_exchange : bool
+        Whether the unit has continuous states, and its native FMU model exchange.
     """
 
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, start: Mapping[str, float] | None = None) -> None:
-        self.unit = unit
-        self.robot = robot
+        self.unit, self.robot = unit, robot
+        self.name, self.model_name, self.description = unit_name(unit), unit.__name__, unit.description()
+        self.joints, self.has_robot = robot.n if robot is not None else 0, unit.robot_fields == ()
         self.variables, derivatives = _declared(unit, robot)
         if start:
             self.variables = self._started(start)
@@ -94,6 +99,8 @@ class Interface:
         self.states = slice(first, first + n_x) if n_x else slice(N, N)
         self.derivatives = slice(N, N + n_x)
         self.memory = (*self.variables, *derivatives, _TIME)
+        self.size, self.time = len(self.memory), N + n_x
+        self.has_states, self.has_exchange = n_x > 0, n_x > 0 or unit.exchange
 
     def _started(self, start: Mapping[str, float]) -> tuple[Variable, ...]:
         variables = list(self.variables)
@@ -116,21 +123,6 @@ class Interface:
     def __len__(self) -> int:
         return len(self.variables)
 
-    @property
-    def name(self) -> str:
-        """Name of the unit: ``plant``."""
-        return unit_name(self.unit)
-
-    @property
-    def model_name(self) -> str:
-        """Model identifier of the FMU: ``Plant``."""
-        return self.unit.__name__
-
-    @property
-    def description(self) -> str:
-        """Description in one line."""
-        return self.unit.description()
-
     @cached_property
     def functions(self) -> UnitFunctions:
         """Traced functions of the unit."""
@@ -140,8 +132,6 @@ class Interface:
     def program(self) -> Program:
         """The program of the unit."""
         return Program(self.functions)
-
-    # ---------------------------------------------------------------- places
 
     @cached_property
     def reference(self) -> dict[str, int]:
@@ -160,16 +150,6 @@ class Interface:
         """Return the :attr:`groups` of some causalities: input, output, parameter."""
         return {g: where for g, where in self.groups.items() if self.memory[where.start].causality in causalities}
 
-    @property
-    def has_robot(self) -> bool:
-        """Whether all run-time parameters of the robot are parameters of the unit."""
-        return self.unit.robot_fields == ()
-
-    @property
-    def joints(self) -> int:
-        """Number of joints; 0 without a robot."""
-        return self.robot.n if self.robot is not None else 0
-
     @cached_property
     def shorter(self) -> tuple[Interface, ...]:
         """The unit for shorter machines, from which this one can be extended; empty for most.
@@ -186,16 +166,6 @@ class Interface:
         return shorter if all(np.ptp(growth) == 0.0 for growth in grows) else ()
 
     @property
-    def has_states(self) -> bool:
-        """Whether the unit has continuous states."""
-        return self.states.stop > self.states.start
-
-    @property
-    def has_exchange(self) -> bool:
-        """Whether the native FMU is for model exchange, too."""
-        return self.has_states or self.unit.exchange
-
-    @property
     def implementation(self) -> str:
         """Kind of the unit in a system, by its name in FMI and SSP."""
         return "ModelExchange" if self.unit.exchange else "CoSimulation"
@@ -210,16 +180,6 @@ class Interface:
     def is_sampled(self) -> bool:
         """Whether the unit has sampled states."""
         return self.sampled.stop > 0
-
-    @property
-    def size(self) -> int:
-        """Length of the memory."""
-        return len(self.memory)
-
-    @property
-    def time(self) -> int:
-        """Position of the time, the last."""
-        return self.size - 1
 
     @cached_property
     def arguments(self) -> dict[str, slice]:
@@ -249,8 +209,6 @@ class Interface:
             memory[self.reference[name]] = float(value)
         return memory
 
-    # ---------------------------------------------------------------- dependencies
-
     def step_dependencies(self, position: int) -> list[int]:
         """Positions on which an output or derivative depends after initialization: inputs, states, time.
 
@@ -270,8 +228,6 @@ class Interface:
     def patterns(self) -> tuple[Rows, Rows, Rows]:
         """See :func:`~vdfmu.compiler.unit.dependencies.patterns`."""
         return patterns(self)
-
-    # ---------------------------------------------------------------- arrays of FMI 3
 
     @cached_property
     def arrays(self) -> tuple[Array, ...]:

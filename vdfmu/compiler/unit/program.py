@@ -6,7 +6,6 @@ Arguments and results of a function are groups of variables. Further groups are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -22,31 +21,8 @@ from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration import PHASES, Machine
 from vdfmu.compiler.unit.implicit import ImplicitEquations
 from vdfmu.compiler.unit.place import place, shown, source_file
-from vdfmu.compiler.unit.trace import Leaf, Symbols, argument_name, leaves, run
+from vdfmu.compiler.unit.trace import Call, Symbols, argument_name, calls_of, run
 from vdfmu.compiler.unit.variable import scalar_variables
-
-
-@dataclass(frozen=True)
-class Call:
-    """Run a traced function.
-
-    Attributes
-    ----------
-    function : str
-    when : tuple of (parameter, value)
-        Choices with which it runs.
-    reads, sets : tuple of str
-        Groups.
-    """
-
-    function: str
-    when: tuple[tuple[str, int], ...]
-    reads: tuple[str, ...]
-    sets: tuple[str, ...]
-
-    def group(self, name: str) -> str:
-        """Group of an argument or a result."""
-        return name[:-4] if name[-4:] == "_new" and name[:-4] in self.sets else name
 
 
 class Program:
@@ -98,9 +74,9 @@ class UnitFunctions(Functions):
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, cache: Path | None | str = "default") -> None:
         self.unit, self.robot = unit, robot
         self.name = unit_name(unit)
-        self._leaves: dict[str, Leaf] = {}
         instance = unit(robot)
-        self.calls = {phase: [self._call(leaf) for leaf in leaves(instance, phase)] for phase in PHASES}
+        self.calls = {phase: list(calls_of(instance, phase, {})) for phase in PHASES}
+        self._traced = {call.function: (phase, call) for phase, calls in self.calls.items() for call in calls}
         self._related: dict[str, tuple[str, str]] = {}  # function to its kind, and the derivatives that it belongs to
         for call in self.calls["derivatives"]:
             for kind in ("step", "jacobian", *(["left"] if "t" in call.reads else [])):
@@ -110,15 +86,9 @@ class UnitFunctions(Functions):
         module = [unit.__module__.partition(".")[2]] if self.shipped else []
         super().__init__(f"{key}-{source_digest('compiler', *module)[:16]}", cache if self.shipped else None)
 
-    def _call(self, leaf: Leaf) -> Call:
-        names = [_choice_name(self.unit, name, value) for name, value in leaf.fixed.items()]
-        function = "_".join((self.name, leaf.phase, *names))
-        self._leaves[function] = leaf
-        return Call(function, tuple(leaf.fixed.items()), leaf.reads, leaf.sets)
-
     def names(self) -> list[str]:
         """Names of the functions, except for derivatives of them."""
-        return [*self._leaves, *self._related]
+        return [*self._traced, *self._related]
 
     def related(self, derivatives: str, kind: str) -> str:
         """Name of the step, the jacobian or the time left that belongs to a function of derivatives."""
@@ -134,7 +104,7 @@ class UnitFunctions(Functions):
             digest.update(sha256(content).digest())
         for variable in scalar_variables(self.unit, self.robot):
             digest.update(repr(variable).encode())
-        for name in self._leaves if self.unit.backend == "native" else ():
+        for name in self._traced if self.unit.backend == "native" else ():
             digest.update(self.casadi_function(name).serialize().encode())
         return digest.hexdigest()
 
@@ -164,13 +134,13 @@ class UnitFunctions(Functions):
 
     def made(self, name: str) -> ca.Function:
         """Trace a function."""
-        if name in self._leaves:
-            record = self._traced(self._leaves[name])
+        if name in self._traced:
+            record = self._record(name)
             return traced_function(name, record.symbols, record.expressions())
         kind, derivatives = self._related[name]
         if kind == "left":
             return self._left(derivatives)[1]
-        stiff = ImplicitEquations(self._traced(self._leaves[derivatives]), cut=kind == "step")
+        stiff = ImplicitEquations(self._record(derivatives), cut=kind == "step")
         try:
             return stiff.jacobian(name) if kind == "jacobian" else stiff.step(name, self.casadi_function(derivatives))
         except KernelError as error:
@@ -181,12 +151,13 @@ class UnitFunctions(Functions):
 
     def switches(self, derivatives: str) -> bool:
         """Whether derivatives switch by time; UnitError if the time cannot be found."""
-        reads = self._leaves[derivatives].reads
-        return self.unit.backend == "native" and "t" in reads and self._left(derivatives)[0]
+        return (
+            self.unit.backend == "native" and "t" in self._traced[derivatives][1].reads and self._left(derivatives)[0]
+        )
 
     def _left(self, derivatives: str) -> tuple[bool, ca.Function]:
         """Return whether derivatives switch by time, and the function of the time until they do."""
-        record, function = self._traced(self._leaves[derivatives]), self.casadi_function(derivatives)
+        record, function = self._record(derivatives), self.casadi_function(derivatives)
         given = record.symbols
         inputs = [argument_name(name) for name, d in self.unit.declared.items() if d.causality == "input"]
         rates = {name: ca.SX.sym(f"rate_{name}", given[name].numel()) for name in inputs if name in given}
@@ -209,14 +180,9 @@ class UnitFunctions(Functions):
             return derivative(self.casadi_function(base), direction, rounded=True)
         return super()._made(name)
 
-    def _traced(self, leaf: Leaf) -> Symbols:
+    def _record(self, name: str) -> Symbols:
+        phase, call = self._traced[name]
         instance = self.unit(self.robot)
-        record = Symbols(instance, leaf.phase, leaf.fixed)
-        run(instance, leaf.phase, record)
+        record = Symbols(instance, phase, dict(call.when))
+        run(instance, phase, record)
         return record
-
-
-def _choice_name(unit: type[BaseUnit], name: str, value: int) -> str:
-    choices = unit.declared[name].choices
-    text = choices[value] if choices else f"{'' if value else 'not_'}{name}"
-    return text if text.isidentifier() and text.isascii() and "__" not in text else f"{name}_{value}"

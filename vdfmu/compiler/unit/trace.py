@@ -8,9 +8,10 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import casadi as ca
 import numpy as np
@@ -20,7 +21,7 @@ from vdfmu.base.files import PACKAGE
 from vdfmu.base.text import kind_text
 from vdfmu.compiler.c.expressions import CALLED
 from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, refusals, to_sx
-from vdfmu.compiler.unit.base import BaseUnit, Values
+from vdfmu.compiler.unit.base import BaseUnit, Values, unit_name
 from vdfmu.compiler.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
 from vdfmu.compiler.unit.place import place, shown, source_file
 
@@ -50,16 +51,20 @@ def argument_name(name: str) -> str:
     return f"own_{name}_" if _TAKEN.fullmatch(name) else name
 
 
-class Leaf(NamedTuple):
-    """One method of a unit for some choices."""
+@dataclass(frozen=True)
+class Call:
+    """A traced function, with groups of variables as arguments and results: a method of a unit for some choices."""
 
-    phase: str
-    """One of :data:`~vdfmu.compiler.unit.declaration.PHASES`."""
-    fixed: Fixed
-    """The choices that it reads, and their values."""
+    function: str
+    when: tuple[tuple[str, int], ...]
+    """Choices and their values with which it runs."""
     reads: tuple[str, ...]
-    """Arguments of traced functions: variables, ``p`` for the robot's parameters and ``t`` for the time."""
+    """Variables, ``p`` for the robot's parameters and ``t`` for the time."""
     sets: tuple[str, ...]
+
+    def group(self, name: str) -> str:
+        """Group of an argument or a result."""
+        return name[:-4] if name[-4:] == "_new" and name[:-4] in self.sets else name
 
 
 class _ForkError(Exception):
@@ -246,24 +251,18 @@ def _kind(declared: Declared) -> str:
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 
 
-def leaves(unit: BaseUnit, phase: str) -> list[Leaf]:
-    """Return reads and writes of a method for each value of the choices that it reads; empty if it sets nothing.
+def calls_of(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Call]:
+    """Yield the call of a method for each value of the choices that it reads; nothing if it sets nothing.
 
-    Raises
-    ------
-    UnitError
-        For a method that fails, or that leaves out a variable it must set.
+    The name of its function follows from unit, method and `fixed` choices. UnitError for a method that fails, or that
+    leaves out a variable it must set.
     """
-    return list(_leaves(unit, phase, {}))
-
-
-def _leaves(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
     record = Recording(unit, phase, fixed)
     try:
         run(unit, phase, record)
     except _ForkError as fork:
         for value in range(max(2, len(fork.choice.choices))):
-            yield from _leaves(unit, phase, {**fixed, fork.choice.name: value})
+            yield from calls_of(unit, phase, {**fixed, fork.choice.name: value})
         return
     _check_complete(unit, phase, fixed, record.sets)
     if unit.backend != "python":
@@ -271,7 +270,14 @@ def _leaves(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
     for name, value in record.sets.items():
         unit.store.setdefault(name, value)
     if record.sets:
-        yield Leaf(phase, fixed, tuple(record.reads), tuple(map(argument_name, record.sets)))
+        names = [_choice_name(unit.declared[name], value) for name, value in fixed.items()]
+        function = "_".join((unit_name(type(unit)), phase, *names))
+        yield Call(function, tuple(fixed.items()), tuple(record.reads), tuple(map(argument_name, record.sets)))
+
+
+def _choice_name(choice: Declared, value: int) -> str:
+    text = choice.choices[value] if choice.choices else f"{'' if value else 'not_'}{choice.name}"
+    return text if text.isidentifier() and text.isascii() and "__" not in text else f"{choice.name}_{value}"
 
 
 def _check_repeatable(unit: BaseUnit, phase: str, first: Recording) -> None:

@@ -30,36 +30,24 @@ from vdfmu.compiler.unit.declaration import (
 
 @dataclass(frozen=True)
 class Variable(Attributes):
-    """One scalar variable.
-
-    Attributes
-    ----------
-    group : str
-        Name without indices, the paper's symbol.
-    index : tuple of int
-        Indices from 0; empty for a scalar.
-    type : "Real", "Integer" or "Boolean"
-    causality : "input", "output" or "parameter"
-        A native unit also has "local" derivatives and the "independent" time.
-    variability : "continuous", "discrete", "fixed" or "tunable"
-    unit : str or None
-    start : float, int, bool or None
-        None for a calculated output.
-    minimum, maximum : float or None
-    description : str
-    choices : tuple of str
-        Names of the values 0, 1, .. of an integer.
-    """
+    """One scalar variable, with `minimum` and `maximum`."""
 
     group: str
+    """Name without indices, the paper's symbol."""
     index: tuple[int, ...]
+    """Indices from 0; empty for a scalar."""
     type: str
+    """Real, Integer or Boolean."""
     causality: str
+    """input, output or parameter; in native units also local, for derivatives, and independent, for the time."""
     variability: str
+    """continuous, discrete, fixed or tunable."""
     unit: str | None
     start: Any
+    """Number or bool; None for a calculated output."""
     description: str
     choices: tuple[str, ...] = ()
+    """Names of the values 0, 1, .. of an integer."""
 
     @property
     def name(self) -> str:

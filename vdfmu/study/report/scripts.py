@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 from vdfmu.base.json_text import to_json
 from vdfmu.base.palette import style_sheet
-from vdfmu.compiler.fmu.native import THIRD_PARTY
+from vdfmu.compiler.fmu.content import THIRD_PARTY
 from vdfmu.system.program.module import compressed
 
 _WEB = Path(__file__).parent / "web"
