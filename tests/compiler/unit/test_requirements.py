@@ -8,8 +8,8 @@ import vdfmu
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.compiler.unit.evaluate import traced_requirements
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.requirements import traced_requirements
 from vdfmu.system.scenario.values import system_values
 from vdfmu.unit import Choice, Input, Output, Parameter, Unit
 

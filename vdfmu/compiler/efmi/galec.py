@@ -10,7 +10,7 @@ import casadi as ca
 from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import Language, operations_of
 from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.trace import Call
 
 _TRUTHS = {
     ca.OP_LT: "{0} < {1}",

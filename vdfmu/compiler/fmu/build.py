@@ -21,7 +21,7 @@ from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.fmu.content import Content, is_built, keep_record
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.declaration import Machine
-from vdfmu.compiler.unit.requirements import unmet
+from vdfmu.compiler.unit.evaluate import unmet
 
 _MOST_JOINTS = 512
 _SLOW_JOINTS = 9
@@ -63,15 +63,7 @@ def build_notes(robot: Machine | None, backend: str | None = None) -> list[str]:
 
 
 def choose_backend(backend: str | None) -> str:
-    """Return the backend, by default native if its compiler is installed.
-
-    Raises
-    ------
-    UsageError
-        For an unknown backend.
-    ImportError
-        If the package for Python FMUs is missing.
-    """
+    """Return the backend, by default native if its compiler is installed; ImportError if pythonfmu is missing."""
     if backend is None and native_available():
         return "native"
     if backend is None:

@@ -166,13 +166,7 @@ class Content:
 
     @staticmethod
     def read(resources: Path, model_name: str) -> Content:
-        """Content of the unpacked Python FMU of a model from its folder ``resources``.
-
-        Raises
-        ------
-        FmuError
-            If it cannot be used, or another vdfmu built it.
-        """
+        """Content of a Python FMU from its folder ``resources``; FmuError if damaged or built by another vdfmu."""
         source, file = resources / UNIT_FILE, CONTENT_PLACES["python"]
         try:
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))

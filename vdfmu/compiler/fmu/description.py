@@ -14,10 +14,7 @@ from vdfmu.compiler.unit.variable import Variable
 DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "stepSize": "0.001"}
 LOG_CATEGORIES = {
     "logEvents": "Start of the simulation.",
-    "logStatusWarning": "Log messages with fmi2Warning status.",
-    "logStatusDiscard": "Log messages with fmi2Discard status.",
-    "logStatusError": "Log messages with fmi2Error status.",
-    "logStatusFatal": "Log messages with fmi2Fatal status.",
+    **{f"logStatus{s}": f"Log messages with fmi2{s} status." for s in ("Warning", "Discard", "Error", "Fatal")},
     "logAll": "Log all messages.",
 }
 SAMPLED = "org.vdfmu.sampled"

@@ -129,9 +129,6 @@ def _settled(unit: Plain, t: float) -> dict[str, list[float]]:
     return {group: row for group, row in values.items() if np.allclose(before[group], after[group])}
 
 
-# ------------------------------------------------------------------ files
-
-
 Column = tuple[str, str, slice]
 """A variable, its group, and its elements in the group."""
 
@@ -176,15 +173,12 @@ def _manifest(name: str, stop: float, has_inputs: bool) -> Element:
         "description": "Layered Standard providing information on related files included in an FMU.",
     }
     root = Element("fmiReferences", {f"{{{_NAMESPACE}}}fmi-ls-{key}": text for key, text in stated.items()})
-
-    def add(source: str, kind: str, role: str, description: str) -> None:
-        attributes = {"type": kind, "source": source, "role": role, "description": description}
-        SubElement(root, "Related", attributes)
-
-    if has_inputs:
-        add(f"{name}_in.csv", "text/csv", "testcase", f"Inputs of an experiment of {stop:g} s")
-    add(f"{name}_out.csv", "text/csv", "result", f"Outputs of an experiment of {stop:g} s")
-    add("../../documentation/fmi-ls-ref.txt", "text/plain", "document", "What the experiment is")
+    inputs = (f"{name}_in.csv", "text/csv", "testcase", f"Inputs of an experiment of {stop:g} s")
+    outputs = (f"{name}_out.csv", "text/csv", "result", f"Outputs of an experiment of {stop:g} s")
+    page = ("../../documentation/fmi-ls-ref.txt", "text/plain", "document", "What the experiment is")
+    for source, kind, role, description in (*([inputs] if has_inputs else []), outputs, page):
+        about = {"type": kind, "source": source, "role": role, "description": description}
+        SubElement(root, "Related", about)
     return root
 
 

@@ -159,8 +159,6 @@ class BaseUnit:
         """First line of the docstring, without its full stop."""
         return ((cls.__doc__ or "").strip() or cls.__name__).splitlines()[0].rstrip(".")
 
-    # ---------------------------------------------------------------- overridden by subclasses
-
     def start(self) -> None:
         """Set the states from the parameters."""
         for name, declared in self.declared.items():
@@ -206,8 +204,6 @@ class BaseUnit:
                 wave = 0.1 * np.sin(2.0 * self.t + phase + 0.4 * np.arange(count)).reshape(size)
                 setattr(self, name, np.clip(wave, declared.minimum, declared.maximum))
                 phase += 1.0
-
-    # ---------------------------------------------------------------- values
 
     def __setattr__(self, name: str, value: Any) -> None:
         values = vars(self).get("in_use")  # a subclass may set attributes before it calls this class

@@ -33,13 +33,7 @@ _LETTERS = "expected a letter, then letters, digits and single underscores"
 
 
 def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
-    """Check the declaration of a unit for a robot.
-
-    Raises
-    ------
-    UnitError
-        With all problems, a line for each.
-    """
+    """Check the declaration of a unit for a robot; UnitError with all problems, a line for each."""
     problems = [*_of_unit(unit), *(_of_machine(unit, robot) if robot is not None else ())]
     for declared in unit.declared_for(robot).values():
         problems += [(declared.name, text) for text in _of_variable(declared, robot)]

@@ -20,19 +20,13 @@ Rows = Sequence[npt.NDArray[np.bool_]] | Pattern
 
 
 def patterns(interface: Any) -> tuple[Rows, Rows, Rows]:
-    """Return the patterns over the whole memory of an `Interface`: variables, derivatives of the states, time.
+    """Return three patterns over the whole memory of an `Interface`: variables, derivatives of the states, time.
 
-    Returns
-    -------
-    step : (N, N)
-        Dependencies of outputs and derivatives after initialization: inputs, continuous states and time. A continuous
-        state depends on itself. A sampled state depends on all that its unit reads for a sample, unless it is delayed.
-    start : (N, N)
-        Dependencies during initialization: inputs, parameters and time.
-    between : (N, N)
-        Dependencies from one sample to the next, while sampled states are held.
-
-    A unit that cannot be traced may depend on everything, except for states that start at parameters.
+    The first holds for outputs and derivatives after initialization: inputs, continuous states and time. A continuous
+    state depends on itself. A sampled state depends on all that its unit reads for a sample, unless it is delayed.
+    The second holds during initialization: inputs, parameters and time. The third is like the first from one sample to
+    the next, while sampled states are held. A Python unit may depend on everything, except for states that start at
+    parameters.
     """
     return _long(interface) or _traced(interface)
 

@@ -85,6 +85,8 @@ class Interface:
         Whether all run-time parameters of the robot are parameters of the unit.
     has_states, has_exchange : bool
         Whether the unit has continuous states, and its native FMU model exchange.
+    sampled, is_sampled : slice and bool
+        Positions of the sampled states, and whether there are any.
     """
 
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, start: Mapping[str, float] | None = None) -> None:
@@ -101,6 +103,10 @@ class Interface:
         self.memory = (*self.variables, *derivatives, _TIME)
         self.size, self.time = len(self.memory), N + n_x
         self.has_states, self.has_exchange = n_x > 0, n_x > 0 or unit.exchange
+        sampled = [i for i, v in enumerate(self) if v.variability == "discrete"]
+        self.sampled = slice(sampled[0], sampled[-1] + 1) if sampled else slice(0, 0)
+        self.is_sampled = bool(sampled)
+        self.implementation = "ModelExchange" if unit.exchange else "CoSimulation"  # kind of component in SSP
 
     def _started(self, start: Mapping[str, float]) -> tuple[Variable, ...]:
         variables = list(self.variables)
@@ -164,22 +170,6 @@ class Interface:
         joints = np.diff([each.joints for each in (*shorter, self)])
         grows = (np.diff([size[group] for size in sizes]) / joints for group in sizes[-1])
         return shorter if all(np.ptp(growth) == 0.0 for growth in grows) else ()
-
-    @property
-    def implementation(self) -> str:
-        """Kind of the unit in a system, by its name in FMI and SSP."""
-        return "ModelExchange" if self.unit.exchange else "CoSimulation"
-
-    @cached_property
-    def sampled(self) -> slice:
-        """Positions of the sampled states, after the continuous states."""
-        positions = [i for i, v in enumerate(self) if v.variability == "discrete"]
-        return slice(positions[0], positions[-1] + 1) if positions else slice(0, 0)
-
-    @property
-    def is_sampled(self) -> bool:
-        """Whether the unit has sampled states."""
-        return self.sampled.stop > 0
 
     @cached_property
     def arguments(self) -> dict[str, slice]:

@@ -52,14 +52,8 @@ def check_may_run(file: Path) -> None:
 def load_units(file: Path) -> dict[str, type[Unit]]:
     """Return the units that a Python file declares, by name, without classes such as ``_Common``. The file is run.
 
-    Raises
-    ------
-    UsageError
-        If the file does not exist.
-    UnitError
-        If it fails, declares no unit, or has a name twice.
-    CodeNotRunError
-        If it can be read within `reading_only`.
+    UsageError if the file does not exist. UnitError if it fails, declares no unit, or has a name twice. CodeNotRunError
+    if it can be read within `reading_only`.
     """
     if not file.is_file():
         raise UsageError(f"{file}: there is no such file.")

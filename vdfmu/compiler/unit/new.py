@@ -39,12 +39,8 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
     out : path, optional
         File to write; default ``my_filter.py``. The test is ``test_my_filter.py`` in its folder.
 
-    Raises
-    ------
-    UsageError
-        For a name that a class or a file cannot have, and for files that exist.
-    StorageError
-        If a file cannot be written.
+    UsageError for a name that a class or a file cannot have, and for files that exist. StorageError if a file cannot be
+    written.
     """
     camel, path = _class_and_file(name, out)
     test = path.with_name(f"test_{path.stem}.py")
@@ -58,12 +54,7 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
 def copy_examples(folder: Path) -> list[Path]:
     """Copy the example units, with their system and scenario, to a folder, and return the files.
 
-    Raises
-    ------
-    UsageError
-        For files that exist.
-    StorageError
-        If a file cannot be written.
+    UsageError for files that exist. StorageError if a file cannot be written.
     """
     shipped = sorted(file for file in (data_path("examples") / "units").iterdir() if file.is_file())
     files = {folder / file.name: file.read_bytes() for file in shipped}
@@ -78,14 +69,8 @@ def unit_from(source: str, name: str | None = None, out: Path | None = None, *, 
     file; a ``.casadi`` file, with `trust`; or an object of a Python file, ``design.py:NAME``. The file and the class
     get their names from `name` and `out`, else from the source.
 
-    Raises
-    ------
-    UsageError
-        For a source that cannot be read or become a unit, and for files that exist.
-    UnitError
-        For a Python file that fails, or a name or unit of measurement that a unit cannot have.
-    StorageError
-        If a file cannot be written.
+    UsageError for a source that cannot be read or become a unit, and for files that exist. UnitError for a Python file
+    that fails, or a name or unit of measurement that a unit cannot have. StorageError if a file cannot be written.
     """
     file, attribute = source.rsplit(":", 1) if re.search(r"\.py:\w+$", source) else (source, "")
     path = Path(file)

@@ -26,17 +26,10 @@ from vdfmu.compiler.unit.variable import scalar_variables
 
 
 class Program:
-    """Lists of calls.
+    """Lists of calls of the methods `start`, `outputs`, `derivatives` and `update`, and of two further functions.
 
-    Attributes
-    ----------
-    start : from the parameters to the states of the start time
-    outputs : from inputs, parameters, states and time to the outputs
-    derivatives : to the derivatives of the continuous states
-    update : to the sampled states of the time until the next sample
-    step : one step of the solver. Besides groups it takes `h`, `tolerance` and ``rate_<input>``, and
-        returns `x_new`, `norm` and `ratio`
-    left : time until something switches by time, of units whose derivatives do
+    `step` makes one step of the solver. Besides groups it takes `h`, `tolerance` and ``rate_<input>``, and returns
+    `x_new`, `norm` and `ratio`. `left` returns the time until the derivatives switch, if they switch by time.
     """
 
     def __init__(self, functions: UnitFunctions) -> None:
@@ -54,21 +47,10 @@ class Program:
 
 
 class UnitFunctions(Functions):
-    """The traced functions of a unit for a robot.
+    """The traced functions of a unit for the structure of a robot. `calls` has the calls of each method.
 
-    Parameters
-    ----------
-    unit : type of Unit
-    robot : Robot or None
-        Its structure decides the functions.
-    cache : path, None or "default"
-        See :class:`~vdfmu.compiler.functions.traced.Functions`. Only functions of units of the package are cached:
-        others may come from any module.
-
-    Attributes
-    ----------
-    calls : dict of str to list of Call
-        Method to its calls, one for each value of the choices that it reads.
+    `cache`: see :class:`~vdfmu.compiler.functions.traced.Functions`. Only functions of units of the package are cached:
+    others may come from any module.
     """
 
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, cache: Path | None | str = "default") -> None:
@@ -110,13 +92,7 @@ class UnitFunctions(Functions):
 
     @property
     def sources(self) -> dict[str, bytes]:
-        """Name to content of the unit's file, as ``unit.py``, and of the `files` that it names.
-
-        Raises
-        ------
-        UnitError
-            If one of them cannot be read.
-        """
+        """Name to content of the unit's file, as ``unit.py``, and of its `files`; UnitError if one is not readable."""
         if self.unit.made_of is not None:
             return dict(self.unit.made_of)
         path = source_file(self.unit)

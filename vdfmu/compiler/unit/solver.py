@@ -113,45 +113,29 @@ class Integrator(Solver):
 
     It keeps the local error of every internal step below `tolerance` times (1 SI unit + the state's magnitude), in the
     root mean square over all states. Or the unit's `solver` fixes the number of internal steps, whatever their error.
-    The memory and `h` decide the next step: a copy of the two restores the solver to the bit.
-
-    Attributes
-    ----------
-    x : (n_x,) continuous states, in the unit's memory
-    h : float [s] step to try next
-    steps, rejected : int, internal steps made and rejected since the start
+    The memory and the step to try next, `h` [s], restore the solver to the bit.
+    `steps` and `rejected` count internal steps since the start.
     """
 
     def __init__(self, unit: Evaluation) -> None:
         super().__init__(unit)
         self.x = unit.x
-        self._h, self._tolerance = np.zeros(1), np.full(1, SOLVER_TOLERANCE)
+        self.h, self.tolerance = FIRST_STEP, SOLVER_TOLERANCE
+        self._h, self._tolerance = np.zeros(1), np.zeros(1)
         self._x_new, self._norm, self._ratio = np.zeros_like(unit.x), np.zeros(1), np.zeros_like(unit.x)
         shared = {name: getattr(self, f"_{name}") for name in ("h", "tolerance", "x_new", "norm", "ratio")}
         program = unit.interface.program
         self._steps = [(unit.conditions(call), unit.bound(call.function, **shared)) for call in program.step]
-        self.h = FIRST_STEP
         self.steps = self.rejected = 0
-
-    @property
-    def tolerance(self) -> float:
-        """Bound of the local error, relative and absolute in SI units."""
-        return float(self._tolerance[0])
-
-    @tolerance.setter
-    def tolerance(self, value: float) -> None:
-        self._tolerance[0] = value
 
     def advance(self, t: float, duration: float) -> None:
         """Move the state from `t` to `t + duration` [s] with the inputs held.
 
-        Raises
-        ------
-        KernelError
-            If the state is no longer finite or, under error control, the tolerance cannot be met at the smallest
-            step, or `MAXIMUM_STEPS` do not reach the end. The message has time and state. The memory is as before.
+        KernelError if the state is no longer finite or, under error control, the tolerance cannot be met at the
+        smallest step, or `MAXIMUM_STEPS` do not reach the end. The message has time and state. The memory is as before.
         """
         x, x_new, norm = self.x, self._x_new, self._norm
+        self._tolerance[0] = self.tolerance
         step = next(s.run for conditions, s in self._steps if holds(conditions))
         if fixed := int(self.unit.group("solver")[0]):
             self._advance_fixed(step, fixed, t, duration)

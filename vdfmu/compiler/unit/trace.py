@@ -159,12 +159,8 @@ class _RobotPart:
 class Symbols(Recording):
     """Record of a method that runs on symbols, new or of another record.
 
-    Attributes
-    ----------
-    symbols : dict of str to casadi.SX
-        Columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
-    cuts : list of (joint, symbols, values)
-        Expressions that :meth:`cut` has replaced by symbols, in the order of their calculation.
+    `symbols` are columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``. `cuts` are
+    expressions that :meth:`cut` has replaced, in the order of calculation: joint, symbols, values.
     """
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed, other: Symbols | None = None) -> None:
@@ -307,13 +303,7 @@ def _check_complete(unit: BaseUnit, phase: str, fixed: Fixed, sets: Mapping[str,
 
 
 def run(unit: BaseUnit, phase: str, values: Values) -> Any:
-    """Run a method of a unit on values.
-
-    Raises
-    ------
-    UnitError
-        Naming file, line and reason.
-    """
+    """Run a method of a unit on values; UnitError with file, line and reason if it fails."""
     before, unit.in_use = unit.in_use, values
     symbols = isinstance(values, Symbols)
     try:

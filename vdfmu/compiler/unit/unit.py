@@ -13,9 +13,8 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
 from vdfmu.compiler.unit.base import BaseUnit
-from vdfmu.compiler.unit.evaluate import Evaluation, evaluation, state_space
+from vdfmu.compiler.unit.evaluate import Evaluation, evaluation, state_space, unmet
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.requirements import unmet
 from vdfmu.compiler.unit.solver import ScipySolver
 
 Signal = Callable[[float], npt.ArrayLike] | npt.ArrayLike

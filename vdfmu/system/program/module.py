@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.evaluate import Call
 from vdfmu.compiler.wasm.functions import IMPORTED, WrittenFunctions
 from vdfmu.compiler.wasm.module import (
     COPY,

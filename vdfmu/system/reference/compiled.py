@@ -15,8 +15,7 @@ from vdfmu.compiler.c.files import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN, loaded
 from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.c.text import setting_lines
-from vdfmu.compiler.unit.evaluate import Traced
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits
 
 

@@ -12,10 +12,8 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.standards import FMI_2
-from vdfmu.compiler.fmu.build import FMI, TARGETS, choose_backend, form_of
-from vdfmu.compiler.fmu.content import Content
+from vdfmu.compiler.fmu.build import FMI, TARGETS, Content, choose_backend, form_of, unit_name
 from vdfmu.compiler.unit import Unit
-from vdfmu.compiler.unit.base import unit_name
 from vdfmu.system.scenario.scenario import Scenario
 
 

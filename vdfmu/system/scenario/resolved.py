@@ -18,10 +18,8 @@ from vdfmu.base.measure import measure
 from vdfmu.base.once import cached_per_command
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.base.text import nearest
-from vdfmu.compiler.unit import Unit
-from vdfmu.compiler.unit.declaration import Input, Output
-from vdfmu.compiler.unit.interface import Interface, interface_of
-from vdfmu.compiler.unit.variable import Variable
+from vdfmu.compiler.unit import Input, Output, Unit
+from vdfmu.compiler.unit.interface import Interface, Variable, interface_of
 from vdfmu.engine.fmu.variables import element_names, start_values, type_of
 from vdfmu.system.scenario.system_file import SystemFile
 

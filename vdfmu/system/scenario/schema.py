@@ -19,8 +19,8 @@ from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.arm.robot.visual import SHAPES
 from vdfmu.base.measure import unit_of
 from vdfmu.base.version import FORMAT
-from vdfmu.compiler.unit import Unit
-from vdfmu.compiler.unit.declaration import Choice, Declared, Input, Parameter, Switch
+from vdfmu.compiler.unit import Choice, Input, Parameter, Switch, Unit
+from vdfmu.compiler.unit.declaration import Declared
 from vdfmu.compiler.unit.interface import general_description
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.system.scenario.resolved import resolve

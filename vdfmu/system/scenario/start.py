@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from vdfmu.arm.units._played import Played
-from vdfmu.compiler.unit import Unit
-from vdfmu.compiler.unit.declaration import JOINTS, Output
+from vdfmu.compiler.unit import JOINTS, Output, Unit
 from vdfmu.system.scenario.resolved import ResolvedSystem, resolve
 from vdfmu.system.scenario.system_file import SystemFile
 

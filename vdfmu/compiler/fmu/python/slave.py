@@ -23,8 +23,7 @@ from vdfmu.base.text import kind_text
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.description import LOG_CATEGORIES, model_description
 from vdfmu.compiler.fmu.python.wrapper import hold, loaded_from, plain, refusal
-from vdfmu.compiler.unit.evaluate import Traced, evaluation
-from vdfmu.compiler.unit.requirements import unmet
+from vdfmu.compiler.unit.evaluate import Traced, evaluation, unmet
 from vdfmu.compiler.unit.solver import FIRST_STEP, Integrator, ScipySolver
 from vdfmu.compiler.unit.variable import Variable
 
@@ -94,8 +93,6 @@ class UnitSlave(Fmi2Slave):
         """Model description of the unit, with units, dependencies and InitialUnknowns."""
         content = self._content
         return model_description(content.interface, content.guid, content.generation_tool, content.made_by)
-
-    # ---------------------------------------------------------------- life cycle
 
     @_call("setupExperiment")
     def setup_experiment(
@@ -181,8 +178,6 @@ class UnitSlave(Fmi2Slave):
         unit.outputs()
         self._stale = False
 
-    # ---------------------------------------------------------------- values
-
     def values(self, kind: str, vrs: list[int]) -> list[float]:
         """Return the values of variables of a type."""
         variables, _ = self._variables(kind, *vrs)
@@ -212,8 +207,6 @@ class UnitSlave(Fmi2Slave):
             self._unchecked = self._unchecked or variable.causality == "parameter"
         self._unit.memory[vrs] = values
         self._stale = True
-
-    # ---------------------------------------------------------------- state
 
     @_call("getFMUstate")
     def _get_fmu_state(self) -> dict[str, Any]:

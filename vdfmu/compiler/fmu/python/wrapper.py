@@ -69,7 +69,8 @@ def plain(text: str) -> str:
 
 def hold(slave: Any) -> None:
     """Keep a new slave, and empty slaves that the wrapper has released."""
-    for entry in [entry for entry in _held if _released(entry)]:
+    # a slave is released if only its entry and the argument of getrefcount refer to it
+    for entry in [entry for entry in _held if sys.getrefcount(entry[0]) <= _SPARE + 1]:
         vars(entry[0]).clear()
         _held.remove(entry)
         _for_ever.append(entry)
@@ -102,11 +103,6 @@ def _loader_name(path: Path) -> str:
 
 def _references(slave: Any, count: int) -> tuple[Any, ...]:
     return (slave,) * count + (slave.log_queue,) * count + (type(slave),) * count
-
-
-def _released(entry: tuple[Any, ...]) -> bool:
-    # only its entry and the argument of getrefcount refer to the slave
-    return sys.getrefcount(entry[0]) <= _SPARE + 1
 
 
 @atexit.register
