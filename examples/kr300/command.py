@@ -4,8 +4,8 @@
 
 data.mat is in a folder of data/recorded_trajectories of JonasWeigand/Robot_Identification; a.parquet beside this file
 has the rest of that record. Written beside it: a_reference.csv, the recorded reference every 40 ms, and a_command.csv,
-`ref_dyn.phi_r_m_all_d1`, speeds of the motors, divided by the ratios, and `tau_ff_all`, torques in addition to the start
-torques, at as many of the record's times as lines between them need to be right.
+`ref_dyn.phi_r_m_all_d1`, speeds of the motors, divided by the ratios, and `tau_ff_all`, torques added to the torques at
+the start, at as many of the record's times as lines between them need to be right.
 """
 
 from argparse import ArgumentParser, RawDescriptionHelpFormatter

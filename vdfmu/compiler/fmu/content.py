@@ -170,8 +170,17 @@ class Content:
         source, file = resources / UNIT_FILE, CONTENT_PLACES["python"]
         try:
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
-            name, here = str(data["unit"]), installed_digest("python", data["module"], data["reader"])
-            _check_version(f"{model_name}.fmu", str(data["version"]), str(data["digest"]), here)
+            name, version, digest = (str(data[key]) for key in ("unit", "version", "digest"))
+            if version != __version__:
+                raise FmuError(
+                    f"{model_name}.fmu was built with vdfmu {version}, but this Python has vdfmu {__version__}. "
+                    f"Build the FMU again with `vdfmu build`, or install vdfmu {version}."
+                )
+            if digest != (here := installed_digest("python", data["module"], data["reader"])):
+                raise FmuError(
+                    f"{model_name}.fmu was built with vdfmu {version} of other sources or with another CasADi (digest "
+                    f"{digest[:8]}, here {here[:8]}). Build the FMU again with `vdfmu build`."
+                )
             unit = load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
             if unit is None or unit_name(unit) != name or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected a file of {model_name}.")
@@ -193,20 +202,6 @@ def _named(place: str) -> Any:
     if not module.startswith("vdfmu."):
         raise FmuError(f"{place}: expected a module of vdfmu")
     return getattr(import_module(module), name, None)
-
-
-def _check_version(fmu: str, version: str, digest: str, here: str) -> None:
-    """Raise if another vdfmu built the FMU."""
-    if version != __version__:
-        raise FmuError(
-            f"{fmu} was built with vdfmu {version}, but this Python has vdfmu {__version__}. "
-            f"Build the FMU again with `vdfmu build`, or install vdfmu {version}."
-        )
-    if digest != here:
-        raise FmuError(
-            f"{fmu} was built with vdfmu {version} of other sources or with another CasADi (digest "
-            f"{digest[:8]}, here {here[:8]}). Build the FMU again with `vdfmu build`."
-        )
 
 
 def keep_record(path: Path, guid: str) -> None:
@@ -234,7 +229,7 @@ def about(unit: type[BaseUnit]) -> dict[str, str]:
     """Return the known ones of author, licence, copyright and version of a unit.
 
     Attributes of its class override ``[project]`` of the nearest ``pyproject.toml`` above its file. Units of the
-    package have its texts.
+    package have fixed texts.
     """
     if is_shipped(unit):
         return {"version": __version__, "author": "vdfmu contributors", "license": "MIT"}

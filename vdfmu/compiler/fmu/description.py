@@ -148,9 +148,8 @@ def _add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> No
     with sampled states is their period.
     """
     categories = SubElement(root, "LogCategories")
-    for name, description in LOG_CATEGORIES.items():
-        text = description.replace("fmi2", fmi)
-        SubElement(categories, "Category", {"name": name, "description": text})
+    for name, text in LOG_CATEGORIES.items():
+        SubElement(categories, "Category", {"name": name, "description": text.replace("fmi2", fmi)})
     experiment = SubElement(root, "DefaultExperiment", DEFAULT_EXPERIMENT)
     if interface.is_sampled:
         experiment.set("stepSize", _start_text(interface.find("period")))
@@ -159,7 +158,6 @@ def _add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> No
 
 
 def _add_sampled(annotation: Element) -> None:
-    """Add the content of the annotation `SAMPLED`."""
     SubElement(annotation, "Sampled", {"xmlns": f"urn:{SAMPLED}", "period": "period"})
 
 
@@ -176,9 +174,7 @@ def _value_attributes(variable: Variable) -> dict[str, str]:
 
 
 def _start_text(variable: Variable) -> str:
-    """Start value of a variable that has one."""
-    write = {"Real": number, "Integer": str, "Boolean": boolean}[variable.type]
-    return write(variable.start)
+    return {"Real": number, "Integer": str, "Boolean": boolean}[variable.type](variable.start)
 
 
 def _variable_attributes(name: str, reference: int, description: str, variable: Variable) -> dict[str, str]:

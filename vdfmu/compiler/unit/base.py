@@ -33,15 +33,7 @@ ABOUT = ("version", "author", "copyright", "license")
 
 
 class Values:
-    """The values of an instance; subclasses take others, and record reads and writes.
-
-    Attributes
-    ----------
-    sets : dict of str to value
-        Values by variable.
-    now : float [s]
-        Time.
-    """
+    """The values of an instance, `sets`, at a time, `now` [s]; subclasses take others, and record reads and writes."""
 
     def __init__(self, unit: Any) -> None:
         self.unit, self.now = unit, 0.0

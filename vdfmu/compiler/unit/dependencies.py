@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import Sampled
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.trace import Call
 
 Pattern = npt.NDArray[np.bool_]
 """(N, N): row `i` marks the positions on which position `i` depends."""

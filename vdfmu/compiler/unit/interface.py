@@ -60,33 +60,19 @@ class Interface:
     to each other: its values are a slice of the memory. Iteration is over the variables. Raises one UsageError for all
     wrong start values, and UnitError for a wrong declaration, or joints without a robot.
 
-    Parameters
-    ----------
-    unit : type of Unit
-    robot : Robot or None
-        None for a unit without joints.
-    start : mapping of str to float, optional
-        Start values by variable, instead of the declaration's.
+    `start` are start values by variable, instead of the declaration's. A unit without joints needs no `robot`.
 
     Attributes
     ----------
-    variables : tuple of Variable
-    memory : tuple of Variable
-        Meaning of each position.
+    variables, memory : tuples of Variable
+        The variables, and the meaning of each position in the memory.
     size, time : int
         Length of the memory, and position of the time, the last.
-    states, derivatives : slice
-        Positions of the continuous states and of their derivatives, in the same order; empty without states.
-    name, model_name, description : str
-        ``plant``, ``Plant``, and one line of text.
-    joints : int
-        Number of joints; 0 without a robot.
-    has_robot : bool
-        Whether all run-time parameters of the robot are parameters of the unit.
-    has_states, has_exchange : bool
-        Whether the unit has continuous states, and its native FMU model exchange.
-    sampled, is_sampled : slice and bool
-        Positions of the sampled states, and whether there are any.
+    states, derivatives, sampled : slice
+        Positions of the continuous states, of their derivatives in the same order, and of the sampled states.
+    has_states, is_sampled, has_exchange, has_robot : bool
+        Whether the unit has continuous states, sampled states, model exchange in a native FMU, and all run-time
+        parameters of the robot.
     """
 
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, start: Mapping[str, float] | None = None) -> None:

@@ -104,12 +104,11 @@ class UnitSlave(Fmi2Slave):
             raise FmuError(f"expected a finite start time, got {start_time} s.")
         if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
             raise FmuError(f"expected a finite positive tolerance, got {tolerance}.")
-        if tolerance is not None and "tolerance" in self._interface.groups:  # the unit has a solver
-            if problem := self._interface.find("tolerance").problem(tolerance):
-                raise FmuError(f"tolerance: {problem}.")
+        solved = tolerance is not None and "tolerance" in self._interface.groups
+        if solved and (problem := self._interface.find("tolerance").problem(tolerance)):
+            raise FmuError(f"tolerance: {problem}.")
         self._start_time = self.time = start_time
-        self._tolerance = tolerance
-        self._stale = True
+        self._tolerance, self._stale = tolerance, True
 
     @_call("enterInitializationMode")
     def enter_initialization_mode(self) -> None:
