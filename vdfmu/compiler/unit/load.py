@@ -14,8 +14,8 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.base.once import cached_per_command
 from vdfmu.base.text import kind_text
 from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.place import declarations

@@ -18,9 +18,8 @@ import numpy as np
 from vdfmu.base.errors import StorageError, UnitError, UsageError
 from vdfmu.base.files import data_path, replacing, source_bytes, temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.mat import mat_variables
 from vdfmu.base.text import kind_text
-from vdfmu.base.unpack import UnpackBudget
+from vdfmu.base.unpack import UnpackBudget, mat_variables
 from vdfmu.compiler import unit
 from vdfmu.compiler.unit.base import snake_case
 from vdfmu.compiler.unit.factories import casadi_unit, linear_unit, table_unit
