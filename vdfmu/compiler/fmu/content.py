@@ -212,7 +212,7 @@ def keep_record(path: Path, guid: str) -> None:
 def is_built(path: Path, guid: str) -> bool:
     """Whether an FMU on disk is, to the byte, a result of a build here with this GUID or instantiation token.
 
-    The GUID inside is no proof: it stays the same when a library is changed.
+    The GUID inside does not prove it: it stays the same when a library is changed.
     """
     try:
         return path.is_file() and load(_record(path)) == guid.encode()

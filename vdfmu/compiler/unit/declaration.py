@@ -32,7 +32,7 @@ class _Joints:
 JOINTS = _Joints()
 """Length of an axis: the number of joints, or links, of the robot."""
 NO_LIMIT = 1e12
-"""Start value of a limit that does not limit; FMI has no portable infinity."""
+"""Start value of a limit that does not limit; FMI lacks a portable infinity."""
 SOLVER_TOLERANCE = 1e-7
 """Default tolerance of the plant's solver, relative and absolute in SI units."""
 SOLVERS = ("adaptive", *(f"fixed_{count}" for count in range(1, 5)))

@@ -220,7 +220,7 @@ def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator
     """Yield the parts of the time from `t` to `end` between switchings: begin, end, and whether it is crossed there.
 
     `left` returns the time until the next switching. Move the states to the end of a part before taking the next part.
-    The part across a switching is so short that a straight line has no error.
+    The part across a switching is so short that a straight line is exact.
     """
     while t < end:
         rest, close = left(t), margin(t)
