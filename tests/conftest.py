@@ -24,9 +24,9 @@ from vdfmu.arm.units import shipped_units
 from vdfmu.base import plugins
 from vdfmu.base.cache import cache_folder
 from vdfmu.compiler.unit.evaluate import Traced
-from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import UnitFunctions
+from vdfmu.compiler.unit.solver import Integrator
 from vdfmu.engine.results.formats import FORMATS
 from vdfmu.study.identify.log_files import READERS
 

@@ -13,11 +13,9 @@ from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import Shown, with_progress
 from vdfmu.base.standards import FMI_2
-from vdfmu.compiler.fmu.build import build_units
-from vdfmu.compiler.targets import FMI
-from vdfmu.compiler.unit.base import unit_name
+from vdfmu.compiler.fmu.build import FMI, build_units, unit_name
+from vdfmu.compiler.unit import Unit
 from vdfmu.compiler.unit.interface import interface_of
-from vdfmu.compiler.unit.unit import Unit
 from vdfmu.engine.package.system import spread
 
 _One = str | os.PathLike[str] | type[Unit]

@@ -15,7 +15,7 @@ from vdfmu.arm.fmus import build
 from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import require_ours, storing
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.unit import Unit
 from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import Report, inspect_file
 from vdfmu.engine.package.join import Connections, join

@@ -14,11 +14,8 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler import wasm
-from vdfmu.compiler.unit.evaluate import Traced
+from vdfmu.compiler.unit.evaluate import Call, Traced, traced_margins, traced_requirements
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.machine import traced_margins
-from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.unit.requirements import traced_requirements
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.system.package.description import SystemDescription

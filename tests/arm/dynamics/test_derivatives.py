@@ -19,7 +19,7 @@ from vdfmu.compiler.c.loops import straight
 from vdfmu.compiler.c.operations import c_derivatives
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 from vdfmu.compiler.scalar.symbol import lookup_function
-from vdfmu.compiler.unit.machine import margins, traced_margins
+from vdfmu.compiler.unit.evaluate import margins, traced_margins
 
 NAMES = (
     "trajectory_outputs", "feedforward_outputs_inverse", "feedforward_outputs_vdc", "controller_outputs_kappa_dot",

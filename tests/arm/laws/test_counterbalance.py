@@ -18,10 +18,8 @@ from vdfmu.arm.robot.structure import parameters
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import ModelError
 from vdfmu.compiler.c.functions import c_texts
-from vdfmu.compiler.unit.evaluate import Plain
+from vdfmu.compiler.unit.evaluate import Plain, margins, unmet
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.machine import margins
-from vdfmu.compiler.unit.requirements import unmet
 
 EPS = np.finfo(float).eps
 

@@ -167,7 +167,7 @@ def test_a_subclass_has_the_variables_of_its_base():
 @pytest.mark.parametrize(
     ("unit", "name", "words"),
     [
-        *(("Bad", name, f"Bad: a variable cannot be called {name}, which every unit has")
+        *(("Bad", name, f"Bad: a variable cannot be called {name}: every unit has it")
           for name in ("t", "n", "start", "outputs", "store", "declared", "balance", "of_robot")),
         *(("Bad", name, f"Bad: a variable cannot be called {name}: expected a letter, then")
           for name in ("_u", "u__2", "time", "\u03c4")),

@@ -53,7 +53,7 @@ def test_a_file_that_is_there_is_not_replaced(tmp_path, there):
         ("2nd", None, "expected CamelCase or snake_case"),
         ("my_Filter", None, "expected CamelCase or snake_case"),
         ("Größe", None, "expected CamelCase or snake_case"),
-        ("state", None, "State is a name of vdfmu.unit"),
+        ("state", None, "State is a name that units need of vdfmu.unit"),
         ("Random", None, "random is a name of Python's own"),
         ("lambda", None, "lambda is a name of Python's own"),
         ("MyFilter", "my_filter.txt", "expected a Python file"),

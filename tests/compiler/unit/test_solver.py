@@ -15,9 +15,8 @@ from vdfmu.base.errors import KernelError, UnitError
 from vdfmu.compiler.functions.rodas import ORDER
 from vdfmu.compiler.unit.declaration import SOLVERS
 from vdfmu.compiler.unit.evaluate import Plain, Traced
-from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.solver import ScipySolver, samples
+from vdfmu.compiler.unit.solver import Integrator, ScipySolver, samples
 from vdfmu.unit import (
     JOINTS,
     Choice,

@@ -161,7 +161,7 @@ class Plain(Unit):
 
 
 def test_what_cannot_be_traced_cannot_be_linearised():
-    with pytest.raises(UsageError, match="Plain: what cannot be traced has no derivatives"):
+    with pytest.raises(UsageError, match="Plain is not traced and has no derivatives"):
         Plain().linearize()
 
 

@@ -19,7 +19,7 @@ from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.arrays import Floats
 from vdfmu.base.toml_tables import Problems, value_text
 from vdfmu.compiler.scalar import minimum
-from vdfmu.compiler.unit.machine import STRICT, Entry, Requirement
+from vdfmu.compiler.unit.declaration import STRICT, Entry, Requirement
 
 # Entries of a rotation are at most 1, so ten printed digits leave R R^T - E below 1e-9.
 ROTATION_TOLERANCE = 1e-9

@@ -29,7 +29,7 @@ from vdfmu.arm.robot.structure import parameters, set_parameters, shorter_robots
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.arm.world.payload import link_body
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.machine import Entry, Facts
+from vdfmu.compiler.unit.declaration import Entry
 
 JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
@@ -182,15 +182,15 @@ class Robot(Parameters):
                 raise UsageError(f"robot {self.name}: {key}: expected numbers of shape {shape}, got {got}.") from error
         return dataclasses.replace(self, **new)
 
-    def facts(self, entry: Entry) -> Facts:
-        """Return what a variable says of one of the numbers."""
+    def facts(self, entry: Entry) -> tuple[str, float, float, str]:
+        """Return unit of measurement, minimum, maximum and description of a number."""
         row = self.rows[entry.field]
         counted = ",".join(str(i + 1) for i in entry.index)
         text = f"{row.description}{_PLACES[row.per_joint, len(row.shape)]} {counted}".rstrip()
         if row.per_joint and not row.shape:
             text = f"Joint {counted}: {row.description}"
         unit = row.unit(self.joint_types[entry.index[0]] if row.per_joint else "revolute")
-        return Facts(unit, -row.largest if row.smallest is None else row.smallest, row.largest, text)
+        return unit, (-row.largest if row.smallest is None else row.smallest), row.largest, text
 
     def source_of(self, key: str) -> str | None:
         """Return where the number at `key`, such as ``joints[2].link.mass``, is from; None if not said.

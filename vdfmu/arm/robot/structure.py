@@ -19,7 +19,7 @@ import numpy as np
 from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, Parameters, read_only
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.scalar import ZERO, Symbol
-from vdfmu.compiler.unit.machine import Entry
+from vdfmu.compiler.unit.declaration import Entry
 
 R = TypeVar("R", bound=Parameters)
 

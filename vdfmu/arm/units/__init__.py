@@ -15,8 +15,8 @@ from pkgutil import walk_packages
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.plugins import Plugins
+from vdfmu.compiler.unit import Unit
 from vdfmu.compiler.unit.load import load_units
-from vdfmu.compiler.unit.unit import Unit
 
 __all__ = ["find_unit", "known_units", "package_units", "shipped_units"]
 

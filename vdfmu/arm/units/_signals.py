@@ -10,7 +10,7 @@ from vdfmu.arm.equations.inverse_dynamics import AT_REST, Base
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.arm.world.attachment import moving_base
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
-from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 
 DESIRED = {
     "q_d": ("position", JOINTS, "desired position"),

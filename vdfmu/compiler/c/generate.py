@@ -34,11 +34,9 @@ from vdfmu.compiler.c.text import (
 )
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, NEVER
 from vdfmu.compiler.unit.declaration import PHASES
+from vdfmu.compiler.unit.evaluate import traced_margins, traced_requirements
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.machine import traced_margins
-from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.unit.requirements import traced_requirements
-from vdfmu.compiler.unit.trace import argument_name
+from vdfmu.compiler.unit.trace import Call, argument_name
 from vdfmu.compiler.unit.variable import Variable
 
 _ROLES = {"input": "INPUT", "output": "OUTPUT", "local": "DERIVATIVE", "independent": "TIME"}

@@ -17,8 +17,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.unit.interface import Interface, general_description
-from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.unit.trace import argument_name
+from vdfmu.compiler.unit.trace import Call, argument_name
 from vdfmu.compiler.unit.variable import Variable
 
 PERIOD, FIRST, STEPS = "period", "firstStep", "steps"

@@ -60,7 +60,7 @@ def finish(path: Path, fmu: Content, precision: str, step: float) -> None:
 def _folder(fmu: Content, whole: bytes, precision: str, step: float) -> dict[str, bytes]:
     """Return path to content of the folder ``eFMU``."""
     block, kind = SampledBlock(fmu.interface, step), PRECISIONS[precision]
-    origin = _Origin(f"{fmu.guid} {precision} {block.period!r}", fmu.generation_tool, fmu.made_by or {})
+    origin = _Origin(f"{fmu.guid} {precision} {block.period!r}", fmu.generation_tool, fmu.made_by)
     name = block.name
     program = {f"{name}.alg": galec_text(block).encode()}
     code = {f"{name}.h": header_text(block, kind).encode(), f"{name}.c": source_text(block, kind).encode()}

@@ -10,7 +10,7 @@ import casadi as ca
 from vdfmu.compiler.c.functions import Language, operations_of
 from vdfmu.compiler.c.text import EXPRESSIONS, indented
 from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.trace import Call
 
 _TRUTHS = {
     **{k: EXPRESSIONS[k].removesuffix(" ? 1.0 : 0.0") for k in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NOT)},

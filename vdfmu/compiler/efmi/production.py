@@ -17,7 +17,7 @@ from vdfmu.compiler.c.functions import Language, operations_of
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, comment, definition, fields, indented
 from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
 from vdfmu.compiler.scalar.symbol import LOOKUP
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.trace import Call
 
 SIGNALS = {"INVALID_ARGUMENT": 1, "NAN": 4}
 """Error signal to its bit."""

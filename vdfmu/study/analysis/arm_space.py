@@ -18,9 +18,8 @@ from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import check_type
 from vdfmu.base.state_space import StateSpace
-from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
+from vdfmu.compiler.unit.evaluate import Evaluation, evaluation, state_space
 from vdfmu.compiler.unit.interface import interface_of
-from vdfmu.compiler.unit.unit import state_space
 from vdfmu.system.scenario import Scenario
 
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
-from vdfmu.compiler.fmu.description3 import FMI_3_TYPES
-from vdfmu.compiler.unit.interface import Interface, general_description
-from vdfmu.compiler.unit.variable import Variable
+from vdfmu.compiler.fmu.description import FMI_3_TYPES
+from vdfmu.compiler.unit.interface import Interface, Variable, general_description
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.scenario import Variables
 from vdfmu.system.scenario.system_file import Box, SystemFile

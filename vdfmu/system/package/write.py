@@ -16,11 +16,8 @@ from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import data_path, pack_zip, read_member, regular_target, require_ours, storing
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
 from vdfmu.compiler.c.platforms import native_available
-from vdfmu.compiler.fmu.build import choose_backend, form_of
-from vdfmu.compiler.fmu.content import Content
-from vdfmu.compiler.targets import FMI, TARGETS
-from vdfmu.compiler.unit.base import unit_name
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.fmu.build import FMI, TARGETS, Content, choose_backend, form_of, unit_name
+from vdfmu.compiler.unit import Unit
 from vdfmu.engine.package.parse import validate
 from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.package.structure_file import (

@@ -36,8 +36,7 @@ from vdfmu.compiler.c.loaded import SHOWN, loaded
 from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.c.text import c_prototype, setting_lines
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.unit.evaluate import Traced
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.solution import SHORT, ContinuousReference, SampledReference
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits

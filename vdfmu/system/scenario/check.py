@@ -9,7 +9,7 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.robot.plausible import position_notes, robot_notes, speed_notes
 from vdfmu.arm.units._played import Played
 from vdfmu.arm.units.trajectory import Trajectory
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.unit import Unit
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.scenario_file import KEYS
 from vdfmu.system.scenario.values import group_of, override, robot_with, section_values

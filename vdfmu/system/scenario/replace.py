@@ -12,8 +12,7 @@ import numpy as np
 from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.arm.units._played import Played
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.declaration import JOINTS, Output
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.unit import JOINTS, Output, Unit
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, resolve
 from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values

@@ -21,10 +21,8 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import measure
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.base.text import nearest
-from vdfmu.compiler.unit.declaration import Input, Output
-from vdfmu.compiler.unit.interface import Interface, interface_of
-from vdfmu.compiler.unit.unit import Unit
-from vdfmu.compiler.unit.variable import Variable
+from vdfmu.compiler.unit import Input, Output, Unit
+from vdfmu.compiler.unit.interface import Interface, Variable, interface_of
 from vdfmu.engine.fmu.variables import element_names, start_values, type_of
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
 from vdfmu.system.scenario.system_file import SystemFile

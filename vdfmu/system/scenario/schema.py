@@ -19,9 +19,9 @@ from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.arm.robot.visual import SHAPES
 from vdfmu.base.measure import unit_of
 from vdfmu.base.version import FORMAT
-from vdfmu.compiler.unit.declaration import Choice, Declared, Input, Parameter, Switch
+from vdfmu.compiler.unit import Choice, Input, Parameter, Switch, Unit
+from vdfmu.compiler.unit.declaration import Declared
 from vdfmu.compiler.unit.interface import general_description
-from vdfmu.compiler.unit.unit import Unit
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS, resolve
 from vdfmu.system.scenario.scenario_file import KEYS, PAPER_LISTS, load_system

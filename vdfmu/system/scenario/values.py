@@ -13,11 +13,10 @@ from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import nearest
-from vdfmu.compiler.unit.declaration import Derivative
-from vdfmu.compiler.unit.interface import Interface, interface_of
-from vdfmu.compiler.unit.requirements import unmet
-from vdfmu.compiler.unit.unit import Unit
-from vdfmu.compiler.unit.variable import NO_LIMIT, Variable
+from vdfmu.compiler.unit import Unit
+from vdfmu.compiler.unit.declaration import NO_LIMIT, Derivative
+from vdfmu.compiler.unit.evaluate import unmet
+from vdfmu.compiler.unit.interface import Interface, Variable, interface_of
 from vdfmu.engine.package.system import spread
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, Variables, optional
 from vdfmu.system.scenario.system_file import SystemFile

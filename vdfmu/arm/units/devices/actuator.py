@@ -8,7 +8,7 @@ import numpy as np
 
 from vdfmu.arm.units._signals import torque_limit
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, clip, minimum
-from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 
 
 class Actuator(Unit):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vdfmu.arm.units._signals import MEASURED
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, RobotParameters, Sampled, Unit, clip, minimum, where
-from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 
 _STIFF, _DAMPED = 0.05, 0.4
 
