@@ -15,7 +15,6 @@ import numpy as np
 from vdfmu.arm.drive.option import Condition
 from vdfmu.arm.drive.options import options_of
 from vdfmu.arm.robot.parameters import PARAMETERS, Row
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.arrays import Floats
 from vdfmu.base.toml_tables import Problems, value_text
 from vdfmu.compiler.scalar.generic import minimum
@@ -98,7 +97,7 @@ def check_conditions(
 
 def requirements(robot: Any) -> list[Requirement]:
     """Return the conditions of a robot, joint by joint."""
-    listed = dict.fromkeys(parameters(robot))
+    listed = dict.fromkeys(robot.entries())
     conditions = [one for option, _ in options_of(robot) for one in option.conditions]
     inertias: list[list[Entry]] = [[] for _ in range(robot.n)]
     for p in listed:

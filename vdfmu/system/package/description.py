@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.compiler.fmu.description3 import FMI_3_TYPES
 from vdfmu.compiler.unit.interface import Interface, general_description
@@ -203,7 +202,7 @@ class SystemDescription:
         shared = self._take_shared(left)
         robots: dict[str, dict[str, Entry]] = {}
         known = self.scenario.robot
-        nominal = {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)} if known else {}
+        nominal = {p.name: float(getattr(known, p.field)[p.index]) for p in known.entries()} if known else {}
         for component, entries in left.items():
             robots[component] = robot = {
                 name: (signal, values)
