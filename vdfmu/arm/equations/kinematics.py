@@ -30,16 +30,7 @@ def joint_placement(robot: Any, i: int, q_i: Any) -> tuple[np.ndarray, np.ndarra
 
 
 def joint_placements(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rotation and origin of every {B_i} in {B_(i-1)}, {B_0} = {I}, from Eq. (34)-(36).
-
-    Parameters
-    ----------
-    q : (n,) [rad or m] joint positions
-
-    Returns
-    -------
-    n times (R_AB (3, 3), p_AB (3,) [m])
-    """
+    """Rotation (3, 3) and origin (3,) [m] of every {B_i} in {B_(i-1)}, {B_0} = {I}, at `q`, from Eq. (34)-(36)."""
     return [joint_placement(robot, i, q[i]) for i in range(robot.n)]
 
 
@@ -47,10 +38,6 @@ def joint_transforms(robot: Any, q: np.ndarray) -> list[np.ndarray]:
     """Force transformations U_AB from every {B_i} to {B_(i-1)}: the product that (31) forms.
 
     ``U_(B_(i-1) B_i) = U_(B_(i-1) T_i) @ U_(T_i B_i)``: first a pure translation, then the joint.
-
-    Parameters
-    ----------
-    q : (n,) [rad or m] joint positions
     """
     return [force_transform(R_AB, p_AB) for R_AB, p_AB in joint_placements(robot, q)]
 
@@ -61,31 +48,20 @@ def tool_transform(robot: Any) -> np.ndarray:
 
 
 def frames(robot: Any) -> dict[str, Any]:
-    """Numbers that place the frames of the links and {O}, by the equations' names: what draws an arm needs."""
-    return {
-        "rotation": robot.rotation,
-        "offset": robot.offset,
-        "tool_rotation": robot.tool_rotation,
-        "tool_offset": robot.tool_offset,
-    }
+    """Arrays that place the frames of the links and {O}, by name."""
+    return {name: getattr(robot, name) for name in ("rotation", "offset", "tool_rotation", "tool_offset")}
 
 
 def poses(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Origins (3,) [m] and rotations (3, 3) of {I}, every {B_i} and {O} in {I}, by the products of (34)-(36)."""
     p, R = np.zeros(3), np.eye(3)
-    found = [(p, R)]
+    placements = [(p, R)]
     for R_AB, p_AB in [*joint_placements(robot, q), (robot.tool_rotation, robot.tool_offset)]:
         p, R = p + R @ p_AB, R @ R_AB
-        found.append((p, R))
-    return found
+        placements.append((p, R))
+    return placements
 
 
 def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the end-effector frame {O} in {I}, the last of :func:`poses`.
-
-    Returns
-    -------
-    p_O : (3,) [m] position of the origin of {O} in {I}
-    R_O : (3, 3) rotation of {O} in {I}
-    """
+    """Position (3,) [m] and rotation (3, 3) of the end-effector frame {O} in {I}, the last of :func:`poses`."""
     return poses(robot, q)[-1]

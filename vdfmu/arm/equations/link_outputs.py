@@ -22,11 +22,7 @@ class LinkOutputs(NamedTuple):
 def link_outputs(robot: Any, q: np.ndarray, V_B: list[np.ndarray], p_S: Any, R_S: Any) -> LinkOutputs:
     """Return the outputs of the links. The potential energy is 0 with a centre of mass at the height of {I}'s origin.
 
-    Parameters
-    ----------
-    q : (n,) [rad or m]
-    V_B : n times (6,) [m/s, rad/s] velocities of the links
-    p_S, R_S : (3,) [m], (3, 3) place and rotation of the base in {I}
+    `V_B` are the velocities of the links, `p_S` (3,) [m] and `R_S` (3, 3) place and rotate the base in {I}.
     """
     p_O, R_O = end_effector_pose(robot, q)
     outputs = LinkOutputs(p_S + R_S @ p_O, R_S @ R_O, [], [])

@@ -147,10 +147,3 @@ def _smallest_minor(A: Any) -> Any:
     minor_2 = a * d - b * b
     minor_3 = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
     return minimum(minimum(a, minor_2), minor_3) - STRICT
-
-
-def principal(inertia: Floats) -> tuple[Floats, Floats]:
-    """Return the principal moments of inertia, (3,), from small to large, and their right-handed axes as columns."""
-    moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    return moments, axes

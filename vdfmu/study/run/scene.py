@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.equations.kinematics import frames
+from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.physical import principal
 from vdfmu.arm.units.screw import Screw
 from vdfmu.arm.units.wall import Wall
 from vdfmu.base.arrays import with_named
