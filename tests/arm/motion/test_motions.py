@@ -180,7 +180,7 @@ def test_motions_can_be_joined_and_slowed_down():
 def test_motions_that_do_not_meet_are_not_joined():
     one, other = motions.waypoints(POINTS, TIMES), motions.waypoints(POINTS[1:], TIMES[1:])
     for parts in ([one, other], [one, motions.rest(np.zeros(3), 1.0)]):
-        with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, where motion 1 ends, got"):
+        with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, the end of motion 1, got"):
             motions.joined(parts)
     with pytest.raises(UsageError, match="joined: expected motions, got none"):
         motions.joined([])

@@ -31,7 +31,7 @@ Path_ = str | os.PathLike[str]
 
 
 class Imported(NamedTuple):
-    """A robot, the text of its robot file, and notes on how it came about."""
+    """A robot, the text of its robot file, and notes on the import."""
 
     robot: Robot
     text: str
@@ -45,17 +45,17 @@ def robot_from_urdf(
     drives: Path_ | None = None,
     density: float | None = None,
 ) -> Robot:
-    """Return an arm of a URDF, with drives from a file or assumed ones.
+    """Return an arm of a URDF, with drives from a file or assumed drives.
 
     Parameters
     ----------
     path : path
         The URDF.
     base : str, optional
-        Link that stands still, whose frame is {I}; default the root of the file.
+        Link that stands still, with the frame {I}; default the root of the file.
     tip : str, optional
-        Link whose origin is that of the end effector's frame {O}; default the last one, where the file has one arm
-        only. Joints beside the arm are held at 0.
+        Link at the origin of the end-effector frame {O}; default the last link if the file has only one arm. Joints
+        beside the arm are held at 0.
     drives : path, optional
         TOML file with the drives, by names of joints.
     density : float [kg/m3], optional
@@ -76,14 +76,7 @@ def robot_from_urdf(
 def robot_from_mjcf(path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None) -> Robot:
     """Return an arm of a MuJoCo file; its root is the world. Needs the package mujoco.
 
-    Parameters
-    ----------
-    path, base, tip, drives
-        See :func:`robot_from_urdf`, with its errors.
-
-    Returns
-    -------
-    Robot
+    Arguments and errors: see :func:`robot_from_urdf`.
     """
     return import_robot(path, base, tip, drives, kind="mujoco").robot
 
@@ -98,23 +91,14 @@ def import_robot(
     out: Path_ | None = None,
     kind: str = "",
 ) -> Imported:
-    """Make a robot file from a URDF or a MuJoCo file.
+    """Make a robot file from a URDF or a MuJoCo file; see :func:`robot_from_urdf`.
 
     Parameters
     ----------
-    path, base, tip, drives, density
-        See :func:`robot_from_urdf`.
     out : path, optional
-        Where the robot file will be, from which it names its meshes; default the folder of `path`.
+        Place of the robot file, for relative paths of meshes; default the folder of `path`.
     kind : str
-        Root element that the file must have; default either, "robot" or "mujoco".
-
-    Raises
-    ------
-    ModelError
-        With every problem found.
-    UsageError
-        If a package is missing.
+        Required root element, "robot" or "mujoco"; default either.
     """
     path = Path(path)
     if density is not None and not 0.0 < (as_number(density) or 0.0) < np.inf:
@@ -144,7 +128,7 @@ def import_robot(
 
 
 def parse_file(path: Path) -> Any:
-    """Return the root element of an XML file; `ModelError` if it is not one, or has elements of xacro."""
+    """Return the root element of an XML file; ModelError for another file or elements of xacro."""
     data = read_bytes(path, "a URDF or MJCF file", _LARGEST)
     try:
         root = parse_xml(data, str(path))

@@ -1,4 +1,4 @@
-"""Mass and inertia of bodies: joined from links, given by a file of drives, or that of shapes of one density."""
+"""Mass and inertia of bodies: joined from links, from a file of drives, or of shapes with one density."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def joined(parts: Sequence[Mass]) -> Mass:
 
 
 def of_shapes(shapes: Iterable[Visual]) -> Mass | None:
-    """Return mass and inertia of solid shapes of 1 kg/m3, their volumes added; None for none, and for a mesh."""
+    """Return mass and inertia of solid shapes of 1 kg/m3, their volumes added; None without shapes or with a mesh."""
     parts: list[Mass] = []
     for shape in shapes:
         size: Any = shape.size
@@ -61,15 +61,14 @@ def of_shapes(shapes: Iterable[Visual]) -> Mass | None:
 def with_inertia(
     bodies: Sequence[Body], chosen: Sequence[Numbers], density: float | None, file: str, tree: Tree
 ) -> tuple[Body, ...]:
-    """Return bodies with the numbers of ``link`` that a file of drives has, and else with their shapes' inertia.
+    """Return bodies with the numbers of ``link`` in a file of drives, or else with their shapes' inertia.
 
-    Shapes count where a body has no mass, or no inertia, and their density [kg/m3] is given, or the mass of the body.
-    Bodies, and their entries `chosen` of the file of drives, to which numbers of shapes are added, go from base to
-    tip; `file` is the robot's, for sources. `tree` takes notes, and problems with bodies that stay without mass or
-    inertia and with inertias that no body has.
+    Shapes count if a body lacks mass or inertia, and their density [kg/m3] or the mass of the body is known. Bodies,
+    and their entries `chosen` of the file of drives, go from base to tip; numbers of shapes are added to `chosen`.
+    `file` is the robot's, for sources. `tree` takes notes and problems.
     """
     problems = tree.problems
-    found: list[Body] = []
+    wholes: list[Body] = []
     for body, numbers in zip(bodies, chosen, strict=True):
         rows = section("link")
         names = ", ".join(body.links)
@@ -86,7 +85,7 @@ def with_inertia(
                 values[row.name] = solid[row.name]
                 numbers[row.path] = solid[row.name], f"Assumed: {solid_of}"
         whole = replace(body, **values)
-        found.append(whole)
+        wholes.append(whole)
         ways = (
             f"Give them by --drives: [{body.joint.name}] link = {{ mass, centroid, inertia }}; the mass alone, or "
             "--density, will do for a body of boxes, cylinders and spheres"
@@ -101,4 +100,4 @@ def with_inertia(
             problems.add(f"link {names}", "positive definite, in kg.m2", got, f"{ways}.")
         else:
             check_inertia(problems, f"link {names}", whole.inertia)
-    return tuple(found)
+    return tuple(wholes)

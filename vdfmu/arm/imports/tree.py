@@ -14,29 +14,19 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.toml_tables import Problems
 
 MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
-"""Kinds of joints that an arm of vdfmu can have, to their type in its robot file."""
-
-
+"""Kinds of joints that an arm can have, to their type in its robot file."""
 _MOST_NAMES = 12
 """Most names that a text lists."""
 
 
 class Placement(NamedTuple):
-    """A frame in another one.
-
-    Attributes
-    ----------
-    R : (3, 3)
-        Its axes as columns.
-    p : (3,) [m]
-        Its origin.
-    """
+    """A frame in another frame: its axes as columns, (3, 3), and its origin (3,) [m]."""
 
     R: Floats
     p: Floats
 
     def __matmul__(self, inner: Placement) -> Placement:
-        """Return the placement, in the outer frame, of what `inner` places in this one."""
+        """Return the placement of `inner`, a frame in this frame, in the outer frame."""
         return Placement(self.R @ inner.R, self.p + self.R @ inner.p)
 
 
@@ -44,7 +34,7 @@ class Placement(NamedTuple):
 class RigidLink:
     """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, both in the link's frame.
 
-    `collisions` are shapes of one that has no inertia.
+    `collisions` are for links without inertia.
     """
 
     name: str
@@ -56,76 +46,56 @@ class RigidLink:
 
     @property
     def solid(self) -> tuple[Visual, ...]:
-        """The shapes to take for the link's own: those of collisions, if they have no mesh, which are the simpler."""
+        """Shapes for the link's mass: the simpler collisions, or visuals if these are meshes."""
         meshes = [shape for shape in self.collisions if shape.shape == "mesh"]
         return self.visuals if meshes or not self.collisions else self.collisions
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint.
-
-    Attributes
-    ----------
-    name, parent, child : str
-    kind : str
-        URDF's word: one of `MOVING`, "fixed", or one that is refused.
-    placement : Placement
-        Pose of the child link's frame in the parent's frame, at q = 0.
-    axis : (3,)
-        Unit vector in the child's frame.
-    given : mapping
-        Values in the file: lower, upper, effort, velocity, damping, friction, armature, SI units, link-side.
-    follows : str
-        The joint that it mimics; empty for none.
-    """
+    """A joint."""
 
     name: str
     kind: str
+    """URDF's word: in `MOVING`, "fixed", or unsupported."""
     parent: str
     child: str
     placement: Placement
+    """Pose of the child link's frame in the parent's frame, at q = 0."""
     axis: Floats
+    """Unit vector (3,) in the child's frame."""
     given: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Values in the file: lower, upper, effort, velocity, damping, friction, armature, SI units, link-side."""
     follows: str = ""
+    """The joint that it mimics; empty for none."""
 
 
 Numbers = dict[str, tuple[Any, str]]
-"""Path in a robot file, such as ``joints.drive.ell``, to the number or array there and where it is from."""
+"""Path in a robot file, such as ``joints.drive.ell``, to the number or array there and its source."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The body that one joint moves, in the frame {B_i} of a robot file.
-
-    Attributes
-    ----------
-    joint : Joint
-    links : tuple of str
-        Names of the links that have mass, which are joined to one body; of all where none has.
-    placement : Placement
-        Pose of {B_i} in {B_(i-1)} at q = 0.
-    mass, centroid, inertia
-        Entries of a robot file; 0 where the robot's file has none.
-    shapes : tuple of Visual
-        Shapes of its links, for a body without inertia.
-    """
+    """The body that one joint moves, in the frame {B_i} of a robot file. Missing mass and inertia are 0."""
 
     joint: Joint
     links: tuple[str, ...]
+    """Names of the joined links with mass, or of all links without mass."""
     placement: Placement
+    """Pose of {B_i} in {B_(i-1)} at q = 0."""
     mass: float
     centroid: Floats
     inertia: Floats
     shapes: tuple[Visual, ...] = ()
+    """Shapes of its links, for a body without inertia."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tree:
     """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward.
 
-    Gravity is `standard` where the file has none. `notes` are for the user; `loops` are what closes chains in addition
-    to joints: name, and the links that it joins.
+    Gravity is `standard` if the file lacks it. `notes` are for the user. `loops` close chains in addition to joints:
+    name, and the joined links.
     """
 
     name: str
@@ -151,10 +121,10 @@ class Tree:
 
     @cached_property
     def _below(self) -> dict[str, list[Joint]]:
-        found: dict[str, list[Joint]] = {}
+        below: dict[str, list[Joint]] = {}
         for joint in self.joints:
-            found.setdefault(joint.parent, []).append(joint)
-        return found
+            below.setdefault(joint.parent, []).append(joint)
+        return below
 
     @cached_property
     def coupled(self) -> frozenset[str]:

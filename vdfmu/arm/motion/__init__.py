@@ -1,8 +1,4 @@
-"""Motions that are worked out before the run, to polynomials that the unit of a motion plays.
-
-``load_motion`` reads one from a file, the others make one; :meth:`Motion.unit` is the unit that takes the place of a
-scenario's trajectory.
-"""
+"""Motions calculated before the run, as polynomials for a unit that replaces a scenario's trajectory."""
 
 from vdfmu.arm.motion.cartesian import circle, line
 from vdfmu.arm.motion.excitation import multisine, sweep

@@ -31,22 +31,22 @@ def multisine(
     velocity: npt.ArrayLike | None = None,
     acceleration: npt.ArrayLike | None = None,
 ) -> Motion:
-    """Return a sum of sines about a pose, for whole periods between two more in which it grows and fades.
+    """Return a sum of sines about a pose, for whole periods between a period of growth and a period of decay.
 
-    Lines have equal amplitudes. Of joint j, from 0, the time is shifted by j / n of the period.
+    Lines have equal amplitudes. The time of joint j, from 0, is shifted by j / n of the period.
 
     Parameters
     ----------
     start : (n,) [rad or m]
     amplitude : float or (n,) [rad or m]
-        Largest deviation from `start` in a period; less where a limit asks for it, with a note. 0: the joint rests.
+        Largest deviation from `start` in a period; a limit reduces it, with a note. 0: the joint rests.
     lines : sequence of int
         Frequencies, as multiples of 1 / `period`.
     period : float [s]
     periods : int
         Periods of full amplitude, from `period` to ``(1 + periods) period``.
     phases : "schroeder" or "random"
-        Phases by Schroeder (1970), which keep the peaks low, or random ones, different for each joint.
+        Phases of low peaks by Schroeder (1970), or random phases of each joint.
     seed : int
         Seed of random phases.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
@@ -55,7 +55,7 @@ def multisine(
     Raises
     ------
     UsageError
-        For what does not fit.
+        If an argument does not fit.
     """
     q = np.atleast_1d(np.array(start, dtype=float))
     k = np.array(lines, dtype=float)
@@ -99,23 +99,18 @@ def sweep(
     velocity: npt.ArrayLike | None = None,
     acceleration: npt.ArrayLike | None = None,
 ) -> Motion:
-    """Return a sine about a pose whose frequency goes from one to another, and which grows and fades at the ends.
+    """Return a sine about a pose with a changing frequency, growing and fading at the ends.
+
+    Other arguments and errors: see :func:`multisine`.
 
     Parameters
     ----------
-    start, amplitude, velocity, acceleration
-        See :func:`multisine`.
     frequencies : (float, float) [Hz]
         At the start and at the end.
     duration : float [s]
-        A tenth of it at each end is for growing and fading.
+        It grows and fades over a tenth of it at each end.
     law : "linear" or "logarithmic"
         How the frequency changes in time.
-
-    Raises
-    ------
-    UsageError
-        For what does not fit.
     """
     q = np.atleast_1d(np.array(start, dtype=float))
     both = np.array(frequencies, dtype=float)
@@ -142,7 +137,7 @@ def sweep(
 
 
 def _check_length(most_periods: float, q: Floats) -> None:
-    """Raise UsageError for more periods of the highest frequency than a unit takes, and for no pose."""
+    """Raise UsageError for too many periods of the highest frequency, or if `q` is not a pose."""
     if q.ndim != 1 or not q.size or not np.all(np.isfinite(q)):
         raise UsageError(f"start: expected a position for each joint, got {q}.")
     most = MOST_NUMBERS / (_KNOTS * 6.0 * q.size)
@@ -154,17 +149,10 @@ def _check_length(most_periods: float, q: Floats) -> None:
 
 
 def _about(
-    q: Floats,
-    amplitude: npt.ArrayLike,
-    wave: Callable[[Floats], Floats],
-    peak: Floats,
-    duration: float,
-    ramp: float,
-    highest: float,
-    velocity: npt.ArrayLike | None,
-    acceleration: npt.ArrayLike | None,
-) -> Motion:
-    """Return a wave (m, n) of a peak (n,) about a pose, with ramps, whose highest frequency is given [Hz]."""
+    q: Floats, amplitude: npt.ArrayLike, wave: Callable[[Floats], Floats], peak: Floats, duration: float, ramp: float,
+    highest: float, velocity: npt.ArrayLike | None, acceleration: npt.ArrayLike | None,
+) -> Motion:  # fmt: skip
+    """Return a wave (m, n) with a peak (n,) about a pose, with ramps; `highest` is its highest frequency [Hz]."""
     try:
         most = np.broadcast_to(np.asarray(amplitude, dtype=float), q.shape)
     except ValueError:
@@ -188,6 +176,6 @@ def _about(
 
 
 def smooth_step(x: Floats) -> Floats:
-    """Return the polynomial of degree 9 from 0 at 0 to 1 at 1 with four derivatives that are 0 there; held outside."""
+    """Return the polynomial of degree 9 from 0 at 0 to 1 at 1 with four zero derivatives there; held outside."""
     x = np.clip(x, 0.0, 1.0)
     return x**5 * (126.0 + x * (-420.0 + x * (540.0 + x * (-315.0 + 70.0 * x))))

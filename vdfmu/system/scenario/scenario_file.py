@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from vdfmu.arm.motion.polynomial import rest
+from vdfmu.arm.motion import rest
 from vdfmu.arm.motion.read import read_motion
 from vdfmu.arm.robot.own_drive import drive_text
 from vdfmu.arm.robot.parameters import PARAMETERS, read_only, section
