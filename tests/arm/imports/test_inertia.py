@@ -123,7 +123,7 @@ def test_joints_keep_their_names(urdf, tmp_path):
     data = robot.to_dict()
     data["joints"][2]["name"] = "a"
     with pytest.raises(
-        vdfmu.VdfmuError, match=r"joints\[3\].name: expected a name of its own, got that of joints\[1\]"
+        vdfmu.VdfmuError, match=r"joints\[3\].name: expected its own name, got the name of joints\[1\]"
     ):
         robot_from_dict(data)
     plain = vdfmu.load_robot("planar_2dof")
