@@ -76,7 +76,7 @@ def test_a_singular_pose_is_found_where_the_closed_form_has_it(planar):
     q = np.array([0.3, 0.8])
     p, _ = vdfmu.forward_kinematics(planar, q)
     outward = p / np.linalg.norm(p)
-    with pytest.raises(UsageError, match=r"got a singular one: joint 2, at (\S+), would") as caught:
+    with pytest.raises(UsageError, match=r"got a singular pose: joint 2, at (\S+), would") as caught:
         motions.line(planar, q, 0.9 * outward, duration=1.0)  # to the stretched arm
     (at,) = np.array(str(caught.value).split("joint 2, at ")[1].split(",")[:1], dtype=float)
 
@@ -130,7 +130,7 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
         ({"dwell": -0.1}, "dwell: expected one time above 0 s"),
         ({"tolerance": 0.0}, "tolerance: expected more than 0"),
         ({"speed": np.inf}, "speed: expected more than 0"),
-        ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular one: joint 2, at 0,"),
+        ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular pose: joint 2, at 0,"),
         ({"speed": 0.1}, "duration: expected at least the"),
         ({"velocity": [1.0, 1.0, 1.0]}, "velocity: expected a number above 0 for all joints, or 2"),
     ],

@@ -96,7 +96,7 @@ def test_waypoints_report_every_problem():
         motions.waypoints(POINTS, velocity=np.inf, acceleration=1.0)
     with pytest.raises(UsageError, match="dwell: expected"):
         motions.waypoints(POINTS, duration=1.0, dwell=np.inf)
-    with pytest.raises(UsageError, match="point 3: expected another position"):
+    with pytest.raises(UsageError, match="point 3: expected a position other than"):
         motions.waypoints([[0.0], [1.0], [1.0]], duration=1.0)
 
 

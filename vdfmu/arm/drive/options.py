@@ -31,7 +31,7 @@ OPTIONS: dict[OptionName, DriveOption] = {
     "counterbalance": COUNTERBALANCE,
 }
 """Name of a robot's flag and table to the option, in the order of the sums over options."""
-STATELESS = tuple(name for name, option in OPTIONS.items() if option.state is None)
+STATELESS: tuple[OptionName, ...] = tuple(name for name, option in OPTIONS.items() if option.state is None)
 """Options that every joint unit has."""
 
 

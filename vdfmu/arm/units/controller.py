@@ -1,4 +1,4 @@
-"""The unit PDController: feedback, and the torque that the motors are asked for."""
+"""The unit PDController: feedback and the commanded motor torque."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The unit TorqueEstimator: spring torques from what a robot measures."""
+"""The unit TorqueEstimator: spring torques from measured positions."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class TorqueEstimator(Unit):
 
     def outputs(self) -> None:
         """Both estimates."""
-        found = torque_estimates(self.robot, self.q, self.kappa, self.tau, self.tau_hat_max)
-        self.tau_s_hat, self.tau_f_hat = found.tau_s_hat, found.tau_f_hat
+        estimates = torque_estimates(self.robot, self.q, self.kappa, self.tau, self.tau_hat_max)
+        self.tau_s_hat, self.tau_f_hat = estimates.tau_s_hat, estimates.tau_f_hat
 
     def experiment(self) -> None:
         """Move a little, with deformations of the size that catalogue drives have."""

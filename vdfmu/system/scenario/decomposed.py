@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import OPTIONS
+from vdfmu.arm.drive.options import OPTIONS, STATELESS
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Row
 from vdfmu.arm.units import package_units
 from vdfmu.arm.units.feedforward import Feedforward
-from vdfmu.arm.units.pieces._piece import STATELESS
 from vdfmu.arm.units.pieces.arm_base import ArmBase
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
