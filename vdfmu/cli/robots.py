@@ -93,7 +93,7 @@ def import_file(
     The file names the source of each number.
     """
     from vdfmu.arm.imports import import_robot
-    from vdfmu.arm.robot.robot import joint_free
+    from vdfmu.arm.robot import joint_free
     from vdfmu.base.files import write_whole
 
     target = target_file(out, f"{file.stem}.toml", overwrite)

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot.parameters import PARAMETERS, Array
-from vdfmu.arm.robot.robot import Robot
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
 from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, ResolvedSystem, resolve
@@ -71,7 +72,7 @@ class Scenario:
     master: str
     adaptive: float | None
     tolerance: float
-    plant_factors: Mapping[str, Array | float]
+    plant_factors: Mapping[str, Floats | float]
     sections: Mapping[str, Mapping[str, Any]]
     paper: Mapping[str, Any]
     inputs: Any = None
@@ -112,9 +113,9 @@ class Scenario:
         return robot.with_parameters(payload_mass=0.0, payload_inertia=_TINY * robot.payload_inertia)
 
 
-def apply_factors(robot: Robot, factors: Mapping[str, Array | float]) -> Robot:
+def apply_factors(robot: Robot, factors: Mapping[str, Floats | float]) -> Robot:
     """Return the robot with fields scaled; a factor of shape (n,) has one entry a joint."""
-    scaled: dict[str, Array] = {}
+    scaled: dict[str, Floats] = {}
     for key, factor in factors.items():
         nominal = getattr(robot, key)
         per_joint = np.asarray(factor, dtype=float)

@@ -10,8 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
-from vdfmu.arm.robot import load_robot
-from vdfmu.arm.robot.robot import ENDS, Robot
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.parameters import ENDS
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.once import cached_per_command
 from vdfmu.base.text import nearest
@@ -34,7 +34,7 @@ class Part:
     robot: Robot | None = None
     """Robot of the component's own; None: that of the scenario."""
     ends: tuple[str, ...] = ()
-    """Flags that its robot has here, of :data:`~vdfmu.arm.robot.robot.ENDS`."""
+    """Flags that its robot has here, of :data:`~vdfmu.arm.robot.parameters.ENDS`."""
 
     def robot_of(self, robot: Robot | None) -> Robot | None:
         """Return the robot of the component in a scenario with a robot, or without one."""
