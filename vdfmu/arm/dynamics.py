@@ -30,7 +30,6 @@ def inverse_dynamics(
 
     Parameters
     ----------
-    robot : Robot
     q, q_dot, q_ddot : (n,) or (m, n) [rad or m, and per s, s2]
         One state or a batch of m; a single row combines with a batch.
     F_e : (6,) or (m, 6) [N, N m], optional
@@ -77,7 +76,6 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
 
     Parameters
     ----------
-    robot : Robot
     q : (n,) or (m, n) [rad or m]
         One position or a batch of m; errors: see :func:`inverse_dynamics`.
 

@@ -36,7 +36,7 @@ def build_fmus(
     step: float = 1e-3,
     progress: Shown = None,
 ) -> dict[str, Path]:
-    """Build FMUs of units, each ``<Name>.fmu``.
+    """Build FMUs of units, each ``<Name>.fmu``, and return their paths by the unit's name.
 
     The same sources, robot, start values and options give the same bytes. An FMU of an earlier build of these, with
     at least the requested platforms, stays; any other is replaced.
@@ -69,11 +69,6 @@ def build_fmus(
         Time between steps of an eFMU without sampled states; others have their period.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
-
-    Returns
-    -------
-    dict of str to Path
-        Name of the unit to its FMU.
 
     Raises
     ------

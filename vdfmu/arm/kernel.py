@@ -30,11 +30,6 @@ _WORTH = 50_000
 """States in batches of one function from which it is compiled: compiling takes as long as they do uncompiled."""
 
 
-def _pose(robot: Any, q: Any) -> Any:
-    """Position and rotation of {O} in {I}, in one vector."""
-    return np.concatenate([np.ravel(part) for part in end_effector_pose(robot, q)])
-
-
 def _of_drives(dynamics: Callable[..., Any]) -> Callable[..., Any]:
     """Return an inverse dynamics for the torques of the drives alone."""
     return lambda robot, q, *rest: dynamics(robot, q, *rest) - link_torques(robot, q)
@@ -50,7 +45,7 @@ FUNCTIONS: dict[str, tuple[tuple[str, ...], str, Callable[..., Any]]] = {
     # for contrast only, section IV-A
     "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(newton_euler)),
     "forward_dynamics": (("q", "q_dot", "tau", "F_e"), "q_ddot", _driven),
-    "forward_kinematics": (("q",), "pose", _pose),
+    "forward_kinematics": (("q",), "pose", lambda *a: np.concatenate([np.ravel(x) for x in end_effector_pose(*a)])),
     "jacobian": (("q",), "J_q", jacobian),
     "mass_matrix": (("q",), "M", joint_space_mass_matrix),
 }
@@ -67,15 +62,7 @@ def trace(name: str, robot: Robot) -> ca.Function:
 
 
 class Kernel(Functions):
-    """The functions of :data:`FUNCTIONS` for one robot structure.
-
-    Parameters
-    ----------
-    robot : Robot
-        Its structure decides the functions; `p` holds the values of its run-time parameters.
-    cache : path, None or "default"
-        See :class:`~vdfmu.compiler.functions.traced.Functions`.
-    """
+    """The functions of :data:`FUNCTIONS` for one robot structure; `p` holds the values of its run-time parameters."""
 
     def __init__(self, robot: Robot, cache: Path | None | str = "default") -> None:
         super().__init__(robot.key(), cache)

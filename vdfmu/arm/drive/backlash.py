@@ -24,7 +24,6 @@ class BacklashRows:
     w_gap: Array = row("backlash", "position", "width of the backlash, link-side", "", 1.0, 0.0)
     tau_gap: Array = row(
         "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE, start=1.0)
-    # fmt: on
 
 
 def gap_deformation(robot: Any, tau_s: Any) -> Any:

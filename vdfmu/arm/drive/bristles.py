@@ -25,7 +25,6 @@ class BristlesRows:
     # fmt: off
     sigma_0: Array = row("bristles", "stiffness", "stiffness of the bristles, link-side", "", 1e12, POSITIVE)
     sigma_1: Array = row("bristles", "damping", "damping of the bristles, link-side", "", 1e9, 0.0)
-    # fmt: on
 
 
 def bristle_rate(robot: Any, velocity: Any, tau_z: Any, level: Any) -> Any:

@@ -36,7 +36,6 @@ class CounterbalanceRows:
     L_cb: Array = row(
         "counterbalance", "m", "length of the gas column at dead centre", "", 1e6, 0.0, default=0.0, part_of="F_cb",
         hint="It is the volume of the gas there over the area of the piston.", start=1.0)
-    # fmt: on
 
 
 def stroke(robot: Any, i: int, q: Any) -> tuple[Any, Any]:

@@ -32,7 +32,6 @@ class LimitsRows:
         "limits", "1", "share of the no-load speed up to which the motor has its largest torque", "", 0.99, 0.0,
         default=0.0, fold="zeros", given="velocity",
         hint="Give 0 for a line from standstill, 0.95 for a drive that limits the speed.", start=0.9)
-    # fmt: on
 
 
 def _positive(x: Any) -> Any:

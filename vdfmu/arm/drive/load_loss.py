@@ -19,7 +19,6 @@ class LoadLossRows:
     mu_l: Array = row(
         "load_loss", "1", "friction of the mesh over the torque that the drive carries", "", 1.0, 0.0,
         scaled_as="friction")
-    # fmt: on
 
 
 def mesh_friction(robot: Any, kappa_dot: Any, load: Any) -> Any:

@@ -24,7 +24,6 @@ class ThermalRows:
     T_amb: Array = row("thermal", "K", "temperature of the surroundings", "", 1e4, 0.0)
     C_th: Array = row("thermal", "J/K", "heat capacity of the joint", "", 1e9, POSITIVE)
     G_th: Array = row("thermal", "W/K", "heat flow to the surroundings over the rise of temperature", "", 1e6, 0.0)
-    # fmt: on
 
 
 def warm_viscosity(f_v: Any, robot: Any, T_j: Any = None) -> Any:

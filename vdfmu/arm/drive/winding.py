@@ -23,7 +23,6 @@ class WindingRows:
     U_max: Array = row("winding", "V", "largest voltage", "", 1e9, POSITIVE)
     i_max: Array = row("winding", "A", "largest current", "", 1e9, POSITIVE)
     w_i: Array = row("winding", "1/s", "bandwidth of the current loop", "", 1e9, POSITIVE)
-    # fmt: on
 
 
 def winding_voltage(robot: Any, tau: Any, kappa_dot: Any, i_m: Any) -> Any:

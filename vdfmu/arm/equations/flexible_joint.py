@@ -134,14 +134,10 @@ def axial_torques(F_Dk: list[np.ndarray]) -> np.ndarray:
 
 
 def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
-    """Acceleration of the rotors from the torque about their axes, Eq. (7) and (10).
+    """Acceleration kappa_ddot (n,) [rad/s2 or m/s2] of the rotors from the torque about their axes, Eq. (7) and (10).
 
     ``I_m kappa_ddot + I_m / ell z.T (U_BD.T V_A_dot) = tau_k`` [N m], with {A} on the link that carries the rotor.
     Without the `motion` of the links the rotors turn about their axes alone, Eq. (56).
-
-    Returns
-    -------
-    kappa_ddot : (n,) [rad/s2 or m/s2]
     """
     kappa_ddot = tau_k / robot.I_m
     if motion is None or not robot.rotor_coupling:
@@ -154,10 +150,10 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
 # the spring
 
 
-def stretch_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any) -> Any:
-    """Rate at which the drive is deformed, the derivative of ``kappa - q - theta_err(kappa)``: (n,) [rad/s or m/s]."""
-    slope = kinematic_error_slope(robot, kappa)
-    return kappa_dot * (1.0 - slope) - q_dot
+def stretch_rate(robot: Any, state: PlantState) -> Any:
+    """Rate of the drives' deformation, the derivative of ``kappa - q - theta_err(kappa)``: (n,) [rad/s or m/s]."""
+    slope = kinematic_error_slope(robot, rotor_position(robot, state.q, state.tau_s))
+    return state.kappa_dot * (1.0 - slope) - state.q_dot
 
 
 def spring(robot: Any, tau_s: Any) -> Spring:
@@ -168,12 +164,12 @@ def spring(robot: Any, tau_s: Any) -> Spring:
     return springs
 
 
-def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) -> Any:
+def spring_rate(robot: Any, state: PlantState) -> Any:
     """Rate of the spring torque, from the derivative of ``kappa - q - theta_err(kappa) = D(tau_s)``.
 
     With the torque as state, the implicit equations (2)-(3) and the pole of the tangent are gone: (n,) [N m/s or N/s].
     """
-    return stretch_rate(robot, kappa, kappa_dot, q_dot) / spring(robot, tau_s).compliance
+    return stretch_rate(robot, state) / spring(robot, state.tau_s).compliance
 
 
 def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
@@ -200,18 +196,12 @@ def rotor_torque(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
     return tau - tau_s / robot.ell - xi_m
 
 
-def _stretch(robot: Any, state: PlantState) -> Any:
-    """Rate at which the drives are deformed: (n,) [rad/s or m/s]."""
-    kappa = rotor_position(robot, state.q, state.tau_s)
-    return stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
-
-
 def _parallel(robot: Any, state: PlantState) -> Parallel:
     """Sum of the options' laws beside the springs."""
     laws = [(option.parallel, own) for option, own in options_of(robot, state.options) if option.parallel]
     if not laws:
         return Parallel()
-    stretch = _stretch(robot, state)
+    stretch = stretch_rate(robot, state)
     return Parallel(*map(sum, zip(*(law(robot, stretch, own) for law, own in laws), strict=True)))
 
 
@@ -226,12 +216,9 @@ def link_torques(robot: Any, q: Any, q_dot: Any = None) -> Any:
 
 
 def plant_torques(robot: Any, state: PlantState, tau: Any) -> tuple[Any, Any]:
-    """Torques on links and rotors with options, (n,) each.
+    """Torques with options on links, ``tau_s - xi_l`` of (9), and rotors, ``z.T F_Dk = tau - tau_s / ell - xi_m`` (11).
 
-    Returns
-    -------
-    tau_l : (n,) [N m or N], link-side, ``tau_s - xi_l`` of (9)
-    tau_k : (n,) [N m], motor-side, ``z.T F_Dk = tau - tau_s / ell - xi_m`` after (11)
+    (n,) each: tau_l [N m or N], link-side, tau_k [N m], motor-side.
     """
     load = drive_torque(robot, state)
     xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot, load, state.options)
@@ -253,7 +240,7 @@ def option_rates(robot: Any, state: PlantState, tau: Any) -> dict[str, Any]:
     rates: dict[str, Any] = {}
     if not state.options:
         return rates
-    stretch, loss = _stretch(robot, state), drive_losses(robot, state)
+    stretch, loss = stretch_rate(robot, state), drive_losses(robot, state)
     motion = JointMotion(*_sliding(robot, state), stretch=stretch, tau=tau, loss=loss)
     for option, own in options_of(robot, state.options):
         if option.state and option.rate:

@@ -120,7 +120,7 @@ def forward_dynamics(
     robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray = NO_WRENCH,
     F_Dk: list[np.ndarray] | None = None, base: Base = AT_REST, load: Hanging | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """Joint accelerations of the arm by the articulated recursion. The cost is O(n).
+    """Joint accelerations (n,) [rad/s2 or m/s2] of the arm by the articulated recursion. The cost is O(n).
 
     The recursion eliminates V_B_dot from (44)-(47) link by link, from the end effector to the base: all bodies
     beyond link i act on it like one body with mass matrix M_A and force p_A (Featherstone 2008, table 7.1, in the
@@ -136,10 +136,6 @@ def forward_dynamics(
         because the torque about the rotor's axis is known: the recursion covers the links alone.
     load : Hanging, optional
         A body that hangs on the last link, in {B_n}.
-
-    Returns
-    -------
-    q_ddot : (n,) [rad/s2 or m/s2]
     """
     a = articulated(robot, q, q_dot, tau, F_e, F_Dk, base, load)
 

@@ -69,17 +69,12 @@ def friction_velocity(robot: Any, q_dot: Any, kappa_dot: Any) -> Any:
 def joint_friction(
     robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None
 ) -> tuple[Any, Any]:
-    """Friction on the link and on the rotor in the robot's arrangement.
+    """Friction on the link, (n,) [N m or N], link-side, and on the rotor, (n,) [N m], motor-side.
 
     ``lumped`` (default, "typically identified as one item"): (54) acts on the rotor, f_ck is omitted.
     ``split`` (the paper's simulation text): (54) acts on the link, (55) on the rotor. It self-excites: the
     falling Stribeck branch has a slope down to -17 N m s/rad on wrist axes of 0.002 kg m2. No feedback through the
     spring damps that. `load` is the torque of the drive, (n,) [N m or N], link-side.
-
-    Returns
-    -------
-    xi_l : (n,) [N m or N], link-side, on the link
-    xi_m : (n,) [N m], motor-side, on the rotor
     """
     velocity = friction_velocity(robot, q_dot, kappa_dot)
     xi = stribeck_friction(robot, velocity, states)

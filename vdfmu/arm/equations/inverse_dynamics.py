@@ -101,7 +101,7 @@ def gravity_in_links(robot: Any, U_AB: list[np.ndarray], base: Base = AT_REST) -
 def link_forces(
     robot: Any, motion: ChainMotion, F_e: np.ndarray = NO_WRENCH, F_Dk: list[np.ndarray] | None = None
 ) -> list[np.ndarray]:
-    """Force and torque on every driven cutting point, Eq. (44)-(47).
+    """Force and torque on every driven cutting point, Eq. (44)-(47): n times (6,) [N, N m] in {B_i}.
 
     Deviation: (46) leaves out the rotor's reaction on its base, ``U_BD F_Dk`` of (11); here it is added.
 
@@ -109,10 +109,6 @@ def link_forces(
     ----------
     F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O} ({B_6} in the paper).
     F_Dk : n times (6,) [N, N m] force from the base to every rotor, in {D_i}; None is 0.
-
-    Returns
-    -------
-    F_B : n times (6,) [N, N m] in {B_i}
     """
     g_B = gravity_in_links(robot, motion.U_AB, motion.base)
     F_B_star: list[np.ndarray] = []
@@ -146,16 +142,14 @@ def inverse_dynamics(
 ) -> np.ndarray:  # fmt: skip
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47). The cost is O(n).
 
+    (n,) [N m or N], link-side, on the links: of drives and of counterbalances, see :func:`.link_torques`.
+
     Parameters
     ----------
     q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
     rotors : (kappa_dot, kappa_ddot), each (n,), optional
         Motion of rotors whose reaction on the links counts, Eq. (11); without it the links are alone.
-
-    Returns
-    -------
-    tau : (n,) [N m or N], link-side, on the links: of drives and of counterbalances, see :func:`.link_torques`
     """
     motion = link_motion(robot, q, q_dot, q_ddot, base=base)
     F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)

@@ -43,12 +43,8 @@ def jacobian(robot: Any, q: np.ndarray) -> np.ndarray:
 def joint_space_jacobian(robot: Any, q: np.ndarray) -> np.ndarray:
     """Inverse J_a of the Jacobian, Eq. (39), for six joints away from singular positions (floats only).
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If J_q is singular, as at q_5 = 0, the start of trajectory (57): (39) does not exist there.
-    ValueError
-        If the arm does not have six joints.
+    LinAlgError if J_q is singular, as at q_5 = 0, the start of trajectory (57): (39) does not exist there. ValueError
+    if the arm does not have six joints.
     """
     J_q = jacobian(robot, q)
     if J_q.shape != (6, 6):

@@ -30,7 +30,7 @@ from vdfmu.arm.equations.inverse_dynamics import (
     link_motion,
     link_velocities,
 )
-from vdfmu.arm.equations.link_outputs import link_outputs
+from vdfmu.arm.equations.kinematics import link_outputs
 
 
 class Outputs(NamedTuple):
@@ -55,7 +55,7 @@ def driven(robot: Any, state: PlantState, tau: Any, base: Base, load: Any) -> tu
 def plant_derivative(
     robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base = AT_REST, load: Any = None
 ) -> np.ndarray:
-    """Right-hand side of the plant.
+    """Right-hand side of the plant, x_dot.
 
     Parameters
     ----------
@@ -64,19 +64,14 @@ def plant_derivative(
     F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O}, and on a load if it has `A_O = 0`
     load : vdfmu.arm.world.attachment.Load, optional
         A load with a mass at the end effector.
-
-    Returns
-    -------
-    x_dot : as x
     """
-    q, q_dot, kappa_dot, tau_s, _ = state = split_state(robot, x)
+    state = split_state(robot, x)
     tau_l, tau_k, F_Dk, hanging = driven(robot, state, tau, base, load)
-    q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e, F_Dk, base, hanging)  # links: (9), (11), (44)-(47)
-    motion = link_motion(robot, q, q_dot, q_ddot, base)
+    q_ddot = forward_dynamics(robot, state.q, state.q_dot, tau_l, F_e, F_Dk, base, hanging)  # (9), (11), (44)-(47)
+    motion = link_motion(robot, state.q, state.q_dot, q_ddot, base)
     kappa_ddot = rotor_acceleration(robot, tau_k, motion)  # rotors: (4), (7), (10), (56)
-    kappa = rotor_position(robot, q, tau_s)
-    tau_s_dot = spring_rate(robot, kappa, kappa_dot, q_dot, tau_s)  # springs: (2)-(3)
-    return np.concatenate([q_dot, q_ddot, kappa_ddot, tau_s_dot, *option_rates(robot, state, tau).values()])
+    tau_s_dot = spring_rate(robot, state)  # springs: (2)-(3)
+    return np.concatenate([state.q_dot, q_ddot, kappa_ddot, tau_s_dot, *option_rates(robot, state, tau).values()])
 
 
 def balance(
@@ -96,8 +91,7 @@ def balance(
         F_e = F_e + load.wrench(robot, motion)
     links = tau_l - joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))  # (11), (44)-(47)
     rotors = rotor_acceleration(robot, tau_k, motion) - rate.kappa_dot
-    kappa = rotor_position(robot, state.q, state.tau_s)
-    springs = spring_rate(robot, kappa, state.kappa_dot, state.q_dot, state.tau_s) - rate.tau_s
+    springs = spring_rate(robot, state) - rate.tau_s
     added = [own - rate.options[name] for name, own in option_rates(robot, state, tau).items()]
     return np.concatenate([state.q_dot - rate.q, links, rotors, springs, *added])
 

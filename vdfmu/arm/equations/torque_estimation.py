@@ -25,7 +25,7 @@ class Estimates(NamedTuple):
 
 
 def estimate_torque(robot: Any, delta: Any, tau_w: Any, tau_hat_max: Any) -> Any:
-    """Flexspline torque from the measured deformation and the motor torque, Eq. (2)-(3).
+    """Flexspline torque from measured deformation and motor torque, Eq. (2)-(3): (n,) [N m or N], link-side.
 
     Deviation: the angle is limited to the angle of `tau_hat_max`, so that the pole of the tangent is out of reach.
 
@@ -34,10 +34,6 @@ def estimate_torque(robot: Any, delta: Any, tau_w: Any, tau_hat_max: Any) -> Any
     delta : (n,) [rad or m] total deformation without the kinematic error, ``kappa - q - theta_err``
     tau_w : (n,) [N m] torque at the wave generator, motor-side
     tau_hat_max : (n,) [N m or N] largest estimate, link-side
-
-    Returns
-    -------
-    tau_f_hat : (n,) [N m or N], link-side
     """
     largest = np.arctan(robot.c_f * tau_hat_max)
     angle = robot.c_f * robot.K_f0 * (delta - wave_generator_deformation(tau_w, robot))

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vdfmu.arm.imports.inertia import Mass, joined
-from vdfmu.arm.imports.tree import MOVING, Body, Joint, Placement, RigidLink, Tree, aligned, few
+from vdfmu.arm.imports.tree import MOVING, Body, Joint, Mass, Placement, RigidLink, Tree, aligned, few, joined
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.physical import check_inertia
 from vdfmu.arm.robot.visual import Visual

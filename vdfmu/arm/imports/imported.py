@@ -12,8 +12,8 @@ import numpy as np
 
 from vdfmu.arm.imports.chain import choose_arm
 from vdfmu.arm.imports.drives import drive_joints, read_drives
-from vdfmu.arm.imports.inertia import with_inertia
 from vdfmu.arm.imports.mjcf import read_mjcf
+from vdfmu.arm.imports.tree import with_inertia
 from vdfmu.arm.imports.urdf import read_urdf
 from vdfmu.arm.imports.write import robot_text
 from vdfmu.arm.robot.plausible import robot_notes
@@ -49,8 +49,6 @@ def robot_from_urdf(
 
     Parameters
     ----------
-    path : path
-        The URDF.
     base : str, optional
         Link that stands still, with the frame {I}; default the root of the file.
     tip : str, optional
@@ -60,10 +58,6 @@ def robot_from_urdf(
         TOML file with the drives, by names of joints.
     density : float [kg/m3], optional
         Density of the boxes, cylinders and spheres of bodies without mass or inertia.
-
-    Returns
-    -------
-    Robot
 
     Raises
     ------

@@ -284,13 +284,8 @@ def follow(robot: Robot, start: Floats, poses: Sequence[Pose], rows: int, where:
     """Return the positions of the joints at poses of the end effector, (m, n), from `start` on.
 
     Of the many solutions of a redundant arm this takes the nearest to the solution before, drawn to the middle between
-    end stops. With 3 `rows` the position counts alone, with 6 the rotation too. Messages name the path `where` and the
-    place on it in percent.
-
-    Raises
-    ------
-    UsageError
-        For poses out of reach, singular, or beyond end stops: the first of each kind and joint.
+    end stops. With 3 `rows` the position counts alone, with 6 the rotation too. Poses out of reach, singular, or beyond
+    end stops raise UsageError, with the path `where` and the place on it in percent.
     """
     q = start
     path: list[Floats] = []

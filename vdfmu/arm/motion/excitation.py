@@ -33,7 +33,8 @@ def multisine(
 ) -> Motion:
     """Return a sum of sines about a pose, for whole periods between a period of growth and a period of decay.
 
-    Lines have equal amplitudes. The time of joint j, from 0, is shifted by j / n of the period.
+    Lines have equal amplitudes. The time of joint j, from 0, is shifted by j / n of the period. UsageError if an
+    argument does not fit.
 
     Parameters
     ----------
@@ -48,14 +49,8 @@ def multisine(
     phases : "schroeder" or "random"
         Phases of low peaks by Schroeder (1970), or random phases of each joint.
     seed : int
-        Seed of random phases.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint.
-
-    Raises
-    ------
-    UsageError
-        If an argument does not fit.
     """
     q = np.atleast_1d(np.array(start, dtype=float))
     k = np.array(lines, dtype=float)

@@ -32,6 +32,8 @@ def waypoints(
 ) -> Motion:
     """Return the motion through points of the joints, at rest at the first and the last, continuous up to snap.
 
+    UsageError, with all problems, if points, times and limits do not fit.
+
     Parameters
     ----------
     points : (k, n) [rad or m]
@@ -43,11 +45,6 @@ def waypoints(
         Without times, of the whole, rests included; the limits must hold.
     dwell : float or (k,) [s]
         Rest at each point; 0 passes through.
-
-    Raises
-    ------
-    UsageError
-        If points, times and limits do not fit, with all problems.
     """
     q, dwells = np.array(points, dtype=float), np.array(dwell, dtype=float)
     t = None if times is None else np.array(times, dtype=float)

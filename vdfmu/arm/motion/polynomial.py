@@ -49,21 +49,14 @@ class Motion({base}):
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion of n joints over m pieces, at rest at both ends.
-
-    Attributes
-    ----------
-    knots : (m + 1,) [s]
-        From 0 on.
-    coefficients : (m, 6, n)
-        Coefficients of the powers of the time since the start of a piece, the constant ones first.
-    notes : tuple of str
-        Notes for the user.
-    """
+    """Motion of n joints over m pieces, at rest at both ends."""
 
     knots: Floats
+    """(m + 1,) [s], from 0 on."""
     coefficients: Floats
+    """(m, 6, n), of the powers of the time since the start of a piece, constants first."""
     notes: tuple[str, ...] = ()
+    """Notes for the user."""
 
     @property
     def n(self) -> int:

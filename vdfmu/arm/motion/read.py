@@ -40,22 +40,10 @@ _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
 
 def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
-    """Calculate the motion of a file for a robot.
+    """Calculate the motion of a file for a robot; ModelError with every problem of the file or the motion.
 
-    Parameters
-    ----------
-    path : path
-        A TOML file with a table ``[motion]``, such as a scenario, or with its keys alone; or a CSV file of samples.
-    robot : Robot
-
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    ModelError
-        With every problem of the file or the motion.
+    `path` is a TOML file with a table ``[motion]``, such as a scenario, or with its keys alone; or a CSV file of
+    samples.
     """
     robot_argument(robot)
     path = Path(path)

@@ -199,7 +199,6 @@ class ArmParameters:
     f_ck: Array = row(
         "friction", "N.m", "Coulomb friction of the rotor, motor-side, Eq. {}", "(55)", 1e9, 0.0,
         fold="lumped friction", scaled_as="friction")
-    # fmt: on
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -216,7 +215,6 @@ class Parameters(OptionRows, ArmParameters):
     theta_err_phase: Array = row(
         "drive", "rad", "phase of the kinematic error, Eq. {}", "(3)", 1e6, default=0.0,
         part_of="theta_err_amplitude")
-    # fmt: on
 
 
 PARAMETERS = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields(Parameters) if f.metadata}

@@ -239,10 +239,7 @@ class Robot(Parameters):
     def with_parameters(self, **arrays: npt.ArrayLike) -> Robot:
         """Return a copy with other numbers by field name, unchecked. A scalar sets every joint.
 
-        Raises
-        ------
-        UsageError
-            If a name is not in `PARAMETERS`, or a value does not fit its shape.
+        UsageError if a name is not in `PARAMETERS`, or a value does not fit its shape.
         """
         new: dict[str, Array] = {}
         for key, value in arrays.items():

@@ -95,16 +95,9 @@ def robot_names() -> list[str]:
 
 
 def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
-    """Load a shipped robot by its name or a robot by the path of a TOML file.
+    """Load a shipped robot by its name, or a robot by the path of a TOML file.
 
-    Parameters
-    ----------
-    path_or_name : str or path
-        It is a path if it has a path separator, ends in ``.toml`` or names an existing file.
-
-    Returns
-    -------
-    Robot
+    A path has a path separator, ends in ``.toml`` or names an existing file.
 
     Raises
     ------

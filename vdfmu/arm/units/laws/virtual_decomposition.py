@@ -71,12 +71,7 @@ def adaptive_torques(
     """Return axis components of the required forces (50)-(53) for estimated bodies `phi`, (n, 10), and their drift.
 
     As the feedforward, with ``M V_r_dot + C V_r + G = Y_B phi`` of :func:`body_regressor`, without a wrench of the tool
-    and the rotors' part.
-
-    Returns
-    -------
-    tau_q : (n,) [N m or N], link-side, of the drives
-    s : (n, 10) ``Y_B.T (V_B_r - V_B)``
+    and the rotors' part: tau_q (n,) [N m or N], link-side, of the drives, and s (n, 10), ``Y_B.T (V_B_r - V_B)``.
     """
     U_AB, V_B, _, _ = link_velocities(robot, q, q_dot, base)
     _, V_B_r, V_B_r_dot, _ = link_motion(robot, q, q_dot_r, q_ddot_r, base, q_dot)

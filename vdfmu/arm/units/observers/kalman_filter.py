@@ -80,24 +80,16 @@ class KalmanFilter(Unit):
         robot: Any, q: Any = 0.0, *, period: float = 1e-3, sigma_tau: Any = 0.01, sigma_q: Any = 1.0,
         sigma_kappa: Any = 1e-5,
     ) -> dict[str, Any]:  # fmt: skip
-        """Return the parameters of the stationary filter at a pose.
+        """Return ``period`` [s], ``design_period``, ``rest``, ``joint`` and ``L`` of the stationary filter at a pose.
 
         Parameters
         ----------
-        robot : Robot
         q : (n,) or float [rad or m]
             Pose of the links.
-        period : float [s]
-            Time between samples.
         sigma_tau, sigma_q : (n,) or float [N m or N]
             Standard deviations of the unknown torques on the rotor, motor-side, and on the link, held over a period.
         sigma_kappa : (n,) or float [rad or m]
             Standard deviation of the encoder's noise.
-
-        Returns
-        -------
-        dict of str to array or float
-            Values of ``period``, ``design_period``, ``rest``, ``joint`` and ``L``.
         """
         from scipy.linalg import solve_discrete_are  # slow to import
 
@@ -109,12 +101,9 @@ class KalmanFilter(Unit):
             A, G = AB[:, :4], AB[:, 4:] * [torque, load]
             P = solve_discrete_are(A.T, C.T, G @ G.T, np.array([[noise**2]]))
             gains.append(A @ P[:, 2] / (P[2, 2] + noise**2))
-        values = {
-            "rest": np.stack([pose, *_rest(robot, pose)], axis=1),
-            "joint": joints[:, :, :5],
-            "L": np.array(gains),
-        }
-        return {"period": period, "design_period": period, **values}
+        filter_values = {"joint": joints[:, :, :5], "L": np.array(gains)}
+        rest = np.stack([pose, *_rest(robot, pose)], axis=1)
+        return {"period": period, "design_period": period, "rest": rest, **filter_values}
 
     def requirements(self) -> dict[str, tuple[str, Any]]:
         """Require the period of the design."""

@@ -136,8 +136,6 @@ class PlantJoint(Piece):
     def derivatives(self) -> None:
         """Link, rotor and spring."""
         robot, *torques = self._drive()
-        state = self._state()
         motion = self._motion(robot, *torques)
         self.der_q, self.der_q_dot, self.der_kappa_dot = self.q_dot, motion["der_q_dot"], motion["der_kappa_dot"]
-        kappa = rotor_position(robot, state.q, state.tau_s)
-        self.der_tau_s = spring_rate(robot, kappa, state.kappa_dot, state.q_dot, state.tau_s)[0]
+        self.der_tau_s = spring_rate(robot, self._state())[0]
