@@ -22,20 +22,11 @@ Units = _One | Sequence[_One]
 @with_progress
 @one_job()
 def build_fmus(
-    robot: Robot | None,
-    out_dir: str | os.PathLike[str],
-    *,
-    units: Units | None = None,
-    start_values: Mapping[str, Mapping[str, float]] | None = None,
-    backend: str | None = None,
-    fmi_version: str = FMI_2.name,
-    platforms: Sequence[str] | str | None = None,
-    sources: bool = True,
-    target: str = FMI,
-    precision: str = "double",
-    step: float = 1e-3,
-    progress: Shown = None,
-) -> dict[str, Path]:
+    robot: Robot | None, out_dir: str | os.PathLike[str], *, units: Units | None = None, start_values: Mapping[str,
+    Mapping[str, float]] | None = None, backend: str | None = None, fmi_version: str = FMI_2.name, platforms:
+    Sequence[str] | str | None = None, sources: bool = True, target: str = FMI, precision: str = "double", step: float =
+    1e-3, progress: Shown = None,
+) -> dict[str, Path]:  # fmt: skip
     """Build FMUs of units, each ``<Name>.fmu``, and return their paths by the unit's name.
 
     The same sources, robot, start values and options give the same bytes. An FMU of an earlier build of these, with

@@ -31,12 +31,10 @@ _WORTH = 50_000
 
 
 def _of_drives(dynamics: Callable[..., Any]) -> Callable[..., Any]:
-    """Return an inverse dynamics for the torques of the drives alone."""
     return lambda robot, q, *rest: dynamics(robot, q, *rest) - link_torques(robot, q)
 
 
 def _driven(robot: Any, q: Any, q_dot: Any, tau: Any, F_e: Any) -> Any:
-    """Forward dynamics under torques of the drives."""
     return forward_dynamics(robot, q, q_dot, tau + link_torques(robot, q), F_e)
 
 

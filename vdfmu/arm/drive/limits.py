@@ -85,12 +85,10 @@ def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
     return speed, motor_torque(robot, robot.tau_stall, speed)
 
 
-def _link(robot: Any, q: Any, q_dot: Any) -> LinkTorque:
-    return LinkTorque(0.0 if q_dot is None else stop_torque(robot, q, q_dot), stop_energy(robot, q))
-
-
 LIMITS = DriveOption(
-    link=_link,
+    link=lambda robot, q, q_dot: LinkTorque(
+        0.0 if q_dot is None else stop_torque(robot, q, q_dot), stop_energy(robot, q)
+    ),
     conditions=(
         Condition("q_max", "q_max > q_min", lambda robot: robot.q_max - robot.q_min, "The joint moves between them."),
     ),

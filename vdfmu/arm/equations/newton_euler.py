@@ -24,8 +24,7 @@ def newton_euler(
 ) -> np.ndarray:
     """Joint torques of the rigid arm by forward and backward recursion on 3-vectors in link frames.
 
-    Gravity enters as an upward acceleration of the base. Parameters and result as in
-    :func:`vdfmu.arm.equations.inverse_dynamics.inverse_dynamics`.
+    Gravity enters as an upward acceleration of the base. Parameters and result as in :func:`.inverse_dynamics`.
     """
     n = robot.n
     rotations, arms, centres, forces, moments = [], [], [], [], []

@@ -55,13 +55,9 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None) -> SerialChain | N
     moving = [joint for joint in path if joint.kind != "fixed"]
     _refuse_joints(tree, moving)
     if not moving:
-        problems.add(
-            "the file", f"a joint that moves between {base} and {tip}", "none", "Choose others by --base, --tip."
-        )
-        return None
-    if problems.lines:
-        return None
-    return _assemble(tree, base, tip, path)
+        expected = f"a joint that moves between {base} and {tip}"
+        problems.add("the file", expected, "none", "Choose others by --base, --tip.")
+    return None if problems.lines else _assemble(tree, base, tip, path)
 
 
 def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> SerialChain:

@@ -76,15 +76,9 @@ def robot_from_mjcf(path: Path_, base: str | None = None, tip: str | None = None
 
 
 def import_robot(
-    path: Path_,
-    base: str | None = None,
-    tip: str | None = None,
-    drives: Path_ | None = None,
-    density: float | None = None,
-    *,
-    out: Path_ | None = None,
-    kind: str = "",
-) -> Imported:
+    path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None, density: float | None =
+    None, *, out: Path_ | None = None, kind: str = "",
+) -> Imported:  # fmt: skip
     """Make a robot file from a URDF or a MuJoCo file; see :func:`robot_from_urdf`.
 
     Parameters

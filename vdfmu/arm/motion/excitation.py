@@ -20,17 +20,10 @@ _KNOTS = 24
 
 @of_numbers
 def multisine(
-    start: npt.ArrayLike,
-    amplitude: npt.ArrayLike,
-    lines: Sequence[int],
-    period: float,
-    *,
-    periods: int = 1,
-    phases: Literal["schroeder", "random"] = "schroeder",
-    seed: int = 0,
-    velocity: npt.ArrayLike | None = None,
-    acceleration: npt.ArrayLike | None = None,
-) -> Motion:
+    start: npt.ArrayLike, amplitude: npt.ArrayLike, lines: Sequence[int], period: float, *, periods: int = 1, phases:
+    Literal["schroeder", "random"] = "schroeder", seed: int = 0, velocity: npt.ArrayLike | None = None, acceleration:
+    npt.ArrayLike | None = None,
+) -> Motion:  # fmt: skip
     """Return a sum of sines about a pose, for whole periods between a period of growth and a period of decay.
 
     Lines have equal amplitudes. The time of joint j, from 0, is shifted by j / n of the period. UsageError if an
@@ -85,15 +78,10 @@ def multisine(
 
 @of_numbers
 def sweep(
-    start: npt.ArrayLike,
-    amplitude: npt.ArrayLike,
-    frequencies: tuple[float, float],
-    duration: float,
-    *,
-    law: Literal["linear", "logarithmic"] = "logarithmic",
-    velocity: npt.ArrayLike | None = None,
-    acceleration: npt.ArrayLike | None = None,
-) -> Motion:
+    start: npt.ArrayLike, amplitude: npt.ArrayLike, frequencies: tuple[float, float], duration: float, *, law:
+    Literal["linear", "logarithmic"] = "logarithmic", velocity: npt.ArrayLike | None = None, acceleration: npt.ArrayLike
+    | None = None,
+) -> Motion:  # fmt: skip
     """Return a sine about a pose with a changing frequency, growing and fading at the ends.
 
     Other arguments and errors: see :func:`multisine`.

@@ -95,7 +95,7 @@ CHECKS = (
 
 def robot_notes(robot: Robot) -> list[str]:
     """Return the probable mistakes of a robot: number, likely cause, way out."""
-    return [*_gravity(robot), *_joints(robot), *_payload(robot), *_stops(robot)]
+    return [*_gravity(robot), *_joints(robot), *_stops(robot)]
 
 
 def _gravity(robot: Robot) -> Iterator[str]:
@@ -108,7 +108,7 @@ def _gravity(robot: Robot) -> Iterator[str]:
 
 
 def _joints(robot: Robot) -> Iterator[str]:
-    """Yield a note for each failed check, on the worst joint."""
+    """Yield a note for each failed check, on the worst joint, and on the tool and the payload."""
     for check in CHECKS:
         sizes = check.size(robot)
         for out, i, why in (
@@ -118,9 +118,6 @@ def _joints(robot: Robot) -> Iterator[str]:
                 yield f"joint {robot.joint_labels[i()]}: {check.text.format(sizes[i()])} {why}"
     for i in np.flatnonzero(np.abs(robot.tool_offset) > FAR)[:1]:
         yield f"tool_offset[{i + 1}] = {robot.tool_offset[i]:g} m looks like mm. Give it in m."
-
-
-def _payload(robot: Robot) -> Iterator[str]:
     if robot.payload and robot.payload_mass > _HEAVY:
         yield f"payload: a mass of {float(robot.payload_mass):g} kg looks like grams. Give it in kg."
 

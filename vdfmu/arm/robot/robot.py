@@ -156,15 +156,11 @@ class Robot(Parameters):
         entries = self.entries()
         fixed = self.with_values([0.0] * len(entries))
         structure = {
-            "source": source_digest("arm.kernel", "compiler.functions"),
-            "joints": self.joint_types,
-            "friction": self.friction,
-            "rotor_coupling": self.rotor_coupling,
-            "flags": [name for name in self.flags if getattr(self, name)],
-            "parameters": [p.name for p in entries],
+            "source": source_digest("arm.kernel", "compiler.functions"), "joints": self.joint_types,
+            "friction": self.friction, "rotor_coupling": self.rotor_coupling, "drive": self.drive,
+            "flags": [name for name in self.flags if getattr(self, name)], "parameters": [p.name for p in entries],
             "folded": {name: np.asarray(getattr(fixed, name), dtype=float).tolist() for name in self.rows},
-            "drive": self.drive,
-        }
+        }  # fmt: skip
         return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]
 
     def shorter(self) -> list[Self]:
@@ -214,24 +210,23 @@ class Robot(Parameters):
 
         options: list[Section] = [part for part in JOINT_OPTIONS if getattr(self, part)]
         parts: tuple[Section, ...] = ("link", "drive", "friction", *options, *self.own_sections())
+        joints = [
+            {
+                **({"name": self.joint_names[i]} if any(self.joint_names[i : i + 1]) else {}),
+                "type": kind,
+                **numbers("joint", i),
+                **{part: numbers(part, i) for part in parts},
+            }
+            for i, kind in enumerate(self.joint_types)
+        ]
+        texts = ("name", "description", "friction", "rotor_coupling")
         return {
-            "name": self.name,
-            "description": self.description,
-            "friction": self.friction,
-            "rotor_coupling": self.rotor_coupling,
+            **{name: getattr(self, name) for name in texts},
             **{flag: True for flag in ENDS if getattr(self, flag)},
             **({"drive": self.drive} if self.drive else {}),
             **numbers("robot", ()),
             **({"payload": numbers("payload", ())} if self.payload else {}),
-            "joints": [
-                {
-                    **({"name": self.joint_names[i]} if any(self.joint_names[i : i + 1]) else {}),
-                    "type": kind,
-                    **numbers("joint", i),
-                    **{part: numbers(part, i) for part in parts},
-                }
-                for i, kind in enumerate(self.joint_types)
-            ],
+            "joints": joints,
             "sources": dict(self.sources),
             **({"visuals": [visual.to_dict() for visual in self.visuals]} if looks and self.visuals else {}),
         }

@@ -160,12 +160,9 @@ def _joint(problems: Problems, data: object, path: str, made: type[Robot]) -> di
 
 
 def section_numbers(
-    table: Table,
-    part: Section,
-    joint_type: str = "revolute",
-    keys: Container[str] | None = None,
+    table: Table, part: Section, joint_type: str = "revolute", keys: Container[str] | None = None,
     rows: Iterable[Row] | None = None,
-) -> dict[str, float | Floats]:
+) -> dict[str, float | Floats]:  # fmt: skip
     """Read the numbers of a section, or some `keys` of it: field of `Robot` to its value."""
     numbers: dict[str, float | Floats] = {}
     for row in (row for row in rows or section(part) if keys is None or row.key in keys):
@@ -183,10 +180,7 @@ def section_numbers(
 
 
 def _inertia(table: Table, row: Row, options: dict[str, Any]) -> Floats:
-    """Read an inertia as 3 x 3 matrix, from one number, three principal moments or the matrix itself.
-
-    An inertia with a default may be 0, a point mass.
-    """
+    """Read an inertia (3, 3) from one number, three moments or a matrix; with a default it may be 0, a point mass."""
     key, value = row.key, table.data.get(row.key)
     shape = shape_of(value)
     if value is None and row.default is not None:

@@ -18,8 +18,6 @@ from vdfmu.base.plugins import Plugins
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.unit import Unit
 
-__all__ = ["find_unit", "known_units", "package_units", "shipped_units"]
-
 PLUGINS = Plugins(
     "units", "unit", "a class of a unit", lambda found: isinstance(found, type) and issubclass(found, Unit)
 )

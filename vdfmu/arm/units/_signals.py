@@ -51,14 +51,12 @@ def wrench(text: str) -> Input:
 
 def base_motion() -> tuple[Input, Input, Input]:
     """Rotation, velocity and acceleration of a moving base."""
+    velocity = six("Velocity of the base in {S}", "Angular velocity of the base in {S}")
+    acceleration = six("Acceleration of the origin of {S} in {S}", "Angular acceleration of the base in {S}")
     return (
         Input("1", (3, 3), "Rotation matrix of the base in {I}", start=np.eye(3), when="moving_base"),
-        Input(*VELOCITY, six("Velocity of the base in {S}", "Angular velocity of the base in {S}"), when="moving_base"),
-        Input(
-            *ACCELERATION,
-            six("Acceleration of the origin of {S} in {S}", "Angular acceleration of the base in {S}"),
-            when="moving_base",
-        ),
+        Input(*VELOCITY, velocity, when="moving_base"),
+        Input(*ACCELERATION, acceleration, when="moving_base"),
     )
 
 

@@ -40,13 +40,9 @@ class Communication(Unit):
     def requirements(self) -> dict[Any, tuple[str, Any]]:
         """Require a whole seed, and that the delay is remembered."""
         room = (PAST - 1) * self.period - self.T_d - self.T_j
-        return {
-            ("T_d", "T_j", "period"): (
-                f"T_d + T_j up to {PAST - 1} periods; lower them, or raise period",
-                room + 1e-9 * self.period,
-            ),
-            "seed": ("a whole number", whole(self.seed)),
-        }
+        expected = f"T_d + T_j up to {PAST - 1} periods; lower them, or raise period"
+        late = expected, room + 1e-9 * self.period
+        return {("T_d", "T_j", "period"): late, "seed": ("a whole number", whole(self.seed))}
 
     def start(self) -> None:
         """As if only the torque of the start had been sent so far."""
