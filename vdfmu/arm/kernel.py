@@ -40,8 +40,7 @@ def _driven(robot: Any, q: Any, q_dot: Any, tau: Any, F_e: Any) -> Any:
 
 FUNCTIONS: dict[str, tuple[tuple[str, ...], str, Callable[..., Any]]] = {
     "inverse_dynamics": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(inverse_dynamics)),
-    # for contrast only, section IV-A
-    "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(newton_euler)),
+    "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(newton_euler)),  # for contrast, section IV-A
     "forward_dynamics": (("q", "q_dot", "tau", "F_e"), "q_ddot", _driven),
     "forward_kinematics": (("q",), "pose", lambda *a: np.concatenate([np.ravel(x) for x in end_effector_pose(*a)])),
     "jacobian": (("q",), "J_q", jacobian),

@@ -81,12 +81,8 @@ def import_robot(
 ) -> Imported:  # fmt: skip
     """Make a robot file from a URDF or a MuJoCo file; see :func:`robot_from_urdf`.
 
-    Parameters
-    ----------
-    out : path, optional
-        Place of the robot file, for relative paths of meshes; default the folder of `path`.
-    kind : str
-        Required root element, "robot" or "mujoco"; default either.
+    Paths of meshes are relative to the robot file `out`, by default in the folder of `path`. `kind` is the required
+    root element, "robot" or "mujoco", by default either.
     """
     path = Path(path)
     if density is not None and not 0.0 < (as_number(density) or 0.0) < np.inf:

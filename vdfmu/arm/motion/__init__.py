@@ -5,7 +5,11 @@ from vdfmu.arm.motion.excitation import multisine, sweep
 from vdfmu.arm.motion.joint_space import samples, waypoints
 from vdfmu.arm.motion.minimum_time import fastest
 from vdfmu.arm.motion.polynomial import Motion, joined, rest
-from vdfmu.arm.motion.read import KINDS, OF_FILE, check_motion, load_motion, read_motion  # noqa: F401
+from vdfmu.arm.motion.read import KINDS as KINDS
+from vdfmu.arm.motion.read import OF_FILE as OF_FILE
+from vdfmu.arm.motion.read import check_motion as check_motion
+from vdfmu.arm.motion.read import load_motion
+from vdfmu.arm.motion.read import read_motion as read_motion
 
 __all__ = [
     "Motion", "circle", "fastest", "joined", "line", "load_motion", "multisine", "rest", "samples", "sweep",

@@ -40,8 +40,7 @@ def multisine(
     periods : int
         Periods of full amplitude, from `period` to ``(1 + periods) period``.
     phases : "schroeder" or "random"
-        Phases of low peaks by Schroeder (1970), or random phases of each joint.
-    seed : int
+        Phases of low peaks by Schroeder (1970), or random phases of each joint, by `seed`.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint.
     """
