@@ -50,7 +50,7 @@ def known_units() -> dict[str, type[Unit]]:
 
 
 def find_unit(name: object) -> type[Unit]:
-    """Return a unit by its class, its name in this or another package, ``my_unit.py``, or ``my_units.py:Name``.
+    """Return a unit by its class, a shipped name (``plant``, ``Plant``), ``my_unit.py``, or ``my_units.py:Name``.
 
     UsageError for an unknown name or another type; UnitError, with file and line, if the file fails or declares a unit
     wrongly.
@@ -61,6 +61,7 @@ def find_unit(name: object) -> type[Unit]:
         raise UsageError(f"units: expected the name of a unit, a file or a class of Unit, got {name!r}.")
     text = str(os.fspath(name))
     shipped = package_units()
+    shipped = {unit.__name__: unit for unit in shipped.values()} | shipped
     if text in shipped:
         return shipped[text]
     of_file = re.fullmatch(r"(.*\.py)(?::(.*))?", text)
