@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.interface import Interface
 def _from_shorter_ones():
     """Arms that are traced in less time themselves are taken for long ones."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vdfmu.arm.robot.structure._MANY", 0)
+        patch.setattr("vdfmu.arm.robot.robot._MANY", 0)
         yield
 
 
@@ -76,7 +76,7 @@ def test_an_arm_with_an_unlike_joint_in_its_middle_has_no_shorter_ones():
 
 
 def test_arms_that_take_less_time_themselves_have_no_shorter_ones(monkeypatch):
-    monkeypatch.setattr("vdfmu.arm.robot.structure._MANY", 1.0)
+    monkeypatch.setattr("vdfmu.arm.robot.robot._MANY", 1.0)
     assert [len(repeated_link(n).shorter()) for n in (28, 30, 31, 32, 33)] == [0, 2, 0, 2, 2]  # 14 + 16, 15 + 17
 
 

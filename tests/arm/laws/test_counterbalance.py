@@ -14,7 +14,6 @@ from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plan
 from vdfmu.arm.kernel import FUNCTIONS, trace
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.arm.robot.physical import requirements
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import ModelError
 from vdfmu.compiler.c.functions import c_texts
@@ -107,7 +106,7 @@ def test_the_solver_keeps_the_energy_of_an_arm_without_losses(plant_solver):
 
 
 def test_a_joint_without_a_cylinder_has_no_parameter_and_no_line_of_it():
-    assert {p.index for p in parameters(ONE) if p.field in CYLINDER} == {(0,)}
+    assert {p.index for p in ONE.entries() if p.field in CYLINDER} == {(0,)}
     none, plain = balanced("slider_3dof"), load_robot("slider_3dof")
     for name in FUNCTIONS:
         assert c_texts(trace(name, none)) == c_texts(trace(name, plain))

@@ -96,7 +96,7 @@ def test_waypoints_report_every_problem():
         motions.waypoints(POINTS, velocity=np.inf, acceleration=1.0)
     with pytest.raises(UsageError, match="dwell: expected"):
         motions.waypoints(POINTS, duration=1.0, dwell=np.inf)
-    with pytest.raises(UsageError, match="point 3: expected another position"):
+    with pytest.raises(UsageError, match="point 3: expected a position other than"):
         motions.waypoints([[0.0], [1.0], [1.0]], duration=1.0)
 
 
@@ -180,7 +180,7 @@ def test_motions_can_be_joined_and_slowed_down():
 def test_motions_that_do_not_meet_are_not_joined():
     one, other = motions.waypoints(POINTS, TIMES), motions.waypoints(POINTS[1:], TIMES[1:])
     for parts in ([one, other], [one, motions.rest(np.zeros(3), 1.0)]):
-        with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, where motion 1 ends, got"):
+        with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, the end of motion 1, got"):
             motions.joined(parts)
     with pytest.raises(UsageError, match="joined: expected motions, got none"):
         motions.joined([])

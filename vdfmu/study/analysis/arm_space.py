@@ -12,8 +12,8 @@ import numpy.typing as npt
 from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.drive.options import OPTIONS, dry_friction
 from vdfmu.arm.equations.flexible_joint import state_names
+from vdfmu.arm.robot import Robot, robot_argument
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import check_type

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.compiler.fmu.description import FMI_3_TYPES
 from vdfmu.compiler.unit.interface import Interface, Variable, general_description
@@ -196,7 +195,7 @@ class SystemDescription:
         shared = self._take_shared(left)
         robots: dict[str, dict[str, Entry]] = {}
         arm = self.scenario.robot
-        nominal = {p.name: float(getattr(arm, p.field)[p.index]) for p in parameters(arm)} if arm else {}
+        nominal = {p.name: float(getattr(arm, p.field)[p.index]) for p in arm.entries()} if arm else {}
         for component, entries in left.items():
             robots[component] = robot = {
                 name: (signal, values)

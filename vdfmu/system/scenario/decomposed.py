@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import OPTIONS
+from vdfmu.arm.drive.options import OPTIONS, STATELESS
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Row
-from vdfmu.arm.units import package_units
+from vdfmu.arm.units import find_unit
 from vdfmu.arm.units.feedforward import Feedforward
-from vdfmu.arm.units.pieces._piece import STATELESS
-from vdfmu.arm.units.pieces.arm_base import ArmBase
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, Variables
@@ -61,7 +59,7 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
         for k, (piece, unit) in enumerate(listed):
             parts[piece] = Part(unit, (k * _GAP, bottom, k * _GAP + _BOX[0], bottom + _BOX[1]))
         for (before, a), (after, b) in pairwise(listed):
-            for start, end in cutting_point(before, package_units()[a], after, package_units()[b]):
+            for start, end in cutting_point(before, find_unit(a), after, find_unit(b)):
                 connections.setdefault(start, []).append(end)
     for source, targets in scenario.system.connections.items():
         for target in targets:
@@ -123,7 +121,7 @@ def cutting_point(before: str, a: Any, after: str, b: Any, side: str = "C") -> I
         if not re.search(letter, end):
             continue
         start, back = (re.sub(letter, f"_{to}", end) for to in (near, side if near == "C" else near))
-        if start not in a.declared and a.declared.keys() <= {*ArmBase.declared}:
+        if start not in a.declared and a.declared.keys() <= {*find_unit("arm_base").declared}:
             start = re.sub("_[dr](?=_|$)", "", start)
         source = a.declared.get(start)
         if declared.causality == "input" and source is not None and source.shape == declared.shape:
@@ -156,11 +154,10 @@ def _ends(end: str, taken: Mapping[str, tuple[str, Robot]], problems: list[str])
         return end
     kind, robot = taken[component]
     group, _, index = name.partition("[")
-    units = package_units()
-    if group in units[f"{kind}_joint"].declared:
+    if group in find_unit(f"{kind}_joint").declared:
         joints = [int(index.rstrip("]"))] if index else range(1, robot.n + 1)
         return {i: f"{component}_joint_{i}.{group}" for i in joints}
-    if group not in units[f"{kind}_tool"].declared:
+    if group not in find_unit(f"{kind}_tool").declared:
         problems.append(f"{end}: neither a joint nor the end of a decomposed arm has {group}")
     return f"{component}_tool.{name}"
 

@@ -12,10 +12,11 @@ from typing import Any
 import fmpy
 import numpy as np
 
-from vdfmu.arm.robot.parameters import PARAMETERS, Array
-from vdfmu.arm.robot.robot import Robot
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.units import find_unit
 from vdfmu.arm.units.plant import Plant
+from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import measure
@@ -296,7 +297,7 @@ class Scenario:
     master: str
     adaptive: float | None
     tolerance: float
-    plant_factors: Mapping[str, Array | float]
+    plant_factors: Mapping[str, Floats | float]
     sections: Mapping[str, Mapping[str, Any]]
     paper: Mapping[str, Any]
     inputs: Any = None
@@ -337,9 +338,9 @@ class Scenario:
         return robot.with_parameters(payload_mass=0.0, payload_inertia=_TINY * robot.payload_inertia)
 
 
-def apply_factors(robot: Robot, factors: Mapping[str, Array | float]) -> Robot:
+def apply_factors(robot: Robot, factors: Mapping[str, Floats | float]) -> Robot:
     """Return the robot with scaled fields; a factor has shape () or (n,)."""
-    scaled: dict[str, Array] = {}
+    scaled: dict[str, Floats] = {}
     for key, factor in factors.items():
         nominal = getattr(robot, key)
         per_joint = np.asarray(factor, dtype=float)

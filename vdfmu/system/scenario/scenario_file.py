@@ -11,12 +11,17 @@ from typing import Any, cast
 
 import numpy as np
 
-from vdfmu.arm.motion.polynomial import rest
-from vdfmu.arm.motion.read import read_motion
-from vdfmu.arm.robot.own_drive import drive_text
+from vdfmu.arm.motion import read_motion, rest
+from vdfmu.arm.robot import (
+    FRICTION_ARRANGEMENTS,
+    Robot,
+    check_robot,
+    drive_text,
+    load_robot,
+    robot_from_dict,
+    section_numbers,
+)
 from vdfmu.arm.robot.parameters import PARAMETERS, read_only, section
-from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, Robot
-from vdfmu.arm.robot.robot_file import check_robot, load_robot, robot_from_dict, section_numbers
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UnitError, UsageError
 from vdfmu.base.toml_file import locate, read_toml, toml_names

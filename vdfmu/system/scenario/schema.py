@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.motion.read import KINDS as KINDS_OF_MOTION
-from vdfmu.arm.motion.read import OF_FILE
+from vdfmu.arm.motion import KINDS as KINDS_OF_MOTION
+from vdfmu.arm.motion import OF_FILE
+from vdfmu.arm.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, SHAPES
 from vdfmu.arm.robot.catalogue import NAMED, catalogue
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, section
-from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
-from vdfmu.arm.robot.visual import SHAPES
 from vdfmu.base.measure import unit_of
 from vdfmu.base.version import FORMAT
 from vdfmu.compiler.unit import Choice, Input, Parameter, Switch, Unit

@@ -10,8 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
-from vdfmu.arm.robot import load_robot
-from vdfmu.arm.robot.robot import ENDS, Robot
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.parameters import ENDS
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.text import nearest
@@ -33,7 +33,7 @@ class Part:
     robot: Robot | None = None
     """Robot of the component, if it differs from the robot of the scenario."""
     ends: tuple[str, ...] = ()
-    """Flags of its robot, from :data:`~vdfmu.arm.robot.robot.ENDS`."""
+    """Flags of its robot, from :data:`~vdfmu.arm.robot.parameters.ENDS`."""
 
     def robot_of(self, robot: Robot | None) -> Robot | None:
         """Return the robot of the component, by default the robot of the scenario."""

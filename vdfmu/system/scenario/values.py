@@ -10,7 +10,6 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import nearest
 from vdfmu.compiler.unit import Unit
@@ -135,7 +134,7 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
     robot = own or (scenario.plant_robot if component in scenario.resolved.plants else scenario.known_robot)
     return {
         p.name: float(getattr(robot, p.field)[p.index])
-        for p in parameters(own or scenario.arm)
+        for p in (own or scenario.arm).entries()
         if p.name in table.reference and p.field not in table.unit.declared
     }
 
