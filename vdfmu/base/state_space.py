@@ -57,7 +57,7 @@ def expm(A: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class StateSpace:
-    """``x_dot = A x + B u``, ``y = C x + D u`` of deviations; with a step ``x[k+1] = A x[k] + B u[k]``.
+    """``x_dot = A x + B u``, ``y = C x + D u`` of deviations. With a step ``x[k+1] = A x[k] + B u[k]``.
 
     Attributes
     ----------

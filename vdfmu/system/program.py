@@ -54,7 +54,7 @@ class MovingUnit(NamedTuple):
         }  # fmt: skip
 
     def place(self, argument: str) -> int | None:
-        """Return the place of an argument of `step` or `left`; None for rates of inputs and the internal step."""
+        """Return the place of an argument of `step` or `left`. None for rates of inputs and the internal step."""
         table = self.unit.interface
         if argument.startswith("rate_") or argument == "h":
             return None
@@ -72,7 +72,7 @@ class ParameterCondition(NamedTuple):
 
 
 class SystemProgram:
-    """The communication steps of a system of traced units; UsageError with all reasons if impossible.
+    """The communication steps of a system of traced units. UsageError with all reasons if impossible.
 
     `varied` are the parameters, ``component.variable``, that differ from run to run.
 
@@ -169,7 +169,7 @@ class SystemProgram:
         }
 
     def signals(self) -> dict[str, tuple[int, str]]:
-        """Return signal to place and unit; outputs of a unit precede its inputs, as in records of a master."""
+        """Return signal to place and unit. Outputs of a unit precede its inputs, as in records of a master."""
         system, fed = self.system, self.system.linked | {place for place, _ in self.system.outside}
         return {
             f"{name}.{v.name}": (system.begin(name) + i, v.unit or "")
@@ -219,10 +219,7 @@ def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
 
 
 def page_program(program: SystemProgram) -> dict[str, Any]:
-    """Return the data of a program for ``web/master.js``, ready for JSON.
-
-    UsageError for inputs from external signals, KernelError for an operation without code.
-    """
+    """Return the data of a program for ``web/master.js`` for JSON. UsageError for inputs from external signals."""
     if program.system.outside:
         raise UsageError("some of its inputs come from files")
     module, address, growth = write_module(program)

@@ -37,14 +37,14 @@ _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')
 
 
 def ssp_format(version: str) -> SspFormat:
-    """Return a version of SSP by its name; UsageError for an unknown one."""
+    """Return a version of SSP by its name. UsageError for an unknown one."""
     if version not in SSP_FORMATS:
         raise UsageError(f"There is no SSP {version!r} here. There are: {', '.join(map(repr, SSP_FORMATS))}.")
     return SSP_FORMATS[version]
 
 
 def fmi_of_format(form: str, backend: str | None) -> str:
-    """Return the version of FMI of a version of SSP; UsageError if unknown, or without units in this installation."""
+    """Return the version of FMI of a version of SSP. UsageError if unknown, or without units in this installation."""
     version = ssp_format(form).fmi.name
     if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
@@ -60,10 +60,7 @@ def fmi_of_format(form: str, backend: str | None) -> str:
 
 
 def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[str], form: str) -> list[str]:
-    """Check the versions of FMI of the units of a package, and return them.
-
-    StorageError for an unreadable FMU, UsageError for another version, because it names arrays differently.
-    """
+    """Return the versions of FMI of units. StorageError if unreadable, UsageError for a version not in `versions`."""
     there: set[str] = set()
     for component, fmu in fmus.items():
         content = read_member(Path(fmu), "modelDescription.xml")
@@ -81,14 +78,9 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
 
 
 def write_ssp(
-    scenario: Scenario,
-    fmus: Mapping[str, str | os.PathLike[str]],
-    path: str | os.PathLike[str],
-    values: Mapping[str, Mapping[str, Any]] | None = None,
-    *,
-    version: str = SSP_1.name,
-    mixed: bool = False,
-) -> Path:
+    scenario: Scenario, fmus: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str],
+    values: Mapping[str, Mapping[str, Any]] | None = None, *, version: str = SSP_1.name, mixed: bool = False,
+) -> Path:  # fmt: skip
     """Write the system of a scenario as a package with its FMUs.
 
     It holds the structure with its diagram, parameter sets for robot and scenario, parameter mappings if names differ,
@@ -168,9 +160,9 @@ def build_parts(
     scenario: Scenario, folder: str | os.PathLike[str], values: Mapping[str, Mapping[str, Any]] | None = None, *,
     target: str = FMI, **options: Any,
 ) -> dict[str, Path]:  # fmt: skip
-    """Build the FMUs of the scenario's system, or take its foreign FMUs; return component to FMU.
+    """Build the FMUs of the scenario's system, or take its foreign FMUs. Return component to FMU.
 
-    `values` are start values by component; `target` and `options`: see :func:`vdfmu.build_fmus`. Components with the
+    `values` are start values by component. `target` and `options`: see :func:`vdfmu.build_fmus`. Components with the
     same unit have different FMUs if their start values differ. Components without an FMU for the target are left out.
     """
     against, robots = _reasons(scenario, target), scenario.resolved.robots
