@@ -194,8 +194,7 @@ def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
     for place in places:
         if place.is_dir():
             return place
-    looked = " or ".join(str(place) for place in places)
-    raise VdfmuError(f"data folder {kind!r} not found: expected {looked}. Reinstall vdfmu.")
+    raise VdfmuError(f"data folder {kind!r} not found: expected {' or '.join(map(str, places))}. Reinstall vdfmu.")
 
 
 def source_bytes(file: Path) -> bytes:

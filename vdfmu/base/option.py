@@ -101,12 +101,8 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     own = inspect.signature(function)
     listed = declared(taken_options(function))
     parameters = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
-    parameters += [
-        inspect.Parameter(
-            each.name, inspect.Parameter.KEYWORD_ONLY, default=each.option.default, annotation=each.annotation
-        )
-        for each in listed
-    ]
+    kind = inspect.Parameter.KEYWORD_ONLY
+    parameters += [inspect.Parameter(o.name, kind, default=o.option.default, annotation=o.annotation) for o in listed]
     signature = own.replace(parameters=parameters)
     name = function.__qualname__.removesuffix(".__init__")
 

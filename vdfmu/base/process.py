@@ -134,14 +134,9 @@ class Child:
     """
 
     def __init__(
-        self,
-        module: str,
-        *arguments: str,
-        limit: float,
-        show: bool = False,
-        stop: Callable[[], bool] = lambda: False,
-        gone: Callable[[], None] = lambda: None,
-    ) -> None:
+        self, module: str, *arguments: str, limit: float, show: bool = False,
+        stop: Callable[[], bool] = lambda: False, gone: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
         self._process = process = started(module, *arguments)
         assert process.stdin is not None
         assert process.stdout is not None

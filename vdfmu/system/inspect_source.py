@@ -27,10 +27,7 @@ _KINDS = {"joints": "robot", "units": "system", "extends": "system", "connection
 
 
 def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None) -> Report:
-    """Check a TOML file, or the units of a Python file. `robot` is for units and systems.
-
-    Files without Python are read here. Python runs in another process, only if `run`. `say` gets its path before.
-    """
+    """Check a TOML file or units with a `robot`. Python runs in another process, if `run`, after `say` got its path."""
     default, kind = load_robot(robot), "unit" if path.suffix.lower() == ".py" else "TOML"
     findings = Findings()
     try:

@@ -74,18 +74,9 @@ class ParameterCondition(NamedTuple):
 class SystemProgram:
     """The communication steps of a system of traced units. UsageError with all reasons if impossible.
 
-    `varied` are the parameters, ``component.variable``, that differ from run to run.
-
-    Attributes
-    ----------
-    system : WiredUnits
-        Its memory has the values before the start.
-    lists : dict of str to list of actions
-        ``begin``, ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
-    moving : list of MovingUnit
-        In the order of a step.
-    conditions : list of ParameterCondition
-    grid : Grid
+    `varied` are the parameters, ``component.variable``, that differ from run to run. The memory of `system` has the
+    values before the start. `lists` are the actions of ``begin``, ``part_0``, and after the i-th of `moving`
+    ``part_<i+1>``. `moving` has the order of a step.
     """
 
     def __init__(self, description: SystemDescription, varied: Iterable[str] = ()) -> None:

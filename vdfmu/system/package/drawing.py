@@ -43,10 +43,7 @@ _POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 
 
 def system_diagram(package: Path, held: Container[str] = ()) -> str:
-    """Return the picture of the system in a package of any tool. Empty if unreadable or without components.
-
-    `held` has the inputs, ``component.name``, that read the value of the last step.
-    """
+    """Return the picture of the system in a package, or an empty text. `held` inputs read the last step's value."""
     if not package.is_file():
         return ""
     try:

@@ -22,15 +22,8 @@ from vdfmu.compiler.targets import FMI, TARGETS
 from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.unit import Unit
 from vdfmu.engine.package.parse import validate
+from vdfmu.system.package import structure_file as files
 from vdfmu.system.package.description import SystemDescription, icon_source
-from vdfmu.system.package.structure_file import (
-    mapping_file,
-    mapping_name,
-    parameter_file,
-    structure_file,
-    system_page,
-    to_bytes,
-)
 from vdfmu.system.scenario.scenario import Scenario
 
 _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')
@@ -124,17 +117,17 @@ def write_ssp(
         )
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
-    structure = structure_file(description)
-    members = {"SystemStructure.ssd": _checked(structure, "ssd", "SystemStructure.ssd", version), **icons}
+    structure = _checked(files.structure_file(description), "ssd", "SystemStructure.ssd", version)
+    members = {"SystemStructure.ssd": structure, **icons}
     for file, parameters in description.parameter_sets.items():
-        members[f"resources/{file}"] = _checked(parameter_file(parameters, version), "ssv", file, version)
+        members[f"resources/{file}"] = _checked(files.parameter_file(parameters, version), "ssv", file, version)
     for component, bindings in description.bindings.items():
         for binding in bindings:
             if binding.mapping:
-                name = mapping_name(component, binding.file)
-                mapping = mapping_file(binding.mapping, version)
+                name = files.mapping_name(component, binding.file)
+                mapping = files.mapping_file(binding.mapping, version)
                 members[f"resources/{name}"] = _checked(mapping, "ssm", name, version)
-    members["documentation/index.html"] = system_page(description, icons, there)
+    members["documentation/index.html"] = files.system_page(description, icons, there)
     with storing(path):
         for component, fmu in fmus.items():
             members[f"resources/{description.fmu_name(component)}"] = Path(fmu).read_bytes()
@@ -153,7 +146,7 @@ def _checked(root: Any, kind: str, name: str, version: str) -> bytes:
     """Return the content of a file, validated if the schemas are always installed."""
     if SSP_FORMATS[version].always_validated:
         validate(root, kind, name, version)
-    return to_bytes(root)
+    return files.to_bytes(root)
 
 
 def build_parts(

@@ -113,12 +113,8 @@ class _Mover:
 class SampledReference:
     """Reference whose outputs are held over a communication step. `delayed`: units read other outputs a sample late.
 
-    Attributes
-    ----------
-    lists : dict of str to list of actions
-        Parts of the calculation: ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
-    moving : list of str
-        Units with states, in the order of a step.
+    `moving` are the units with states, in the order of a step. `lists` are the parts of the calculation: ``part_0``,
+    and after the i-th of `moving` ``part_<i+1>``.
     """
 
     def __init__(self, system: WiredUnits, delayed: bool) -> None:

@@ -160,15 +160,13 @@ class ResolvedSystem:
             for target in targets:
                 ends = _signals(self.tables, target, "input", problems)
                 shared = _pairs(starts, ends)
+                link = f"{source} -> {target}"
                 if starts and ends and not shared:
-                    problems.append(
-                        f"{source} -> {target}: expected signals of one shape, got {_shape(starts)} and {_shape(ends)}."
-                    )
+                    got = f"{_shape(starts)} and {_shape(ends)}"
+                    problems.append(f"{link}: expected signals of one shape, got {got}.")
                 for start, end in shared:
                     if None not in (a := _dimension(start), b := _dimension(end)) and a != b:
-                        problems.append(
-                            f"{source} -> {target}: expected one unit of measurement, got {start.unit} and {end.unit}."
-                        )
+                        problems.append(f"{link}: expected one unit of measurement, got {start.unit} and {end.unit}.")
                     fed = (target.partition(".")[0], end.name)
                     if (earlier := feeds.setdefault(fed, source)) != source or targets.count(target) > 1:
                         problems.append(f"{target}: expected one output that feeds it, got {earlier} and {source}.")
@@ -271,14 +269,10 @@ class Scenario:
         Values of the paper: `source` and lists that start at joint 1. Empty if it reports nothing.
     payload_known : bool
         Whether components besides the plant know the robot's payload.
-    inputs : path, sequence of paths or mapping, optional
-        Signals for free inputs. See :func:`vdfmu.engine.run.simulate`.
-    input_hold : bool, optional
-        Whether they hold until the next row.
-    notes : tuple of str
-        Notes of the author.
-    file : str
-        Its file, empty for a shipped scenario.
+    inputs, input_hold : path, sequence of paths or mapping, optional, and bool
+        Signals for free inputs, and whether they hold until the next row. See :func:`vdfmu.engine.run.simulate`.
+    notes, file : tuple of str, str
+        Notes of the author, and its file, empty for a shipped scenario.
     options : CouplingOptions
         Further options of its runs.
     """
