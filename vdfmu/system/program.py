@@ -50,7 +50,7 @@ class MovingUnit(NamedTuple):
         }  # fmt: skip
 
     def place(self, argument: str) -> int | None:
-        """Return the place of an argument of `step` or `left`; None for rates of inputs and the internal step."""
+        """Return the place of an argument of `step` or `left`. None for rates of inputs and the internal step."""
         table = self.unit.interface
         if argument.startswith("rate_") or argument == "h":
             return None
@@ -68,20 +68,11 @@ class ParameterCondition(NamedTuple):
 
 
 class SystemProgram:
-    """The communication steps of a system of traced units; UsageError with all reasons if impossible.
+    """The communication steps of a system of traced units. UsageError with all reasons if impossible.
 
-    `varied` are the parameters, ``component.variable``, that differ from run to run.
-
-    Attributes
-    ----------
-    system : WiredUnits
-        Its memory has the values before the start.
-    lists : dict of str to list of actions
-        ``begin``, ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
-    moving : list of MovingUnit
-        In the order of a step.
-    conditions : list of ParameterCondition
-    grid : Grid
+    `varied` are the parameters, ``component.variable``, that differ from run to run. The memory of `system` has the
+    values before the start. `lists` are the actions of ``begin``, ``part_0``, and after the i-th of `moving`
+    ``part_<i+1>``. `moving` has the order of a step.
     """
 
     def __init__(self, description: SystemDescription, varied: Iterable[str] = ()) -> None:
@@ -165,7 +156,7 @@ class SystemProgram:
         }
 
     def signals(self) -> dict[str, tuple[int, str]]:
-        """Return signal to place and unit; outputs of a unit precede its inputs, as in records of a master."""
+        """Return signal to place and unit. Outputs of a unit precede its inputs, as in records of a master."""
         system, fed = self.system, self.system.linked | {place for place, _ in self.system.outside}
         return {
             f"{name}.{v.name}": (system.begin(name) + i, v.unit or "")
@@ -215,10 +206,7 @@ def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
 
 
 def page_program(program: SystemProgram) -> dict[str, Any]:
-    """Return the data of a program for ``web/master.js``, ready for JSON.
-
-    UsageError for inputs from external signals, KernelError for an operation without code.
-    """
+    """Return the data of a program for ``web/master.js`` for JSON. UsageError for inputs from external signals."""
     if program.system.outside:
         raise UsageError("some of its inputs come from files")
     module, address, growth = write_module(program)

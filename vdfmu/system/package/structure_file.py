@@ -182,7 +182,7 @@ def mapping_file(pairs: Sequence[tuple[str, str]], version: str) -> Any:
 
 
 def system_page(description: SystemDescription, icons: Mapping[str, bytes], fmi_versions: Sequence[str]) -> bytes:
-    """Return ``documentation/index.html``, without other files and network; icons by their sources."""
+    """Return ``documentation/index.html``, without other files and network, with icons by their sources."""
     scenario = description.scenario
     about = [f"Scenario {scenario.name}: {scenario.description.rstrip('.')}."]
     if scenario.robot is not None:

@@ -19,10 +19,7 @@ from vdfmu.system.scenario.values import section_values
 
 
 def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
-    """Return the scenario with an empty payload if settings name its numbers and the robot lacks one.
-
-    `names` are the settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
-    """
+    """Return the scenario with an empty payload if settings, ``plant.payload_mass``, need it and its robot lacks it."""
     robot = scenario.robot
     fields = {name.partition(".")[2].partition("[")[0] for name in names}
     rows = section("payload")

@@ -28,6 +28,8 @@ from vdfmu.system.scenario.scenario_file import KEYS, PAPER_LISTS, load_system
 Schema = dict[str, Any]
 _TEXT: Schema = {"type": "string"}
 _FORMAT: Schema = {"type": "integer", "minimum": 1, "maximum": FORMAT, "description": "Version of the file's layout"}
+_FLAG: Schema = {"type": "boolean"}
+_FRICTION: Schema = {"enum": list(FRICTION_ARRANGEMENTS)}
 _SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}
 
 
@@ -43,9 +45,8 @@ def robot_schema() -> Schema:
     keys: Schema = {
         "name": _TEXT,
         "description": _TEXT,
-        "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
-        "rotor_coupling": {"type": "boolean"},
-        **{flag: {"type": "boolean"} for flag in ENDS},
+        "friction": _FRICTION,
+        **dict.fromkeys(("rotor_coupling", *ENDS), _FLAG),
         "drive": _TEXT,
         "payload": payload,
         "joints": {"type": "array", "minItems": 1, "items": joint},
@@ -66,14 +67,12 @@ def scenario_schema(system: str = "system") -> Schema:
     sections |= {name: _table(_values(unit), []) for name, unit in resolve(file, None).units.items()}
     types: Schema = {
         **dict.fromkeys(("name", "description", "system", "robot", "inputs"), _TEXT),
-        "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
-        "stop": positive,
-        "step": positive,
+        "friction": _FRICTION,
+        **dict.fromkeys(("stop", "step"), positive),
         "master": {"enum": ALGORITHMS.names()},
-        "adaptive": share,
-        "tolerance": share,
-        "input_hold": {"type": "boolean"},
-        "payload": _table(_rows("payload") | {"known": {"type": "boolean"}}, _required("payload")),
+        **dict.fromkeys(("adaptive", "tolerance"), share),
+        "input_hold": _FLAG,
+        "payload": _table(_rows("payload") | {"known": _FLAG}, _required("payload")),
         "joints": {"type": "object", "required": ["drive"], "properties": {"drive": _TEXT}},
         "motion": _motion(),
         "plant_factors": _table(factors, []),
@@ -86,13 +85,10 @@ def scenario_schema(system: str = "system") -> Schema:
 def system_schema() -> Schema:
     """Return the schema of a system file."""
     box = _list({"type": "number"}, 4)
-    ends = {flag: {"type": "boolean"} for flag in ENDS}
-    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box, "robot": _TEXT, **ends}, [])]}
+    part = {"unit": _TEXT, "box": box, "robot": _TEXT, **dict.fromkeys(ENDS, _FLAG)}
     keys: Schema = {
-        "extends": _TEXT,
-        "name": _TEXT,
-        "description": _TEXT,
-        "units": {"type": "object", "additionalProperties": part},
+        **dict.fromkeys(("extends", "name", "description"), _TEXT),
+        "units": {"type": "object", "additionalProperties": {"anyOf": [_TEXT, box, _table(part, [])]}},
         "shared": {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": _TEXT}},
         "connections": {
             "type": "object", "propertyNames": _SIGNAL,

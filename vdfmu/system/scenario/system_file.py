@@ -29,7 +29,7 @@ class Part:
     unit: Any
     """Name of a shipped unit, ``file.py``, ``file.py:Name``, a class, or ``file.fmu`` of any tool."""
     box: Box | None = None
-    """Corners in a diagram [mm], lower left and upper right; None: automatic."""
+    """Corners in a diagram [mm], lower left and upper right. None: automatic."""
     robot: Robot | None = None
     """Robot of the component, if it differs from the robot of the scenario."""
     ends: tuple[str, ...] = ()
@@ -42,7 +42,7 @@ class Part:
 
     @property
     def fmu(self) -> Path | None:
-        """The FMU of any tool; None for a unit."""
+        """The FMU of any tool. None for a unit."""
         named = str(self.unit)
         return Path(named) if not isinstance(self.unit, type) and named.lower().endswith(".fmu") else None
 
