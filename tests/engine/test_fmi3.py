@@ -8,8 +8,8 @@ import pytest
 
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.fmu.instance3 import Instance3
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.fmu.versions import Instance3
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import ALGORITHMS, simulate
 

@@ -9,7 +9,8 @@ from tests.engine.texts import binding, connection, connections, elements, ssd
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.package import load_ssp, parse
+from vdfmu.engine.package import parse
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.system.scenario import load_scenario
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from tests.engine.texts import binding, component, connections, connector_list, elements, ssd, values
 from tests.system.package.problems import problems, write
-from vdfmu.engine.package import limits, load_ssp
-from vdfmu.engine.package.read import read_system
+from vdfmu.engine.package import limits
+from vdfmu.engine.package.read import load_ssp, read_system
 
 OUTSIDE = "is not a relative path inside the package; put the file into the package and name it by its path there"
 

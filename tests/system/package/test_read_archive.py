@@ -13,8 +13,9 @@ from tests.engine.texts import SPACES, binding, component, elements, ssd
 from tests.hostile.packages import pack
 from tests.system.package.problems import problems, write
 from vdfmu.base.errors import SspError
-from vdfmu.engine.package import limits, load_ssp
+from vdfmu.engine.package import limits
 from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.package.read import load_ssp
 
 SSV = f'<ssv:ParameterSet {SPACES} version="1.0" name="p"><ssv:Parameters>{{}}</ssv:Parameters></ssv:ParameterSet>'
 SSM = f'<ssm:ParameterMapping {SPACES} version="1.0">{{}}</ssm:ParameterMapping>'

@@ -10,7 +10,7 @@ from tests.engine.texts import SPACES, connections, connector_list, elements, pa
 from tests.hostile.packages import pack as zipped
 from tests.system.package.problems import problems
 from vdfmu.base.errors import SspError
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 
 PACKAGE = 'type="application/x-ssp-package"'

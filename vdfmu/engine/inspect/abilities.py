@@ -11,12 +11,11 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.fmu.versions import class_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.rules import Findings
 
@@ -80,7 +79,7 @@ def tried(
         instance.prepare(None, start, start + 10 * step, [])
         instance.enter_initialization()
         begin(instance)
-        instance.exit_initialization(ModelExchangeIntegrator)
+        instance.exit_initialization()
         return attempt(instance, start, step)
     finally:
         instance.close()  # a failure would show in the plain run

@@ -22,6 +22,11 @@ _FILES = {
 }
 NAMESPACES = {prefix: f"http://ssp-standard.org/SSP1/{name}" for prefix, name in _FILES.items()}
 """The same for SSP 1.0 and 2.0."""
+EXPERIMENT_TYPE, OSP_TYPE = "org.vdfmu.experiment", "com.opensimulationplatform"
+"""Types of the annotations of this project and of libcosim."""
+FOREIGN = {"osp": "http://opensimulationplatform.com/SSP/OSPAnnotations", "vdfmu": "urn:org.vdfmu:experiment"}
+"""Namespaces of the annotations' content. The root declares them: libcosim takes a declaration inside an annotation
+for an algorithm."""
 _NAMED = {
     f"{{{NAMESPACES[prefix]}}}{tag}"
     for prefix, tag in (

@@ -12,8 +12,7 @@ from vdfmu.base.once import cached_per_command
 from vdfmu.engine.package import limits, parse
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.bindings import Bindings
-from vdfmu.engine.package.elements import Document, Scope, read_units
-from vdfmu.engine.package.experiment import read_experiment
+from vdfmu.engine.package.elements import Document, Scope, read_experiment, read_units
 from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Component, System
 from vdfmu.engine.package.tree import TreeReader

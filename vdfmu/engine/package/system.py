@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.standards import SSP_1
-from vdfmu.engine.package.experiment import Experiment
 from vdfmu.engine.rules import Finding, Place
 
 _DIGITS = 1e-6
@@ -191,6 +190,21 @@ class Component:
     overruled: tuple[BoundParameter, ...] = ()
     step: float | None = None
     place: Place = field(default=("", 0), compare=False)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """How a system is run unless told otherwise; None where its SSD does not say."""
+
+    start: float | None = None
+    """Simulated time [s], as the stop."""
+    stop: float | None = None
+    step: float | None = None
+    """Communication step [s], from an annotation of this project or of libcosim."""
+    algorithm: str | None = None
+    """Master algorithm, from an annotation of this project."""
+    adaptive: float | None = None
+    """Largest relative error of a coupled signal in a step, for `algorithm`."""
 
 
 @dataclass(frozen=True)

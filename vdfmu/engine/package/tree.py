@@ -10,8 +10,7 @@ from typing import Any
 
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import limits
-from vdfmu.engine.package.elements import Node, Scope, read_connector, read_connectors
-from vdfmu.engine.package.experiment import read_step
+from vdfmu.engine.package.elements import Node, Scope, read_connector, read_connectors, read_step
 from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Connector
 from vdfmu.engine.rules import Finding, breach, finding

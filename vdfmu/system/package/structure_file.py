@@ -10,8 +10,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 from vdfmu.base.measure import measure
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.description import number
-from vdfmu.engine.package.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
-from vdfmu.engine.package.parse import NAMESPACES
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, OSP_TYPE
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
 
 META = {
