@@ -152,6 +152,6 @@ def test_a_step_that_returns_early_is_finished_unless_rounding_is_left(left, cal
         def _answered(self, flags, last, ended):
             return ended
 
-    call, arguments, _ = Early().simulation_call(c_double(1.0), c_double(1e-3))
+    call, arguments, _ = Early()._simulation_call(c_double(1.0), c_double(1e-3))
     assert call(*arguments) == 0
     assert len(made) == calls

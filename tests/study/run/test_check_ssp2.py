@@ -239,7 +239,7 @@ def test_indices_choose_elements_and_must_lie_in_the_array(package):
         assert linked([""], [f'endIndices="{index}"']) == [
             f"{name}endIndices: {index} is outside of PDController.q_d, an array of 2; the first index is 1"
         ]
-    assert linked([""], ['endIndices="1 1"']) == [f"{name}endIndices: 2 for PDController.q_d, which is an array of 2"]
+    assert linked([""], ['endIndices="1 1"']) == [f"{name}endIndices: 2 for PDController.q_d, an array of 2"]
 
 
 def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):

@@ -57,7 +57,7 @@ class Instance(Library):
 
     # ------------------------------------------------------------------ for each version of FMI
 
-    def make(self) -> None:
+    def _make(self) -> None:
         """Create the instance, with messages switched on."""
         raise NotImplementedError
 
@@ -65,15 +65,15 @@ class Instance(Library):
         """Set the experiment, and values before the initialization."""
         raise NotImplementedError
 
-    def value_call(self, moved: Transfer) -> Call:
+    def _value_call(self, moved: Transfer) -> Call:
         """Return the call that gets or sets values of one type."""
         raise NotImplementedError
 
-    def simulation_call(self, clock: c_double, size: c_double) -> Call:
+    def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step of co-simulation from `clock` by `size` [s]."""
         raise NotImplementedError
 
-    def slope_call(self, moved: Transfer) -> Call:
+    def _slope_call(self, moved: Transfer) -> Call:
         """Return the call that gets the derivatives of real outputs by time."""
         raise NotImplementedError
 
@@ -85,7 +85,7 @@ class Instance(Library):
 
     def step_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step from `clock` by `size` [s]."""
-        return (self.integrator.step_call if self.integrator else self.simulation_call)(clock, size)
+        return (self.integrator.step_call if self.integrator else self._simulation_call)(clock, size)
 
     def rate_call(self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double) -> Call:
         """Return the call that ramps real inputs over a step, from their `starts` with their `slopes`."""
@@ -107,7 +107,7 @@ class Instance(Library):
     def slopes(self, variables: Sequence[FmuVariable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
-        return self.slope_call(Transfer("Get", variables, places, values, np.float64, self._known, self._failure))
+        return self._slope_call(Transfer("Get", variables, places, values, np.float64, self._known, self._failure))
 
     def set_time(self, time: float) -> None:
         """Set the time of a model-exchange component, and the inputs that follow lines."""
@@ -210,7 +210,7 @@ class Instance(Library):
             places = [i for i, v in enumerate(variables) if v.native == native and chosen(v)]
             alike = [variables[i] for i in places]
             moved = Transfer(verb, alike, places, values, self.dtypes[native], self._known, self._failure)
-            calls.append(self.value_call(moved))
+            calls.append(self._value_call(moved))
         return calls
 
     def between_events(self, variable: FmuVariable) -> bool:
@@ -236,9 +236,9 @@ class Instance(Library):
         boxes[self.token] = (self.name, self.box)
         if self.python:
             with _MAKING, watched_slave(self.folder / "resources"):
-                self.make()
+                self._make()
         else:
-            self.make()
+            self._make()
         self.argument = c_void_p.from_param(self.fmu.component)
         self.stage = "instantiated"
 

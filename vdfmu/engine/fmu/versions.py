@@ -37,8 +37,7 @@ class Instance2(Instance):
     prefix, sized, derivatives_name, update_name = "fmi2", False, "GetDerivatives", "newDiscreteStates"
     dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
 
-    def make(self) -> None:
-        """See `Instance.make`."""
+    def _make(self) -> None:
         default = fmi2.defaultCallbacks
         memory = default.allocateMemory, default.freeMemory
         callbacks = fmi2.fmi2CallbackFunctions(_RECEIVER, *memory, default.stepFinished, self.token)
@@ -54,14 +53,12 @@ class Instance2(Instance):
         self.fmu.setupExperiment(tolerance, start, stop)
         self.set_all(values)
 
-    def value_call(self, moved: Transfer) -> Call:
-        """See `Instance.value_call`."""
+    def _value_call(self, moved: Transfer) -> Call:
         count, _ = moved.counts
         function = moved.around(self.function(moved.verb + moved.native))
         return function, (self.argument, byref(moved.references), count, moved.pointer), moved.name
 
-    def simulation_call(self, clock: c_double, size: c_double) -> Call:
-        """See `Instance.simulation_call`."""
+    def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         return self.function("DoStep"), (self.argument, clock, size, c_int.from_param(1)), "doStep"
 
     def rate_call(self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double) -> Call:
@@ -72,8 +69,7 @@ class Instance2(Instance):
         values = byref(c_double.from_buffer(slopes))  # pyright: ignore[reportArgumentType]
         return self._first_order("SetRealInputDerivatives", len(variables), references, values)
 
-    def slope_call(self, moved: Transfer) -> Call:
-        """See `Instance.slope_call`."""
+    def _slope_call(self, moved: Transfer) -> Call:
         references, name = moved.references, "GetRealOutputDerivatives"
         function, arguments, call = self._first_order(name, len(references), references, moved.pointer)
         return moved.around(function), arguments, call
@@ -126,8 +122,7 @@ class Instance3(Instance):
     _failed: CosimError | None = None
     """Error of an intermediate update."""
 
-    def make(self) -> None:
-        """See `Instance.make`."""
+    def _make(self) -> None:
         token = self.token
 
         def receive(_: int | None, *message: Any) -> None:
@@ -153,8 +148,7 @@ class Instance3(Instance):
         """See `Instance.enter_initialization`."""
         self.fmu.enterInitializationMode(*self._experiment)
 
-    def value_call(self, moved: Transfer) -> Call:
-        """See `Instance.value_call`."""
+    def _value_call(self, moved: Transfer) -> Call:
         count, n = moved.counts
         sizes = [byref(c_char.from_buffer(moved.sizes))] if moved.native == "Binary" else []  # pyright: ignore[reportArgumentType]
         arguments = self.argument, byref(moved.references), count, *sizes, moved.pointer, n
@@ -162,8 +156,7 @@ class Instance3(Instance):
 
     # ------------------------------------------------------------------ steps
 
-    def simulation_call(self, clock: c_double, size: c_double) -> Call:
-        """See `Instance.simulation_call`."""
+    def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         step, last = self.function("DoStep"), c_double()
         flags = (c_bool * 4)()
         any_flag = c_uint32.from_buffer(flags)
@@ -217,8 +210,7 @@ class Instance3(Instance):
         self._held = self._at + 0.5 * length + self._late / length
         self.line(self._held)
 
-    def slope_call(self, moved: Transfer) -> Call:
-        """See `Instance.slope_call`."""
+    def _slope_call(self, moved: Transfer) -> Call:
         orders = (c_int * len(moved.references))(*([1] * len(moved.references)))
         count, size = moved.counts
         arguments = self.argument, byref(moved.references), count, orders, moved.pointer, size

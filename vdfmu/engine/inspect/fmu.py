@@ -177,10 +177,7 @@ def _experiment(description: Any) -> list[Finding]:
 def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _FmuContents:
     """Read what an FMU holds; XML that must not be parsed is reported and skipped."""
     with Archive(path, label, outer) as archive:
-        findings.notes += [
-            finding("PKG007", f"entry {name!r} occurs more than once, with the same content")
-            for name in archive.doubled
-        ]
+        findings.notes += archive.notes
         if DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
             raise breach("FMI001", f"it has no {DESCRIPTION!r}{hint}")

@@ -169,10 +169,7 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
     heads: dict[str, Any] = {}
     try:
         with Archive(path, path.name) as archive:
-            findings.notes += [
-                finding("PKG007", f"entry {name!r} occurs more than once, with the same content")
-                for name in archive.doubled
-            ]
+            findings.notes += archive.notes
             names = variants(archive)
             if DEFAULT not in names:
                 has = f"; it has {', '.join(names)}" if names else ""
