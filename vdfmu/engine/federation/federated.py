@@ -1,9 +1,9 @@
-"""The federates of one run that are processes of this machine.
+"""The federates of a run on this machine.
 
 Each is a process as in `vdfmu.engine.run.isolated`: it holds components, shares the memory of their values with this
-process, and steps them on request. It gets values of other federates' components directly from these federates, by
-HELICS; this process only reads all values, row by row. A federate that has failed tells the others, on any machine. If
-one has died, this process notices at once, and other machines after some seconds.
+process, and steps them on request. Values between federates pass directly by HELICS; this process only reads all
+values, row by row. A failed federate reports to its peers on any machine. The death of a federate is noticed here at
+once, and on other machines after some seconds.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits
 
 
 class _Federate(Isolated):
-    """The process of a federate; `ended` is called with its name when it has ended early."""
+    """The process of a federate; calls `ended` with its name at an early end."""
 
     server = "vdfmu.engine.federation.server"
 
@@ -40,7 +40,7 @@ class _Federate(Isolated):
 
     @property
     def waits(self) -> bool:
-        """Whether it has waited too long for another federate (not for a component)."""
+        """Whether it has exceeded the limit while waiting for another federate."""
         return self.late and self.exchange.running.value <= 0
 
     @property
@@ -49,7 +49,7 @@ class _Federate(Isolated):
         return self.exchange.running.value > 0
 
     def cut(self, late: bool) -> None:
-        """End the process because another one ended, or, if `late`, because this one took too long."""
+        """End the process because another process ended, or, if `late`, because of its time limit."""
         if (child := self._child) is not None:
             child.late = late
             child.kill()
@@ -103,9 +103,9 @@ class Federated(Elsewhere):
             federate.pressed = lambda: self.pressed()
             self._federates[name] = federate
             for bank, other in zip(self.exchange.banks, federate.exchange.banks, strict=True):
-                own = [(bank.position[port], i) for port, i in other.position.items() if port[0] in part.descriptions]
-                if own and bank.kind not in TEXTS:
-                    to, of = array(own, intp).T
+                pairs = [(bank.position[port], i) for port, i in other.position.items() if port[0] in part.descriptions]
+                if pairs and bank.kind not in TEXTS:
+                    to, of = array(pairs, intp).T
                     self._copies.append((bank.memory, to, other.memory, of))
 
     def load(self) -> None:
@@ -142,20 +142,18 @@ class Federated(Elsewhere):
 
     def facts(self) -> dict[str, Any]:
         """Return the summary's entries on the federates."""
-        federates = {
-            name: {"components": list(self._plan.parts[name])} | federate.facts()
-            for name, federate in self._federates.items()
-        }
+        parts = self._plan.parts
+        federates = {name: {"components": [*parts[name]]} | unit.facts() for name, unit in self._federates.items()}
         return {"federates": federates, "core": self._plan.core}
 
     def notes(self) -> list[str]:
-        """Return notes on the run: none."""
+        """Return no notes."""
         return []
 
     def close(self) -> CosimError | None:
         """Free all, end the processes, the broker's last, and return the first failure."""
         failures = [federate.close() for federate in reversed(self._federates.values())]
-        return next((failure for failure in failures if failure is not None), None)
+        return next(filter(None, failures), None)
 
     def _call(self, name: str, *arguments: Any) -> None:
         for federate in self._federates.values():
@@ -163,9 +161,9 @@ class Federated(Elsewhere):
         self._take()
 
     def _take(self, joining: bool = False) -> None:
-        """Wait for the answers of all; raise the error of the one that failed or ended first.
+        """Wait for all answers; raise the first failure.
 
-        All learn of a failure, except while they are `joining`: one that cannot join then ends all others.
+        Federates report failures to each other, except while `joining`: a failure there ends all others.
         """
         failures: dict[str, VdfmuError] = {}
 
@@ -185,16 +183,16 @@ class Federated(Elsewhere):
                 take(name)
         if failures:
             first = self._first or next(iter(failures))
-            raise failures.get(first) or self._federates[first].lost()  # which had answered before it ended
+            raise failures.get(first) or self._federates[first].lost()  # it had answered before its end
 
     def _ended(self, name: str) -> None:
-        """End the others, which would wait for a federate that has ended. Any thread may call it; the first counts."""
+        """End the peers of an ended federate, since they wait for it; only the first call, from any thread, counts."""
         with self._lock:
             if self._first is not None:
                 return
             self._first = name
             late = self._federates[name].waits
-            if late:  # it waited for another, which may be here
+            if late:  # it waited for another federate, maybe here
                 self._first = next((n for n, federate in self._federates.items() if federate.works), name)
         for other, federate in self._federates.items():
             if other != name:

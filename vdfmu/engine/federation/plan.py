@@ -1,4 +1,4 @@
-"""Which component steps in which process, and which values the processes send each other."""
+"""Split of a system over processes, and values between them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vdfmu.engine.plan.schedule import variable_graph
 
 
 class Sent(NamedTuple):
-    """Variables that a federate sends to others, which read them: the reals, and all other types."""
+    """Variables from a federate to its peers: reals, and all other types."""
 
     reals: tuple[Port, ...]
     rest: tuple[Port, ...]
@@ -26,15 +26,15 @@ class FederationPlan(NamedTuple):
     """The federates of a system."""
 
     parts: Mapping[str, tuple[str, ...]]
-    """The components of each federate, by its name, which its first component has too."""
+    """The components of each federate by its name, the name of its first component."""
     here: tuple[str, ...]
     """The federates to run here."""
     sent: Mapping[str, Sent]
-    """Variables that each sends; reals that change in steps come first."""
+    """Variables from each; reals that change in steps come first."""
     levels: Mapping[Port, int]
-    """How often a value passes from federate to federate before it reaches a variable in initialization mode."""
+    """Number of exchanges in initialization mode until a variable has its value."""
     core: str
-    """See `Federation`; so is the broker."""
+    """See `Federation` for it and the broker."""
     broker: str | None
 
     @property
@@ -45,13 +45,13 @@ class FederationPlan(NamedTuple):
 
 
 def sent_values(links: Sequence[Link]) -> Sent:
-    """Return the variables at which connections start."""
+    """Return the variables at the start of connections."""
     reals, rest = (dict.fromkeys(k.start for k in links if (k.source.kind == "Real") == r) for r in (True, False))
     return Sent(tuple(reals), tuple(rest))
 
 
 def levels(checked: Checked, crossing: Sequence[Link]) -> dict[Port, int]:
-    """Return `FederationPlan.levels`; loops are open where the initialization guesses what a connection carries."""
+    """Return `FederationPlan.levels`; loops are open at connections with a guess during initialization."""
     ports, edges = variable_graph(checked.sources, checked.links, initial=True)
     edges -= {(link.start, link.end) for link in checked.schedule.initial.torn}
     between = {(link.start, link.end) for link in crossing}
@@ -59,9 +59,9 @@ def levels(checked: Checked, crossing: Sequence[Link]) -> dict[Port, int]:
 
 
 def share(checked: Checked, components: Collection[str]) -> Checked:
-    """Return the system of some components of a checked one: values from all others come from outside.
+    """Return a part of a checked system, with values from all other components as inputs from outside.
 
-    Its initialization remains the initialization of the whole system.
+    The initialization remains the initialization of the whole system.
     """
     links: dict[Port, Link] = {}
     outside: dict[str, FmuVariable] = dict(checked.feed.description.variables) if checked.feed else {}

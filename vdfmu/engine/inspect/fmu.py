@@ -31,7 +31,7 @@ from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import Finding, Findings, breach, finding
 
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
-"""FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
+"""fmiVersion: fixed texts in FMI 1.0 and 2.0, with an optional third number in FMI 3.0."""
 NOT_RUN = finding("RUN006", "not run: code of a file with problems is not run; mend them first")
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 _MAGIC = {
@@ -41,23 +41,22 @@ _MAGIC = {
     ".dylib": (b"\xcf\xfa\xed\xfe", b"\xce\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xca\xfe\xba\xbf"),
 }
 """First bytes of a shared library."""
-_ENDINGS = tuple(_MAGIC)
 _ELF = {3: "x86", 40: "arm", 62: "x86_64", 183: "aarch64", 243: "riscv"}
 _PE = {0x14C: "x86", 0x1C0: "arm", 0x8664: "x86_64", 0xAA64: "aarch64"}
 
 
 @dataclass(frozen=True)
 class _FmuContents:
-    """Contents of an FMU: its members, the roots of its XML files by name, and the processors of its libraries."""
+    """Contents of an FMU: its members, and the roots of its XML files by name."""
 
     names: list[str]
     roots: Mapping[str, Any]
     misbuilt: Mapping[str, str]
-    """Libraries in a folder of this platform that are for another processor, and a message for each."""
+    """Messages on libraries for another processor in the folder of this platform."""
 
 
 def store(archive: Archive, source: str, folder: Path) -> Path:
-    """Write an FMU of a package into a temporary folder, under a number: its name there may be too long for a file."""
+    """Write an FMU of a package into a temporary folder, under a number, since its name may be too long for a file."""
     path = folder / f"{sum(1 for _ in folder.iterdir())}.fmu"
     try:
         with path.open("wb") as file:
@@ -72,11 +71,10 @@ def store(archive: Archive, source: str, folder: Path) -> Path:
 def check_unit(
     path: Path, run: bool = True, name: str = "", outer: Archive | None = None
 ) -> tuple[Findings, str | None]:
-    """Check an FMU of FMI 1.0, 2.0 or 3.0; return the standard too, such as ``FMI 2.0``, None where it does not say.
+    """Check an FMU of FMI 1.0, 2.0 or 3.0; return the standard too, such as ``FMI 2.0``, None if not stated.
 
-    `run`: make ten steps and compare with reference results, in a process of its own, if nothing else is wrong. `name`
-    is its name in messages, if not the file's, `outer` the package that contains it: they share one limit of what may
-    be unpacked.
+    `run`: without other faults, make ten steps in another process and compare with reference results. `name` is its
+    name in messages, by default the file's, `outer` the package around it; both share the limit of unpacked bytes.
     """
     findings, standard = _examine(path, name or path.name, outer)
     if not run:
@@ -96,8 +94,8 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     try:
         unit = _read(path, name, findings, outer)
     except SspError as error:
-        why = f"{name} is not a readable FMU"
-        return Findings([p.reworded(f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
+        text = f"{name} is not a readable FMU"
+        return Findings([p.reworded(f"{text}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
     root = unit.roots[DESCRIPTION]
     version = root.get("fmiVersion")
     standard = f"FMI {version}" if version else None
@@ -112,18 +110,14 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     findings.add(broken)
     try:
         description: Any = fmpy.read_model_description(str(path), validate=False)
-    except Exception:  # fmpy raises bare ones for unexpected elements; `_rules` says which
+    except Exception:  # fmpy raises bare exceptions for unexpected elements; `_rules` reports them
         description = mended
     if description is None:
         return findings, standard
-    kinds = [
-        name
-        for name in ("coSimulation", "modelExchange", "scheduledExecution")
-        if getattr(description, name, None) is not None
-    ]
+    interfaces = ("coSimulation", "modelExchange", "scheduledExecution")
+    kinds = [name for name in interfaces if getattr(description, name, None) is not None]
     if version != "1.0" and "coSimulation" not in kinds:
-        text = "no co-simulation: a master needs it; other importers bring a solver of their own"
-        findings.note("FMI019", text, root)
+        findings.note("FMI019", "no co-simulation: a master needs it; other importers bring a solver", root)
     if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
         findings.problems += _experiment(description)
     _binaries(unit, description, kinds, findings)
@@ -131,7 +125,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
 
 
 def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
-    """Return the breaches of the schema and of the rules of the standard, and fmpy's description of what is left."""
+    """Return the breaches of the schema and of the rules of the standard, and fmpy's description of the rest."""
     root = unit.roots[DESCRIPTION]
     ours = variable_faults(root)
     if TERMINALS in unit.roots:
@@ -143,7 +137,7 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
     notes = [] if references is None else related_notes(references)
     build = build_faults(root, unit.roots.get(BUILD), unit.names)
     problems, description = description_faults(root)
-    if description is None:  # only faults against the schema are reported
+    if description is None:  # breaches of the schema hide all others
         return Findings(problems), None
     return Findings([*problems, *ours, *build.problems], [*notes, *build.notes]), description
 
@@ -158,8 +152,7 @@ def _experiment(description: Any) -> list[Finding]:
 
     times: dict[str, float] = {}
     for name in ("startTime", "stopTime", "stepSize"):
-        text = getattr(experiment, name, None)
-        if text is None:
+        if (text := getattr(experiment, name, None)) is None:
             continue
         try:
             times[name] = float(text)
@@ -175,7 +168,7 @@ def _experiment(description: Any) -> list[Finding]:
 
 
 def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _FmuContents:
-    """Read what an FMU holds; XML that must not be parsed is reported and skipped."""
+    """Read the contents of an FMU; report and skip refused XML."""
     with Archive(path, label, outer) as archive:
         findings.notes += archive.notes
         if DESCRIPTION not in archive:
@@ -191,16 +184,15 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
                     roots[name] = parse_xml(archive.read(name), name)
                 except SspError as error:
                     findings.problems += error.problems
-        for name in archive.names:
-            if name.startswith("binaries/") and name.count("/") == 2 and name.endswith(_ENDINGS):
+            if name.startswith("binaries/") and name.count("/") == 2 and name.endswith(tuple(_MAGIC)):
                 data = archive.head(name)
-                fault = _library_fault(name, data)
-                if fault is not None:
-                    findings.problem("FMI018", fault)
+                if not data.startswith(_MAGIC[posixpath.splitext(name)[1]]):
+                    findings.problem("FMI018", f"{name}: is not a shared library of the kind in its name")
                 elif name.split("/")[1] in (fmpy.platform, fmpy.platform_tuple):
-                    fault = _architecture_fault(name, data)
-                    if fault is not None:
-                        misbuilt[name] = fault
+                    processor = _architecture(data)
+                    if processor not in (None, fmpy.architecture):
+                        text = f"is compiled for {processor}, this platform needs {fmpy.architecture}"
+                        misbuilt[name] = f"{name}: {text}; build the FMU for it"
         return _FmuContents(archive.names, roots, misbuilt)
 
 
@@ -211,7 +203,7 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
     here = [p for p in (fmpy.platform, fmpy.platform_tuple) if p in folders]
     if not here:
         has_sources = any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)
-        sources = "; it has sources, which must be compiled first" if has_sources else ""
+        sources = "; compile its sources first" if has_sources else ""
         text = f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
         findings.problem("FMI017", text)
         return
@@ -224,23 +216,8 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
         findings.problems += [finding("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt]
 
 
-def _library_fault(name: str, data: bytes) -> str | None:
-    """Return the fault of a file that is named as a shared library, or None."""
-    if data.startswith(_MAGIC[posixpath.splitext(name)[1]]):
-        return None
-    return f"{name}: is not a shared library of the kind its name says"
-
-
-def _architecture_fault(name: str, data: bytes) -> str | None:
-    """Return why a library in a folder of this platform cannot be loaded by its processor, or None."""
-    has = _architecture(data)
-    if has is None or has == fmpy.architecture:
-        return None
-    return f"{name}: is compiled for {has}, this platform needs {fmpy.architecture}; build the FMU for it"
-
-
 def _architecture(data: bytes) -> str | None:
-    """Return the processor of an ELF or PE library; None where the header does not say."""
+    """Return the processor of an ELF or PE library; None if the header does not state it."""
     try:
         if data.startswith(b"\x7fELF"):
             (number,) = struct.unpack_from("<H" if data[5] == 1 else ">H", data, 18)
@@ -248,9 +225,8 @@ def _architecture(data: bytes) -> str | None:
         if data.startswith(b"MZ"):
             (head,) = struct.unpack_from("<I", data, 0x3C)
             (number,) = struct.unpack_from("<H", data, head + 4)
-            return (
-                _PE.get(number, f"processor {number:#x} (PE machine)") if data[head : head + 4] == b"PE\0\0" else None
-            )
+            name = _PE.get(number, f"processor {number:#x} (PE machine)")
+            return name if data[head : head + 4] == b"PE\0\0" else None
     except (struct.error, IndexError):  # truncated; loading reports it
         pass
     return None
