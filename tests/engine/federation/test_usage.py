@@ -52,7 +52,7 @@ def test_components_with_event_mode_are_refused(system):
 
 def test_without_helics_it_says_how_to_get_it(package, monkeypatch):
     monkeypatch.setitem(sys.modules, "helics", None)
-    with pytest.raises(VdfmuError, match="package helics, but it is not installed. Install it: .* -m pip install helics"):
+    with pytest.raises(VdfmuError, match="package helics, but .* Install it: .* -m pip install helics"):
         vdfmu.federate(package, ["a"], step=0.1)
 
 

@@ -14,8 +14,7 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.option import with_options
 from vdfmu.base.text import close_to
 from vdfmu.engine.algorithms import DELAYED
-from vdfmu.engine.federation.federated import Federated
-from vdfmu.engine.federation.plan import FederationPlan, levels, sent_values, share
+from vdfmu.engine.federation.federated import Federated, FederationPlan, levels, sent_values, share
 from vdfmu.engine.options import FederateOptions
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.check import Checked

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.federation.plan import FederationPlan
+from vdfmu.engine.federation.federated import FederationPlan
 from vdfmu.engine.fmu.access import held, shown
 from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.components import Components

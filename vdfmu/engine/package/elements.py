@@ -75,17 +75,9 @@ class Scope:
                 self.aliases[name] = alias = f"{name} of {self.prefix}{self.document}"
                 self.units[alias] = replace(unit, name=alias)
 
-    def unit(self, name: str | None) -> str | None:
-        """Return the name that a unit of this SSD has in the tree."""
-        return None if name is None else self.aliases.get(name, name)
-
     def units_here(self) -> dict[str, UnitFactor]:
-        """Return the unit definitions under the names of this SSD."""
+        """Return the unit definitions by their names in this SSD."""
         return {**self.units, **{name: self.units[alias] for name, alias in self.aliases.items()}}
-
-    def inside(self, member: str) -> tuple[Archive, str]:
-        """Return a package inside the package, and its prefix."""
-        return self.archive.inside(member), f"{self.prefix}{member}{INSIDE}"
 
 
 @dataclass
@@ -136,11 +128,12 @@ class Node:
 def read_connector(item: Any, kind: str, scope: Scope) -> Connector:
     """Read a connector, or an entry of a signal dictionary."""
     typed = next((c for c in item if c.tag.startswith(_SSC) and c.tag not in _NO_TYPES), None)
+    unit: Any = None if typed is None else typed.get("unit")
     return Connector(
         name=item.get("name"),
         kind=kind,
         type=None if typed is None else typed.tag[len(_SSC) :],
-        unit=None if typed is None else scope.unit(typed.get("unit")),
+        unit=scope.aliases.get(unit, unit),
         dimensions=(*read_shape(item), *(() if typed is None else read_shape(typed))),
         place=place_of(item),
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import limits
+from vdfmu.engine.package.archive import INSIDE
 from vdfmu.engine.package.elements import Node, Scope, read_connector, read_connectors, read_step
 from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Connector
@@ -113,10 +114,9 @@ class TreeReader:
             raise breach("SSP011", f"{where}: the package has no {member!r}", element)
         scope = replace(outer, aliases={})
         if kind == PACKAGE_TYPE:
-            archive, prefix = outer.inside(member)
             scope = replace(
-                scope, archive=archive, prefix=prefix, base="", document=fragment or "SystemStructure.ssd",
-                label=f"{outer.label}: {member}",
+                scope, archive=outer.archive.inside(member), prefix=f"{outer.prefix}{member}{INSIDE}", base="",
+                document=fragment or "SystemStructure.ssd", label=f"{outer.label}: {member}",
             )  # fmt: skip
         elif fragment:
             text = f"{where}: a fragment, '#{fragment}', can follow the name of a package only"
