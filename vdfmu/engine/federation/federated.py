@@ -115,8 +115,8 @@ class _Federate(Isolated):
 
     @property
     def waits(self) -> bool:
-        """Whether it has exceeded the limit while waiting for another federate."""
-        return self.late and self.exchange.running.value <= 0
+        """Whether it exceeds the time limit, and not by the call of a component."""
+        return self.late and not self.works
 
     @property
     def works(self) -> bool:

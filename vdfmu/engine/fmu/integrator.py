@@ -49,15 +49,10 @@ class ModelExchangeIntegrator:
 
     def step_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step from `clock` by `size` [s]."""
+        return lambda: self._step(clock.value, clock.value + size.value), (), "doStep"
 
-        def step() -> int:
-            self.step(clock.value, clock.value + size.value)
-            return 0
-
-        return step, (), "doStep"
-
-    def step(self, time: float, end: float) -> None:
-        """Step from `time` to `end`."""
+    def _step(self, time: float, end: float) -> int:
+        """Step from `time` to `end`; return the status ok."""
         instance = self.instance
         instance.update(time)
         steps, events = 0, 0
@@ -73,7 +68,7 @@ class ModelExchangeIntegrator:
                 instance.update(time)
             events += at_event
             if time >= end or instance.name in instance.box.ended:
-                return
+                return 0
             if events > _EVENTS:
                 reason = f"there are more than {_EVENTS} events in a step, the last at t = {time:.9g} s"
                 raise self._failure(f"{reason}; choose a shorter step")

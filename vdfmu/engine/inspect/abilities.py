@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from ctypes import c_double
+from functools import partial
 from pathlib import Path
 
 import fmpy
@@ -39,7 +40,11 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
         ("event mode (hasEventMode)", description.event_mode, _event_mode),
         ("inputs, set to their start values", _inputs(description), _stepped),
         ("FMU state (canGetAndSetFMUState)", simulated and description.saves_state, _state),
-        ("FMU state (canSerializeFMUState)", simulated and description.serializes_state, _serialized),
+        (
+            "FMU state (canSerializeFMUState)",
+            simulated and description.serializes_state,
+            partial(_state, serialized=True),
+        ),
         ("directional derivatives", description.derives_unknowns, _derivatives),
     ]
     for ability, declared, attempt in attempts:
@@ -116,13 +121,8 @@ def _outputs(instance: Instance) -> tuple[Floats, list[FmuVariable]]:
     return values, outputs
 
 
-def _serialized(instance: Instance, start: float, step: float) -> str:
-    """See `_state`; with serialization of the saved state."""
-    return _state(instance, start, step, serialized=True)
-
-
 def _state(instance: Instance, start: float, step: float, serialized: bool = False) -> str:
-    """Step, save the state, step twice from there; return the difference of outputs."""
+    """Step, save the state, `serialized` or not, step twice from there; return the difference of outputs."""
     make_step(instance, start, step)
     state, time = instance.saved_state(), start + step
     if serialized:
@@ -142,6 +142,9 @@ def _state(instance: Instance, start: float, step: float, serialized: bool = Fal
     k = int(np.argmax(wrong))
     step_text = f"the step from t = {time:.9g} s, repeated from the saved state, gives"
     return f"{step_text} {outputs[k].name} = {second[k]:.9g}; the first time it gave {first[k]:.9g}"
+
+
+_serialized = partial(_state, serialized=True)
 
 
 def _derivatives(instance: Instance, start: float, step: float) -> str:

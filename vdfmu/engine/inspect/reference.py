@@ -6,7 +6,7 @@ import csv
 import io
 import posixpath
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from urllib.parse import unquote
 
 import fmpy
 import numpy as np
-from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import SspError
@@ -213,8 +212,7 @@ def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) ->
 
 
 def _number(text: str) -> float:
-    truth = {"true": 1.0, "false": 0.0}
-    return truth[text.lower()] if text.lower() in truth else float(text)
+    return float({"true": 1.0, "false": 0.0}.get(text.lower(), text))
 
 
 def _differences(expected: ReferenceTable, results: Mapping[str, Floats]) -> list[str]:
@@ -254,7 +252,8 @@ def _results(
                 instance.set_all([(v, bool(x) if v.kind == "Boolean" else as_type(x, v)) for v, x in values])
 
     def steps(instance: Instance, *_: float) -> str:
-        read = {name: _reader(instance, variables) for name, variables in outputs.items()}
+        memory = {name: np.zeros(len(each), DTYPES[each[0].kind]) for name, each in outputs.items()}
+        calls = [call for name, each in outputs.items() for call in instance.access("Get", each, memory[name])]
         for k, time in enumerate(points.tolist()):
             if k:
                 if inputs and description.exchange:
@@ -262,8 +261,9 @@ def _results(
                 make_step(instance, points[k - 1].item(), time - points[k - 1].item())
             if instance.box.ended and time < points[-1]:
                 raise ValueError(f"the unit ended the simulation at t = {instance.box.time:.9g} s")
-            for name, values in read.items():
-                rows[name][k] = values()
+            instance.run(calls)
+            for name, values in memory.items():
+                rows[name][k] = values
             instance.line = lambda time: None
             feed(instance, time)
         return ""
@@ -305,15 +305,3 @@ def _values_at(signals: ReferenceTable, time: float) -> tuple[dict[str, Floats],
     part = (time - signals.time[last]) / span if span > 0.0 and time > signals.time[last] else 0.0
     held, then = ({name: x[row] for name, x in signals.columns.items()} for row in (last, following))
     return {name: value + part * (then[name] - value) for name, value in held.items()}, held
-
-
-def _reader(instance: Instance, variables: Sequence[FmuVariable]) -> Callable[[], NDArray[Any]]:
-    """Return a function that gets the elements of a variable."""
-    values = np.zeros(len(variables), DTYPES[variables[0].kind])
-    calls = instance.access("Get", variables, values)
-
-    def read() -> NDArray[Any]:
-        instance.run(calls)
-        return values
-
-    return read

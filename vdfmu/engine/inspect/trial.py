@@ -75,7 +75,10 @@ def run_apart(
         except OSError as error:
             return Findings([finding("RUN001", f"{task} could not be tried: {error}")])
         noted, answer, answered = Path(folder, _PHASE), Path(folder, _ANSWER), False
-        phase = noted.read_text(encoding="utf-8") if noted.is_file() else "the start of the process"
+        phase = "the start of the process"
+        if noted.is_file():
+            with noted.open("rb") as file:  # the unit may have written it
+                phase = file.read(_TEXT).decode(errors="replace")
         try:
             if answer.is_file() and answer.stat().st_size > _ANSWER_LIMIT:
                 raise ValueError(f"they have more than {_ANSWER_LIMIT} bytes")
@@ -253,15 +256,6 @@ def _run_system(path: Path, deadline: float) -> Findings:
     return Findings()
 
 
-def _open(stream: Any) -> bool:
-    """Whether the file of a stream of the process is still open."""
-    try:
-        os.fstat(stream.fileno())
-    except OSError:
-        return False
-    return True
-
-
 def serve(check: Callable[[str, Path, float, Callable[..., None]], Findings], *arguments: str) -> None:
     """Check in this process with the arguments from `run_apart`, and write the findings for it.
 
@@ -285,7 +279,9 @@ def serve(check: Callable[[str, Path, float, Callable[..., None]], Findings], *a
         phase(task)
         with package_limit(int(unpacked)):
             findings = check(kind, Path(path), float(deadline), phase)
-        if not _open(sys.__stderr__):
+        try:
+            os.fstat(2)
+        except OSError:
             findings.problem("RUN002", "the unit closed files of the process that it does not own")
         answer(findings, whole=True)
     except OSError as error:

@@ -40,7 +40,7 @@ class Bindings:
     with a value passes it to everything connected to it, and so overrides other values there.
     """
 
-    def __init__(self, wiring: Wiring) -> None:
+    def __init__(self, wiring: Wiring, top: Node) -> None:
         self.wiring = wiring
         self.fatal: list[Finding] = []
         """Faults of unreadable parameter sources."""
@@ -50,13 +50,6 @@ class Bindings:
         self._bound: dict[Key, _Bound] = {}
         self._lost: dict[tuple[str, ...], list[BoundParameter]] = {}
         self._values: dict[tuple[str, ...], dict[str, BoundParameter]] = {}
-
-    def of(self, path: tuple[str, ...]) -> tuple[tuple[BoundParameter, ...], tuple[BoundParameter, ...]]:
-        """Return the values for a component, and the values that they override."""
-        return tuple(self._values.get(path, {}).values()), tuple(self._lost.get(path, ()))
-
-    def collect(self, top: Node) -> None:
-        """Apply all bindings of a tree."""
         self._collect(top)
         for key, bound in self._bound.items():
             if not self._is_connector(key):
@@ -64,6 +57,10 @@ class Bindings:
         for key, bound in self._bound.items():
             if self._is_connector(key):
                 self._pass_on(key, bound)
+
+    def of(self, path: tuple[str, ...]) -> tuple[tuple[BoundParameter, ...], tuple[BoundParameter, ...]]:
+        """Return the values for a component, and the values that they override."""
+        return tuple(self._values.get(path, {}).values()), tuple(self._lost.get(path, ()))
 
     def _is_connector(self, key: Key) -> bool:
         return self.wiring.kinds.get(key, "component") != "component"

@@ -94,8 +94,7 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[Findin
     reader = TreeReader(_structure)
     top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
     wiring = Wiring(top)
-    bindings = Bindings(wiring)
-    bindings.collect(top)
+    bindings = Bindings(wiring, top)
     experiment, faults = read_experiment(root, f"{path.name}: {scope.document}")
     problems = list(dict.fromkeys(reader.problems + bindings.fatal + faults))
     connections = tuple(wiring.flatten())  # adds to wiring.problems
