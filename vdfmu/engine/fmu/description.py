@@ -169,23 +169,25 @@ def _inspect(
 
 
 def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:
-    rates: list[Any] = [u.variable for u in model.derivatives]
+    derived: list[Any] = [u.variable for u in model.derivatives]
+    rates = [v for v in derived if v.derivative is not None]
     part: Any = (model.modelExchange if exchange else model.coSimulation) or CoSimulation()
     relative = {
         v.get("name") for v in root.iterfind("ModelVariables/*")
         for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in _TRUE
     }  # fmt: skip
+    updated = all(
+        v.get("intermediateUpdate") in _TRUE
+        for v in root.iterfind("ModelVariables/*")
+        if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
+    )
+    clocks = {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")}
     return Description(
         source=source,
         identifier=str(part.modelIdentifier or ""),
         guid=str(model.guid),
         once_per_process=bool(part.canBeInstantiatedOnlyOncePerProcess),
-        variables=read_variables(
-            model,
-            relative,
-            read_units(root.iterfind("UnitDefinitions/Unit")),
-            {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")},
-        ),
+        variables=read_variables(model, relative, read_units(root.iterfind("UnitDefinitions/Unit")), clocks),
         shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
@@ -194,20 +196,10 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         serializes_state=_declared(root, exchange, "canSerializeFMUstate", "canSerializeFMUState"),
         varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
         interpolates_inputs=exchange or bool(part.canInterpolateInputs),
-        updates_inputs=not exchange
-        and bool(part.providesIntermediateUpdate)
-        and all(
-            v.get("intermediateUpdate") in _TRUE
-            for v in root.iterfind("ModelVariables/*")
-            if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
-        ),
+        updates_inputs=not exchange and bool(part.providesIntermediateUpdate) and updated,
         derives_outputs=not exchange and part.maxOutputDerivativeOrder > 0,
         derives_unknowns=_declared(root, exchange, "providesDirectionalDerivative", "providesDirectionalDerivatives"),
-        states=tuple(
-            (v.derivative.valueReference, v.valueReference, math.prod(v.shape or ()))
-            for v in rates
-            if v.derivative is not None
-        ),
+        states=tuple((v.derivative.valueReference, v.valueReference, math.prod(v.shape or ())) for v in rates),
         event_mode=not exchange and bool(part.hasEventMode),
         exchange=exchange,
         sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
@@ -222,10 +214,9 @@ def _declared(root: Any, exchange: bool, *flags: str) -> bool:
 
 
 def _unknowns(unknowns: Iterable[Any]) -> dict[str, frozenset[str] | None]:
-    return {
-        name: None
-        if u.dependencies is None
-        else frozenset(each for v in u.dependencies for each in element_names(v.name, v.shape))
-        for u in unknowns
-        for name in element_names(u.variable.name, u.variable.shape)
-    }
+    names: dict[str, frozenset[str] | None] = {}
+    for u in unknowns:
+        elements = (each for v in u.dependencies or () for each in element_names(v.name, v.shape))
+        needs = None if u.dependencies is None else frozenset(elements)
+        names |= dict.fromkeys(element_names(u.variable.name, u.variable.shape), needs)
+    return names

@@ -151,8 +151,6 @@ class Instance(Library):
             (self.fmu.enterContinuousTimeMode if self.integrator else self.fmu.enterStepMode)()
             self.in_event = False
 
-    # ------------------------------------------------------------------ FMU state
-
     def saved_state(self) -> c_void_p:
         """Return a copy of the FMU state, to be freed with `free_state`."""
         return self.fmu.getFMUState()
@@ -167,8 +165,6 @@ class Instance(Library):
         """Free a saved state."""
         if not self.dead:
             self.fmu.freeFMUState(state)
-
-    # ------------------------------------------------------------------ values
 
     def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats) -> Floats:
         """Return the directional derivatives of unknowns, (k, size), for seeds of the knowns, (k, m), by references."""
@@ -228,8 +224,6 @@ class Instance(Library):
             for v in self.description.variables.values():
                 self._values.setdefault(v.reference, [0] * v.length)[v.index] = v.start
         return self._values[reference]
-
-    # ------------------------------------------------------------------ for all versions
 
     def instantiate(self) -> None:
         """Create the instance."""

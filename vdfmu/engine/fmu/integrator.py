@@ -139,8 +139,6 @@ class ModelExchangeIntegrator:
         instance.enter_event()
         return np.array(columns).reshape(len(steps), n + len(outputs)).T
 
-    # ------------------------------------------------------------------ calls
-
     def _set(self, time: float, x: Floats) -> None:
         self.instance.set_time(time)
         if x.size:

@@ -110,7 +110,7 @@ class FmuVariable:
         return self.causality == "input" or (self.variability != "constant" and self.initial in {"exact", "approx"})
 
 
-def limits_of(variable: Any) -> tuple[float, float]:
+def _limits_of(variable: Any) -> tuple[float, float]:
     """Return the limits of fmpy's variable, else of its type; infinite if neither can be read."""
     limits = [-math.inf, math.inf]
     for k, name in enumerate(("min", "max")):
@@ -148,24 +148,17 @@ def read_variables(
         nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(names))
         for index, (name, start, nominal) in enumerate(zip(names, start_values(v), nominals, strict=True)):
             variables[name] = FmuVariable(
-                name=name,
-                reference=v.valueReference,
-                type=type_of(v.type),
-                causality=v.causality,
-                variability=v.variability,
-                initial=v.initial,
+                name, v.valueReference, type_of(v.type), v.causality, v.variability, v.initial,
                 unit=units.get(unit, UnitFactor(unit)) if unit else None,
                 relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
                 items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
                 nominal=abs(float(nominal or 0)) or None,
-                limits=limits_of(v),
+                limits=_limits_of(v),
                 native=version.enumeration if v.type == "Enumeration" else v.type,
-                index=index,
-                length=len(names),
-                start=start,
+                index=index, length=len(names), start=start,
                 clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
                 clock=_read_clock(clocks[name]) if name in clocks else None,
-            )
+            )  # fmt: skip
     return variables
 
 

@@ -154,8 +154,6 @@ class Instance3(Instance):
         arguments = self.argument, byref(moved.references), count, *sizes, moved.pointer, n
         return moved.around(self.function(moved.verb + moved.native)), arguments, moved.name
 
-    # ------------------------------------------------------------------ steps
-
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         step, last = self.function("DoStep"), c_double()
         flags = (c_bool * 4)()
@@ -234,8 +232,6 @@ class Instance3(Instance):
             self.update(last)
             self.leave_event()
         return self.name in self.box.ended
-
-    # ------------------------------------------------------------------ events
 
     def sizes(self) -> tuple[int, int]:
         """See `Instance.sizes`."""

@@ -17,6 +17,10 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 from vdfmu.engine.rules import Finding, finding, fmpy_found, line_of
 
 DESCRIPTION = "modelDescription.xml"
+REFERENCES = "extra/org.fmi-standard.fmi-ls-ref/"
+"""Folder of reference results (FMI-LS-REF)."""
+MANIFEST = "fmi-ls-manifest.xml"
+"""Name of the manifest of a layered standard, in its folder."""
 _SCHEMAS = {"1": "fmi1/fmi", "2": "fmi2/fmi2", "3": "fmi3/fmi3"}
 """Begin of the path of the schema in fmpy by version of FMI."""
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")

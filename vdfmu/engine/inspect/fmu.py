@@ -18,17 +18,21 @@ import fmpy
 from lxml.etree import QName  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.base.errors import SspError, StorageError
-from vdfmu.engine.inspect.description import DESCRIPTION, description_faults, schema_faults, types_of, variables_of
+from vdfmu.engine.inspect.description import (
+    DESCRIPTION,
+    MANIFEST,
+    REFERENCES,
+    description_faults,
+    schema_faults,
+    types_of,
+    variables_of,
+)  # fmt: skip
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import Finding, Findings, breach, finding, line_of
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"
-REFERENCES = "extra/org.fmi-standard.fmi-ls-ref/"
-"""Folder of reference results (FMI-LS-REF)."""
-MANIFEST = "fmi-ls-manifest.xml"
-"""Name of the manifest of a layered standard, in its folder."""
 _SHOWN = 5
 """Most missing source files in a message."""
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
@@ -210,11 +214,10 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
         return
     for identifier in sorted({str(getattr(description, kind).modelIdentifier) for kind in kinds}):
         libraries = [f"binaries/{p}/{identifier}{fmpy.sharedLibraryExtension}" for p in here]
-        here_too = [name for name in libraries if name in names]
-        if not here_too:
+        if not {*libraries} & {*names}:
             folder, library = posixpath.split(libraries[0])
             findings.problem("FMI017", f"{folder} has no {library}, as the model identifier asks for")
-        findings.problems += [finding("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt]
+        findings.problems += [finding("FMI018", unit.misbuilt[name]) for name in libraries if name in unit.misbuilt]
 
 
 def _architecture(data: bytes) -> str | None:

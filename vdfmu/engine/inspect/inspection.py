@@ -15,7 +15,8 @@ from urllib.parse import unquote
 from vdfmu.base.errors import SspError, StorageError, UsageError
 from vdfmu.base.files import pack_zip, temporary_folder
 from vdfmu.base.standards import SSP_FORMATS
-from vdfmu.engine.inspect.fmu import NOT_RUN, REFERENCES, check_unit, store
+from vdfmu.engine.inspect.description import REFERENCES
+from vdfmu.engine.inspect.fmu import NOT_RUN, check_unit, store
 from vdfmu.engine.inspect.trial import master_of, run_apart
 from vdfmu.engine.package.archive import Archive, is_inside
 from vdfmu.engine.package.parse import parse_xml, version_of

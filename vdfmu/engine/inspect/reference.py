@@ -22,7 +22,7 @@ from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.inspect.abilities import described, make_step, tried
-from vdfmu.engine.inspect.fmu import MANIFEST, REFERENCES
+from vdfmu.engine.inspect.description import MANIFEST, REFERENCES
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.rules import Findings, finding

@@ -111,14 +111,9 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[Findin
                 node.step, place_of(node.element),
             ) for node in top.components()
         ),
-        connections=connections,
-        units=dict(scope.units),
-        experiment=experiment,
-        problems=(*problems, *wiring.problems),
-        unmatched=tuple(bindings.unmatched),
-        notes=tuple(notes),
-        faults=tuple(_file_faults(scope.files.values())),
-        version=scope.version,
+        connections=connections, units=dict(scope.units), experiment=experiment,
+        problems=(*problems, *wiring.problems), unmatched=tuple(bindings.unmatched), notes=tuple(notes),
+        faults=tuple(_file_faults(scope.files.values())), version=scope.version,
     )  # fmt: skip
     return system, problems
 
