@@ -4,7 +4,7 @@ It imports nothing of the package but errors, files, processes and units of meas
 """
 
 DOORS = (
-    "federation", "fmu.variables", "inspect.inspection", "inspect.trial", "package.archive", "package.limits",
-    "package.parse", "package.read", "package.system",
+    "federation", "fmu.variables", "inspect.inspection", "inspect.trial", "package.archive", "package.join",
+    "package.limits", "package.parse", "package.read", "package.system",
 )  # fmt: skip
 """Modules for the rooms above."""

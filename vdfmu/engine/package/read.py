@@ -1,4 +1,4 @@
-"""`load_ssp` and `read_system`: from the file to a flattened `System`; rules beyond the schemas."""
+"""`load_ssp` and `read_system`: from the file to a `FlatSystem`; rules beyond the schemas."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.bindings import Bindings
 from vdfmu.engine.package.elements import Document, Scope, read_experiment, read_units
 from vdfmu.engine.package.parse import NAMESPACES, version_of
-from vdfmu.engine.package.system import Component, System
+from vdfmu.engine.package.system import Component, FlatSystem
 from vdfmu.engine.package.tree import TreeReader
 from vdfmu.engine.package.wiring import Wiring
 from vdfmu.engine.rules import Finding, breach, finding, place_of
@@ -23,7 +23,7 @@ DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
 
 
-def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
+def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
     Nested systems, system connectors, signal dictionaries, inner packages and components that name another SSD are
@@ -39,7 +39,7 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
 
     Returns
     -------
-    System
+    FlatSystem
         Faults of the wiring, such as two sources of a connector, are in its `problems`. So
         `vdfmu.engine.plan.check.check_system` can report them together with faults of the FMUs.
 
@@ -53,7 +53,7 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
 
 
 @cached_per_command
-def _loaded(path: Path, variant: str, *_: Hashable) -> System:
+def _loaded(path: Path, variant: str, *_: Hashable) -> FlatSystem:
     """Read a package, once in a job unless it changes."""
     system, problems = read_system(path, variant)
     if system is None or problems:
@@ -61,7 +61,7 @@ def _loaded(path: Path, variant: str, *_: Hashable) -> System:
     return system
 
 
-def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None, list[Finding]]:
+def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[FlatSystem | None, list[Finding]]:
     """Read a package as far as possible, with all problems; `load_ssp` accepts a package without problems.
 
     The system is None if the package or its SSD cannot be parsed or is over a limit. Otherwise it lacks its unreadable
@@ -76,7 +76,7 @@ def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None
         return None, error.problems
 
 
-def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[Finding]]:
+def _read(archive: Archive, path: Path, variant: str) -> tuple[FlatSystem, list[Finding]]:
     scope = Scope(archive, "", "", variant, path.name)
     try:
         root = _structure(scope)
@@ -89,7 +89,7 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[Find
         raise breach("SSP003", text) from None  # as the missing schema would
 
 
-def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[Finding]]:
+def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Finding]]:
     scope.define(root)
     reader = TreeReader(_structure)
     top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
@@ -102,7 +102,7 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[Findin
     if parse.schema_of("ssd", scope.version) is None:
         text = "the schemas of SSP 2.0 were not applied: pip install pyssp_standard brings them"
         notes.insert(0, finding("SSP009", text))
-    system = System(
+    system = FlatSystem(
         path=path,
         name=root.get("name"),
         components=tuple(

@@ -191,7 +191,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class System:
+class FlatSystem:
     """A flattened system."""
 
     path: Path
