@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     from vdfmu.base.state_space import StateSpace
     from vdfmu.engine.container import write_container
     from vdfmu.engine.federation import federate
-    from vdfmu.engine.package import load_ssp
     from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.package.read import load_ssp
     from vdfmu.engine.run import Results, Simulator, simulate
     from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.modes import Modes, natural_modes
@@ -77,7 +77,7 @@ _NAMES = {
     "vdfmu.engine.container": ("write_container",),
     "vdfmu.engine.federation": ("federate",),
     "vdfmu.base.state_space": ("StateSpace",),
-    "vdfmu.engine.package": ("load_ssp",),
+    "vdfmu.engine.package.read": ("load_ssp",),
     "vdfmu.engine.package.limits": ("package_limit",),
     "vdfmu.base.errors": ("VdfmuError",),
     "vdfmu.arm.fmus": ("build", "build_fmus"),

@@ -28,10 +28,10 @@ def package(pack):
         ({"split": ["a,a"]}, "split: a is named twice"),
         ({"split": ["r,a,plant"]}, "split: expected at least two federates, got r; name some of the components r, a"),
         ({"split": []}, "split: expected at least two federates, got r"),
-        ({"split": ["a"], "only": "plant", "broker": "x:1"}, "no federate is named 'plant'; there are a, r"),
+        ({"split": ["a"], "only": "plant", "broker": "x:1"}, "no federate is named 'plant'; expected a, r"),
         ({"split": ["a"], "only": "a"}, "federate a runs alone, and needs the address of a broker"),
         ({"split": ["a"], "core": "pigeon"}, "core: expected tcp_ss, tcp, zmq, ipc, got 'pigeon'"),
-        ({"split": ["a"], "algorithm": "gauss-seidel"}, "federates step as jacobi has it, not gauss-seidel"),
+        ({"split": ["a"], "algorithm": "gauss-seidel"}, "algorithm must be jacobi for federates, got gauss-seidel"),
     ],
 )
 def test_a_wrong_split_is_a_usage_error(package, federates, options, message):
@@ -52,7 +52,7 @@ def test_components_with_event_mode_are_refused(system):
 
 def test_without_helics_it_says_how_to_get_it(package, monkeypatch):
     monkeypatch.setitem(sys.modules, "helics", None)
-    with pytest.raises(VdfmuError, match="package helics, .* is not installed. Install it: .* -m pip install helics"):
+    with pytest.raises(VdfmuError, match="package helics, but .* Install it: .* -m pip install helics"):
         vdfmu.federate(package, ["a"], step=0.1)
 
 

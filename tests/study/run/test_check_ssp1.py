@@ -113,7 +113,7 @@ def test_names_that_occur_twice(package):
         "x.ssp: SystemStructure.ssd, line 3: two connectors are named c.u; names of connectors of one element must "
         "differ",
     ]
-    same = "SystemStructure.ssd and B.ssd: have the same name, 'n', by which tools let users choose"
+    same = "SystemStructure.ssd and B.ssd: have the same name, 'n'; tools let users choose by it"
     assert same in inspect_file(path, run=False).notes
 
 
