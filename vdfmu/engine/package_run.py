@@ -33,13 +33,15 @@ def default_folder(package: str | os.PathLike[str]) -> Path:
 
 @with_progress
 @with_options
-def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]) -> Results:
+def run_system(package: str | os.PathLike[str], label: str | None = None, **options: Unpack[SystemOptions]) -> Results:
     """Run an SSP and write its results and ``summary.json``.
 
     Parameters
     ----------
     package : path
         The ``.ssp`` file.
+    label : str, optional
+        Text for the package in the summary, default its path.
     **options
         :class:`vdfmu.engine.options.SystemOptions`.
 
@@ -64,7 +66,7 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
     system = load_ssp(package, options["variant"])
     folder = Path(options["out"]) if options["out"] is not None else default_folder(package)
     summary: dict[str, Any] = {
-        "package": str(package),
+        "package": label or str(package),
         "vdfmu": __version__,
         "format": FORMAT,
         "settings": {name: str(value) for name, value in (options["settings"] or {}).items()},

@@ -215,7 +215,7 @@ def connect(
     fmi : "2.0" or "3.0", optional
         Version of FMI of units that are built.
     stop, step : float, optional [s]
-        Default stop time and communication step of runs.
+        Default stop time and communication step of runs, else those of the FMUs.
     algorithm : str, optional
         Default master algorithm.
     values : mapping of ``component.variable`` to value, optional
