@@ -14,9 +14,8 @@ import vdfmu
 from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.package import load_ssp
-from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.plan.check import check_system, with_steps
 from vdfmu.engine.run import Results, simulate
 
 LOOP = {"c": (models.CONTROLLER, "3.0"), "p": (models.LAG, "3.0")}

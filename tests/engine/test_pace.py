@@ -5,7 +5,7 @@ import pytest
 
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.masters import pace
-from vdfmu.engine.masters.pace import Pace, machine_name
+from vdfmu.engine.masters.observer import Pace, machine_name
 
 
 class _Clock:

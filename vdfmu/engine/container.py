@@ -27,11 +27,10 @@ from vdfmu.base.standards import FMI_2
 from vdfmu.base.version import __version__
 from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.fmu.description import Description
-from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
-from vdfmu.engine.plan.check import Checked, check_system
+from vdfmu.engine.plan.check import Checked, check_system, with_steps
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import cycles, topological
 

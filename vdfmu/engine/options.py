@@ -77,7 +77,7 @@ class ObserverOptions(TypedDict, total=False):
         ":class:`vdfmu.LiveView`; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
     pace: Annotated[float | None, Option("Simulated seconds per second: 1 is real time.", "float",
         "``pace`` of the summary reports how late rows were. Default: as fast as possible. See "
-        "`vdfmu.engine.masters.pace`.", metavar="FACTOR")]
+        "`vdfmu.engine.masters.observer`.", metavar="FACTOR")]
 
 
 class RecordOptions(SpanOptions, ObserverOptions, total=False):

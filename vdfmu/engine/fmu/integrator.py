@@ -134,7 +134,7 @@ class ModelExchangeIntegrator:
                 low = middle
 
     def differences(self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
-        """See `vdfmu.engine.masters.interface.jacobian_of`; calculated by central differences."""
+        """See `vdfmu.engine.masters.coupled.jacobian_of`; calculated by central differences."""
         instance, n = self.instance, self._x.size
         instance.leave_event()
         self.instance.transfer("GetContinuousStates", self._x)

@@ -20,10 +20,9 @@ from vdfmu.engine.fmu.instance import Instance, Steps
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.linear.system import LinearSystem, Samples, reached
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.interface import jacobian_of
-from vdfmu.engine.masters.multirate import periods
+from vdfmu.engine.masters.coupled import jacobian_of
 from vdfmu.engine.package.system import System, Value
-from vdfmu.engine.plan.check import Checked
+from vdfmu.engine.plan.check import Checked, periods
 from vdfmu.engine.plan.conversion import Port
 from vdfmu.engine.run.simulator import Simulator
 

@@ -18,9 +18,8 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.broyden import Broyden, not_solved
-from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
+from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit, interface_inverse
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.masters.interface import interface_inverse
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.plan.grid import largest_step
 

@@ -13,8 +13,7 @@ from vdfmu.engine.masters.broyden import Broyden
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events, EventStepper
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.masters.multirate import MultirateStepper
-from vdfmu.engine.masters.sampled import SampledStepper
+from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper
 
 CONVERGENCE = 1e-8
 """Default relative change at which repetitions end."""

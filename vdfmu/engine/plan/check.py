@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.engine.algorithms import ALGORITHMS, Algorithm, choice
+from vdfmu.engine.algorithms import ALGORITHMS, DELAYED, Algorithm, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import System, Value
@@ -51,6 +52,12 @@ class Checked:
         """Inputs, without indices, that take in each step what their source had at its beginning."""
         late = (k.end for k in self.links if k.stepped and k.start[0] != SOURCE and k.end not in self.schedule.fresh)
         return [*dict.fromkeys(f"{unit}.{name.partition('[')[0]}" for unit, name in late)] if self.how.substeps else []
+
+    @property
+    def early(self) -> set[str]:
+        """Components that step at the begin of their step: in an ordered algorithm those that pass inputs on."""
+        direct = self.schedule.direct
+        return {k.start[0] for k in self.links if k.start in direct} if self.how.ordered else set()
 
     @property
     def sources(self) -> Mapping[str, Description]:
@@ -215,3 +222,84 @@ def _check_abilities(
                 "them, the coupling is of first order"
             )
     return problems, notes
+
+
+def with_steps(checked: Checked, step: float) -> Checked:
+    """Return a checked system with the number of communication steps that each component's own step takes.
+
+    Raises
+    ------
+    UsageError
+        Steps that are not whole multiples of `step`, or that the algorithm cannot make; periods of sampled states that
+        are not whole multiples of their component's step.
+    """
+    multiples: dict[str, int] = {}
+    problems: list[str] = []
+    for component in checked.system.components:
+        if component.step is None:
+            continue
+        ratio = component.step / step
+        multiples[component.name] = max(1, round(ratio))
+        if abs(ratio - multiples[component.name]) > 1e-9 * ratio:
+            problems.append(
+                f"{component.name}: its step {component.step:g} s is not a whole multiple of the communication step "
+                f"{step:g} s; choose another one (step, --step)"
+            )
+    slow = [name for name, multiple in multiples.items() if multiple > 1]
+    if slow and checked.how.substeps != 1:
+        problems.append(
+            f"{', '.join(slow)}: have steps of their own, and {checked.algorithm} takes one step for all; use "
+            f"{choice(substeps=1)}"
+        )
+    ticking = [name for name, d in checked.descriptions.items() if any(v.clock for v in d.variables.values())]
+    if multiples and ticking:
+        problems.append(
+            f"{', '.join(ticking)}: have clocks, which tick where all components step together; "
+            f"{', '.join(multiples)} have steps of their own. Leave these out, or the clocks"
+        )
+    for name in set(slow) & checked.early:
+        late = [k for k in checked.links if k.stepped and k.start[0] == name and k.start not in checked.schedule.direct]
+        if late:
+            problems.append(
+                f"{name}: has a step of its own, passes inputs on within it, and {'.'.join(late[0].start)}, which is "
+                f"read, is a state; {checked.algorithm} cannot pass on both at their times; use {DELAYED}, or split "
+                "the unit"
+            )
+    notes: list[str] = []
+    for name, period in periods(checked).items():
+        if wrong := [k for k in checked.links if k.end == (name, checked.descriptions[name].period)]:
+            problems.append(f"{wrong[0]}: expected a value for the time between samples, not a connection")
+        fed = [k for k in checked.links if k.stepped and k.end[0] == name]
+        own = step * multiples.get(name, 1) / max(1, checked.how.substeps)
+        if fed and abs(period / own - max(1, round(period / own))) > 1e-9 * period / own:
+            problems.append(
+                f"{name}: samples every {period:g} s, expected a whole multiple of its step {own:g} s: between "
+                f"communication points it would read inputs of an earlier time. Take a step that divides the period, "
+                f"such as {period / math.ceil(period / own - 1e-9):g} s (step, --step), or another period (--set "
+                f"{name}.{checked.descriptions[name].period}={own * max(1, round(period / own)):g})"
+            )
+        late = {k.start[1] for k in checked.links if _is_late(checked, k, name)}
+        if late and not checked.how.continuous:
+            groups = ", ".join(dict.fromkeys(output.split("[")[0] for output in late))
+            notes.append(
+                f"{name}: samples every {period:g} s; what {groups} says of a sample acts a step later, after {own:g} s"
+            )
+    if problems:
+        raise UsageError("\n".join(problems))
+    return replace(checked, multiples=multiples if slow else {}, notes=(*checked.notes, *sorted(notes)))
+
+
+def periods(checked: Checked) -> dict[str, float]:
+    """Return the times between samples [s] of the components that have sampled states and name their period."""
+    found: dict[str, float] = {}
+    for name, each in checked.descriptions.items():
+        if each.period in each.variables:
+            given = {v.name: value for v, value in checked.starts.get(name, ())}
+            found[name] = float(given.get(each.period, each.variables[each.period].start))
+    return found
+
+
+def _is_late(checked: Checked, link: Link, name: str) -> bool:
+    """Whether a link brings samples of a component to another one a step late."""
+    sampled = link.source.variability == "discrete" or link.start in checked.schedule.direct
+    return link.stepped and link.start[0] == name and sampled and link.end not in checked.schedule.fresh

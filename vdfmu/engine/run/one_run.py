@@ -14,8 +14,7 @@ import numpy as np
 from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.fmu.messages import LogMessage
-from vdfmu.engine.masters.observer import Finite, Observed, Tap
-from vdfmu.engine.masters.pace import Pace
+from vdfmu.engine.masters.observer import Finite, Observed, Pace, Tap
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.recorder import ROWS, SECONDS, Recorder, RowsInMemory

@@ -16,12 +16,11 @@ from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
-from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System, Value
-from vdfmu.engine.plan.check import Checked, check_system, with_parameters
+from vdfmu.engine.plan.check import Checked, check_system, with_parameters, with_steps
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
