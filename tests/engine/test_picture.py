@@ -8,8 +8,7 @@ import pytest
 from tests.conftest import heavy
 from vdfmu.base import style
 from vdfmu.engine.results.picture import PANELS, draw_signals, plot, signals_figure
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 
 FACTS = {"system": "s", "package": "folder/s.ssp", "algorithm": "jacobi", "step": 1e-3}
 

@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 import vdfmu
 from vdfmu.base import style
 from vdfmu.base.errors import VdfmuError
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report import plots
 from vdfmu.study.report.captions import paper_table
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, picture_key, write_pictures

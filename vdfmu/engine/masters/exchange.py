@@ -22,7 +22,7 @@ from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import SOURCE, Link
 from vdfmu.engine.plan.inputs import Course
-from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Signal
 
 _HEAD = 4
 """Words before the values: clock, size, running, pressed."""

@@ -18,9 +18,9 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
 from vdfmu.base.scipy_parts import scipy_part
+from vdfmu.engine.results.arrays import joined
 from vdfmu.engine.results.formats import Format, Stream
-from vdfmu.engine.results.joined import joined
-from vdfmu.engine.results.recorded import KINDS, TYPES, Recorded, Signal
+from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal
 
 _BLOCK = 512
 _NUMBERS = 2**18

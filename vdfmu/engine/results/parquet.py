@@ -21,9 +21,9 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
 from vdfmu.base.json_text import to_json
 from vdfmu.base.unpack import UnpackBudget, imported
+from vdfmu.engine.results.arrays import grouped, joined, no_rows, placed_arrays
 from vdfmu.engine.results.formats import Format
-from vdfmu.engine.results.joined import joined
-from vdfmu.engine.results.recorded import Recorded, Signal, grouped, no_rows, placed_arrays
+from vdfmu.engine.results.results import Recorded, Signal
 
 _GROUP = 2**16
 """Rows that are compressed at a time: the part of a long run held in memory."""

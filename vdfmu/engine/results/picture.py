@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base import style
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.results.recorded import Recorded
+from vdfmu.engine.results.results import Recorded
 
 PANELS = 12
 """Panels of a picture; more would be too small to read."""

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.masters.observer import Tap
+from vdfmu.engine.results.arrays import no_rows
 from vdfmu.engine.results.formats import Stream, format_of
-from vdfmu.engine.results.recorded import Signal, no_rows
+from vdfmu.engine.results.results import Signal
 
 ROWS = 512
 """Most rows that are kept in memory, except in a run that is held back to the clock."""

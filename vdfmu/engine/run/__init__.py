@@ -3,8 +3,7 @@
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.run.one_run import Interrupted
 from vdfmu.engine.run.simulator import Simulator, simulate
 

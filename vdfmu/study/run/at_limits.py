@@ -11,8 +11,7 @@ from vdfmu.arm.drive.limits import at_limits, motor_torque
 from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats, with_named
 from vdfmu.compiler.unit.variable import NO_LIMIT
-from vdfmu.engine.results.recorded import Recorded
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Recorded, Results
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import BLOCK
 

@@ -20,8 +20,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.child import Parent
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.page import page
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.run.isolated import mapped
 from vdfmu.study.report.page import report_page
 from vdfmu.study.report.scripts import WORDS, look, scripts_of

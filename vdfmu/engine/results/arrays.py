@@ -1,4 +1,4 @@
-"""Results that are read block by block: few are in memory, many in temporary files that are read in place."""
+"""Arrays and names of result files: signals by group, facts as JSON, rows that are read block by block."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import StorageError
-from vdfmu.engine.results.recorded import KINDS, Recorded, Signal
+from vdfmu.base.errors import StorageError, VdfmuError
+from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal, group_of
 
 _MOST = 2**25
 """Bytes of numbers that are kept in memory."""
@@ -67,3 +67,37 @@ def _read(arrays: Sequence[NDArray[Any]], file: IO[bytes] | None, m: int) -> NDA
     if file is None:
         return np.concatenate(arrays)
     return np.memmap(file, arrays[0].dtype, "c", shape=(m, arrays[0].shape[1]))
+
+
+def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:
+    """Return the signals of each array, by its name and kind: those whose names differ in their indices."""
+    groups: dict[tuple[str, str], list[Signal]] = {}
+    for signal in signals:
+        groups.setdefault((group_of(signal.name)[0], signal.kind), []).append(signal)
+    return groups
+
+
+def placed_arrays(
+    signals: Sequence[Signal], arrays: Sequence[NDArray[Any]]
+) -> tuple[list[Signal], dict[str, NDArray[Any]]]:
+    """Return signals in their places, and data, of an array (m, n) for each of `grouped`."""
+    columns = {
+        signal.name: array[:, i]
+        for members, array in zip(grouped(signals).values(), arrays, strict=True)
+        for i, signal in enumerate(members)
+    }
+    placed: list[Signal] = []
+    chosen: dict[str, list[NDArray[Any]]] = {kind: [] for kind in KINDS}
+    for signal in signals:
+        placed.append(signal._replace(column=len(chosen[signal.kind])))
+        chosen[signal.kind].append(columns[signal.name])
+    empty = np.empty((len(arrays[0]) if arrays else 0, 0))
+    return placed, {kind: np.column_stack([empty, *each]).astype(TYPES[kind]) for kind, each in chosen.items()}
+
+
+def no_rows(path: Path, error: OSError) -> VdfmuError:
+    """Return the error of rows that cannot be written."""
+    return VdfmuError(
+        f"{path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another folder with "
+        "--out."
+    )
