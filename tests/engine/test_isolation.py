@@ -75,7 +75,7 @@ def fails(package: Path, way: str, **options) -> CosimError:
         ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
         ("leave", {}, r"the component ended the process \(exit code 0\)"),
         *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(simulate --wait-limit\)")),
-        ("eat", {"memory_limit": 400.0}, r"SIGSEGV\), of which the memory had reached \d+ MB of 400 MB"),
+        ("eat", {"memory_limit": 400.0}, r"SIGSEGV\); its memory had reached \d+ MB of 400 MB"),
         ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
         ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
     ],

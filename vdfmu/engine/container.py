@@ -66,7 +66,7 @@ def write_container(system: System | str | os.PathLike[str], path: str | os.Path
     checked = check_system(system if isinstance(system, System) else load_ssp(Path(system)), algorithm=DELAYED)
     if slow := [component.name for component in checked.system.components if component.step is not None]:
         raise UsageError(
-            f"{', '.join(slow)}: has a step of its own; a container FMU steps all together. Remove the annotation."
+            f"{', '.join(slow)}: has its own step; a container FMU steps all together. Remove the annotation."
         )
     with_steps(checked, step)
     changing = [str(link) for link in checked.links if not link.conversion.trivial]

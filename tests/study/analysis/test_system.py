@@ -8,11 +8,12 @@ from click.testing import CliRunner
 from scipy.linalg import expm
 
 import vdfmu
+from tests.engine.system_loops import system_loop
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
 from vdfmu.cli.commands import app
-from vdfmu.engine.linear.loops import Loop, system_loop
+from vdfmu.engine.linear.loops import Loop
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.system import linearized
 

@@ -16,6 +16,8 @@ from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import Link, Port
 
+Gather = Callable[[], None]
+"""Brings inputs up to date."""
 _RUNS = 6
 """Most copies of neighbours that are faster than one copy of single values."""
 
@@ -23,8 +25,8 @@ _RUNS = 6
 class Bank:
     """All outputs and connected inputs of one kind, in one array: ``[outputs | inputs]``.
 
-    FMI calls fill it in place where they have the same type, one window for each unit's outputs and one
-    for its inputs. In an input window the fresh inputs (see `Schedule`) come first.
+    FMI calls of the same type fill it in place, in a window for each unit's outputs and one for its inputs. In a window
+    of inputs the fresh inputs (see `Schedule`) come first.
     """
 
     def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
@@ -35,19 +37,20 @@ class Bank:
         inputs: list[tuple[str, FmuVariable]] = []
         self.output_windows: dict[str, slice] = {}
         self.input_windows: dict[str, slice] = {}
+        self.fresh_windows: dict[str, slice] = {}
         for unit, description in checked.sources.items():
-            own = [v for v in description.named("output") if v.kind == kind]
-            self.output_windows[unit] = slice(len(outputs), len(outputs) + len(own))
-            outputs += [(unit, v) for v in own]
+            first, start = len(outputs), len(inputs)
+            outputs += [(unit, v) for v in description.named("output") if v.kind == kind]
             fed = [
                 v for v in description.named("input")
                 if v.kind == kind and (unit, v.name) in links
             ]  # fmt: skip
             fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
-            self.input_windows[unit] = slice(len(inputs), len(inputs) + len(fed))
             inputs += [(unit, v) for v in fed]
+            self.output_windows[unit], self.input_windows[unit] = slice(first, len(outputs)), slice(start, len(inputs))
+            self.fresh_windows[unit] = slice(start, start + sum((unit, v.name) in fresh for v in fed))
         self.variables = [*outputs, *inputs]
-        if kind in TEXTS:  # which other processes do not see
+        if kind in TEXTS:  # not shared with other processes
             self.memory: NDArray[Any] = np.full(len(self.variables), b"", DTYPES[kind])
             self.words = 0
         else:
@@ -57,19 +60,13 @@ class Bank:
         self.inputs = self.memory[len(outputs) :]
         self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
         self.links: list[Link] = [links[u, v.name] for u, v in inputs]
-        self.fresh_counts = {
-            unit: sum((u, v.name) in fresh for u, v in inputs[window]) for unit, window in self.input_windows.items()
-        }
 
     def is_free(self, place: int) -> bool:
         """Whether the value at a place is an output, or an input that no component feeds, here or elsewhere."""
         return place < self.outputs.size or self.links[place - self.outputs.size].is_given
 
-    def gather(self, window: slice, late: bool = False) -> Callable[[], None] | None:
-        """Return a function that brings the inputs of a window up to date; None for an empty window.
-
-        With `late` it may leave out the fresh ones.
-        """
+    def gather(self, window: slice, late: bool = False) -> Gather | None:
+        """Return the function that updates the inputs of a window, if it has any; `late` may leave out fresh inputs."""
         links = self.links[window]
         if not links:
             return None
@@ -105,7 +102,7 @@ class Bank:
         return plain if all(link.conversion.trivial for link in links) else scaled
 
     def _copies(self, window: slice, late: bool) -> list[tuple[memoryview, memoryview]] | None:
-        """Return targets and sources of the inputs of a window, run by run; None where one `take` is faster."""
+        """Return targets and sources of the inputs of a window, run by run; None if one `take` is faster."""
         if self.kind in TEXTS or not all(link.conversion.trivial for link in self.links[window]):
             return None
         pairs = [
@@ -124,9 +121,9 @@ class Bank:
         ]
 
     def calls(self, instance: Instance, verb: str, chosen: Callable[[FmuVariable], bool] | None = None) -> list[Call]:
-        """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty.
+        """Return the vectorised calls that ``Get`` or ``Set`` a unit's window, or its `chosen` variables.
 
-        They are for the `chosen` variables; by default for those that the unit has between its events.
+        Default: variables that can be called between events.
         """
         window = (self.output_windows if verb == "Get" else self.input_windows)[instance.name]
         shift = 0 if verb == "Get" else self.outputs.size

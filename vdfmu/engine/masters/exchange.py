@@ -16,7 +16,7 @@ from vdfmu.base.text import matching
 from vdfmu.engine.fmu.access import KINDS, TEXTS, Call, held
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
-from vdfmu.engine.masters.bank import Bank
+from vdfmu.engine.masters.bank import Bank, Gather
 from vdfmu.engine.masters.broyden import Broyden, not_solved
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
@@ -34,16 +34,10 @@ def words_of(checked: Checked) -> int:
 
 
 class Exchange:
-    """Plans the data flow of a run: initialization, the stages of a step and the recording.
+    """The data flow of a run: initialization, the calls of a step, and recording.
 
-    Parameters
-    ----------
-    checked : Checked
-    instances : mapping of str to Instance
-        Empty where only the values are read, of components in another process.
-    box : MessageBox
-    words : (`words_of`,) array, optional
-        The memory for all values, zeros; default one of its own.
+    `instances` are empty if the components are in another process. `words`, (`words_of`,) zeros, is the memory of all
+    values; by default new.
     """
 
     def __init__(
@@ -56,7 +50,7 @@ class Exchange:
         self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
         """Arguments currentCommunicationPoint and communicationStepSize of every doStep."""
         self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
-        """For two processes that share the memory: activity of the components' process, and whether to stop."""
+        """For processes that share the memory: activity of the components' process, and whether to stop."""
         self.banks: list[Bank] = []
         taken = _HEAD
         for kind in KINDS:
@@ -85,8 +79,8 @@ class Exchange:
     def initialize(self, time: float, convergence: float) -> None:
         """Carry the values over the connections in initialization mode, in the order of dependencies.
 
-        Where they depend on themselves, until they agree: to `convergence`, relative to their size and at least to
-        their nominal value. CosimError if they do not.
+        Algebraic loops repeat until values agree to `convergence`, relative to their size or nominal value. CosimError
+        if they do not.
         """
         self.feed(time)
         initial = self.checked.schedule.initial
@@ -149,6 +143,11 @@ class Exchange:
         for instance in self.instances.values():
             instance.run([call for bank in self.banks for call in bank.calls(instance, "Get")])
 
+    def gathers(self, window: Callable[[Bank], slice] = lambda _: slice(None), late: bool = False) -> list[Gather]:
+        """Return the functions that update the inputs in a window of each bank; see `Bank.gather`."""
+        gathers = (bank.gather(window(bank), late) for bank in self.banks)
+        return [gather for gather in gathers if gather is not None]
+
     def calls(self, name: str) -> list[Call]:
         """Return the calls of a unit in a step: set its inputs, step, get its outputs."""
         instance = self.instances[name]
@@ -160,8 +159,8 @@ class Exchange:
     ) -> tuple[list[Signal], dict[str, NDArray[Any]], Callable[[int], None]]:
         """Return the recorded signals, their arrays, and the function that stores row k.
 
-        Names may have ``*`` for any text. Without names they are the outputs, and the inputs that are fed from outside:
-        other inputs follow from outputs. Signals come unit by unit in the order of the SSD, outputs first.
+        Names may have ``*`` for any text. Default: outputs, and inputs from outside; other inputs follow from outputs.
+        Signals come unit by unit in the order of the SSD, outputs first.
         """
         wanted = None if record is None else self._match(record)
         order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
@@ -223,7 +222,7 @@ class Exchange:
         others = [".".join((owner, v.name)) for owner, v in (bank.variables[i] for i in found[1:])]
         also = f" (also {', '.join(others[:3])}{', ...' if others[3:] else ''})" if others else ""
         read = any((unit, variable.name) == link.start for link in bank.links)
-        way = "" if read else ". No component reads it: run on without it by what you record (record, --record)"
+        way = "" if read else ". No component reads it: leave it out of the record (record, --record) to run on"
         raise CosimError(
             unit, call, self.box.time,
             f"{variable.name} is {bank.outputs[found[0]]} at t = {time:.9g} s, expected a finite number{also}{way}",
@@ -244,7 +243,7 @@ class Exchange:
 
 
 def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:
-    """Return a function that tells whether the watched outputs are finite: zero times any other number is NaN."""
+    """Return a function that tests whether the watched outputs are finite: zero times any other number is NaN."""
     whole, zeros, product = watched.size == outputs.size, np.zeros(watched.size), np.zeros(())
     values = outputs if whole else np.zeros(watched.size)
     found = c_double.from_buffer(product)  # pyright: ignore[reportArgumentType]

@@ -1,4 +1,4 @@
-"""Taps of a run: what looks at its components at some rows."""
+"""Taps of a run: they read its components at some rows, show rows to an observer, or delay them to real time."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import platform
 import time as clock
 from array import array
 from collections.abc import Callable, Container, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -25,7 +26,7 @@ from vdfmu.engine.results.results import Results
 
 
 class Observer(Protocol):
-    """Receives rows of a run, which waits for it. A class needs ``row``; the other members are optional."""
+    """Receives rows of a run while the run waits. A class needs ``row``; the other members are optional."""
 
     wanted: Sequence[str]
     """Names of real signals that it receives, with ``*`` for any text; they need not exist. Default: all."""
@@ -41,7 +42,7 @@ class Observer(Protocol):
         ...
 
     def end(self, results: Results) -> None:
-        """Take all rows of the run, which may have failed."""
+        """Take all rows of the run, also of a failed one."""
         ...
 
     def page(self, path: Path) -> None:
@@ -98,22 +99,6 @@ Numbers = Mapping[int, float]
 """Value reference, plus the index of an element of an array, to value."""
 
 
-class Kept(Protocol):
-    """Components that keep states: `Components` and `Isolated`."""
-
-    exchange: Exchange
-
-    def keep(self, names: Sequence[str]) -> None:
-        """See `Components.keep`."""
-        ...
-
-    def look(
-        self, steps: Mapping[str, float], times: Sequence[float], end: float
-    ) -> list[dict[str, list[list[float]]]]:
-        """See `Components.look`."""
-        ...
-
-
 class Reading(NamedTuple):
     """The numbers of components by their names, at a row and after one more step from there."""
 
@@ -126,33 +111,23 @@ class Reading(NamedTuple):
 class Probe(Tap):
     """Reads all numbers of some components at five rows of a run.
 
-    Their states are kept during the run, and restored and read after it: the run is the same with and without.
-
-    Parameters
-    ----------
-    steps : mapping of str to float
-        Components, and the length [s] of the further step that each does from its kept state, with its inputs held.
-        None is done for 0, or for an end beyond the run's.
-
-    Attributes
-    ----------
-    readings : list of Reading
-    failure : str
-        Why there are fewer; empty if there are all.
+    It keeps their states during the run, and restores and reads them after it, so the run stays the same. From there
+    each component does one more step of its length in `steps` [s], with its inputs held; see `Components.look`.
     """
 
     def __init__(self, steps: Mapping[str, float]) -> None:
         self.steps = steps
         self.readings: list[Reading] = []
         self.failure = ""
+        """Why readings are missing; empty if all are there."""
         self._rows: dict[int, float] = {}
 
     def rows(self, grid: Grid) -> Container[int]:
-        """Begin a run; where all steps end together, its first row tells."""
+        """Begin a run; the first row chooses the others, since multiples of steps are unknown before."""
         self._grid, self.readings, self.failure = grid, [], ""
         return range(grid.n + 1)
 
-    def take(self, k: int, time: float, components: Kept) -> None:
+    def take(self, k: int, time: float, components: Any) -> None:
         """Keep the states if the row is one of the five."""
         exchange, n = components.exchange, self._grid.n
         if k == 0:
@@ -165,23 +140,22 @@ class Probe(Tap):
                 self.failure = str(error)
             self._rows[k] = exchange.clock.value + exchange.size.value if k else time
 
-    def end(self, components: Kept) -> None:
+    def end(self, components: Any) -> None:
         """Read the kept states."""
         if self.failure:
             return
         try:
-            found = components.look(dict(self.steps), list(self._rows.values()), self._grid.end)
+            looks = components.look(dict(self.steps), list(self._rows.values()), self._grid.end)
         except CosimError as error:
             self.failure = str(error)
             return
         descriptions = components.exchange.checked.descriptions
-        of = {name: numeric(descriptions[name].variables) for name in self.steps}
-        for (row, time), each in zip(self._rows.items(), found, strict=True):
+        places = {name: [v.reference + v.index for v in numeric(descriptions[name].variables)] for name in self.steps}
+        for (row, time), look in zip(self._rows.items(), looks, strict=True):
             parts: list[dict[str, Numbers]] = [{}, {}]
-            for name, listed in each.items():
+            for name, listed in look.items():
                 for part, numbers in zip(parts, listed, strict=False):
-                    places = (v.reference + v.index for v in of[name])
-                    part[name] = dict(zip(places, numbers, strict=True))
+                    part[name] = dict(zip(places[name], numbers, strict=True))
             self.readings.append(Reading(row, time, *parts))
 
 
@@ -192,10 +166,9 @@ def numeric(variables: Mapping[str, FmuVariable]) -> list[FmuVariable]:
 
 def reader(instance: Instance) -> Callable[[], list[float]]:
     """Return a function that gets all numbers of a component, in the order of :func:`numeric`."""
-    own = numeric(instance.description.variables)
     parts: list[tuple[NDArray[Any], list[Call]]] = []
-    for kind in dict.fromkeys(v.kind for v in own):
-        variables = [v for v in own if v.kind == kind]
+    for kind, group in groupby(numeric(instance.description.variables), lambda v: v.kind):
+        variables = list(group)
         values = np.zeros(len(variables), DTYPES[kind])
         parts.append((values, instance.access("Get", variables, values)))
 
@@ -208,22 +181,16 @@ def reader(instance: Instance) -> Callable[[], list[float]]:
 
 
 _SPIN = 2e-4
-"""Time before a row is due from which on the clock is looked at all the time [s]: sleeps end later than this rarely."""
+"""Busy wait before a row is due [s]: sleeps rarely end later than this."""
 _NAP = 0.1
-"""Longest sleep [s], after which a signal is seen."""
+"""Longest sleep [s] before a signal is seen."""
 
 
 class Pace(Tap):
-    """Ends rows, each not before it is due. In its block Python does not look for what is garbage, for milliseconds.
+    """Delays rows until they are due. In its block Python collects no garbage, which would take milliseconds.
 
-    Parameters
-    ----------
-    speed : float
-        Time of the run over wall time; 1 is real time.
-    step : float [s]
-        Between two rows. The clock starts with the second row: the first step of all loads code.
-    pressed : callable
-        Whether the user stops the run, which then waits no longer.
+    `speed` is time of the run over wall time; 1 is real time. Rows are `step` [s] apart. The clock starts with the
+    second row, since the first step loads code. `pressed` returns whether the user stops the run, and ends the wait.
     """
 
     def __init__(self, speed: float, step: float, pressed: Callable[[], bool] = lambda: False) -> None:
@@ -260,7 +227,7 @@ class Pace(Tap):
         self._late.append(max(now - due, 0.0))
 
     def facts(self) -> dict[str, Any]:
-        """Return `speed` and the lateness of the rows for the summary, with the machine that it was measured on."""
+        """Return `speed`, the lateness of the rows, and the machine for the summary."""
         late = np.array(self._late) if self._late else np.zeros(1)
         p50, p99_9 = np.percentile(late, [50.0, 99.9]).tolist()
         return {
@@ -276,7 +243,7 @@ def machine_name() -> str:
 
 
 def processor_name() -> str:
-    """Name of the processor, as far as the system tells."""
+    """Name of the processor, or of its architecture if unknown."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

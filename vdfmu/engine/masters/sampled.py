@@ -1,4 +1,4 @@
-"""Steps for sampled coupling, and what any algorithm has to have."""
+"""Steps for sampled coupling: once each, each by its own multiple of the step, or integrated together."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
-from vdfmu.engine.masters.bank import Bank
+from vdfmu.engine.masters.bank import Bank, Gather
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import ranks
@@ -31,7 +31,7 @@ class Stepper:
     """Whether the user wants to stop. The master asks between the rows; a stepper that takes long for one asks, too."""
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Step all from a communication point by `step` to `stop` [s], their sum but for rounding."""
+        """Step all from a communication point by `step` to `stop` [s], which is their sum except for rounding."""
         raise NotImplementedError
 
     def notes(self) -> list[str]:
@@ -43,7 +43,7 @@ class Stepper:
         raise NotImplementedError
 
     def free(self) -> None:
-        """Free what it has of the components, such as saved states."""
+        """Free resources of the components, such as saved states."""
 
 
 class SampledStepper(Stepper):
@@ -51,20 +51,14 @@ class SampledStepper(Stepper):
 
     def __init__(self, exchange: Exchange) -> None:
         self._clock, self._size = exchange.clock, exchange.size
-        gathers = [bank.gather(slice(0, bank.inputs.size), late=True) for bank in exchange.banks]
-        self.opening = [gather for gather in gathers if gather is not None]
-        """Bring inputs that are not fresh to the outputs at the start of the step."""
+        self.opening = exchange.gathers(late=True)
+        """Update inputs that are not fresh, from the outputs at the start of the step."""
         if exchange.checked.feed is not None:
             self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
-        self.stages: list[tuple[Instance, list[Callable[[], None]], list[Call]]] = []
-        """Unit by unit: the instance, what brings its fresh inputs up to date, its calls."""
+        self.stages: list[tuple[Instance, list[Gather], list[Call]]] = []
+        """Unit by unit: the instance, functions that update its fresh inputs, its calls."""
         for name in exchange.checked.schedule.units:
-            fresh: list[Callable[[], None]] = []
-            for bank in exchange.banks:
-                start = bank.input_windows[name].start
-                gather = bank.gather(slice(start, start + bank.fresh_counts[name]))
-                if gather is not None:
-                    fresh.append(gather)
+            fresh = exchange.gathers(lambda bank, name=name: bank.fresh_windows[name])
             self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))
         for group in exchange.checked.schedule.groups:
             at = next(i for i, (instance, *_) in enumerate(self.stages) if instance.name == group[0])
@@ -73,7 +67,7 @@ class SampledStepper(Stepper):
             joined = Together(members, exchange.checked.descriptions, exchange.checked.links, exchange.banks[0])
             self.stages[own] = stages_of(self.stages[own], joined.step_call(self._clock, self._size))
         self._calls: list[tuple[Instance, Callable[..., int | None], tuple[Any, ...], str]] = []
-        """The stages as one list, of which a gather has no status."""
+        """The stages as one list; gathers return no status."""
         for instance, gathers, calls in self.stages:
             self._calls += [(instance, gather, (), "") for gather in gathers]
             self._calls += [(instance, *call) for call in calls]
@@ -98,14 +92,14 @@ class SampledStepper(Stepper):
 
 @dataclass
 class _RateUnit:
-    """One component: what brings its inputs up to date, its calls, and the step that it is in."""
+    """One component: functions that update its inputs, its calls, and its current step."""
 
     instance: Instance
     multiple: int
     early: bool
-    """Whether it steps when its step begins, so that others read what it passes on for that time."""
-    opening: list[Callable[[], None]]
-    fresh: list[Callable[[], None]]
+    """Whether it steps when its step begins, so that others read its outputs for that time."""
+    opening: list[Gather]
+    fresh: list[Gather]
     sets: list[Call]
     rest: list[Call]
     begun: float = 0.0
@@ -115,9 +109,9 @@ class _RateUnit:
 class MultirateStepper(SampledStepper):
     """Steps units like `SampledStepper`, each by its own multiple of the communication step.
 
-    A unit reads its inputs when its step begins, and they hold until it ends. Then it steps, so its outputs change at
-    the end of its step; one that passes inputs on to others within the step steps when its step begins, and its
-    outputs hold for its step. The last step of a unit may be shorter.
+    A unit reads its inputs when its step begins, holds them, and steps at its end, so its outputs change then. An early
+    unit, see `Checked.early`, steps when its step begins, and its outputs hold for the step. The last step of a unit
+    may be shorter.
     """
 
     def __init__(self, exchange: Exchange, span: float) -> None:
@@ -128,8 +122,7 @@ class MultirateStepper(SampledStepper):
         self._units: list[_RateUnit] = []
         for name, (instance, fresh, calls) in zip(exchange.checked.schedule.units, self.stages, strict=True):
             at = next(i for i, call in enumerate(calls) if call[2] == "doStep")
-            gathers = (bank.gather(bank.input_windows[name]) for bank in exchange.banks)
-            opening = [gather for gather in gathers if gather is not None]
+            opening = exchange.gathers(lambda bank, name=name: bank.input_windows[name])
             multiple = exchange.checked.multiples.get(name, 1)
             self._units.append(_RateUnit(instance, multiple, name in early, opening, fresh, calls[:at], calls[at:]))
 
@@ -163,19 +156,11 @@ _ROUNDS = 100
 
 
 class Together:
-    """For its integrator one component, with the states of all: values pass between them at every evaluation.
+    """Components of model exchange that depend on each other within a step, for the integrator one component.
 
-    Outputs are got in the order of their declared dependencies, each input is set as soon as its source is known. A
-    component may be asked for some outputs, given an input, and asked for others; of model exchange that is allowed.
-
-    Parameters
-    ----------
-    members : sequence of Instance
-    descriptions : mapping of str to Description
-    links : sequence of Link
-        All of the system.
-    bank : Bank
-        Real variables.
+    Values pass between them at every evaluation: outputs are read in the order of their declared dependencies, and each
+    input is set as soon as its source is known. Model exchange allows to read outputs of a component before all of its
+    inputs are set. `links` are all of the system, `bank` has the real variables.
     """
 
     derivatives_name = "derivatives"
@@ -209,12 +194,11 @@ class Together:
         stages: list[Callable[[], None]] = []
         for _, group in groupby(sorted(links, key=lambda k: rank[k.end]), lambda k: rank[k.end]):
             stage = list(group)
-            for verb, found in (("Get", {k.start for k in stage}), ("Set", {k.end for k in stage})):
+            for verb, some in (("Get", {k.start for k in stage}), ("Set", {k.end for k in stage})):
                 if verb == "Set":
                     stages.append(self._carry(stage))
                 for member in self.members:
-                    own = {name for unit, name in found if unit == member.name}
-                    calls = self.bank.calls(member, verb, lambda v, own=own: v.name in own) if own else []
+                    calls = self.bank.calls(member, verb, lambda v, some=some, name=member.name: (name, v.name) in some)
                     if calls:
                         stages.append(lambda member=member, calls=calls: member.run(calls))
         return stages
@@ -259,7 +243,7 @@ class Together:
             member.transfer(member.derivatives_name if name == self.derivatives_name else name, values[begin:end])
 
     def update(self, time: float) -> None:
-        """Update the discrete states of all at an event, until what they pass on stays."""
+        """Update the discrete states of all at an event, until the values between them are constant."""
         self.pass_on()
         for _ in range(_ROUNDS):
             passed = self.bank.inputs[self._inner]
@@ -271,11 +255,11 @@ class Together:
             if np.array_equal(self.bank.inputs[self._inner], passed, equal_nan=True) or self.name in self.box.ended:
                 return
         names = ", ".join(member.name for member in self.members)
-        reason = f"an event does not settle: what {names} pass to each other still changes after {_ROUNDS} updates"
+        reason = f"an event does not settle: values between {names} still change after {_ROUNDS} updates"
         raise CosimError(self.name, "updateDiscreteStates", time, reason)
 
     def completed_step(self) -> bool:
-        """Tell all that the solver has done a step; return whether that is an event for any."""
+        """Report a step of the solver to all; return whether it is an event for any."""
         return any([member.completed_step() for member in self.members])
 
     def enter_event(self) -> None:
@@ -290,7 +274,7 @@ class Together:
 
 
 def stages_of(members: Sequence[tuple[Instance, list[Any], list[Call]]], step: Call) -> list[Any]:
-    """Return the stages of members that make one `step` together: inputs of all, the step, outputs of all."""
+    """Return the stages of one joint `step` of members: inputs of all, the step, outputs of all."""
     inputs: list[Any] = []
     outputs: list[Any] = []
     for instance, gathers, calls in members:

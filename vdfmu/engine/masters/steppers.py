@@ -20,7 +20,7 @@ CONVERGENCE = 1e-8
 
 
 class Coupling(NamedTuple):
-    """Parts of a stepper; for `convergence` and `error` see :class:`ContinuousStepper`, None where not given."""
+    """Parts of a stepper; `convergence` and `error` of :class:`ContinuousStepper` may be None."""
 
     exchange: Exchange
     box: MessageBox
@@ -37,9 +37,9 @@ def held(coupling: Coupling) -> SampledStepper:
     checked = coupling.exchange.checked
     if checked.schedule.groups and (checked.multiples or coupling.events is not None):
         raise UsageError(
-            f"{', '.join(checked.schedule.groups[0])}: depend on each other within a step and are integrated together; "
-            "in such a system no component may have a step of its own, or events of co-simulation. Leave these out, or "
-            f"use {choice(repeats=True)}"
+            f"{', '.join(checked.schedule.groups[0])}: depend on each other within a step and are integrated together. "
+            "Other components of the system must not have their own steps or events of co-simulation. Leave these out, "
+            f"or use {choice(repeats=True)}"
         )
     if checked.multiples:
         return MultirateStepper(coupling.exchange, coupling.span)
@@ -49,15 +49,13 @@ def held(coupling: Coupling) -> SampledStepper:
 
 
 def continuous(coupling: Coupling, solver: Callable[[], Broyden] | None) -> ContinuousStepper:
-    """Return the stepper for inputs that run over a step; for `solver` see :class:`ContinuousStepper`."""
-    error = coupling.error
-    convergence = coupling.convergence or (CONVERGENCE if error is None else 0.01 * error)
-    return ContinuousStepper(
-        coupling.exchange, coupling.box, solver=solver, convergence=convergence, error=error, span=coupling.span
-    )
+    """Return the stepper for inputs that ramp over a step; for `solver` see :class:`ContinuousStepper`."""
+    exchange, _, _, convergence, error, span = coupling
+    convergence = convergence or (CONVERGENCE if error is None else 0.01 * error)
+    return ContinuousStepper(exchange, solver=solver, convergence=convergence, error=error, span=span)
 
 
 extrapolated = partial(continuous, solver=None)
-"""Inputs run to predicted outputs."""
+"""Inputs ramp to predicted outputs."""
 iterative = partial(continuous, solver=Broyden)
-"""Steps are repeated until the predicted outputs come out."""
+"""Steps are repeated until predicted and computed outputs agree."""

@@ -1,4 +1,4 @@
-"""A system that can be run, and everything that can be said about one before it runs: all problems at once."""
+"""Checks of a system before it runs, with all problems at once; the checked system and the steps of its components."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ class Checked:
     descriptions: Mapping[str, Description]
     """Each component by its name, in the order of the SSD."""
     links: tuple[Link, ...]
-    """Including links from the signals of `feed`."""
+    """With links from the signals of `feed`."""
     algorithm: str
-    """The master algorithm that `schedule` is for."""
+    """The master algorithm of `schedule`."""
     schedule: Schedule
     starts: Mapping[str, Sequence[tuple[FmuVariable, Value]]]
     """Values to set in each component before initialization, in the units of the FMU."""
     notes: tuple[str, ...]
-    """Notes, not errors: inputs that nothing feeds, for example."""
+    """Notes, not errors, such as unconnected inputs."""
     feed: Feed | None = None
     """Signals from outside."""
     clock_links: tuple[tuple[Port, Port], ...] = ()
     """Connections of clocks."""
     multiples: Mapping[str, int] = field(default_factory=dict)
-    """Communication steps that a component's own step takes; empty where all step together."""
+    """Communication steps in a component's own step; empty if all step together."""
 
     @property
     def how(self) -> Algorithm:
@@ -49,7 +49,7 @@ class Checked:
 
     @property
     def held(self) -> list[str]:
-        """Inputs, without indices, that take in each step what their source had at its beginning."""
+        """Inputs, without indices, that hold the value of their source at the begin of each step."""
         late = (k.end for k in self.links if k.stepped and k.start[0] != SOURCE and k.end not in self.schedule.fresh)
         return [*dict.fromkeys(f"{unit}.{name.partition('[')[0]}" for unit, name in late)] if self.how.substeps else []
 
@@ -81,39 +81,34 @@ def check_system(
     ----------
     system : System
     parameters : mapping of str to value, optional
-        Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
-        one value, or a list or array with one for each. They win over the package's values.
+        Values of ``component.variable``, in the unit of the FMU; without an index, of all its elements: one value, or a
+        list or array with one each. They override the package's values.
     inputs : sequence of InputTable
-        Signals for inputs that nothing is connected to.
+        Signals for unconnected inputs.
     algorithm : str, optional
         One of `vdfmu.engine.run.ALGORITHMS`; default: see `vdfmu.engine.plan.schedule.choose_schedule`.
     repeats : bool
         Whether steps may be repeated and vary, so that units must save and restore their state.
     strict : bool
-        Makes an input that has neither a connection nor a bound value a problem instead of a note.
+        Makes an input without connection and bound value a problem instead of a note.
     ignore_unmatched : bool
-        Makes a bound parameter that no variable matches a note, following SSP 1.0. By default it is a
-        problem, because it is nearly always a misspelling.
-
-    Returns
-    -------
-    Checked
+        Makes a bound parameter without a variable a note, as in SSP 1.0. By default it is a problem: it is nearly
+        always a misspelling.
 
     Raises
     ------
     SspError
         With all problems: of the wiring, connectors, types, units, parameters, FMUs and algebraic loops.
     UsageError
-        An unknown algorithm, `inputs` that fit no free input, or `parameters` that name something unknown, not settable
-        or of another type.
+        For an unknown algorithm, for `inputs` without a free input, and for unknown, fixed or mistyped `parameters`.
     """
     if algorithm is not None and algorithm not in ALGORITHMS:
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS.names())}")
     checker = Checker(system, strict, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
-    known = {c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions}
-    feed, wrong = feed_inputs(inputs, known, links, checker.port_unit, system.units)
+    descriptions = {c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions}
+    feed, wrong = feed_inputs(inputs, descriptions, links, checker.port_unit, system.units)
     if wrong and not checker.problems:
         raise UsageError("\n".join(wrong))
     if feed is not None:
@@ -126,16 +121,15 @@ def check_system(
     for name, values in starts.items():
         notes = _fed(name, values, fixed, "the value of the parameter set")
         checker.notes += [finding("SSP057", note) for note in notes]
-    sources = known if feed is None else {**known, SOURCE: feed.description}
+    sources = descriptions if feed is None else {**descriptions, SOURCE: feed.description}
     algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
     if feed is not None:
         blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
         schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
+    notes += [f"algebraic loop during initialization, solved: {loop}" for loop in dict.fromkeys(schedule.initial.loops)]
     checker.problems += [finding("SSP039", loop) for loop in loops]
     checker.notes += [finding("SSP039", note) for note in notes]
-    for loop in dict.fromkeys(schedule.initial.loops):
-        checker.notes.append(finding("SSP039", f"algebraic loop during initialization, solved: {loop}"))
-    problems, notes = _check_abilities(known, links, schedule, algorithm, repeats)
+    problems, notes = _check_abilities(descriptions, links, schedule, algorithm, repeats)
     checker.problems += [finding("RUN007", problem) for problem in problems]
     checker.notes += [finding("RUN007", note) for note in notes]
     if checker.problems:
@@ -143,21 +137,15 @@ def check_system(
         error.notes = checker.notes
         raise error
     checked = Checked(
-        system=system,
-        descriptions=known,
-        links=tuple(links),
-        algorithm=algorithm,
-        schedule=schedule,
-        starts={name: list(values.values()) for name, values in starts.items()},
-        notes=tuple(checker.notes),
-        feed=feed,
-        clock_links=tuple(checker.clock_links),
-    )
+        system, descriptions, tuple(links), algorithm, schedule,
+        {name: list(values.values()) for name, values in starts.items()}, tuple(checker.notes), feed,
+        tuple(checker.clock_links),
+    )  # fmt: skip
     return with_parameters(checked, parameters or {})
 
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
-    """Return a checked system with other `parameters`, see `check_system`; they win over those that it has."""
+    """Return a checked system with other `parameters`, see `check_system`; they override its own."""
     fed = {link.end: link.start for link in checked.links}
     starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
     notes = [*checked.notes]
@@ -168,9 +156,9 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
 
 
 def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:
-    """Return the notes on values of variables of a component that a connection feeds, by what feeds each."""
+    """Return notes on values of a component whose variables have a connection, from their `sources`."""
     return [
-        f"{name}.{variable}: {what} has no effect; it is that of {'.'.join(sources[name, variable])}, which feeds it"
+        f"{name}.{variable}: {what} has no effect, since {'.'.join(sources[name, variable])} feeds it"
         for variable in values
         if (name, variable) in sources
     ]
@@ -179,21 +167,15 @@ def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: s
 def _check_abilities(
     descriptions: Mapping[str, Description], links: Sequence[Link], schedule: Schedule, algorithm: str, adaptive: bool
 ) -> tuple[list[str], list[str]]:
-    """Return the problems and notes of units that an algorithm cannot step as it has to.
-
-    `adaptive`: steps may be rejected and differ in length.
-    """
+    """Return problems and notes of units that the algorithm cannot step; `adaptive` steps are repeated and vary."""
     problems: list[str] = []
     how = ALGORITHMS[algorithm]
     for name, unit in descriptions.items():
         clocks = [v.name for v in unit.variables.values() if v.clock is not None]
         if clocks and unit.identifier and (how.continuous or not unit.event_mode):
-            way = (
-                f"use {choice(continuous=False)}"
-                if unit.event_mode
-                else "the FMU declares no event mode (hasEventMode)"
-            )
-            problems.append(f"{name}: {unit.source} has clocks, {', '.join(clocks)}, which tick in event mode; {way}")
+            way = f"use {choice(continuous=False)}"
+            way = way if unit.event_mode else "the FMU declares no event mode (hasEventMode)"
+            problems.append(f"{name}: {unit.source} has clocks ({', '.join(clocks)}) that tick in event mode; {way}")
     if not (how.continuous or how.substeps):
         text = f"the algorithm {algorithm} declares neither substeps nor continuous in its Algorithm"
         return problems, [f"{text}: the run records all inputs, and its stability is not judged"]
@@ -225,13 +207,10 @@ def _check_abilities(
 
 
 def with_steps(checked: Checked, step: float) -> Checked:
-    """Return a checked system with the number of communication steps that each component's own step takes.
+    """Return a checked system with the number of communication steps `step` [s] in each component's own step.
 
-    Raises
-    ------
-    UsageError
-        Steps that are not whole multiples of `step`, or that the algorithm cannot make; periods of sampled states that
-        are not whole multiples of their component's step.
+    UsageError for steps that are not whole multiples of `step` or that the algorithm cannot make, and for periods of
+    sampled states that are not whole multiples of their component's step.
     """
     multiples: dict[str, int] = {}
     problems: list[str] = []
@@ -247,23 +226,20 @@ def with_steps(checked: Checked, step: float) -> Checked:
             )
     slow = [name for name, multiple in multiples.items() if multiple > 1]
     if slow and checked.how.substeps != 1:
-        problems.append(
-            f"{', '.join(slow)}: have steps of their own, and {checked.algorithm} takes one step for all; use "
-            f"{choice(substeps=1)}"
-        )
+        text = f"{', '.join(slow)}: have their own steps, but {checked.algorithm} takes one step for all"
+        problems.append(f"{text}; use {choice(substeps=1)}")
     ticking = [name for name, d in checked.descriptions.items() if any(v.clock for v in d.variables.values())]
     if multiples and ticking:
         problems.append(
-            f"{', '.join(ticking)}: have clocks, which tick where all components step together; "
-            f"{', '.join(multiples)} have steps of their own. Leave these out, or the clocks"
+            f"{', '.join(ticking)}: have clocks, and {', '.join(multiples)} their own steps; clocks need components "
+            "that step together. Leave out the steps or the clocks"
         )
     for name in set(slow) & checked.early:
         late = [k for k in checked.links if k.stepped and k.start[0] == name and k.start not in checked.schedule.direct]
         if late:
             problems.append(
-                f"{name}: has a step of its own, passes inputs on within it, and {'.'.join(late[0].start)}, which is "
-                f"read, is a state; {checked.algorithm} cannot pass on both at their times; use {DELAYED}, or split "
-                "the unit"
+                f"{name}: has its own step, passes inputs on within it, and its state {'.'.join(late[0].start)} is "
+                f"read; {checked.algorithm} cannot pass on both at their times; use {DELAYED}, or split the unit"
             )
     notes: list[str] = []
     for name, period in periods(checked).items():
@@ -278,12 +254,12 @@ def with_steps(checked: Checked, step: float) -> Checked:
                 f"such as {period / math.ceil(period / own - 1e-9):g} s (step, --step), or another period (--set "
                 f"{name}.{checked.descriptions[name].period}={own * max(1, round(period / own)):g})"
             )
-        late = {k.start[1] for k in checked.links if _is_late(checked, k, name)}
+        sampled = {k.start for k in checked.links if k.source.variability == "discrete"} | checked.schedule.direct
+        late = {k.start[1] for k in checked.links if k.stepped and k.start[0] == name and k.start in sampled
+                and k.end not in checked.schedule.fresh}  # fmt: skip
         if late and not checked.how.continuous:
             groups = ", ".join(dict.fromkeys(output.split("[")[0] for output in late))
-            notes.append(
-                f"{name}: samples every {period:g} s; what {groups} says of a sample acts a step later, after {own:g} s"
-            )
+            notes.append(f"{name}: samples every {period:g} s; a sample acts on {groups} a step later, after {own:g} s")
     if problems:
         raise UsageError("\n".join(problems))
     return replace(checked, multiples=multiples if slow else {}, notes=(*checked.notes, *sorted(notes)))
@@ -291,15 +267,9 @@ def with_steps(checked: Checked, step: float) -> Checked:
 
 def periods(checked: Checked) -> dict[str, float]:
     """Return the times between samples [s] of the components that have sampled states and name their period."""
-    found: dict[str, float] = {}
+    times: dict[str, float] = {}
     for name, each in checked.descriptions.items():
         if each.period in each.variables:
-            given = {v.name: value for v, value in checked.starts.get(name, ())}
-            found[name] = float(given.get(each.period, each.variables[each.period].start))
-    return found
-
-
-def _is_late(checked: Checked, link: Link, name: str) -> bool:
-    """Whether a link brings samples of a component to another one a step late."""
-    sampled = link.source.variability == "discrete" or link.start in checked.schedule.direct
-    return link.stepped and link.start[0] == name and sampled and link.end not in checked.schedule.fresh
+            values = {v.name: value for v, value in checked.starts.get(name, ())}
+            times[name] = float(values.get(each.period, each.variables[each.period].start))
+    return times

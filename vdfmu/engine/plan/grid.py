@@ -34,7 +34,7 @@ class Grid(NamedTuple):
 
     @property
     def last(self) -> float:
-        """Length of the last step, which for no rounding leads beyond the end [s]."""
+        """Length of the last step [s]; it never leads beyond the end, for any rounding."""
         time = self.begin + (self.n - 1) * self.step
         return self.step if time + self.step == self.end else largest_step(time, self.end)
 

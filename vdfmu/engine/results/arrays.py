@@ -21,10 +21,7 @@ _MOST = 2**25
 def joined(
     path: Path, blocks: Iterable[tuple[Floats, Mapping[str, NDArray[Any]]]], signals: Sequence[Signal], summary: Any
 ) -> Recorded:
-    """Return the rows of blocks of times and data, at least one.
-
-    StorageError if the temporary files cannot hold the numbers of `path`.
-    """
+    """Return the rows of one or more blocks of times and data; StorageError if temporary files cannot hold them."""
     times: list[Floats] = []
     kept: dict[str, list[NDArray[Any]]] = {kind: [] for kind in KINDS}
     files: dict[str, IO[bytes]] = {}
@@ -38,15 +35,15 @@ def joined(
         if files:
             _move(path, kept, files)
         m = sum(map(len, times))
-        found = {kind: _read(arrays, files.get(kind), m) for kind, arrays in kept.items()}
-        return Recorded(np.concatenate(times), signals, found, summary)
+        rows = {kind: _read(arrays, files.get(kind), m) for kind, arrays in kept.items()}
+        return Recorded(np.concatenate(times), signals, rows, summary)
     finally:
         for file in files.values():
             file.close()  # a map stays
 
 
 def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, IO[bytes]]) -> None:
-    """Move blocks to the files of their kinds, except for an empty one of each, which has the columns."""
+    """Move blocks to the files of their kinds; an empty block of each stays for its columns."""
     try:
         for kind, arrays in kept.items():
             if arrays[0].shape[1]:
@@ -70,7 +67,7 @@ def _read(arrays: Sequence[NDArray[Any]], file: IO[bytes] | None, m: int) -> NDA
 
 
 def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:
-    """Return the signals of each array, by its name and kind: those whose names differ in their indices."""
+    """Return the signals of each array, by its name and kind."""
     groups: dict[tuple[str, str], list[Signal]] = {}
     for signal in signals:
         groups.setdefault((group_of(signal.name)[0], signal.kind), []).append(signal)
@@ -80,7 +77,7 @@ def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:
 def placed_arrays(
     signals: Sequence[Signal], arrays: Sequence[NDArray[Any]]
 ) -> tuple[list[Signal], dict[str, NDArray[Any]]]:
-    """Return signals in their places, and data, of an array (m, n) for each of `grouped`."""
+    """Return signals with their columns, and data, from an array (m, n) for each of `grouped`."""
     columns = {
         signal.name: array[:, i]
         for members, array in zip(grouped(signals).values(), arrays, strict=True)

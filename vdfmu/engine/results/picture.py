@@ -17,9 +17,9 @@ from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.results import Recorded
 
 PANELS = 12
-"""Panels of a picture; more would be too small to read."""
+"""Most panels of a readable picture."""
 _CURVES, _CURVES_ALONE = 8, 28
-"""Curves of a panel whose legend fits next to it, and of one that is alone; its curves differ in colour or dashes."""
+"""Most curves of a panel, for its legend, and of a single panel, for distinct colours and dashes."""
 _TITLE, _TITLE_ALONE = 38, 80
 """Characters of the title of a panel."""
 _NAMED = 8
@@ -33,7 +33,7 @@ class _Panel(NamedTuple):
     title: str
     unit: str
     curves: list[tuple[int, str, str]]
-    """Place in its array from 0, which has its colour in all panels; label; name of the signal."""
+    """Place in its array from 0, for its colour; label; name of the signal."""
 
 
 def signals_figure(results: Recorded, folder: Path, pictures: Sequence[str] = ("png",)) -> list[Path]:
@@ -48,7 +48,7 @@ def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], 
     """Draw chosen signals, and write the picture if there is a path; see `Results.plot`."""
     runs: list[Any] = list(over.values()) if hasattr(over, "values") else [None]
     if not all(isinstance(run, Recorded) for run in runs):
-        raise UsageError(f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}.")
+        raise UsageError(f"plot: expected results by label, over={{'soft': other}}, got {over!r:.60}.")
     wanted = [signal for name in names or results.names for signal in results.members(name)]
     figure = draw_signals(results, set(results.names).difference(wanted), over, wanted)
     if path is not None:
@@ -61,19 +61,10 @@ def draw_signals(
     results: Recorded, hidden: Collection[str] = (), over: Mapping[str, Recorded] | None = None,
     order: Sequence[str] = (),
 ) -> Figure:  # fmt: skip
-    """Draw the recorded variables over time.
+    """Draw the recorded variables over time, without `hidden` signals, and other runs `over` them, by label.
 
-    With more than `PANELS` variables each component shows its first ones.
-
-    Parameters
-    ----------
-    results : Recorded
-    hidden : collection of str
-        Signals to leave out.
-    over : mapping of str to Recorded, optional
-        Other runs to draw over these, by what they are called.
-    order : sequence of str, optional
-        Signals in the order of their panels; by default the order of the results.
+    With more than `PANELS` variables each component shows its first variables. Panels are in the `order` of signals, by
+    default of the results.
     """
     panels = _panels(results, hidden, order)
     shown = _chosen(panels)
@@ -92,14 +83,13 @@ def draw_signals(
         caption += f" Of arrays the first {most} elements."
     columns = 1 if alone else 2 if len(shown) <= 6 else 3
     rows = -(-len(shown) // columns)
+    legend = [Line2D([], [], label=name, color="black", **_run_look(k)) for k, name in enumerate(runs)]
     figure = style.new_figure(
         _plain(f"Signals of {facts.get('scenario') or facts.get('system', 'a run')}", _TITLE_ALONE),
         _plain(caption, 10 * _TITLE_ALONE),
         width=3.9 * columns if columns > 1 else style.WIDTH,
         height=1.0 + (3.2 if rows == 1 else 2.2) * rows,
-        legend=[Line2D([], [], label=name, color="black", **_run_look(k)) for k, name in enumerate(runs)]
-        if len(runs) > 1
-        else (),
+        legend=legend if len(runs) > 1 else (),
     )
     grid: NDArray[Any] = figure.subplots(rows, columns, squeeze=False)
     axes: list[Axes] = grid.ravel().tolist()
@@ -144,10 +134,7 @@ def _plain(text: str, length: int) -> str:
 
 
 def _panels(results: Recorded, hidden: Collection[str], order: Sequence[str] = ()) -> list[_Panel]:
-    """Return the groups in the order of the results or of signals; elements with another unit get another panel.
-
-    Such panels say of which elements they are.
-    """
+    """Return the groups in the order of the results or of signals, with a panel for each unit."""
     panels: dict[tuple[str, str], _Panel] = {}
     for group, elements in results.groups.items():
         units = {results.units[name] for name in elements.values()}
@@ -167,14 +154,14 @@ def _panels(results: Recorded, hidden: Collection[str], order: Sequence[str] = (
 
 
 def _chosen(panels: list[_Panel]) -> list[_Panel]:
-    """Return the first panels of every component, as many as there is room for."""
+    """Return the first panels of every component, up to `PANELS`."""
+    seen: dict[str, int] = {}
+    ranked: list[tuple[int, _Panel]] = []
+    for panel in panels:
+        seen[panel.component] = seen.get(panel.component, 0) + 1
+        ranked.append((seen[panel.component], panel))
     for most in range(len(panels), 0, -1):
-        seen: dict[str, int] = {}
-        chosen: list[_Panel] = []
-        for panel in panels:
-            seen[panel.component] = seen.get(panel.component, 0) + 1
-            if seen[panel.component] <= most:
-                chosen.append(panel)
+        chosen = [panel for rank, panel in ranked if rank <= most]
         if len(chosen) <= PANELS:
             return chosen
     return panels[:PANELS]

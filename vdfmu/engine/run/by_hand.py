@@ -1,4 +1,4 @@
-"""A run whose steps the user makes, as the loop of a controller or of reinforcement learning wants it."""
+"""A run by hand: the user makes its steps, for a controller or reinforcement learning."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class ByHand:
     def _sinks_of(self, name: str, value: Value) -> list[tuple[Instance, FmuVariable]]:
         checked = self._session.checked
         fed = {link.end: link.start for link in checked.links}
-        found: list[tuple[Instance, FmuVariable]] = []
+        sinks: list[tuple[Instance, FmuVariable]] = []
         for owner, named in overrides(checked.descriptions, {name: value}).items():
             instance = self._instances[owner]
             for variable, _ in named.values():
@@ -105,15 +105,14 @@ class ByHand:
                 if not (variable.causality == "input" or tunable) or not instance.between_events(variable):
                     raise UsageError(
                         f"{name!r}: expected an input or a tunable parameter, got a {variable.variability} "
-                        f"{variable.causality}, which is set before the run: reset(parameters={{{name!r}: ..}})."
+                        f"{variable.causality}. Set it before the run: reset(parameters={{{name!r}: ..}})."
                     )
-                found.append((instance, variable))
-        return found
+                sinks.append((instance, variable))
+        return sinks
 
     def get(self, name: str) -> Any:
         """Return a number, or the array of all numbers whose names begin with it."""
-        source = self._sources.get(name) or self._sources.setdefault(name, self._source_of(name))
-        return source()
+        return (self._sources.get(name) or self._sources.setdefault(name, self._source_of(name)))()
 
     def _source_of(self, name: str) -> Callable[[], Any]:
         for owner, description in self._session.checked.descriptions.items():
@@ -146,7 +145,7 @@ class ByHand:
         return lambda: np.array([number() for number in numbers]).reshape(shape)
 
     def _place(self, instance: Instance, variable: FmuVariable) -> tuple[NDArray[Any], int] | None:
-        """Return the place of a number in the master; None if only the component has it."""
+        """Return the memory and place of a number in the master; None if only the component has it."""
         if variable.kind in TEXTS:
             return None
         bank = self._session.exchange.banks[KINDS.index(variable.kind)]

@@ -35,29 +35,14 @@ class Interrupted(KeyboardInterrupt):
 class Run:
     """A run of components that are initialized and coupled.
 
-    Parameters
-    ----------
-    session : Session
-    grid : Grid
-    summary : dict
-        Its facts; the run adds to them.
-    options : mapping
-        See :class:`vdfmu.engine.options.RowOptions`; of these `record`, `observer` and `pace` count here.
-    files : sequence of Path
-        Where its rows go.
-    taps : sequence of Tap
-        See :meth:`vdfmu.Simulator.run`.
+    It adds to the facts in `summary`, uses `record`, `observer` and `pace` of the `options`, see
+    :class:`vdfmu.engine.options.RowOptions`, and writes rows to `files`. For `taps` see :meth:`vdfmu.Simulator.run`.
     """
 
     def __init__(
-        self,
-        session: Session,
-        grid: Grid,
-        summary: dict[str, Any],
-        options: Mapping[str, Any],
-        files: Sequence[Path] = (),
-        taps: Sequence[Tap] = (),
-    ) -> None:
+        self, session: Session, grid: Grid, summary: dict[str, Any], options: Mapping[str, Any],
+        files: Sequence[Path] = (), taps: Sequence[Tap] = (),
+    ) -> None:  # fmt: skip
         self._session, self._grid, self.summary, self._files, self._more = session, grid, summary, files, taps
         self._observer, speed = options["observer"], options["pace"]
         self._done = -1
@@ -79,13 +64,13 @@ class Run:
         self._taps = [(tap.rows(grid), tap.take) for tap in listed]
 
     def steps(self, progress: Any) -> Results:
-        """Do the steps and return the results; `progress` is called as ``progress(k, n)``, if it is not None."""
+        """Do the steps and return the results; call ``progress(k, n)`` if it is not None."""
         session, grid, guard, box = self._session, self._grid, self._guard, self._session.box
         session.save = self._saved
         self._began = clock.perf_counter()
         stride = max(1, -(-grid.n // 100))
         try:
-            with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # Finite looks for them
+            with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # Finite reports them
                 session.stepper.pressed = self._stopped
                 self._row(0)
                 self._done = 0
@@ -109,10 +94,10 @@ class Run:
             self.summary["notes"].append(note)
             box.pending.append(LogMessage("", box.time, "note", "", note))
         box.flush()
-        found = self._results()
+        results = self._results()
         for tap in () if box.ended else self._more:
             tap.end(session.components)
-        return found
+        return results
 
     def _row(self, k: int) -> None:
         """Show row `k` to the taps."""
@@ -142,12 +127,12 @@ class Run:
         box, exchange = self._session.box, self._session.exchange
         unit, at = min(box.ended.items(), key=lambda item: item[1])
         reached = exchange.clock.value + exchange.size.value
-        if not time <= at <= reached:  # the unit knows no last successful time, or rounds it differently
+        if not time <= at <= reached:  # the unit has no last successful time, or rounds it differently
             at = reached
         last = k + 1 if at > time else k
         note = f"{unit} ended the simulation at t = {at:.9g} s"
         if at < reached and last > k:
-            note += f"; the last row has its values of then, and those of the others of t = {reached:.9g} s"
+            note += f"; the last row has its values at this time, and values of other units at t = {reached:.9g} s"
         self.summary |= {"stop": at, "steps": last, "ended": {"component": unit, "time": at}}
         self.summary["notes"].append(note)
         box.pending.append(LogMessage("", at, "note", "", note))
@@ -164,13 +149,13 @@ class Run:
         time = self._grid.times(0, done + 1)
         if done == self._grid.n or "ended" in summary:
             time[done] = summary["stop"]
-        found = Results(time, self._signals, rows.finish(time), summary, box.kept)
+        results = Results(time, self._signals, rows.finish(time), summary, box.kept)
         for path in self._files if done >= 0 else ():
             if not (form := format_of(path)).streams:
-                form.write(found, path)
+                form.write(results, path)
         if self._observer is not None and done >= 0:
-            getattr(self._observer, "end", lambda results: None)(found)
-        return found
+            getattr(self._observer, "end", lambda results: None)(results)
+        return results
 
     def _saved(self) -> str:
         self._results()

@@ -1,4 +1,4 @@
-"""The components of one system in use: unpacked, loaded, stepped, reset, freed; and what if one calls C's ``exit``."""
+"""The components of one system: unpacked, loaded, stepped, reset, freed; and a handler for calls of C's ``exit``."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits, Making
 
 
 class Session:
-    """The components of a system, for one run after the other; leaving it frees them and removes the unpacked FMUs.
+    """The components of a system for runs in a row; its exit frees them and removes the unpacked FMUs.
 
     For `isolate` and `limits` see `simulate`; `apart`, if given, replaces `Isolated`.
     """
@@ -39,21 +39,15 @@ class Session:
     stepper: Stepper
 
     def __init__(
-        self,
-        checked: Checked,
-        log: Callable[[LogMessage], None] | None,
-        isolate: bool | None,
-        limits: Limits,
+        self, checked: Checked, log: Callable[[LogMessage], None] | None, isolate: bool | None, limits: Limits,
         apart: Making | None = None,
-    ) -> None:
-        self.checked = checked
-        self.box = MessageBox(log)
+    ) -> None:  # fmt: skip
+        self.checked, self.box, self._limits = checked, MessageBox(log), limits
         self.isolated = isolate if apart is None else True
         self.results: Results | None = None
-        """Those of the last run."""
+        """Results of the last run."""
         self.save: Callable[[], str] = lambda: ""
-        """Saves the rows of a run under way; returns a text about them."""
-        self._limits = limits
+        """Saves the rows of the current run; returns a text about them."""
         self._apart = apart or Isolated
         self._stack = ExitStack()
 
@@ -94,7 +88,7 @@ class Session:
                 failure = self.components.close()
         finally:
             self._stack.close()
-            self.save = lambda: ""  # nothing may hold the run and the files of its memory any more
+            self.save = lambda: ""  # releases the run and the files of its memory
         if failure is not None and error is not None:
             self.box.pending.append(failure_message(failure))
         self.box.flush()
@@ -128,11 +122,10 @@ class Session:
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
-    """Unpack the FMUs of a system; return the folder of each by source, and whether to isolate them by default.
+    """Unpack the FMUs of a system; return their folders by source, and whether to isolate them by default.
 
-    That is for FMUs that this project did not build, by a mark that can be forged.
-
-    VdfmuError if there is no room, or the folder's name keeps a Python FMU from running.
+    FMUs without the mark of this project, which can be forged, are isolated. VdfmuError if the disk is full, or if
+    Python FMUs cannot run in a folder of this name.
     """
     unpacked: dict[str, Path] = {}
     path, isolated = checked.system.path, False
@@ -150,12 +143,12 @@ def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]
 
 
 def _refuse_escapes(folder: Path) -> None:
-    """Raise where a Python FMU would crash the process: its wrapper decodes no URI escape except a space's."""
+    """Raise if a Python FMU would crash the process: its wrapper decodes no URI escapes except of spaces."""
     uri = folder.as_uri()
     if (folder / "resources" / "slavemodule.txt").is_file() and "%" in uri.replace("%20", " "):
         raise VdfmuError(
-            f"{folder}: Python FMUs cannot be run from a folder whose name has other than ASCII letters, digits and "
-            "spaces. Choose another folder for temporary files with TMPDIR."
+            f"{folder}: the folder of Python FMUs must be ASCII letters, digits and spaces only. Choose another folder "
+            "for temporary files with TMPDIR."
         )
 
 
@@ -174,9 +167,9 @@ def _needed(member: str) -> bool:
 
 @contextmanager
 def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
-    """Report which component ends the process, save the rows, and make the exit code 1; `save` returns a text on them.
+    """Report a component that ends the process, save the rows, and make the exit code 1; `save` returns a text on them.
 
-    With the C libraries of Linux (glibc) and macOS; nothing is said with others, which cannot take a handler back.
+    For the C libraries of Linux (glibc) and macOS; no others can remove a handler.
     """
     if platform.libc_ver()[0] != "glibc" and sys.platform != "darwin":
         yield
@@ -199,11 +192,11 @@ def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
         yield
     finally:
         over = True
-        library.__cxa_finalize(key)  # calls it, and takes it back
+        library.__cxa_finalize(key)  # calls and removes the handler
 
 
 def _caller() -> str:
-    """Return the names of the components that the code above in this thread is at, by what its local variables hold."""
+    """Return the names of the components in the local variables of the calls above in this thread."""
     frame = inspect.currentframe()
     while frame is not None:
         values = [(value, getattr(value, "instance", None)) for value in frame.f_locals.values()]
