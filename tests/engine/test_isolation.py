@@ -365,7 +365,7 @@ def fleeing(package, monkeypatch, tmp_path):
         ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
         ("time.sleep(60)", "did not continue within 3 s after this call had returned"),
         ("raise ZeroDivisionError('ours')", "ZeroDivisionError: ours .* a fault of vdfmu, not of a component"),
-        ("raise MemoryError", r"no more memory: memory_limit \(--memory-limit\)"),
+        ("raise MemoryError", r"process is full: memory_limit \(--memory-limit\)"),
     ],
 )
 def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_component(package, fleeing, rest, said):

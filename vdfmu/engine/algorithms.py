@@ -1,4 +1,4 @@
-"""The master algorithms, one row each: a new one is a file with what steps the components, and its row here."""
+"""The master algorithms, one row each: a new algorithm is a file with its stepper, and its row here."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Algorithm:
         return getattr(import_module(module), name)
 
 
-_STEPPERS = "vdfmu.engine.masters.steppers"
+_STEPPERS = "vdfmu.engine.masters.components"
 _SHIPPED = {
     "gauss-seidel": Algorithm(f"{_STEPPERS}:held", ordered=True, substeps=1),
     "jacobi": Algorithm(f"{_STEPPERS}:held", substeps=1),

@@ -1,7 +1,7 @@
-"""A whole system folded into one container FMU, which runs its units without a master.
+"""A whole system as one container FMU, without a master.
 
-FMPy's container is an FMU 2.0 that carries the units inside it and steps them in compiled code: all units from
-the outputs at the start of the step, at one fixed step. Its variables are ``component.variable``.
+FMPy's container is an FMU 2.0 with the units inside. Its compiled code steps all units from the outputs at the start of
+the step, at one fixed step. Its variables are ``component.variable``.
 """
 
 from __future__ import annotations
@@ -69,11 +69,11 @@ def write_container(system: System | str | os.PathLike[str], path: str | os.Path
             f"{', '.join(slow)}: has its own step; a container FMU steps all together. Remove the annotation."
         )
     with_steps(checked, step)
-    changing = [str(link) for link in checked.links if not link.conversion.trivial]
-    if changing:
-        raise UsageError(f"{changing[0]}: a container FMU passes values on unchanged; remove the conversion.")
-    if texts := [str(link) for link in checked.links if link.sink.type == "String"]:
-        raise UsageError(f"{texts[0]}: a container FMU passes no text on; remove the connection.")
+    for link in checked.links:
+        if not link.conversion.trivial:
+            raise UsageError(f"{link}: a container FMU passes values on unchanged; remove the conversion.")
+        if link.sink.type == "String":
+            raise UsageError(f"{link}: a container FMU passes no text on; remove the connection.")
     if exchanged := [name for name, description in checked.descriptions.items() if description.exchange]:
         raise UsageError(f"{exchanged[0]}: a container FMU steps co-simulation; it is for model exchange.")
     if loops := checked.schedule.initial.loops:
@@ -116,12 +116,9 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
             source.type = kind
         connections.append(Connection(start, sources, end, [_variable(end, link.end[1]) for link in bundle]))
     configuration = Configuration(
-        parallelDoStep=False,
-        modelDescription=model,
-        components=list(components.values()),
-        connections=connections,
+        parallelDoStep=False, modelDescription=model, components=list(components.values()), connections=connections,
         variableMappings=mappings,
-    )
+    )  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     unzipped, whole = folder / "unzipped", folder / "container.fmu"
     unzipped.mkdir()  # it is emptied first
@@ -144,10 +141,9 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _bundles(checked: Checked) -> list[list[Link]]:
-    """Return the links that the container carries over together, in the order that the initialization needs.
+    """Return the links of each call of the container, in the order of the initialization.
 
-    Each bundle takes one call: all links of a type between two units form a bundle, unless bundles would then depend
-    on each other in a circle.
+    A bundle has all links of a type between two units, unless bundles then depend on each other in a cycle.
     """
     whole: dict[tuple[str, str, str], list[Link]] = {}
     for link in checked.schedule.initial.links:
@@ -166,11 +162,8 @@ def _bundles(checked: Checked) -> list[list[Link]]:
 def _feeds(unit: Description, feeding: Sequence[Link], fed: Sequence[Link]) -> bool:
     """Whether outputs of a unit depend on its inputs during initialization."""
     arriving = {link.end[1] for link in feeding}
-    for link in fed:
-        known = unit.initial_dependencies.get(link.start[1])
-        if known is None or arriving & known:
-            return True
-    return False
+    declared = [unit.initial_dependencies.get(link.start[1]) for link in fed]
+    return any(names is None or arriving & names for names in declared)
 
 
 _FMI_3_TYPE = {"Real": "Float64", "Integer": "Int32"}
@@ -191,25 +184,19 @@ def _model(
     time = fmi.ModelVariable(name="time", type="Real", causality="independent", variability="continuous")
     variables, mappings = [time], {}
     for name, component in components.items():
-        starts = checked.starts.get(name, ())
-        given = {v.name: str(x).lower() if isinstance(x, bool) else str(x) for v, x in starts}
+        values = checked.starts.get(name, ())
+        starts = {v.name: str(x).lower() if isinstance(x, bool) else str(x) for v, x in values}
         for definition in component.modelDescription.unitDefinitions:
             units.setdefault(str(definition.name), definition)
         for inner in component.modelDescription.modelVariables:
             if inner.causality not in ("input", "output", "parameter") or (name, inner.name) in connected:
                 continue
             outer = fmi.ModelVariable(
-                name=f"{name}.{inner.name}",
-                type=inner.type,
-                description=inner.description,
-                causality=inner.causality,
-                variability=inner.variability,
+                name=f"{name}.{inner.name}", type=inner.type, description=inner.description,
+                causality=inner.causality, variability=inner.variability,
                 initial=None if inner.causality == "input" else inner.initial,  # fmpy fills it in
-                unit=inner.unit,
-                min=inner.min,
-                max=inner.max,
-                start=given.get(inner.name, inner.start),
-            )
+                unit=inner.unit, min=inner.min, max=inner.max, start=starts.get(inner.name, inner.start),
+            )  # fmt: skip
             variables.append(outer)
             mappings[outer] = [(component, inner)]
     outputs = [fmi.Unknown(variable=v) for v in variables if v.causality == "output"]

@@ -1,4 +1,4 @@
-"""The rules that files are checked by, what breaks them, and findings: one list for reader, master and checker."""
+"""The rules of files and findings, one list for reader, master and checker."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from vdfmu.base.errors import SspError
 from vdfmu.base.text import elided
 
 Place = tuple[str, int]
-"""XML file, with the package before it, and line; empty and 0 where there is none."""
+"""XML file, with the package before it, and line; empty and 0 if unknown."""
 
 
 class Rule(NamedTuple):
-    """A rule: what holds for a file that keeps it, and what to do about one that does not."""
+    """A rule: its requirement, and the way out for a file that breaks it."""
 
     number: str
     title: str
@@ -24,13 +24,13 @@ class Rule(NamedTuple):
 
 
 class Finding(str):
-    """A sentence on what breaks a rule, with its place; a text like any other, so errors carry it."""
+    """The text on a broken rule, with its place; errors carry it as a string."""
 
     rule: Rule
     file: str
-    """The XML file in which it lies, with the package before it; empty where it is in none."""
+    """The XML file, with the package before it; may be empty."""
     line: int
-    """Line of that file; 0 without a file."""
+    """Line of the file; 0 without a file."""
 
     def __new__(cls, text: str, rule: Rule, file: str = "", line: int = 0) -> Finding:
         """Make a finding of a text."""
@@ -73,7 +73,7 @@ def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:
 
 
 def fmpy_found(text: str, reworded: str = "") -> Finding:
-    """Return the finding of a message of fmpy on a model description; `reworded`, if given, is its text."""
+    """Return the finding of a message of fmpy on a model description; `reworded` replaces its text."""
     number = next((number for number, word in _FMPY if word in text), "FMI013")
     line = re.search(r"\(line (\d+)\)", text)
     return finding(number, reworded or text, ("modelDescription.xml", int(line[1]) if line else 0))
@@ -83,7 +83,7 @@ _FMPY = (
     ("FMI003", "XML"), ("FMI003", "Failed to"), ("FMI003", "Element '"), ("FMI005", "unit"),
     ("FMI012", "unique"), ("FMI012", "name"), ("FMI011", "same value reference"),
 )  # fmt: skip
-"""Rules, and words by which fmpy's messages show which they are about."""
+"""Rules, and words of fmpy's messages on them."""
 
 _TABLE = """
 PKG001 | The file is a zip file that can be read, and all of its entries unpack | export or copy it again
@@ -177,7 +177,7 @@ RUN009 | Inputs can be set, and the calls that an FMU declares work | mend the c
 SRC001 | A robot, a scenario, a system or a unit is one that its reader takes | change what the text names
 SRC002 note | Nothing in such a file looks like a mistake | see what the text names
 """
-"""Number, and "note" where that is all it is; what holds; the way out."""
+"""Number, with "note" for notes; requirement; way out."""
 
 
 def _rules() -> dict[str, Rule]:
@@ -199,7 +199,7 @@ class Findings:
     problems: list[Finding] = field(default_factory=list[Finding])
     """Faults: one sentence or more each, with the place."""
     notes: list[Finding] = field(default_factory=list[Finding])
-    """Notes, not errors, such as what could not be checked and why."""
+    """Notes, not errors, such as omitted checks with their reason."""
     compared: list[str] = field(default_factory=list[str])
     """Files of reference results inside FMUs whose values were compared."""
     ran: bool = False
@@ -228,5 +228,5 @@ def _placed(findings: Iterable[Finding], where: str, file: str) -> Iterable[Find
 
 
 def one_line(text: Finding) -> Finding:
-    """Return a finding without line breaks, and bounded: it is one line, whatever a parser or unit says."""
+    """Return a finding as one line of bounded length, for any text of a parser or unit."""
     return text.reworded(elided("; ".join(line.strip() for line in text.splitlines() if line.strip())))

@@ -15,14 +15,15 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, with_progress
 from vdfmu.engine.results.folder import (
     DRAWN,
-    SUFFIXES,
     SYSTEM_OUTPUTS,
     known_formats,
     known_pictures,
     replacing_results,
     write_summary,
 )
-from vdfmu.engine.run import Interrupted, Results
+from vdfmu.engine.results.formats import SUFFIXES
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run import Interrupted
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.page import NAME, write_failed, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures

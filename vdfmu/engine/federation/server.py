@@ -14,9 +14,8 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.federation.helics_link import HelicsLink, end_broker, start_broker
 from vdfmu.engine.federation.plan import FederationPlan
 from vdfmu.engine.fmu.access import held, shown
-from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.masters.exchange import Bank, Exchange
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.run.isolated_server import Server, serve

@@ -78,8 +78,6 @@ class ContinuousStepper(Stepper):
         self._states: dict[str, c_void_p] = {}
         self._previous, self._last, self._h = self._outputs.copy(), 0.0, math.inf
 
-    # ------------------------------------------------------------------ steps
-
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` by `step` to `stop`, in as many steps as the error control wants."""
         if self.error is None:
@@ -167,9 +165,8 @@ class ContinuousStepper(Stepper):
 
     def _done(self, h: float) -> None:
         np.copyto(self._previous, self._coupled.begun[0])
-        self._last = h
         np.maximum(self._largest, np.abs(self._outputs), out=self._largest)
-        self.steps += 1
+        self._last, self.steps = h, self.steps + 1
         self.shortest, self.longest = min(self.shortest, h), max(self.longest, h)
 
     def _attempt(self, time: float, h: float, longest: float) -> bool:
@@ -320,8 +317,6 @@ class ContinuousStepper(Stepper):
                 clock.value = time + i * h / n
                 size.value = largest_step(clock.value, time + h) if i and i == n - 1 else h / n
                 unit.instance.run(calls)
-
-    # ------------------------------------------------------------------ states
 
     def _save(self, instance: Instance) -> None:
         self._free(instance)

@@ -13,8 +13,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
-from vdfmu.engine.masters.bank import Bank
-from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.masters.exchange import Bank, Exchange
 from vdfmu.engine.plan.conversion import SOURCE
 
 Indices = NDArray[np.intp]

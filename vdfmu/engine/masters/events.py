@@ -72,11 +72,11 @@ class _EventUnit:
         self.gets: dict[int | None, list[Call]] = {}
         for reference in (None, *(v.reference for v in clocks)):
 
-            def own(v: FmuVariable, reference: int | None = reference) -> bool:
+            def ticks(v: FmuVariable, reference: int | None = reference) -> bool:
                 return reference in v.clocks if reference is not None else not v.clocks
 
             for verb, calls in (("Set", self.sets), ("Get", self.gets)):
-                calls[reference] = [c for bank in exchange.banks for c in bank.calls(instance, verb, own)]
+                calls[reference] = [c for bank in exchange.banks for c in bank.calls(instance, verb, ticks)]
         self.gathers = exchange.gathers(lambda bank: bank.input_windows[instance.name])
         self.watched: list[tuple[NDArray[Any], NDArray[np.intp], NDArray[Any]]] = []
         """Inputs of a type, places of the discrete ones without a clock, and their last values."""
@@ -165,9 +165,8 @@ class Events:
         unit.gather()
         self._run(instance, unit.sets, active)
         unit.noted()
-        if unit.triggered:
-            own = [v.reference for v in unit.triggered]
-            for reference in (r for r, ticked in zip(own, instance.clocks(own), strict=True) if ticked):
+        if clocks := [v.reference for v in unit.triggered]:
+            for reference in (r for r, ticked in zip(clocks, instance.clocks(clocks), strict=True) if ticked):
                 active.add(reference)
                 for name, sink in self._sinks.get((instance.name, reference), ()):
                     ticks.setdefault(name, set()).add(sink)
@@ -178,17 +177,16 @@ class Events:
 
     @staticmethod
     def _run(instance: Instance3, calls: dict[int | None, list[Call]], active: set[int]) -> None:
-        for reference, own in calls.items():
+        for reference, each in calls.items():
             if reference is None or reference in active:
-                instance.run(own)
+                instance.run(each)
 
     @staticmethod
     def _intervals(unit: _EventUnit, time: float) -> None:
         """Ask for the intervals of clocks that the component sets."""
-        asked = [tick for tick in unit.ticking if tick.clock.asked]
-        if asked:
-            found = unit.instance.intervals([tick.variable.reference for tick in asked])
-            for tick, interval in zip(asked, found, strict=True):
+        if asked := [tick for tick in unit.ticking if tick.clock.asked]:
+            intervals = unit.instance.intervals([tick.variable.reference for tick in asked])
+            for tick, interval in zip(asked, intervals, strict=True):
                 if interval is not None:
                     tick.given(interval, time)
 

@@ -16,8 +16,7 @@ from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
-from vdfmu.engine.masters.bank import Bank, Gather
-from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.masters.exchange import Exchange, Gather
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import ranks
 from vdfmu.engine.plan.grid import largest_step
@@ -35,12 +34,12 @@ class Stepper:
         raise NotImplementedError
 
     def notes(self) -> list[str]:
-        """Return notes on the run."""
-        raise NotImplementedError
+        """Return notes on the run; default none."""
+        return []
 
     def facts(self) -> dict[str, Any]:
-        """Return the summary's entries on the steps."""
-        raise NotImplementedError
+        """Return the summary's entries on the steps; default none."""
+        return {}
 
     def free(self) -> None:
         """Free resources of the components, such as saved states."""
@@ -61,10 +60,9 @@ class SampledStepper(Stepper):
             fresh = exchange.gathers(lambda bank, name=name: bank.fresh_windows[name])
             self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))
         for group in exchange.checked.schedule.groups:
-            at = next(i for i, (instance, *_) in enumerate(self.stages) if instance.name == group[0])
+            at = exchange.checked.schedule.units.index(group[0])
             own = slice(at, at + len(group))
-            members = [instance for instance, *_ in self.stages[own]]
-            joined = Together(members, exchange.checked.descriptions, exchange.checked.links, exchange.banks[0])
+            joined = Together([instance for instance, *_ in self.stages[own]], exchange)
             self.stages[own] = stages_of(self.stages[own], joined.step_call(self._clock, self._size))
         self._calls: list[tuple[Instance, Callable[..., int | None], tuple[Any, ...], str]] = []
         """The stages as one list; gathers return no status."""
@@ -80,14 +78,6 @@ class SampledStepper(Stepper):
         for instance, function, arguments, name in self._calls:
             if status := function(*arguments):
                 instance.judge(status, name)
-
-    def notes(self) -> list[str]:
-        """Return notes on the run: none."""
-        return []
-
-    def facts(self) -> dict[str, Any]:
-        """Return the summary's entries on the steps: none."""
-        return {}
 
 
 @dataclass
@@ -160,21 +150,20 @@ class Together:
 
     Values pass between them at every evaluation: outputs are read in the order of their declared dependencies, and each
     input is set as soon as its source is known. Model exchange allows to read outputs of a component before all of its
-    inputs are set. `links` are all of the system, `bank` has the real variables.
+    inputs are set.
     """
 
     derivatives_name = "derivatives"
 
-    def __init__(
-        self, members: Sequence[Instance], descriptions: Mapping[str, Description], links: Sequence[Link], bank: Bank
-    ) -> None:
-        self.members, self.bank = members, bank
+    def __init__(self, members: Sequence[Instance], exchange: Exchange) -> None:
+        self.members, bank = members, exchange.banks[0]
+        self.bank = bank
         self.name, self.box = members[0].name, members[0].box
         self._sizes = [member.sizes() for member in members]
         names = {member.name for member in members}
-        inner = [k for k in links if k.stepped and {k.start[0], k.end[0]} <= names]
+        inner = [k for k in exchange.checked.links if k.stepped and {k.start[0], k.end[0]} <= names]
         self._inner = np.array([bank.position[k.end] - bank.outputs.size for k in inner], np.intp)
-        self._passes = self._planned({name: descriptions[name] for name in names}, inner)
+        self._passes = self._planned({name: exchange.checked.descriptions[name] for name in names}, inner)
         self._integrator = ModelExchangeIntegrator(self, members[0].tolerance)
 
     @property
@@ -222,7 +211,7 @@ class Together:
         for stage in self._passes:
             stage()
 
-    # ------------------------------------------------------------------ what the integrator asks of a component
+    # The methods below are calls of the integrator.
 
     def sizes(self) -> tuple[int, int]:
         """Return the numbers of states and event indicators."""

@@ -42,6 +42,13 @@ def joined(
             file.close()  # a map stays
 
 
+def write_all(file: Any, content: bytes) -> None:
+    """Write bytes to an unbuffered file, which may take a part at a time."""
+    rest = memoryview(content)
+    while rest:
+        rest = rest[file.write(rest) :]
+
+
 def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, IO[bytes]]) -> None:
     """Move blocks to the files of their kinds; an empty block of each stays for its columns."""
     try:
@@ -49,9 +56,7 @@ def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, I
             if arrays[0].shape[1]:
                 file = files[kind] = files.get(kind) or tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
                 for array in arrays:
-                    rest = memoryview(array.tobytes())
-                    while rest:
-                        rest = rest[file.write(rest) :]
+                    write_all(file, array.tobytes())
             arrays[:] = [arrays[0][:0].copy()]
     except OSError as error:
         raise StorageError(

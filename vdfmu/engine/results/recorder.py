@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.masters.observer import Tap
-from vdfmu.engine.results.arrays import no_rows
+from vdfmu.engine.results.arrays import no_rows, write_all
 from vdfmu.engine.results.formats import Stream, format_of
 from vdfmu.engine.results.results import Signal
 
@@ -68,7 +68,7 @@ class Recorder(RowsInMemory):
             for path, stream in streams:
                 file = open(path, "wb", buffering=0)  # noqa: SIM115 - closed with the recorder
                 self._texts.append((file, stream))
-                self._write(file, stream.head(self._signals).encode())
+                write_all(file, stream.head(self._signals).encode())
             for kind, block in data.items():
                 if block.shape[1]:
                     self._files[kind] = tempfile.TemporaryFile(dir=self._path.parent, buffering=0)  # noqa: SIM115
@@ -103,9 +103,9 @@ class Recorder(RowsInMemory):
         before = [(file, file.tell()) for file in (*texts, *self._files.values())]
         try:
             for file, stream in self._texts:
-                self._write(file, stream.lines(time, self._signals, self._data, rows).encode())
+                write_all(file, stream.lines(time, self._signals, self._data, rows).encode())
             for kind, file in self._files.items():
-                self._write(file, self._data[kind][rows].tobytes())
+                write_all(file, self._data[kind][rows].tobytes())
         except BaseException as error:  # a second Ctrl-C too
             for file, position in before:
                 file.truncate(position)
@@ -117,9 +117,3 @@ class Recorder(RowsInMemory):
         now = clock.perf_counter()
         self.seconds += now - began
         self._due = now + self._longest
-
-    @staticmethod
-    def _write(file: BinaryIO, content: bytes) -> None:
-        rest = memoryview(content)
-        while rest:
-            rest = rest[file.write(rest) :]

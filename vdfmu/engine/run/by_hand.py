@@ -20,6 +20,7 @@ from vdfmu.engine.package.system import Value, spread
 from vdfmu.engine.plan.checker import overrides
 from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.results.results import group_of
 from vdfmu.engine.run.session import Session
 
 
@@ -131,17 +132,15 @@ class ByHand:
         return (lambda: instance.get(variable)) if place is None else lambda: place[0][place[1]].item()
 
     def _array(self, instance: Instance, variables: list[FmuVariable]) -> Callable[[], Any]:
-        indices = [tuple(map(int, v.name.rstrip("]").partition("[")[2].split(","))) for v in variables]
-        shape = [max(axis) for axis in zip(*indices, strict=True)]
-        numbers = [self._number(instance, v) for v in variables]
-        places = [self._place(instance, v) for v in variables]
-        order = [np.ravel_multi_index([i - 1 for i in index], shape) for index in indices]
-        if order != list(range(len(order))) or len(order) != np.prod(shape):
+        indices = [group_of(v.name)[1] for v in variables]
+        shape = tuple(map(max, zip(*indices, strict=True)))
+        if indices != [tuple(i + 1 for i in index) for index in np.ndindex(shape)]:
             raise UsageError(f"{instance.name}: {variables[0].name} and the others of its name do not fill an array.")
-        if all(place is not None for place in places):
-            memory = places[0][0]  # pyright: ignore[reportOptionalSubscript]
-            columns = np.array([place[1] for place in places if place is not None], np.intp)
+        places = [place for v in variables if (place := self._place(instance, v)) is not None]
+        if len(places) == len(variables):
+            memory, columns = places[0][0], np.array([place for _, place in places], np.intp)
             return lambda: memory.take(columns).reshape(shape)
+        numbers = [self._number(instance, v) for v in variables]
         return lambda: np.array([number() for number in numbers]).reshape(shape)
 
     def _place(self, instance: Instance, variable: FmuVariable) -> tuple[NDArray[Any], int] | None:
