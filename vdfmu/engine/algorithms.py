@@ -20,7 +20,7 @@ class Algorithm:
     """
 
     stepper: str
-    """``module:function``, which makes a `vdfmu.engine.masters.sampled.Stepper` from a `Coupling` beside it."""
+    """``module:function``, makes a `vdfmu.engine.masters.sampled.Stepper` from a `Coupling`."""
     continuous: bool = False
     """Whether coupled signals are continuous, between the communication points too."""
     ordered: bool = False
@@ -55,7 +55,7 @@ _SHIPPED = {
     "iterative": Algorithm(f"{_STEPPERS}:iterative", continuous=True, repeats=True),
 }
 DEFAULT, DELAYED, *_ = _SHIPPED
-"""The algorithm of a system that names none, and the one that steps any system: no component waits for another."""
+"""The algorithm by default, and an algorithm for any system: no component waits for another."""
 PLUGINS = Plugins("algorithms", "master algorithm", "an Algorithm", lambda found: isinstance(found, Algorithm))
 ALGORITHMS = PluginTable(PLUGINS, _SHIPPED)
 

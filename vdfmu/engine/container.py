@@ -36,21 +36,15 @@ from vdfmu.engine.plan.graph import cycles, topological
 
 
 def write_container(system: System | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float) -> Path:
-    """Write the container FMU of a system.
+    """Write the container FMU of a system and return its path.
 
     Parameters
     ----------
     system : System or path
         An SSP of FMI 2.0 units with native binaries; Python FMUs do not run inside a container.
     path : path
-        The FMU to write.
     step : float [s]
-        The step at which the units exchange values. The container's own step must be a multiple.
-
-    Returns
-    -------
-    Path
-        `path`.
+        Exchange of values between units. The container's step must be a multiple.
 
     Raises
     ------
@@ -102,7 +96,7 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
         model = read_model_description(str(file))
         if model.coSimulation is not None and model.coSimulation.needsExecutionTool:
             raise UsageError(
-                f"{description.source}: needs Python, which a container does not load. Build native FMUs: "
+                f"{description.source}: needs Python, but a container loads no Python. Build native FMUs: "
                 "`vdfmu build --backend native`."
             )
         components[name] = Component(name, file, model)
@@ -160,7 +154,7 @@ def _bundles(checked: Checked) -> list[list[Link]]:
 
 
 def _feeds(unit: Description, feeding: Sequence[Link], fed: Sequence[Link]) -> bool:
-    """Whether outputs of a unit depend on its inputs during initialization."""
+    """Whether outputs of a unit depend on inputs during initialization."""
     arriving = {link.end[1] for link in feeding}
     declared = [unit.initial_dependencies.get(link.start[1]) for link in fed]
     return any(names is None or arriving & names for names in declared)

@@ -41,8 +41,8 @@ _TOLD, _DOUBTFUL = 1.01, 1.1
 _ROWS, _FEWEST = 200, 60
 """Most and fewest rows for a linearisation, approximately. Half of the rows left may be used ahead."""
 _SHARE, _SMALL, _GROWN = 0.25, 0.02, 0.05
-"""Largest change of loops from row to row: a share of the margin, at least of this margin; and the logarithm of the
-factor by which a change of its rate makes a growth uncertain."""
+"""Largest change of loops from row to row: a share of the margin, at least of this margin; and the uncertainty of the
+logarithm of a growth by a change of its rate."""
 _SHRINK, _GROW = 0.25, 1.5
 """Limits of the next gap between rows over the last."""
 _MINIMA, _NEAR, _HALVINGS = 4, 2.0, 4
@@ -272,22 +272,10 @@ def _change(before: Pose, after: Pose) -> float:
 class Poses(Tap):
     """Linearises the loops of a run at some of its rows, if its components are in this process.
 
-    Parameters
-    ----------
-    group : str
-        Loops are opened at connected inputs of this name, at any component.
-    tied : sequence of Tied
-        See :func:`~vdfmu.engine.linear.loops.with_tied`.
-    without : mapping
-        Parameters by component for a second linearisation at the same states, `others`, such as no dry friction.
-    again : bool
-        Whether :meth:`changed` will be called.
-    opened : sequence of str
-        Inputs to open loops at instead.
-    more : sequence of int
-        Additional rows.
-    noted : bool
-        Whether to accept a linearisation with notes.
+    Loops are opened at connected inputs named `group`, at any component, or at the inputs `opened`. `others` are a
+    second linearisation at the same states, with the parameters in `without` by component, such as no dry friction. Set
+    `again` before calls of :meth:`changed`, and `noted` to accept a linearisation with notes. `more` are additional
+    rows. For `tied` see :func:`~vdfmu.engine.linear.loops.with_tied`.
     """
 
     def __init__(
@@ -360,7 +348,7 @@ class Poses(Tap):
         loops = system.around(opened)
         moving(loops)
         if loops.how.continuous and loops.samples.signals:
-            raise UsageError(f"{loops.algorithm} takes as continuous what has sampled states")
+            raise UsageError(f"{loops.algorithm} takes sampled states as continuous")
         u, y = (np.flatnonzero(system.links.any(axis=axis)) for axis in (1, 0))
         places = np.arange(len(system.parts.A)), u, y, np.arange(len(system.samples.signals))
         self._linked = _ix(system, places)

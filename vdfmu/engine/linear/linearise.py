@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from ctypes import c_double
 from dataclasses import replace
@@ -17,7 +17,6 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
 from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.instance import Instance, Steps
-from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.linear.system import LinearSystem, Samples, reached
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.coupled import jacobian_of
@@ -55,8 +54,8 @@ class Linearisation:
         blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
         if blind:
             raise UsageError(
-                f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
-                "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
+                f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange. Export them "
+                "so; native FMUs of this project have directional derivatives."
             )
         looped = _on_loops(checked) if loops else None
         self._parts = [_Linearised(name, instance, looped) for name, instance in components.instances.items()]
@@ -69,10 +68,9 @@ class Linearisation:
             k = len(y) - len(held)
             part.places = np.concatenate([x, n + y[:k], n + p + held]), np.concatenate([x, n + u, n + m + held])
             self._fixed[n + y[k:], n + m + held] = 1.0  # a sampled state is an output
-        self._names, self._units = (
-            [tuple(text for part in self._parts for text in each(part, part.groups[kind])) for kind in range(4)]
-            for each in (_Linearised.names, _Linearised.units)
-        )
+        variables = [[(part.name, v) for part in self._parts for v in part.groups[kind]] for kind in range(4)]
+        self._names = [tuple(f"{name}.{v.name}" for name, v in each) for each in variables]
+        self._units = [tuple(v.unit.name if v.unit else "1" for _, v in each) for each in variables]
         rows, columns = ({name: i for i, name in enumerate(self._names[kind])} for kind in (1, 2))
         links, fresh, constant = np.zeros((m, p)), np.zeros(m, bool), dict[str, None]()
         for link in checked.links:
@@ -164,14 +162,6 @@ class _Linearised:
             yield f"without directional derivatives, by differences: {self.name}"
         if not self.groups[0] and self.groups[1] and not self.acts:
             yield f"without declared states, and no output depends on an input directly: {self.name}"
-
-    def names(self, variables: Sequence[FmuVariable]) -> list[str]:
-        """Return the full names of some of its variables."""
-        return [f"{self.name}.{v.name}" for v in variables]
-
-    def units(self, variables: Sequence[FmuVariable]) -> list[str]:
-        """Return their units."""
-        return [v.unit.name if v.unit else "1" for v in variables]
 
 
 def can_change(components: Components, name: str) -> bool:

@@ -1,11 +1,11 @@
 """A system of FMUs linearised at a time of its run: its components side by side, and their connections.
 
 Each component is ``x_dot = A x + B u``, ``y = C x + D u`` by its directional derivatives; all together have block
-diagonal matrices. A connected input gets what the connections bring, ``L y``, and a disturbance d: ``u = L y + d``.
+diagonal matrices. A connected input gets outputs by connections, ``L y``, and a disturbance d: ``u = L y + d``.
 
 In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master has it, inputs are held over a step h, over
 which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
-An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through. If an ordered algorithm passes fresh
+An input gets ``u[k] = L y[k] + d[k]``, which delays feedthrough by a sample. If an ordered algorithm passes fresh
 values on, it gets ``u[k] = L y[k+1] + d[k]``. The step h is one of the algorithm's substeps.
 
 Sampled states s change at the begin of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it: they are
@@ -124,13 +124,10 @@ class LinearSystem:
         p, samples, (x, u, y, s) = self.parts, self.samples, places
         n, m = p.B.shape
         whole = np.block([[p.A[np.ix_(x, x)], p.B[np.ix_(x, u)]], [p.C[np.ix_(y, x)], p.D[np.ix_(y, u)]]])
-        signals = (
-            [(names[i], units[i], float(values[i])) for i in places]
-            for names, units, values, places in (
-                (p.states, p.state_units, p.x, x), (p.inputs, p.input_units, p.u, u),
-                (p.outputs, p.output_units, p.y, y),
-            )
+        kinds = (
+            (p.states, p.state_units, p.x, x), (p.inputs, p.input_units, p.u, u), (p.outputs, p.output_units, p.y, y)
         )  # fmt: skip
+        signals = ([(names[i], units[i], float(values[i])) for i in at] for names, units, values, at in kinds)
         kept = Samples(
             [samples.signals[i] for i in s.tolist()], samples.E[np.ix_(x, s)], samples.G[np.ix_(y, s)],
             samples.F[np.ix_(s, np.concatenate([x, n + u, n + m + s]))],
@@ -154,9 +151,7 @@ class LinearSystem:
         try:
             U: Any = np.linalg.solve(inner, np.hstack([fed @ C, np.eye(len(fed))]))  # u = U (x, d)
         except np.linalg.LinAlgError:
-            raise UsageError(
-                "linearize: the feed-through of the connections has a loop of gain 1; the system is not solvable."
-            ) from None
+            raise UsageError("linearize: the feedthrough has a loop of gain 1; the system is not solvable.") from None
         x = np.hstack([A, np.zeros_like(B)]) + B @ U
         y = np.hstack([C, np.zeros_like(D)]) + D @ U
         system = self._named(x, np.vstack([y, (self.links @ y)[cut]]), cut, None)
@@ -174,15 +169,12 @@ class LinearSystem:
         whose signal changes more than once in the common period.
         """
         if not (self.how.continuous or self.how.substeps):
-            raise UsageError(
-                f"the algorithm {self.algorithm} declares neither substeps nor continuous, so its loop is not known. "
-                "Declare one of them in its Algorithm."
-            )
+            text = f"the algorithm {self.algorithm} declares neither substeps nor continuous, so its loop is not known."
+            raise UsageError(f"{text} Declare one of them in its Algorithm.")
         if self.constant:
             raise UsageError(
-                f"{', '.join(self.constant)}: expected signals with derivatives; these change at communication points, "
-                "and the FMU declares no derivatives for it, so the sampled loop is not known. FMUs of this project "
-                "declare their sampled states."
+                f"{', '.join(self.constant)}: expected signals with derivatives, got changes at communication points "
+                "without. The sampled loop is not known. FMUs of this project declare their sampled states."
             )
         if (self._intervals != 1).any():
             return _over_period(self, opened)
@@ -236,10 +228,8 @@ def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:
     """
     n = round(system.period / system.step)
     if n > _MOST_STEPS:
-        raise UsageError(
-            f"{', '.join(system.every)}: expected a common period of all samples of at most {_MOST_STEPS} steps, got "
-            f"{n}. Choose periods with a common divisor."
-        )
+        text = f"{', '.join(system.every)}: expected a common period of all samples of at most {_MOST_STEPS} steps"
+        raise UsageError(f"{text}, got {n}. Choose periods with a common divisor.")
     steps = _steps_of(system, opened)
     if not opened:
         return replace(steps[0], **_product(steps), step=system.period)

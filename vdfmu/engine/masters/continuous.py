@@ -44,18 +44,9 @@ class ContinuousStepper(Stepper):
     Discrete signals (integers, booleans, discrete reals) hold over a step and change at its end. If an output depends
     on one directly (see `Schedule.fresh`), the unit gets its value at the end of the step.
 
-    Parameters
-    ----------
-    exchange : Exchange
-        After the initialization, with the outputs at the start.
-    solver : callable or None
-        Makes a solver for the guesses of a block, such as `Broyden`. None: no repetitions.
-    convergence : float
-        Largest change of a coupled signal at the end of repetitions, relative to its size or nominal value.
-    error : float or None
-        Largest error of a coupled signal in a step, relative in the same way; None for steps of the given length.
-    span : float
-        Length of the run [s].
+    `exchange` has the outputs at the start. `solver` makes a solver for the guesses of a block, such as `Broyden`, or
+    is None. Repetitions end at a change by `convergence`, and `error` is the largest of a step, or None for steps of
+    the given length; both of coupled signals, relative to their size or nominal value. `span` [s] is the run's length.
     """
 
     def __init__(
@@ -112,18 +103,13 @@ class ContinuousStepper(Stepper):
 
     def facts(self) -> dict[str, Any]:
         """Return the summary's entries on the steps."""
-        return {
-            "communication": {
-                "steps": self.steps,
-                "convergence": self.convergence if self.repeat else None,
-                "rejected": self.rejected,
-                "jumps": self.jumps,
-                "unit_steps": self.unit_steps,
-                # rounded, since they are differences of times
-                "shortest_step": round(self.shortest, 12),
-                "longest_step": round(self.longest, 12),
-            }
-        }
+        communication = {
+            "steps": self.steps, "convergence": self.convergence if self.repeat else None, "rejected": self.rejected,
+            "jumps": self.jumps, "unit_steps": self.unit_steps,
+            # rounded, since they are differences of times
+            "shortest_step": round(self.shortest, 12), "longest_step": round(self.longest, 12),
+        }  # fmt: skip
+        return {"communication": communication}
 
     def notes(self) -> list[str]:
         """Return notes on the run: signals smaller than the allowed error."""
@@ -217,20 +203,13 @@ class ContinuousStepper(Stepper):
         assert self.error is not None
         (unit, variable), (longer, larger) = self._variables[i], self._tried
         if longer > h and ratio <= larger * math.sqrt(h / longer):
-            why = (
-                f"it falls with the step, but none is shorter than {self._floor:.3g} s, {_SHORTEST:g} of the run. "
-                "Simulate the fast part in a separate run, or allow a larger error"
-            )
+            why = f"it falls with the step, but none is shorter than {self._floor:.3g} s, {_SHORTEST:g} of the run"
+            way = "Simulate the fast part in a separate run, or allow a larger error"
         else:
-            why = (
-                "a shorter step does not lower it: the signal jumps again and again, or that is the error of the "
-                "units' solvers. Allow a larger error, lower their tolerance, or use a master without error control"
-            )
-        return CosimError(
-            unit, "doStep", time,
-            f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed "
-            f"{self.error:g}; {why}",
-        )  # fmt: skip
+            why = "a shorter step does not lower it: the signal jumps repeatedly, or the units' solvers have this error"
+            way = "Allow a larger error, lower their tolerance, or use a master without error control"
+        text = f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed {self.error:g}"
+        return CosimError(unit, "doStep", time, f"{text}; {why}. {way}")
 
     def _accept(self, h: float, longest: float, changed: NDArray[np.bool_], jump: bool) -> None:
         """Accept a step; discard predictions after a jump."""
@@ -292,12 +271,9 @@ class ContinuousStepper(Stepper):
             return
         i = int(np.argmax(sizes))
         unit, variable = self._variables[torn[i]]
-        way = "" if self.error is not None else ", or error control (adaptive)"
-        raise CosimError(
-            unit, "doStep", time,
-            f"the coupling does not converge: {variable.name} {not_solved(sizes[i], count, self.convergence)}; "
-            f"choose a shorter step{way}",
-        )  # fmt: skip
+        way = "choose a shorter step" + ("" if self.error is not None else ", or error control (adaptive)")
+        why = f"{variable.name} {not_solved(sizes[i], count, self.convergence)}"
+        raise CosimError(unit, "doStep", time, f"the coupling does not converge: {why}; {way}")
 
     def _sweep(self, block: Block, time: float, h: float) -> None:
         """Step each unit of a block once, with the latest outputs at the end of the step."""

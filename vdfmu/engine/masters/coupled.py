@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -203,11 +204,10 @@ def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None
             each(changes)
         residual[:, column] = changes[block.torn]
     residual -= np.eye(block.torn.size)
-    try:
+    with suppress(np.linalg.LinAlgError):
         inverse: Any = np.linalg.inv(residual)
-    except np.linalg.LinAlgError:
-        return None
-    return inverse if np.isfinite(inverse).all() else None
+        return inverse if np.isfinite(inverse).all() else None
+    return None
 
 
 def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Floats], None]:
@@ -263,8 +263,7 @@ def jacobian_of(
         return [*range(n), *(n + at[v.reference, v.index] for v in wanted)]
 
     size = sum(length for _, length in finals)
-    knowns = [reference for reference, _ in begins]
-    unknowns = [reference for reference, _ in finals]
+    knowns, unknowns = [reference for reference, _ in begins], [reference for reference, _ in finals]
     rows, columns = places(outputs, finals[len(states) :]), places(inputs, begins[len(states) :])
     chosen = [*range(n), *(n + i for i in (range(len(inputs)) if some is None else some))]
     seeds = np.eye(sum(length for _, length in begins))[[columns[i] for i in chosen]]

@@ -185,7 +185,7 @@ _NAP = 0.1
 
 
 class Pace(Tap):
-    """Delays rows until they are due. In its block Python collects no garbage, which would take milliseconds.
+    """Delays rows until they are due. In its block Python collects no garbage: it would take milliseconds.
 
     `speed` is time of the run over wall time; 1 is real time. Rows are `step` [s] apart. The clock starts with the
     second row, since the first step loads code. `pressed` returns whether the user stops the run, and ends the wait.

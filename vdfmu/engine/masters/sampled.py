@@ -30,7 +30,7 @@ class Stepper:
     """Whether the user wants to stop. The master asks between the rows; a stepper that takes long for one asks, too."""
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Step all from a communication point by `step` to `stop` [s], which is their sum except for rounding."""
+        """Step all from a communication point by `step` to `stop` [s], their sum except for rounding."""
         raise NotImplementedError
 
     def notes(self) -> list[str]:

@@ -55,7 +55,7 @@ class Checked:
 
     @property
     def early(self) -> set[str]:
-        """Components that step at the begin of their step: in an ordered algorithm those that pass inputs on."""
+        """Components that step at the begin of their step: in an ordered algorithm sources of fresh inputs."""
         direct = self.schedule.direct
         return {k.start[0] for k in self.links if k.start in direct} if self.how.ordered else set()
 
@@ -86,14 +86,13 @@ def check_system(
     inputs : sequence of InputTable
         Signals for unconnected inputs.
     algorithm : str, optional
-        One of `vdfmu.engine.run.ALGORITHMS`; default: see `vdfmu.engine.plan.schedule.choose_schedule`.
+        Default: see `vdfmu.engine.plan.schedule.choose_schedule`.
     repeats : bool
         Whether steps may be repeated and vary, so that units must save and restore their state.
     strict : bool
         Makes an input without connection and bound value a problem instead of a note.
     ignore_unmatched : bool
-        Makes a bound parameter without a variable a note, as in SSP 1.0. By default it is a problem: it is nearly
-        always a misspelling.
+        Makes a bound parameter without a variable a note, as in SSP 1.0. It is nearly always a misspelling.
 
     Raises
     ------
@@ -186,22 +185,18 @@ def _check_abilities(
     notes: list[str] = []
     for name, unit in descriptions.items():
         if name in repeated and not unit.saves_state:
-            problems.append(
-                f"{name}: {unit.source} cannot save and restore its state (canGetAndSetFMUstate), so its steps cannot "
-                f"be repeated; use {choice(continuous=True, repeats=False)} with a fixed step, "
-                f"{choice(continuous=False)}"
-            )
+            way = f"use {choice(continuous=True, repeats=False)} with a fixed step, {choice(continuous=False)}"
+            text = f"{name}: {unit.source} cannot save and restore its state (canGetAndSetFMUstate)"
+            problems.append(f"{text}, so its steps cannot be repeated; {way}")
         if adaptive and not unit.varies_steps:
-            problems.append(
-                f"{name}: {unit.source} takes steps of one length only (canHandleVariableCommunicationStepSize); use a "
-                "fixed step"
-            )
+            text = f"{name}: {unit.source} takes steps of one length only (canHandleVariableCommunicationStepSize)"
+            problems.append(f"{text}; use a fixed step")
         direct = [k.end[1] for k in links if k.end[0] == name and not k.discrete and k.end in schedule.through]
         if direct and not unit.interpolates_inputs and not unit.varies_steps:
             notes.append(
-                f"{name}: takes no derivatives of its inputs and steps of one length only; {', '.join(direct)} are "
-                "held at their values at the end of a step, as an output depends on them directly. If it integrates "
-                "them, the coupling is of first order"
+                f"{name}: takes no derivatives of its inputs and steps of one length only; {', '.join(direct)} hold "
+                "their values at the end of a step, since an output depends on them directly. If it integrates them, "
+                "the coupling is of first order"
             )
     return problems, notes
 

@@ -94,17 +94,9 @@ def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[InputTable, ...]:
     brackets is checked: ``time,plant.F_e[1] [N]``. A second line of units, as in ``results.csv``, does the same, and
     columns of such a file that name no free input are ignored.
 
-    Parameters
-    ----------
-    inputs : path, sequence of paths, mapping of str to (t, values), or tables
-        Times (m,) [s], and values (m,) of ``component.variable``, or (m, n) of ``component.variable[1]`` to ``[n]``.
-    hold : bool
-        Whether real values hold until the next row; other values always do.
-
-    Raises
-    ------
-    UsageError
-        For files or arrays in another form, with every problem and its row.
+    A mapping has times (m,) [s], and values (m,) of ``component.variable``, or (m, n) of ``component.variable[1]`` to
+    ``[n]``. With `hold`, real values hold until the next row; other values always do. UsageError for files or arrays in
+    another form, with every problem and its row.
     """
     problems: list[str] = []
     tables: list[InputTable | None] = []

@@ -88,7 +88,7 @@ def make_schedule(
         same step. Any other output (the state of a plant, a trajectory) is passed on as at t_k, to all readers. Units
         with feedthrough come first, each after the sources of its fresh inputs, then the other units, all else in the
         order of the SSD. Components of model exchange that read each other's fresh outputs are integrated as one.
-        Sampled control has no delay beyond its zero-order hold.
+        Sampled control is delayed by its zero-order hold only.
     other algorithms
         Every input is the output at t_k. Feedthrough costs one more step of delay.
     continuous algorithms
@@ -257,7 +257,7 @@ def variable_graph(
 def _tear(
     ports: Sequence[Port], edges: set[tuple[Port, Port]], links: Sequence[Link]
 ) -> dict[Port, tuple[Link, Sequence[Port]]]:
-    """Remove connections until the edges have no cycle; return them by their ends, with a cycle of their loop.
+    """Remove connections until all cycles are open; return them by their ends, with a cycle of their loop.
 
     In a loop, all connections into one unit are removed: the unit with the fewest discrete connections, since no guess
     improves them, and then with the fewest in all.

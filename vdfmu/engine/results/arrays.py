@@ -43,7 +43,7 @@ def joined(
 
 
 def write_all(file: Any, content: bytes) -> None:
-    """Write bytes to an unbuffered file, which may take a part at a time."""
+    """Write bytes to an unbuffered file, part by part."""
     rest = memoryview(content)
     while rest:
         rest = rest[file.write(rest) :]

@@ -20,7 +20,7 @@ from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, Check, verdict_of
 from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES), "summary.json")
-"""Result files of a package's run, which replace the files of an earlier run."""
+"""Result files of a package's run; they replace the files of an earlier run."""
 PARTIAL = "partial"
 """Folder of a failed or stopped run in the folder of the results."""
 _TEMPORARY = re.compile(r"[0-9a-f]{16}\.tmp")

@@ -52,15 +52,10 @@ FORMATS: PluginTable[Callable[[], Format]] = PluginTable(PLUGINS, _SHIPPED, pref
 """Formats by suffix, imported on use. Of several in a folder the last is read."""
 
 
-def suffix_of(path: Path) -> str:
-    """Return the suffix of the format of a file; by default CSV."""
-    suffix = path.suffix.lower()
-    return suffix if suffix in FORMATS else ".csv"
-
-
 def format_of(path: Path) -> Format:
-    """Return the format of a file."""
-    return FORMATS[suffix_of(path)]()
+    """Return the format of a file by its suffix; by default CSV."""
+    suffix = path.suffix.lower()
+    return FORMATS[suffix if suffix in FORMATS else ".csv"]()
 
 
 def result_files(folder: Path | None = None) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.results import Recorded, Signal
 
 _GROUP = 2**16
-"""Rows of a compressed group, which is the part of a long run in memory."""
+"""Rows of a compressed group, the part of a long run in memory."""
 _KEY = b"vdfmu"
 _WIDTHS = {"BOOLEAN": 1, "INT32": 4, "INT64": 8, "INT96": 12, "FLOAT": 4, "DOUBLE": 8}
 """Bytes of a number in memory, by its type in the file; the file states the size of texts and lists."""

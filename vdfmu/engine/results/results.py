@@ -96,12 +96,7 @@ class Recorded:
         return groups
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a signal, or the elements of an array in the order of their indices.
-
-        Parameters
-        ----------
-        name : str
-            Name of a signal; or of an array, without indices.
+        """Return a signal, or, without indices, the elements of an array in the order of their indices.
 
         Returns
         -------
@@ -273,10 +268,7 @@ class Results(Recorded):
     def to_pandas(self) -> Any:
         """Return a DataFrame with a column for each signal and the time as index; ``attrs["units"]`` has the units.
 
-        Raises
-        ------
-        UsageError
-            pandas is not installed, ``pip install vdfmu[notebook]``.
+        UsageError without pandas: ``pip install vdfmu[notebook]``.
         """
         pandas = _needed("pandas")
         columns = {name: self[name] for name in self.names}
@@ -288,11 +280,7 @@ class Results(Recorded):
         """Return a Dataset with a variable for each group, its unit as the attribute ``units``.
 
         The dimensions are ``time`` and, with indices from 1, ``plant.q_1``, or ``plant.R_O_1`` and ``plant.R_O_2``.
-
-        Raises
-        ------
-        UsageError
-            xarray is not installed, ``pip install vdfmu[notebook]``.
+        UsageError without xarray: ``pip install vdfmu[notebook]``.
         """
         xarray = _needed("xarray")
         dataset = xarray.Dataset(coords={"time": ("time", self.time, {"units": "s"})})
@@ -310,12 +298,8 @@ class Results(Recorded):
     def compare(self, other: Results) -> Listing:
         """Return the differences to other results in their common time, group by group, the largest of a unit first.
 
-        Values of `other` between its rows are interpolated; integers and booleans hold.
-
-        Raises
-        ------
-        UsageError
-            For results without common signals or time.
+        Values of `other` between its rows are interpolated; integers and booleans hold. UsageError for results without
+        common signals or time.
         """
         common = [name for name in self.names if other.kinds.get(name) == self.kinds[name]]
         if not common:
@@ -389,12 +373,7 @@ class Results(Recorded):
         is atomic. Parquet and MATLAB files have the same bits in a third of the room, the units and the summary; see
         `vdfmu.engine.results.parquet` and `mat_file`.
 
-        Raises
-        ------
-        UsageError
-            A package is missing: ``pip install vdfmu[parquet]``.
-        VdfmuError
-            The file cannot be written.
+        UsageError if a package is missing, ``pip install vdfmu[parquet]``; VdfmuError if the file cannot be written.
         """
         format_of(Path(path)).write(self, Path(path))
 
@@ -402,12 +381,8 @@ class Results(Recorded):
     def read(cls, path: str | Path) -> Results:
         """Read a file of `write` or a run.
 
-        Files contain their summary, except CSV: its summary is the ``summary.json`` next to it.
-
-        Raises
-        ------
-        UsageError
-            The file is missing or of another form, or a package is missing.
+        Files contain their summary, except CSV: its summary is the ``summary.json`` next to it. UsageError if the file
+        or a package is missing, or for another form.
         """
         recorded = format_of(Path(path)).read(Path(path))
         return cls(recorded.time, recorded.signals, recorded.data, recorded.summary)

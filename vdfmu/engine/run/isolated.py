@@ -35,40 +35,23 @@ class Limits:
 
     def __init__(self, time: float | None = None, memory: float | None = None) -> None:
         self.time = 300.0 if time is None else time
-        self.memory = _half_of_memory() if memory is None else memory
+        self.memory = math.inf if memory is None else memory
+        if memory is None:
+            with suppress(AttributeError, ValueError, OSError):  # unknown
+                self.memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
         for name, value, unit in (("wait_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
             if not value > 0.0:
                 raise UsageError(f"{name} must be positive, got {value:g} {unit}")
-
-
-def _half_of_memory() -> float:
-    """Return half of the machine's memory [MB]; infinite if unknown."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
-    except (AttributeError, ValueError, OSError):
-        return math.inf
 
 
 class Elsewhere(Stepper):
     """Components of a run in other processes, and their stepper in one; `exchange` reads their values."""
 
     exchange: Exchange
-
-    def load(self) -> None:
-        """Load the libraries and create the instances."""
-        raise NotImplementedError
-
-    def initialize(self, *arguments: Any) -> None:
-        """See `vdfmu.engine.masters.components.Components.initialize`."""
-        raise NotImplementedError
-
-    def couple(self, *arguments: Any) -> Self:
-        """Prepare the steps, see `Components.couple`."""
-        raise NotImplementedError
-
-    def close(self) -> CosimError | None:
-        """Terminate and free all; return the first failure."""
-        raise NotImplementedError
+    load: Callable[[], None]
+    initialize: Callable[..., None]
+    couple: Callable[..., Stepper]
+    close: Callable[[], CosimError | None]
 
 
 Making = Callable[[Checked, Mapping[str, Path], MessageBox, Path, Limits], Elsewhere]

@@ -132,7 +132,7 @@ class Session:
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
     """Unpack the FMUs of a system; return their folders by source, and whether to isolate them by default.
 
-    FMUs without the mark of this project, which can be forged, are isolated. VdfmuError if the disk is full, or if
+    FMUs without the mark of this project are isolated; the mark can be forged. VdfmuError if the disk is full, or if
     Python FMUs cannot run in a folder of this name.
     """
     unpacked: dict[str, Path] = {}
@@ -162,9 +162,7 @@ def _refuse_escapes(folder: Path) -> None:
 
 def no_room(folder: str, error: OSError) -> VdfmuError:
     """Return the error of FMUs that cannot be unpacked."""
-    return VdfmuError(
-        f"{folder}: FMUs cannot be unpacked there: {error}. Free space, or choose another folder with TMPDIR."
-    )
+    return VdfmuError(f"{folder}: FMUs cannot be unpacked: {error}. Free space, or choose another folder with TMPDIR.")
 
 
 def _needed(member: str) -> bool:

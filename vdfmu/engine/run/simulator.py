@@ -187,12 +187,7 @@ class Simulator:
         """Begin a run by hand, with steps by :meth:`step`; for arguments see :meth:`run`.
 
         With the same arguments as before, components of FMI 2.0 restore their saved state if inputs hold over each
-        step. All others are initialized again.
-
-        Raises
-        ------
-        UsageError, CosimError
-            See :meth:`run`; UsageError for components that are isolated, too.
+        step. All others are initialized again. For errors see :meth:`run`; UsageError for isolated components, too.
         """
         values = {key: np.asarray(value).tolist() for key, value in _mapping(parameters).items()}
         grid = self.grid(start, stop, step)
@@ -217,13 +212,9 @@ class Simulator:
             steps.step(count)
 
     def set(self, name: str, value: Any) -> None:
-        """Set an unconnected input, or a tunable parameter, for the next steps.
+        """Set an unconnected input, or a tunable parameter, ``component.variable``, for the next steps.
 
-        Parameters
-        ----------
-        name : str
-            ``component.variable``; without an index all elements.
-        value : number, or list or array with one for each element
+        Without an index `value` is for all elements: a number, or a list or array with one each.
         """
         self._stepped.set(name, value)
 
