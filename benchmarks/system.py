@@ -18,9 +18,8 @@ from vdfmu.compiler.c.compile import compile_library
 from vdfmu.compiler.c.platforms import this_platform
 from vdfmu.engine.package.system import Component, System
 from vdfmu.engine.run import LogMessage, Results, simulate
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.parts import build_parts
 
 
 @contextmanager

@@ -67,7 +67,9 @@ def test_the_error_control_of_the_annotation_is_that_of_its_algorithm(packed):
 
 def test_without_annotation_a_step_is_needed(packed):
     path = packed()
-    with pytest.raises(UsageError, match="step: expected a communication step, since the system.s default experiment has no step"):
+    with pytest.raises(
+        UsageError, match="step: expected a communication step, since"
+    ):
         simulate(path)
     assert simulate(path, step=0.5).summary["algorithm"] == "gauss-seidel"
 
@@ -101,7 +103,7 @@ def test_a_picture_that_cannot_be_drawn_is_a_note_and_the_results_stay(packed, t
     def fail(*_, **__):
         raise ValueError("no ink")
 
-    monkeypatch.setattr("vdfmu.engine.results.picture.draw_signals", fail)
+    monkeypatch.setattr("vdfmu.engine.results.picture.draw", fail)
     said = []
     path = packed('communicationStepSize="0.25"')
     run_system(path, out=tmp_path / "out", log=said.append, pictures=["png"])

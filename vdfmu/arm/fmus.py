@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.units import find_unit, shipped_units
-from vdfmu.base.once import one_job
+from vdfmu.base.cache import one_job
 from vdfmu.base.progress import Shown, with_progress
 from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.fmu.build import build_units

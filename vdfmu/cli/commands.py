@@ -12,8 +12,8 @@ from typing import Any
 import click
 from rich.markup import escape
 
+from vdfmu.base.cache import one_job
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
-from vdfmu.base.once import one_job
 from vdfmu.base.version import __version__
 from vdfmu.cli import analysis, cache, doctor, files, identify, robots, runs, scenarios, studies, units, view
 from vdfmu.cli.app import COMPLETE, App

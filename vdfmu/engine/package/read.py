@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import SspError
-from vdfmu.base.once import cached_per_command
 from vdfmu.engine.package import limits, parse
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.bindings import Bindings

@@ -14,13 +14,14 @@ from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats, format_of, result_files
+from vdfmu.base.measure import inches
+from vdfmu.base.text import to_json
+from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats, figure_files, format_of, result_files
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, Check, verdict_of
 from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES), "summary.json")
-"""Result files of a package's run; they replace the files of an earlier run."""
+"""Result files of a package's run beside figures; they replace the files of an earlier run."""
 PARTIAL = "partial"
 """Folder of a failed or stopped run in the folder of the results."""
 _TEMPORARY = re.compile(r"[0-9a-f]{16}\.tmp")
@@ -37,11 +38,12 @@ def known_formats(formats: Sequence[str]) -> None:
         FORMATS[f".{form}"]().needs()
 
 
-def known_pictures(pictures: Sequence[str]) -> None:
-    """Raise UsageError for an unknown kind of picture."""
+def known_pictures(pictures: Sequence[str], width: str) -> float:
+    """Return the width of pictures [in]; UsageError for an unknown kind of picture, or another width."""
     unknown = [kind for kind in pictures if kind not in SUFFIXES]
     if unknown:
         raise UsageError(f"pictures: expected some of {', '.join(SUFFIXES)}, got {', '.join(unknown)}.")
+    return inches("width", width)
 
 
 @contextmanager
@@ -130,7 +132,7 @@ def _remove_orphans(folder: Path, outputs: Sequence[str]) -> None:
         ours = re.fullmatch(rf"{PARTIAL}_\d+(_\d+)?", orphan.name) and not orphan.is_symlink()
         handle = _locked(orphan) if ours and orphan.is_dir() else None
         if handle is not None:
-            names = {*outputs, *result_files(orphan)}
+            names = {*outputs, *result_files(orphan), *figure_files(orphan)}
             if all(path.name in names or _TEMPORARY.fullmatch(path.name) for path in orphan.iterdir()):
                 with suppress(OSError):
                     for path in orphan.iterdir():
@@ -227,8 +229,9 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
 
 
 def written(folder: Path, outputs: Sequence[str]) -> list[str]:
-    """Return the names of existing files of a run, with results in formats of plugins."""
-    return sorted(name for name in {*outputs, *result_files(folder)} if os.path.lexists(folder / name))
+    """Return the names of existing files of a run, with figures and results in formats of plugins."""
+    names = {*outputs, *result_files(folder), *figure_files(folder)}
+    return sorted(name for name in names if os.path.lexists(folder / name))
 
 
 def write_summary(summary: dict[str, Any], folder: Path) -> None:

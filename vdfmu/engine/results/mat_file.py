@@ -16,8 +16,8 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
-from vdfmu.base.json_text import to_json
-from vdfmu.base.mat import mat_variables
+from vdfmu.base.text import to_json
+from vdfmu.base.unpack import mat_variables
 from vdfmu.engine.results.arrays import grouped, no_rows, placed_arrays
 from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.results import Recorded, Signal

@@ -10,8 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option import lists_options, pick, with_options
-from vdfmu.base.option_types import check_type
+from vdfmu.base.option import check_type, lists_options, pick, with_options
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
