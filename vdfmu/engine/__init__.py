@@ -2,3 +2,11 @@
 
 It imports nothing of the package but errors, files, processes and units of measurement.
 """
+
+DOORS = (
+    "algorithms", "container", "linear.growth", "linear.linearise", "linear.loops", "masters.components",
+    "masters.observer", "masters.sampled", "options", "package_run", "plan.check", "plan.grid", "plan.inputs",
+    "results.figure", "results.folder", "results.formats", "results.parquet", "results.picture", "results.results",
+    "results.verdict", "rules", "run",
+)  # fmt: skip
+"""Modules that rooms above import."""

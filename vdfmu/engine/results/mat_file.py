@@ -46,7 +46,7 @@ def write_mat(results: Recorded, path: Path) -> None:
         if array.nbytes > _MOST:
             raise VdfmuError(
                 f"{path}: {name}: expected at most 2 GB, as MATLAB's version 5 has it, got {array.nbytes / 1e9:.3g} GB."
-                " Write Parquet, which MATLAB reads by parquetread: --format parquet."
+                " Write Parquet and read it by MATLAB's parquetread: --format parquet."
             )
         content[name] = array.astype(bool) if kind == "boolean" else array
         units = list(dict.fromkeys(s.unit for s in members))

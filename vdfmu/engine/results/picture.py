@@ -29,7 +29,7 @@ _LEAST, _LARGEST = 1e-290, 1e290
 """Values that matplotlib can draw."""
 _DASHED: dict[str, Any] = {"linestyle": (0, (5, 3)), "linewidth": 0.7}
 _ON_TOP = _DASHED | {"color": "black"}
-"""Looks of dashed curves; the second of one that may lie on another of its joint."""
+"""Looks of dashed curves; the second of a curve that may lie on another of its joint."""
 
 
 def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], path: str | Path | None) -> Picture:

@@ -229,7 +229,7 @@ class Results(Recorded):
     ----------
     time : (m,) array [s]
     signals : sequence of Signal
-        In the order in which they are shown and written.
+        In their order in tables and files.
     data : mapping of str to (m, columns) array
         Columns by kind: ``real`` float64, ``integer`` and ``boolean`` int32.
     summary : dict, optional
