@@ -39,6 +39,7 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Analyse": (
         (analysis.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
         (analysis.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
+        (analysis.judge, "vdfmu judge tracking.ssp --wanted 0.5 --stop 1"),
         (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
     ),
     "Exchange": (

@@ -254,7 +254,7 @@ def test_margins_and_linearization_are_those_of_the_matrices(inside):
                 "tune", "motor.toml", "--vary", "controller.K_p=lin(0.02,0.2)", "--cost", "peak(motor.w)", "--margin",
                 "0.5",
             ),
-            "nothing is connected to an input tau",
+            "no connected input lies on a loop",
         ),
     ],
     ids=lambda v: " ".join(v[:3]) if isinstance(v, tuple) else "",

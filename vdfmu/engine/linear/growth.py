@@ -27,7 +27,7 @@ from vdfmu.engine.linear.loops import (
     opened_at,
     with_tied,
 )
-from vdfmu.engine.linear.system import LinearSystem, Places
+from vdfmu.engine.linear.system import LinearSystem, Places, cut
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.system import Value
@@ -272,10 +272,11 @@ def _change(before: Pose, after: Pose) -> float:
 class Poses(Tap):
     """Linearises the loops of a run at some of its rows, if its components are in this process.
 
-    Loops are opened at connected inputs named `group`, at any component, or at the inputs `opened`. `others` are a
-    second linearisation at the same states, with the parameters in `without` by component, such as no dry friction. Set
-    `again` before calls of :meth:`changed`, and `noted` to accept a linearisation with notes. `more` are additional
-    rows. For `tied` see :func:`~vdfmu.engine.linear.loops.with_tied`.
+    Loops are opened at the inputs `opened`, by default at connected inputs named `group`, at any component, else at the
+    inputs of :func:`~vdfmu.engine.linear.system.cut`. `others` are a second linearisation at the same states, with the
+    parameters in `without` by component, such as no dry friction. Set `again` before calls of :meth:`changed`, and
+    `noted` to accept a linearisation with notes. `more` are additional rows. For `tied` see
+    :func:`~vdfmu.engine.linear.loops.with_tied`.
     """
 
     def __init__(
@@ -340,11 +341,11 @@ class Poses(Tap):
 
     def _begin(self, system: LinearSystem) -> Along:
         """Return the loops of the connected part; UsageError if they are not known."""
-        opened, self.notes = [*self._opened] or opened_at(system, self._group), system.parts.notes
+        opened, self.notes = [*self._opened] or opened_at(system, self._group) or cut(system), system.parts.notes
         if self.notes and not self._noted:
             raise UsageError("; ".join(self.notes))
         if not opened:
-            raise UsageError(f"nothing is connected to an input {self._group}")
+            raise UsageError("no connected input lies on a loop")
         loops = system.around(opened)
         moving(loops)
         if loops.how.continuous and loops.samples.signals:

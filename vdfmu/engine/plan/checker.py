@@ -16,9 +16,9 @@ from vdfmu.engine.package.system import (
     Component,
     Connection,
     Connector,
+    FlatSystem,
     Index,
     Shape,
-    System,
     UnitFactor,
     Value,
     spread,
@@ -78,7 +78,9 @@ _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculate
 class Checker:
     """Collects problems and notes of a system; for parameters see `vdfmu.engine.plan.check.check_system`."""
 
-    def __init__(self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]) -> None:
+    def __init__(
+        self, system: FlatSystem, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
+    ) -> None:
         self.system, self.strict, self.ignore_unmatched, self.parameters = system, strict, ignore_unmatched, parameters
         self.problems = list(system.problems)
         self.notes: list[str] = [*system.notes]
@@ -241,6 +243,11 @@ class Checker:
                 )  # fmt: skip
             except MisfitError as error:
                 fault(_OF_CONNECTION[error.what], str(error))
+            unit, target = self.port_unit(connection.start, source), self.port_unit(connection.end, sink)
+            suppressed = any(hop.suppress_unit_conversion for hop in connection.hops) and source.type == "Real"
+            if suppressed and unit is not None and target is not None and not unit.same_as(target):
+                text = f"connection {connection}: passes {unit.name!r} as {target.name!r}, without a conversion"
+                self.notes.append(finding("SSP034", text, connection.hops[-1].place))
             if shape != other:
                 fault("SSP035", f"dimension mismatch, {show_shape(shape)} to {show_shape(other)}")
             links += [

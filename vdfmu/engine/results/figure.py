@@ -10,7 +10,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import Shown
-from vdfmu.engine.results.results import Recorded
+from vdfmu.engine.results.recorded import Recorded
 
 Terms = Sequence[tuple[float, str]]
 """Factors, and names of signals; an empty name is 1."""

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vdfmu.base.arrays import Floats
-    from vdfmu.engine.results.results import Recorded, Signal
+    from vdfmu.engine.results.recorded import Recorded, Signal
 
 
 SUFFIXES = ("png", "svg", "pdf")

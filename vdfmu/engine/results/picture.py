@@ -17,7 +17,7 @@ from vdfmu.base import style
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.figure import Figure, signal_figures
 from vdfmu.engine.results.formats import figure_file
-from vdfmu.engine.results.results import Recorded
+from vdfmu.engine.results.recorded import Recorded
 
 PANELS = 12
 """Most panels of a picture."""
