@@ -4,9 +4,9 @@ It imports nothing of the package but errors, files, processes and units of meas
 """
 
 DOORS = (
-    "algorithms", "container", "linear.growth", "linear.linearise", "linear.loops", "masters.components",
-    "masters.observer", "masters.sampled", "options", "package_run", "plan.check", "plan.grid", "plan.inputs",
-    "results.figure", "results.folder", "results.formats", "results.parquet", "results.picture", "results.results",
-    "results.verdict", "rules", "run",
+    "algorithms", "container", "linear.growth", "linear.linearise", "linear.loops", "linear.system",
+    "masters.components", "masters.observer", "masters.sampled", "options", "package_run", "plan.check", "plan.grid",
+    "plan.inputs", "results.figure", "results.folder", "results.formats", "results.parquet", "results.picture",
+    "results.results", "results.verdict", "rules", "run",
 )  # fmt: skip
 """Modules that rooms above import."""
