@@ -52,7 +52,6 @@ def without(folder: Path, left_out: Sequence[str]) -> None:
 
 
 def python(folder: Path, *arguments: str) -> str:
-    """Run Python in the folder of a copy, which it imports, and return its output."""
     env = {**os.environ, "PYTHONPATH": str(folder)}
     done = subprocess.run([sys.executable, *arguments], cwd=folder, env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

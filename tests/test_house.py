@@ -19,7 +19,6 @@ EQUATIONS = ("vdfmu.arm.equations", "vdfmu.arm.drive", "vdfmu.arm.world")
 
 @cache
 def _trees() -> dict[Path, ast.Module]:
-    """Return the files of the package, parsed."""
     return {path: ast.parse(path.read_text(encoding="utf-8")) for path in ROOT.rglob("*.py")}
 
 

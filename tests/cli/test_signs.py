@@ -46,7 +46,6 @@ main()
 
 
 def plain(text):
-    """Lines without what moves the cursor and colours them."""
     return [line for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "\n", text).splitlines() if line.strip()]
 
 
@@ -122,7 +121,6 @@ def test_every_command_takes_quiet_and_verbose():
 
 @pytest.fixture
 def told(tmp_path, monkeypatch):
-    """Run a command in a folder: lines of standard output and of standard error."""
     monkeypatch.chdir(tmp_path)
 
     def run(*words):

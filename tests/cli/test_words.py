@@ -18,7 +18,6 @@ from vdfmu.cli.parameters import parameter, rows_by_task
 
 
 def commands(name="", found=None):
-    """Yield each command with its name, those in groups too."""
     found = found or app
     inner = getattr(found, "commands", {})
     if not inner:

@@ -27,7 +27,6 @@ PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglo
 
 
 def name_of(page):
-    """Return the path of a page from the root."""
     return page.relative_to(ROOT).as_posix()
 
 

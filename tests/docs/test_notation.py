@@ -37,7 +37,6 @@ FMI_ROWS = [row for row in ROWS if row["fmi"]]
 
 
 def with_everything(robot: Robot) -> Robot:
-    """Return a robot whose interface has every group: friction of the rotor, kinematic error, all offsets."""
     every = dict.fromkeys((*OPTIONAL, *ENDS), True)
     return dataclasses.replace(robot, friction="split", **every).with_parameters(
         theta_err_amplitude=1e-6, tool_offset=[0.1, 0.2, 0.3], offset=0.1, centroid=0.1, inertia=robot.inertia + 1e-5,
@@ -47,7 +46,6 @@ def with_everything(robot: Robot) -> Robot:
 
 @pytest.fixture(scope="module")
 def groups():
-    """Return group to [(variables with revolute joints), (variables with a prismatic joint 2)]."""
     found = {}
     for k, name in enumerate(("manipulator_6dof", "slider_3dof")):
         robot = with_everything(load_robot(name))

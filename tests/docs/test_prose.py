@@ -19,7 +19,6 @@ LIMITS = {"mean": 16.0, "ninth of ten": 27, "over 30, %": 6.0, "semicolons, %": 
 
 
 def split(text):
-    """Return the word counts of sentences, the sentences, and the cells of tables."""
     text = re.sub(r"^---\n.*?\n---\n", "", text, flags=re.DOTALL)
     text = re.sub(r"^[ \t]*(```|~~~).*?^[ \t]*\1[ \t]*$", "\n\n", text, flags=re.DOTALL | re.MULTILINE)
     rows = re.findall(r"^\s*\|(.*)\|\s*$", text, re.MULTILINE)
@@ -38,7 +37,6 @@ def split(text):
 
 
 def measured(texts):
-    """Return the measures of LIMITS over some pages."""
     parts = [split(text) for text in texts]
     sentences = [sentence for found, _ in parts for sentence in found]
     counts = sorted(count for count, _ in sentences)

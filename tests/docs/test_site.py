@@ -27,7 +27,6 @@ VERSIONS = loaded_versions()
 
 
 def pages_of(site):
-    """Return the pages of one version of the documentation."""
     return [site / page for page in VERSIONS.pages_of(site)]
 
 
@@ -62,7 +61,6 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def api(site):
-    """Return the pages of the API as HTML."""
     return "".join(page.read_text(encoding="utf-8") for page in sorted(site.glob("reference/api_*.html")))
 
 
@@ -89,7 +87,6 @@ def test_formulas_in_docstrings_are_no_emphasis(api):
 
 
 def documented(function):
-    """Return the names and types below Parameters of a docstring."""
     text = (inspect.getdoc(function) or "").partition("Parameters\n---")[2]
     text = re.split(r"\n\w+\n---", text)[0]
     found = {}
@@ -231,7 +228,6 @@ QUESTIONS = {
 
 
 def links_of(page):
-    """Return the pages that a page links to."""
     urls = re.findall(r'href="([^"#:]+\.html)', page.read_text(encoding="utf-8"))
     return {(page.parent / url).resolve() for url in urls}
 

@@ -26,7 +26,6 @@ def locked(name: str) -> list[str]:
 
 
 def names(entries: list[str]) -> set[str]:
-    """Return the packages of requirements, as an index writes them."""
     return {re.split(r"[\[<>=; ]", entry)[0].lower().replace("_", "-") for entry in entries} - {"vdfmu"}
 
 
@@ -92,7 +91,6 @@ def test_the_install_without_make_takes_the_tested_versions():
 
 
 def built(target: str, folder: Path) -> Path:
-    """Build the sdist or the wheel; return its file."""
     command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     (file,) = folder.iterdir()

@@ -33,7 +33,6 @@ def run_python(body, namespace):
 
 
 def plain_commands(body):
-    """Return the arguments of each command of a block that has those of vdfmu alone, and nothing for a shell."""
     lines = [line for line in body.replace("\\\n", " ").splitlines() if line and not line.startswith("#")]
     plain = all(re.fullmatch(r"""vdfmu( +([\w.,=:/@\[\]-]|'[^']*'|"[^"$`]*")+)*( *|  +#.*)""", line) for line in lines)
     return [shlex.split(line, comments=True)[1:] for line in lines] if plain else []

@@ -124,7 +124,6 @@ def make_fmu(
 
 @pytest.fixture(scope="session")
 def fmus(tmp_path_factory):
-    """All test FMUs by name."""
     folder = tmp_path_factory.mktemp("fmus")
     built: dict[str, Path] = {}
 
@@ -266,8 +265,6 @@ def in_process(request, monkeypatch):
 
 @pytest.fixture
 def pack(tmp_path, fmus):
-    """Return a function that packs an SSP; an element is XML, or the text "name FMU connectors" for `component`."""
-
     def write(
         elements: list[str],
         connections: list[str] | tuple[()] = (),
@@ -302,7 +299,6 @@ def pack(tmp_path, fmus):
 
 @pytest.fixture(scope="session")
 def arm_package(tmp_path_factory):
-    """Return a function that packs the planar arm, once for each backend."""
     folder = tmp_path_factory.mktemp("arm")
 
     @cache
@@ -331,7 +327,6 @@ def xml():
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory):
-    """Return the function ``built(model, version)``, the bytes of the FMU of a model."""
     folder, known = tmp_path_factory.mktemp("reference"), {}
 
     def once(model: models.Model, version: str = "3.0") -> bytes:
@@ -359,8 +354,6 @@ def loop(pack, xml):
 
 @pytest.fixture
 def system(pack, built):
-    """Return a function that packs a system: {component: (model, version)}, connections and values of parameters."""
-
     def write(components, connections=(), bindings: dict[str, str] | None = None) -> Path:
         elements, extra = [], {}
         used = [end.partition(".")[::2] for c in connections for end in c.split(" -> ")]

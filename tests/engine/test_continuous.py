@@ -125,7 +125,6 @@ def test_a_system_without_connections(pack):
 
 
 def exact(t):
-    """Solution of x' = (G + K) 0.3 t - K x, x(0) = 0.1."""
     a = 0.3 * (G + K) / K
     return a * (t - 1 / K) + (0.1 + a / K) * np.exp(-K * t)
 

@@ -30,7 +30,6 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 @pytest.fixture(scope="module")
 def strict(tmp_path_factory):
-    """Return the FMU of strict.c, of which y is the time."""
     folder = tmp_path_factory.mktemp("strict")
     more = "".join(
         f'<ScalarVariable name="{name}" valueReference="{i}" causality="parameter" variability="fixed">'

@@ -21,7 +21,6 @@ EXPERIMENT = (
 
 @pytest.fixture
 def packed(pack, xml):
-    """Return a function that packs a loop of an integrator and a gain of -1, with an annotation."""
     c = xml.component
     elements = [
         c("plant", "Plant", "u:input y:output", xml.values(xml.real("x0", 1.0))),

@@ -29,7 +29,6 @@ WAYS = (
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    """Return the library of wild.c."""
     return build(tmp_path_factory.mktemp("wild"))
 
 
@@ -45,13 +44,11 @@ def wild(library, tmp_path):
 
 @pytest.fixture
 def alone(pack, wild):
-    """Return a function that packs the wild unit by itself."""
     return lambda *how: pack(["unit W y:output"], extra={"resources/W.fmu": wild(*how).read_bytes()})
 
 
 @pytest.fixture
 def package(pack, wild):
-    """Return a package of the wild unit, behind an integrator of it."""
     return pack(
         ["plant Plant u:input y:output", "unit Wild y:output"],
         ["unit.y -> plant.u"],

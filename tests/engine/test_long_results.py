@@ -15,7 +15,6 @@ ROWS, COLUMNS = 3000, 4
 
 @pytest.fixture
 def long(monkeypatch):
-    """Return results of several blocks, of which few may stay in memory."""
     for place, name, value in ((csv_file, "_NUMBERS", 1), (parquet, "_GROUP", 700), (joined, "_MOST", 50_000)):
         monkeypatch.setattr(place, name, value)
     rng = np.random.default_rng(5)

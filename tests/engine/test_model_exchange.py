@@ -16,7 +16,6 @@ VERSIONS = ["2.0", "3.0"]
 
 
 def exchange(model: models.Model) -> models.Model:
-    """Return a model without co-simulation."""
     return replace(model, name=f"{model.name}ME", kinds=("ModelExchange",))
 
 

@@ -29,7 +29,6 @@ CHAIN = ["a.s_out -> b.s", "b.s_out -> c.s", "c.r -> b.f", "b.r -> a.f"]
 
 
 def chain(version):
-    """Return the components of the chain, in an order that is none of its."""
     return {name: (PIECE, version) for name in "bca"}
 
 

@@ -14,7 +14,6 @@ FILES = ("results.csv", "summary.json")
 
 
 def write(folder, text):
-    """Write a run of two files into a folder of results."""
     with replacing_results(folder, SYSTEM_OUTPUTS, overwrite=False) as partial:
         (partial / "results.csv").write_text(f"time\ns\n{text}\n")
         (partial / "summary.json").write_text(json.dumps({"files": FILES, "text": text}))

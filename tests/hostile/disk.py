@@ -109,7 +109,6 @@ class Known:
 
 @cache
 def known(name: str) -> Known:
-    """Run a job to its end, with what comes before it, until all that it needs is in the cache."""
     job, server = JOBS[name], disk()
     warm, folder, place = server.home / "warm", server.home / name, server.place
     shutil.rmtree(place, ignore_errors=True)
@@ -140,7 +139,6 @@ def _succeeds(words: tuple[str, ...], logging: bool = False) -> None:
 
 
 def _begin_again(folder: Path) -> dict[str, Any]:
-    """Put what is there before a job in its place, and return it."""
     shutil.rmtree(disk().place)
     shutil.copytree(folder, disk().place)
     return files(disk().place)

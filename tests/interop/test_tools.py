@@ -116,7 +116,6 @@ def test_the_exact_step_is_exact(tracking):
 
 @pytest.fixture(scope="module")
 def bare(tracking, tmp_path_factory):
-    """Return FMUs without the scenario's start values."""
     return build_fmus(tracking.scenario.robot, tmp_path_factory.mktemp("bare"), backend="native")
 
 

@@ -61,7 +61,6 @@ class Wired:
 
 
 def wired(robot: Robot, settings: Mapping[str, Any] | None = None) -> tuple[Wired, SystemFile]:
-    """Return the decomposed components of a robot in the tracking scenario."""
     apart, values = decomposed(scenario_of(robot), settings)
     names = [name for name in apart.system.parts if name not in ("trajectory", "controller")]
     units = {name: apart.resolved.units[name] for name in names}
@@ -74,12 +73,10 @@ def wired(robot: Robot, settings: Mapping[str, Any] | None = None) -> tuple[Wire
 
 
 def robot_of(name: str) -> Robot:
-    """Return a shipped robot, or the general chain."""
     return make_general_chain() if name == "general" else load_robot(name)
 
 
 def random_desired(n: int, seed: int) -> Desired:
-    """Return a desired motion at an instant, of some rad, rad/s, .. each."""
     return Desired(*np.random.default_rng(seed).normal(size=(5, n)))
 
 

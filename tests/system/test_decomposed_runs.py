@@ -29,7 +29,6 @@ pytestmark = pytest.mark.heavy  # the FMUs are compiled
 
 
 def package(scenario: Scenario, folder: Path, settings: dict[str, Any] | None = None) -> Path:
-    """Return the package of a decomposed scenario."""
     apart, values = decomposed(scenario, settings)
     return write_ssp(apart, build_parts(apart, folder, values), folder / "apart.ssp", values)
 
@@ -47,7 +46,6 @@ def test_nothing_is_wrong_with_the_fmus(unit, version, tmp_path):
 
 
 def compare(found: Any, whole: Any, n: int, tolerance: float) -> None:
-    """Compare a run with that of the arm in one piece."""
     for i in range(1, n + 1):
         for name in ("tau_m", "tau_s", "kappa_dot_d"):
             both = found[f"feedforward_joint_{i}.{name}"], whole[f"feedforward.{name}[{i}]"]

@@ -38,11 +38,9 @@ def external_force(robot: Robot, F_e: np.ndarray) -> list[pin.Force]:
 
 @pytest.fixture(scope="session")
 def pinocchio_model():
-    """Return the function ``pinocchio_model(robot)``."""
     return build_pinocchio_model
 
 
 @pytest.fixture(scope="session")
 def pinocchio_force():
-    """Return the function ``pinocchio_force(robot, F_e)``."""
     return external_force

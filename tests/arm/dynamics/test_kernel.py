@@ -136,7 +136,6 @@ def test_full_disk_leaves_no_half_file(planar, tmp_path, monkeypatch):
 
 
 def fill(folder, names, size):
-    """Store files of `size` bytes, the first used longest ago."""
     for age, name in enumerate(reversed(names)):
         cache.store(folder / name, name.encode().ljust(size))
         os.utime(folder / name, (1e9 - age, 1e9 - age))

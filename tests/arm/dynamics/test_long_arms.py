@@ -21,12 +21,10 @@ def _from_shorter_ones():
 
 
 def alternating(n):
-    """Return a chain whose joints turn and slide in turns."""
     return dataclasses.replace(repeated_link(n), joint_types=("revolute", "prismatic") * (n // 2))
 
 
 def check_files(unit, robot):
-    """Compare the C from shorter arms with that of the arm's own trace, byte by byte."""
     interface = Interface(find_unit(unit), robot)
     assert len(interface.shorter) == 2
     assert grown({one.joints: traced_files(one) for one in interface.shorter}, robot.n) == traced_files(interface)

@@ -15,7 +15,6 @@ from vdfmu.compiler.functions.traced import KernelFunction
 
 @pytest.fixture
 def arm(planar):
-    """Return a robot of which nothing is prepared or compiled in this process."""
     return planar.with_parameters(gravity=planar.gravity)
 
 

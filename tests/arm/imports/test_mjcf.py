@@ -28,8 +28,6 @@ PAIR = '<body name="{0}"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{1}
 
 @pytest.fixture
 def mjcf(tmp_path):
-    """Return the function that writes a MuJoCo file."""
-
     def write(text: str) -> Path:
         path = tmp_path / "arm.xml"
         path.write_text(text, encoding="utf-8")

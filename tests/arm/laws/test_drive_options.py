@@ -167,7 +167,6 @@ def test_bristles_never_make_energy_however_fast_they_slide(with_options):
 
 
 def state_of(robot, state, seed):
-    """Return the state vector with random states of options."""
     random = np.random.default_rng(seed)
     extra = {
         "tau_h": random.uniform(-0.9, 0.9, robot.n) * robot.f_h,

@@ -144,12 +144,10 @@ def test_integrated_arm_at_rest_stays_at_rest(robot, plant_solver):
 
 
 def without_coulomb_friction(robot):
-    """Return the robot with viscous friction only."""
     return robot.with_parameters(f_c=0.0, f_s=0.0, f_ck=0.0)
 
 
 def in_pure_rotation(robot):
-    """Return the robot with rotors that the links do not carry along, Eq. (56)."""
     return dataclasses.replace(robot, rotor_coupling=False)
 
 

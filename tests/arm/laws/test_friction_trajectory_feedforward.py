@@ -115,7 +115,6 @@ F_E = np.array([5.0, -3.0, 4.0, 0.3, -0.2, 0.4])
 
 
 def inside(robot, t=4.0):
-    """Return a desired motion of all joints, away from its ends."""
     n = robot.n
     return desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
 

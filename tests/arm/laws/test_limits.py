@@ -22,7 +22,6 @@ LIMITS = {
 
 
 def limited(name="planar_2dof", **changes):
-    """Return a shipped robot with the same limits at all joints."""
     data = load_robot(name).to_dict()
     for joint in data["joints"]:
         joint["limits"] = LIMITS | changes

@@ -13,7 +13,6 @@ STAGES = len(A)
 
 
 def tableau(rows):
-    """Return the strictly lower triangular matrix of rows of coefficients."""
     matrix = np.zeros((STAGES, STAGES))
     for i, row in enumerate(rows):
         matrix[i, : len(row)] = row
@@ -34,7 +33,6 @@ def stability(z):
 
 
 def step_of(matrix):
-    """Return a function (x, h) -> (x_new, error) for x_dot = matrix @ x, traced as the plant's step is."""
     m = len(matrix)
     x, h = ca.SX.sym("x", m), ca.SX.sym("h")
     J = ca.SX(ca.DM(matrix))

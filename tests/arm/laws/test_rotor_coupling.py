@@ -23,7 +23,6 @@ EPS = np.finfo(float).eps
 
 @pytest.fixture(scope="module")
 def coupled(arm):
-    """Return the paper's arm with the rotors' reaction on the links."""
     return dataclasses.replace(arm, rotor_coupling=True)
 
 

@@ -29,8 +29,6 @@ def robot():
 
 @pytest.fixture
 def written(tmp_path):
-    """Write the file of a motion."""
-
     def write(text, name="motion.toml"):
         path = tmp_path / name
         path.write_text(text, encoding="utf-8")

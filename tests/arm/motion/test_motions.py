@@ -15,7 +15,6 @@ TIMES = np.array([0.0, 0.6, 1.0, 1.9, 2.5])
 
 
 def made(planar, arm):
-    """One motion of each kind."""
     yield motions.waypoints(POINTS, TIMES)
     yield motions.waypoints(POINTS, TIMES, dwell=[0.1, 0.0, 0.2, 0.0, 0.3])
     yield motions.waypoints(POINTS, velocity=2.0, acceleration=[5.0, 9.0], dwell=[0.0, 0.0, 0.1, 0.0, 0.0])

@@ -47,7 +47,6 @@ def robot():
 
 
 def draw_state(robot, seed):
-    """Return a state of the plant, and motor torques."""
     random = np.random.default_rng(seed)
     sizes = {"q": 1.0, "q_dot": 1.0, "kappa_dot": 1.0, "tau_s": 30.0, "tau_c": 1.5, "T_f": 15.0}
     parts = {name: random.uniform(-size, size, robot.n) for name, size in sizes.items()}

@@ -60,8 +60,6 @@ class Own(Unit):
 
 @pytest.fixture
 def mine(tmp_path):
-    """Return a function that loads the scenario with more lines, and with a changed system."""
-
     def load(more: str = "", system: str = SYSTEM, way: str = WAY):
         (tmp_path / "mine.sys.toml").write_text(system)
         (tmp_path / "mine.toml").write_text(SCENARIO + way + more)

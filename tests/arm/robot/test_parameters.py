@@ -83,7 +83,6 @@ def extended(tmp_path_factory):
 
 
 def output(environment: dict[str, str], *arguments: str) -> str:
-    """Return what Python prints."""
     done = subprocess.run(
         [sys.executable, *arguments],
         cwd=environment["PYTHONPATH"],  # else the folder of this test comes first

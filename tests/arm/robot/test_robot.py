@@ -18,7 +18,6 @@ from vdfmu.base.errors import ModelError, UsageError
 
 
 def assert_same(a: Robot, b: Robot) -> None:
-    """Every field is equal to the last bit."""
     for field in dataclasses.fields(Robot):
         x, y = getattr(a, field.name), getattr(b, field.name)
         if field.name in PARAMETERS:
@@ -41,7 +40,6 @@ def positive(low: float, high: float) -> st.SearchStrategy[float]:
 
 @st.composite
 def joints(draw: st.DrawFn) -> dict[str, Any]:
-    """One joint of a physical robot, drawn at random."""
     turn = Rotation.from_euler("xyz", [draw(positive(-3, 3)) for _ in range(3)]).as_matrix()
     # The moments of three point masses: a + b, b + c, c + a meet the triangle inequality by construction.
     a, b, c = (draw(positive(1e-3, 1)) for _ in range(3))

@@ -31,7 +31,6 @@ def mrg32k3a(state):
 
 
 def of_seed(seed):
-    """Return the generator of a seed, by whole numbers of Python."""
     state = [seed + 1]
     for _ in range(8):
         state.append(48271 * state[-1] % (2**31 - 1))
@@ -263,7 +262,6 @@ brake = "emergency_stop"
 
 
 def written(folder):
-    """Write the system and a scenario of it; return the scenario's file."""
     (folder / "system.toml").write_text(SYSTEM)
     scenario = vdfmu.load_scenario("planar_tracking")
     text = (scenario.system.path.parent.parent / "models" / "scenarios" / "planar_tracking.toml").read_text()

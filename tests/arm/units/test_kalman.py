@@ -17,7 +17,6 @@ SIGMAS = {"sigma_tau": 0.02, "sigma_q": 0.5, "sigma_kappa": 1e-5}
 
 @pytest.fixture(scope="module")
 def pendulum():
-    """Return the first link of the planar arm by itself, with linear springs."""
     data = vdfmu.load_robot("planar_2dof").to_dict()
     data["joints"] = data["joints"][:1]
     data["joints"][0]["drive"] |= {"K_f0": 5e3, "c_f": 1e-9, "K_w0": 1e9}
@@ -41,7 +40,6 @@ def by_hand():
 
 
 def designed(robot):
-    """Return a filter at the pose."""
     unit = find_unit("kalman_filter")
     return unit(robot, **unit.design(robot, POSE, period=PERIOD, **SIGMAS))
 

@@ -23,7 +23,6 @@ EPS = np.finfo(float).eps
 
 @pytest.fixture(scope="module")
 def one_joint():
-    """Return the first joint of the planar arm by itself, without gravity and friction."""
     data = vdfmu.load_robot("planar_2dof").to_dict()
     data["joints"], data["gravity"] = data["joints"][:1], [0.0, 0.0, 0.0]
     data["joints"][0]["friction"] |= {"f_c": 0.0, "f_s": 0.0, "f_v": 0.0, "f_ck": 0.0}

@@ -31,7 +31,6 @@ def experiment(efmu: Efmu, steps: int) -> Rows:
 
 
 def grouped(columns: Mapping[str, np.ndarray], names: list[str]) -> Rows:
-    """Return inputs of a block with a column for each element, of scalars by name; those that are missing are 0."""
     found: dict[str, list[np.ndarray]] = {}
     for name, values in columns.items():
         found.setdefault(name.split("[")[0], []).append(values)

@@ -20,7 +20,6 @@ USERS = [f"examples/units/{name}.py" for name in ("spline", "encoder", "wall", "
 
 
 def assert_same(found: Rows, expected: Rows) -> None:
-    """Compare runs bit by bit."""
     assert found.keys() == expected.keys()
     for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)
@@ -86,7 +85,6 @@ def test_an_operation_in_galec_has_the_value_of_the_trace(operation):
 
 
 def _compare_algorithm(path: Path, steps: int) -> None:
-    """Compare the program in GALEC with the FMU."""
     inputs = experiment(Efmu(path), steps)
     found = Program(Efmu(path)).run(inputs, steps)
     for name, values in of_fmu(path, inputs, steps).items():

@@ -36,7 +36,6 @@ CHECKER = Path(__file__).with_name("check.py")
 
 
 def findings(efmu: Path, folder: Path) -> list[str]:
-    """Return what the official checker finds: the lines that it writes in red."""
     command = [sys.executable, str(CHECKER), str(efmu)]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=900, check=False)
     assert "The DoStep function" in done.stdout, done.stdout + done.stderr  # it came to the end of the program

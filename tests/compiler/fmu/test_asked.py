@@ -39,7 +39,6 @@ def fmu(tmp_path_factory):
 
 
 def rotated(t):
-    """Rodrigues' formula."""
     w = np.array([0.3, -0.2, 0.5])
     axis, angle, x = w / np.linalg.norm(w), np.linalg.norm(w) * t, np.array([1.0, 0.0, -1.0])
     return np.cos(angle) * x + np.sin(angle) * np.cross(axis, x) + (1.0 - np.cos(angle)) * axis * (axis @ x)

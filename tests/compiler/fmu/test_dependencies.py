@@ -69,7 +69,6 @@ Pairs = set[tuple[str, str]]
 
 
 def declared(table: Interface, dependencies: Callable[[int], list[int]]) -> Pairs:
-    """Pairs of output and the inputs and parameters that it depends on."""
     return {
         (v.name, table.memory[k].name)
         for i, v in enumerate(table)

@@ -28,7 +28,6 @@ def same(found: np.ndarray, expected: Any, scale: float = 1.0) -> None:
 
 
 def another(robot: Robot, rng: np.random.Generator) -> Robot:
-    """Make a robot of the same structure with all run-time parameters moved, by less for the inertias."""
     spread = [0.005 if p.field == "inertia" else 0.2 for p in parameters(robot)]
     vector = values(robot) * (1.0 + np.array(spread) * rng.uniform(-1.0, 1.0, len(spread)))
     moved = set_parameters(robot, vector)
@@ -36,7 +35,6 @@ def another(robot: Robot, rng: np.random.Generator) -> Robot:
 
 
 def set_robot(unit: Any, robot: Robot) -> None:
-    """Set all parameters of the robot that the unit offers, by their FMI names."""
     known = {v.name: v.valueReference for v in unit.description.modelVariables}
     found = {p.name: value for p, value in zip(parameters(robot), values(robot), strict=True) if p.name in known}
     unit.fmu.setReal([known[name] for name in found], [float(value) for value in found.values()])

@@ -13,7 +13,6 @@ from vdfmu.arm.fmus import build_fmus
 
 
 def change(folder: Path, **values: Any) -> Path:
-    """Change entries of the content file; None takes one away."""
     path = folder / "resources" / "vdfmu.json"
     data = {**json.loads(path.read_text(encoding="utf-8")), **values}
     path.write_text(json.dumps({k: v for k, v in data.items() if v is not None}), encoding="utf-8")

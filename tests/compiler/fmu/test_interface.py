@@ -17,7 +17,6 @@ def interface(robots, robot_name, unit_name):
 
 
 def first_joint(robot: Robot) -> Robot:
-    """Return the robot cut off after its first joint."""
     n, fields = robot.n, {f.name: getattr(robot, f.name) for f in dataclasses.fields(robot)}
     per_joint = {k: v[:1] for k, v in fields.items() if k == "joint_types" or np.shape(v)[:1] == (n,)}
     return check_robot(dataclasses.replace(robot, **per_joint))

@@ -14,7 +14,6 @@ NAN, INF = float("nan"), float("inf")
 
 
 def initializing(unit: Any) -> Any:
-    """Take a unit into initialization mode."""
     unit.setup()
     unit.fmu.enterInitializationMode()
     return unit

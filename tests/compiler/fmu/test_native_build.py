@@ -48,7 +48,6 @@ except KeyboardInterrupt:
 
 @pytest.fixture
 def cold(monkeypatch, tmp_path):
-    """Empty cache; what zig compiles for itself stays where it is."""
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     return tmp_path / "cache"
 

@@ -27,14 +27,12 @@ pytestmark = pytest.mark.heavy  # FMUs for all platforms
 
 @pytest.fixture(scope="module")
 def native(planar, tmp_path_factory):
-    """Native FMUs of the planar robot for all platforms."""
     out = tmp_path_factory.mktemp("native")
     return Lazy(lambda v: build_fmus(planar, out / v, backend="native", fmi_version=v, platforms="all"))
 
 
 @pytest.fixture(params=VERSIONS)
 def version(request):
-    """Version of FMI."""
     return request.param
 
 

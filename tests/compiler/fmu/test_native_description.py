@@ -29,7 +29,6 @@ def root_of(interface: Interface, version: int) -> Element:
 
 
 def read(root: Element) -> ModelDescription:
-    """Return what fmpy makes of a model description, after all its checks."""
     build = build_description(SOURCES, {"DISABLE_PREFIX": "1"}, root.get("modelName", ""))
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as archive:

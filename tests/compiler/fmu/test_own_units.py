@@ -31,8 +31,6 @@ TRACED = ("LowPass", "Encoder", "Mixer", "Clock", "Weights", "Words")
 
 @pytest.fixture(scope="module")
 def own_fmu(robots, tmp_path_factory):
-    """Build a unit of own_units.py in a form."""
-
     @cache
     def build(name: str, form: str) -> Path:
         backend, version = form.split()
@@ -46,7 +44,6 @@ def own_fmu(robots, tmp_path_factory):
 
 @pytest.fixture
 def own(own_fmu, tmp_path_factory):
-    """Instantiate a unit in a form; freed at the end of the test."""
     opened: list[Any] = []
 
     def instantiate(name: str, form: str, **options: Any) -> Any:

@@ -88,7 +88,6 @@ def unit(loop, tmp_path):
 
 
 def samples(unit: Instance) -> float | None:
-    """Iterate over the events; return the time of the next one."""
     if unit.model.major == "2":
         info = fmpy.fmi2.fmi2EventInfo()
         unit.do("NewDiscreteStates", ct.byref(info))
@@ -102,7 +101,6 @@ def samples(unit: Instance) -> float | None:
 
 
 def at(unit: Instance, time: float) -> Instance:
-    """Go on to a time and enter event mode."""
     return unit.continuous().do("SetTime", time).do("EnterEventMode")
 
 

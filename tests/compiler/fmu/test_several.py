@@ -11,7 +11,6 @@ from vdfmu.arm.units import shipped_units
 
 
 def stepped(unit: Any, seed: int, count: int = 15) -> list[np.ndarray]:
-    """Make steps with random inputs of its own; return the outputs after each."""
     rng = np.random.default_rng(seed)
     inputs = [v.valueReference for v in unit.description.modelVariables if v.causality == "input"]
     rows = []

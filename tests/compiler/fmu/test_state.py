@@ -14,12 +14,10 @@ H = 1e-3
 
 
 def torque(k: int, n: int) -> list[float]:
-    """Motor torques that shake the arm: every step another."""
     return [0.05 * np.sin(0.7 * k + i) for i in range(n)]
 
 
 def drive(unit: Any, name: str, first: int, count: int) -> np.ndarray:
-    """Make some steps with inputs that change; return the outputs after each."""
     rows = []
     for k in range(first, first + count):
         inputs = [v for v in unit.description.modelVariables if v.causality == "input"]

@@ -33,7 +33,6 @@ def read(interface: Interface, fmi: FmiVersion) -> etree._Element:
 
 
 def members(interface: Interface, fmi: FmiVersion) -> dict[str, dict[str, str]]:
-    """Return terminal and member to the name of the variable."""
     return {
         terminal.get("name"): {
             m.get("memberName"): m.get("variableName") for m in terminal.findall("TerminalMemberVariable")

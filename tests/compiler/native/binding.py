@@ -39,7 +39,6 @@ _TYPES = {"Float64": "Real", "Int32": "Integer", "Real": "Real", "Integer": "Int
 
 
 def read_variables(root: ET.Element) -> list[Variable]:
-    """Variables of a model description of either version."""
     found: list[Variable] = []
     for element in root.iterfind("ModelVariables/*"):
         kind = element[0].tag if element.tag == "ScalarVariable" else element.tag
@@ -101,13 +100,11 @@ class Model:
 
 
 def doubles(values: Any) -> Any:
-    """C array of numbers."""
     flat = np.ravel(np.asarray(values, dtype=float))
     return (ct.c_double * len(flat))(*flat)
 
 
 def references(values: Sequence[int]) -> Any:
-    """C array of value references."""
     return (ct.c_uint32 * len(values))(*values)
 
 
@@ -406,5 +403,4 @@ class Instance:
 
 
 def same_bits(a: Any, b: Any) -> bool:
-    """Whether two arrays are equal to the bit, NaN and the sign of zero included."""
     return np.asarray(a, dtype=float).tobytes() == np.asarray(b, dtype=float).tobytes()

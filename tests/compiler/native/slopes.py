@@ -37,11 +37,9 @@ def assert_slopes(found: np.ndarray, expected: np.ndarray, values: np.ndarray, s
 
 
 def elements(variables: Sequence[Variable]) -> list[str]:
-    """Return the names of all elements."""
     return [name for v in variables for name in v.names]
 
 
 def directional(unit: Instance, unknowns: Sequence[Variable], knowns: Sequence[Variable]) -> np.ndarray:
-    """Jacobian, a column a seed."""
     n = len(elements(knowns))
     return np.array([unit.directional(unknowns, knowns, seed) for seed in np.eye(n)]).T

@@ -28,7 +28,6 @@ def random_point(unit: Instance, variables: Sequence[Variable]) -> np.ndarray:
 
 
 def configure(unit: Instance, choices: dict[str, Any]) -> tuple[list[Variable], np.ndarray]:
-    """Set the integers and booleans of a point; return all real knowns with values, `choices` among them."""
     knowns = unit.model.of("input", "parameter")
     point = random_point(unit, knowns)
     names = elements(knowns)
@@ -219,7 +218,6 @@ def structure(unit: Instance, tag: str) -> dict[str, set[str]]:
 
 
 def per_element(unit: Instance, positions: Sequence[str]) -> dict[str, set[str]]:
-    """Return the same from the functions of FMI 3, in the phase that the unit is in; names are those of FMI 2."""
     found: dict[str, set[str]] = {}
     for v in unit.model.of("output", "local"):
         n = ct.c_size_t()

@@ -21,7 +21,6 @@ def state(instance: Instance) -> np.ndarray:
 
 
 def rate_arguments(instance: Instance, rates: dict[str, Any], order: int = 1) -> tuple[Any, ...]:
-    """Arguments of setRealInputDerivatives for groups."""
     refs = [v.reference for group in rates for v in instance.model.group(group)]
     values = np.concatenate([np.atleast_1d(rate) for rate in rates.values()])
     return references(refs), len(refs), (ct.c_int * len(refs))(*[order] * len(refs)), doubles(values)

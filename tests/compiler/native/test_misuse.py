@@ -19,7 +19,6 @@ H = 1e-3
 
 
 def refused_step(unit, words, point, size):
-    """Make a step that must fail and change nothing."""
     before = unit.complete()
     with unit.refuses(words) as no:
         no("DoStep", *unit.step_arguments(point, size))
@@ -27,7 +26,6 @@ def refused_step(unit, words, point, size):
 
 
 def entering(unit):
-    """Return the arguments with which a unit enters initialization mode."""
     return () if unit.model.major == "2" else (False, 0.0, 0.0, False, 0.0)
 
 

@@ -18,7 +18,6 @@ H = 1e-3
 
 
 def motion(n: int, k: int) -> np.ndarray:
-    """Return inputs of step `k`: each moves on its own."""
     return 0.05 * np.sin(0.7 * k + 0.3 * np.arange(n))
 
 
@@ -27,7 +26,6 @@ def n_inputs(instance: Instance) -> int:
 
 
 def run(instance: Instance, steps: int, size: float = 1.0) -> np.ndarray:
-    """Return the outputs after each step, with inputs of the given size."""
     n = n_inputs(instance)
     rows = []
     for k in range(steps):
@@ -50,8 +48,6 @@ def test_both_versions_of_fmi_give_the_same_bits(native, unit_name, robot_name):
 
 @pytest.fixture(scope="module")
 def python_folders(robots, tmp_path_factory):
-    """Unpacked Python FMU of a unit."""
-
     def unpack(unit: str, robot: str) -> Path:
         out = tmp_path_factory.mktemp(f"python_{robot}")
         built = build_fmus(robots[robot], out, units=[unit], backend="python")

@@ -22,7 +22,6 @@ UNITS = [("plant", "2.0"), ("feedforward", "2.0"), ("plant", "3.0")]
 
 @pytest.fixture(scope="module")
 def everywhere(planar, tmp_path_factory, kernel_cache):
-    """Unpacked FMUs with the libraries of all platforms."""
     found: dict[str, dict[str, Path]] = {}
 
     def build(version: str) -> dict[str, Path]:
@@ -46,7 +45,6 @@ def library(folder: Path, version: str, platform: str) -> Path:
 
 @pytest.fixture(scope="module")
 def cross_driver(tmp_path_factory):
-    """Compile driver.c for another platform with the project's compiler."""
     found: dict[tuple[str, str], Path] = {}
 
     def make(platform: str, version: str) -> Path:
@@ -96,7 +94,6 @@ def test_the_library_for_linux_on_arm_computes_the_same(everywhere, cross_driver
 
 @pytest.fixture(scope="module")
 def wine(tmp_path_factory):
-    """Wine with a prefix of its own."""
     found = program("wine64", "wine64", "/usr/lib/wine/wine64", "wine")
     environment = {"WINEPREFIX": str(tmp_path_factory.mktemp("wine")), "WINEDEBUG": "-all", "DISPLAY": ""}
     yield found, environment

@@ -20,7 +20,6 @@ KINDS = ("CoSimulation", "ModelExchange")
 
 
 def started(native: Native, kind: str, version: str, unit: str = "plant", **options: Any) -> Instance:
-    """Instance in step mode, or in continuous-time mode, that has moved a little."""
     values = {"q_0": [0.3, -0.2], "q_dot_0": [0.2, 0.1]} if unit == "plant" else {}
     instance = native(unit, version, kind=kind, **options).start(**values)
     if kind == "ModelExchange":
@@ -126,7 +125,6 @@ def test_states_of_every_phase_can_be_saved_and_restored(native, version, name):
 
 
 def variants(data: bytes) -> Iterator[tuple[str, bytes]]:
-    """Damaged copies of a state."""
     for cut in (0, 1, 7, 8, 27, 28, 60, len(data) // 2, len(data) - 8, len(data) - 1):
         yield f"{cut} bytes", data[:cut]
     yield "one more byte", data + b"\0"

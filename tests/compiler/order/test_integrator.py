@@ -14,7 +14,6 @@ from vdfmu.compiler.unit.interface import Interface
 
 
 def start_of(robot):
-    """Return a state that swings: at rest links, rotors that turn, springs away from equilibrium."""
     n = robot.n
     q = np.linspace(0.3, 0.9, n)
     return np.concatenate([q, np.full(n, 0.5), np.full(n, 0.4), 0.7 * equilibrium_torque(robot, q)])
@@ -109,7 +108,6 @@ def test_short_communication_step_does_not_shrink_the_internal_one(planar):
 
 
 def fails(integrator, message):
-    """Assert that advance fails with the message and leaves state and step as they were."""
     x, h = integrator.x.copy(), integrator.h
     with pytest.raises(KernelError, match=message):
         integrator.advance(0.25, 0.01)

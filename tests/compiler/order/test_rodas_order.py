@@ -78,7 +78,6 @@ def smooth_state(robot):
 
 
 def integrate(function, x, tau, p, duration, steps):
-    """Return states after each of `steps` equal steps, (steps, 4 n)."""
     function.args["x"][:] = x
     function.args["tau"][:] = tau
     function.args["F_e"][:] = F_E

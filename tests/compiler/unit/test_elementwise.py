@@ -24,7 +24,6 @@ VALUES = np.concatenate(
 
 
 def unit_of(function):
-    """Return a unit with the outputs of a function of an array and of its first element: arrays, and scalars."""
     arrays, scalars = function(np.full(3, 0.5), 0.5)
 
     def outputs(self):
@@ -36,7 +35,6 @@ def unit_of(function):
 
 
 def assert_same(unit, roundings=0):
-    """Assert that outputs are the same on symbols as on floats, for random inputs."""
     traced, plain = both(unit)
     moved = set()
     for row in VALUES:
@@ -50,7 +48,6 @@ def assert_same(unit, roundings=0):
 
 
 def chosen(u, a):
-    """Return what vdfmu.unit gives."""
     return [
         where(np.logical_and(u > 0.3, np.logical_not(u > 1.0)) | np.logical_or(u < -2.0, u > 3.0), u, 1.0),
         where(u > 0.3, u, -u), where(u <= 0.5, 1.0, u), clip(u, -1.0, 1.0), clip(0.5, u, 2.0), minimum(u, 0.5),
@@ -62,7 +59,6 @@ def chosen(u, a):
 
 
 def rounded(u, a):
-    """Return steps of all kinds."""
     return [
         np.floor(u), np.ceil(u), np.rint(u), np.round(u / 0.25) * 0.25, u // 0.3, u % 0.3, 1.5 // (u + 0.1),
         np.floor(u / 0.01) * 0.01,
@@ -70,7 +66,6 @@ def rounded(u, a):
 
 
 def combined(u, a):
-    """Return conditions on what arrays of arrays give."""
     pair = np.concatenate([u, -u])
     limited, partly = zeros((3,), u), zeros((3,), u)  # symbols, then symbols and numbers
     for i in range(3):
@@ -81,7 +76,6 @@ def combined(u, a):
 
 
 def functions(u, a):
-    """Return functions of numpy."""
     s, M = 0.99 * np.tanh(u), np.outer(u, u) + np.eye(3)
     return [
         np.sin(u), np.cos(u), np.tan(s), np.arcsin(s), np.arccos(s), np.arctan(u), np.arctan2(u, u[::-1]),
@@ -91,7 +85,6 @@ def functions(u, a):
 
 
 def further(u, a):
-    """Return functions of numpy that compare, take no objects, or take a number before a symbol."""
     v, s = u[::-1], 0.99 * np.tanh(u)
     return [
         np.hypot(u, v), np.hypot(3.0, u), np.arctan2(1.0, u), np.copysign(u, v), np.copysign(2.0, u),

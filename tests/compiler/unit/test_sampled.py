@@ -116,8 +116,6 @@ SYSTEMS = {
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory):
-    """Return the function that writes the scenario of one of `SYSTEMS`."""
-
     def write(system: str, master: str = "gauss-seidel", delayed: bool = False) -> Path:
         folder = tmp_path_factory.mktemp(system)
         (folder / "loop.py").write_text(UNITS.replace("DELAYED", f"delayed={delayed}"))

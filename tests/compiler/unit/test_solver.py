@@ -83,7 +83,6 @@ class Ramp(Unit):
 
 
 def solver_of(unit, tolerance=1e-9, robot=None, **values):
-    """Return the solver of a unit at its start."""
     evaluated = Traced(Interface(unit, robot))
     for name, value in values.items():
         evaluated.group(name)[:] = value
@@ -94,7 +93,6 @@ def solver_of(unit, tolerance=1e-9, robot=None, **values):
 
 
 def stepped(unit, end, steps, rates=None, **values):
-    """Return the states after equal steps without error control."""
     evaluated = solver_of(unit, **values).unit
     (call,) = (
         c for c in evaluated.interface.program.step
@@ -181,7 +179,6 @@ class Coupled(Unit):
 
 
 def jacobian_of(unit, robot):
-    """Return a function's Jacobian and the evaluation with random states and inputs."""
     evaluated = Traced(Interface(unit, robot))
     evaluated.memory[: evaluated.interface.groups["tolerance"].start] = np.random.default_rng(91).uniform(
         -0.5, 0.5, evaluated.interface.groups["tolerance"].start
@@ -313,7 +310,6 @@ def test_a_long_chain_moves_as_scipy_moves_it():
 
 
 def callees(step):
-    """Return the functions that a step calls, one for each call."""
     calls = [k for k in range(step.n_instructions()) if step.instruction_id(k) == ca.OP_CALL]
     return [step.instruction_MX(k).which_function() for k in calls]
 

@@ -45,7 +45,6 @@ def design(tmp_path, monkeypatch):
 
 
 def made(source, name=None):
-    """Return the unit of a source."""
     return find_unit(str(unit_from(source, name)[0]))
 
 

@@ -21,7 +21,6 @@ PROGRAM = Path(HELICS.origin).parent / "install" / "bin" / "helics_broker"
 
 @pytest.fixture
 def package(pack, xml):
-    """Return a package of a plant with feedback through a gain, which another drives; one can fail."""
     c = xml.component
     return pack(
         [
@@ -49,8 +48,6 @@ def broker():
 
 @pytest.fixture
 def start(package, broker, tmp_path):
-    """Return a function that starts a federate, p or g, with more options."""
-
     def command(name: str, *options: str) -> subprocess.Popen:
         return subprocess.Popen(
             [sys.executable, "-m", "vdfmu.cli", "federate", package, "--split", "p", "--federate", name, "--broker",

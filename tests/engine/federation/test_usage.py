@@ -13,7 +13,6 @@ from vdfmu.base.errors import UsageError, VdfmuError
 
 @pytest.fixture
 def package(pack):
-    """Return a package of a ring of three."""
     return pack(
         ["r Ramp y:output", "a Adder a:input b:input y:output", "plant Plant u:input y:output"],
         ["r.y -> a.a", "plant.y -> a.b", "a.y -> plant.u"],

@@ -12,7 +12,6 @@ STEP = 1e-3
 
 
 def late(loop):
-    """Return a loop of one input whose feedback comes a sample later."""
     (A, B), n = loop.plant, len(loop.plant.A)
     whole = np.zeros((n + 1, n + 1))
     whole[:n, :n], whole[:n, n:] = A, B

@@ -9,7 +9,6 @@ REST = 1e-7
 
 
 def scenario_file(folder, units):
-    """Write a system and its scenario, and return the latter."""
     (folder / "system.toml").write_text(f'name = "own"\ndescription = "units of a user"\n\n[units]\n{units}')
     (folder / "scenario.toml").write_text(
         'name = "own"\ndescription = "units of a user"\nsystem = "system.toml"\n'

@@ -31,7 +31,6 @@ rounded divisor, 2.5. sin, cos, atan: the sum of the leading term and a small co
 
 
 def source() -> bytes:
-    """Return C that calls a function for the numbers of an array, LANES at a time."""
     called = "\n".join(
         f"SHOWN void call_{name}(const scalar *x, scalar *y, int64_t n);\n"
         f"void call_{name}(const scalar *x, scalar *y, int64_t n)\n{{\n"
@@ -44,7 +43,6 @@ def source() -> bytes:
 
 @pytest.fixture(scope="module", params=[0, *heavy(*range(1, len(LEVELS)))])
 def library(request):
-    """Return the functions compiled for one of the kinds of processors."""
     folder = data_path("fmu_src")
     files = {name: (folder / "batch" / name).read_bytes() for name in ("lanes.h", "level.c")}
     files |= {name: (folder / "c" / name).read_bytes() for name in ("processor.c", "processor.h")}

@@ -30,7 +30,6 @@ def data(robot):
 
 
 def table(data, **other):
-    """Return the columns of a CSV of this project."""
     arrays = dict(zip(("kappa", "q", "tau"), data, strict=True)) | other
     return {f"{name}[{i + 1}]": column for name, each in arrays.items() for i, column in enumerate(each.T)}
 

@@ -24,7 +24,6 @@ PHONE = (390, 844)
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Return the folder of a run of the six-joint arm: short, with the start and some of the motion."""
     folder = tmp_path_factory.mktemp("tracking")
     vdfmu.run("tracking", stop=1.0, out=folder, settings={"trajectory.T": 1.0})
     return folder

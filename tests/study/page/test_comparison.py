@@ -14,7 +14,6 @@ from vdfmu.system.scenario.values import system_values
 
 @pytest.fixture(scope="module")
 def two(tmp_path_factory):
-    """Return the folders of two short runs of an arm with two joints, with other gains and another step."""
     folder = tmp_path_factory.mktemp("two")
     gains = {"controller.K_p": [100.0, 150.0], "controller.K_v[2]": 5.0}
     given: dict = {"reference": False, "stop": 0.2}

@@ -15,7 +15,6 @@ PHONE = (390, 844)
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """Return a study of two gains, a mass and the master, whose points keep their positions."""
     over = ["controller.K_p=*1, 2, 3", "plant.mass[2]=*0.8, 1.2", "master=gauss-seidel, jacobi"]
     found = vdfmu.sweep(
         "planar_tracking", over, stop=0.2, workers=1, record=("plant.q[*]",),

@@ -27,14 +27,12 @@ from vdfmu.system.scenario import load_scenario
 
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory) -> Path:
-    """Return the folder of a short run of the planar arm."""
     folder = tmp_path_factory.mktemp("simulation")
     vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False, settings={"controller.K_p": 1500})
     return folder
 
 
 def found_in(folder: Path, **changed: Any) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return simulation and modules of a run, whose summary is changed."""
     run, binaries = read_run(folder), dict[str, str]()
     package = changed.pop("package", run.package)
     return simulation_of(run.results, {**run.summary, **changed}, package, binaries), binaries

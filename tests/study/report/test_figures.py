@@ -44,7 +44,6 @@ def every_figure(made, types: tuple[str, ...]) -> dict[str, Figure]:
 
 
 def chunks(png: bytes) -> list[bytes]:
-    """Return the types of the chunks of a PNG file."""
     assert png.startswith(b"\x89PNG\r\n\x1a\n")
     found, place = [], 8
     while place < len(png):

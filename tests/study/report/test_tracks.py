@@ -32,7 +32,6 @@ GAIN = {
 
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory) -> Checked:
-    """Return the system of the planar arm, with a fast motion."""
     folder = tmp_path_factory.mktemp("tracks")
     vdfmu.run("planar_tracking", stop=0.01, out=folder, reference=False)
     return check_system(load_ssp(folder / "system.ssp"), algorithm="gauss-seidel")
@@ -40,7 +39,6 @@ def planar(tmp_path_factory) -> Checked:
 
 @pytest.fixture(scope="module")
 def described() -> SystemDescription:
-    """Return its description."""
     return SystemDescription(load_scenario("planar_tracking"))
 
 

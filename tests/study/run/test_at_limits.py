@@ -35,7 +35,6 @@ ROWS = [  # torque asked for, speed, position; torque given; what it is at, from
 
 @pytest.fixture(scope="module")
 def limited():
-    """Return the small arm with limits at both joints."""
     robot = load_robot("panda_7dof")
     names = ("q_min", "q_max", "stop_stiffness", "stop_damping", "tau_stall", "kappa_dot_max", "full_speed")
     numbers = (-1.0, 1.0, 1e4, 0.5, TAU_STALL, NO_LOAD, FULL_SPEED)

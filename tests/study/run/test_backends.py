@@ -17,7 +17,6 @@ STOP = 0.2
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """Return the function ``runs(**options)``: a short run of the small arm, once for each set of options."""
     known = {}
 
     def once(**options):
@@ -53,7 +52,6 @@ def test_python_and_native_fmus_agree_over_the_tracking_run():
 
 @pytest.fixture(scope="module")
 def container(runs, tmp_path_factory):
-    """Return the system of the native run folded into one FMU."""
     folder, _ = runs(backend="native", master="jacobi")
     return write_container(folder / "system.ssp", tmp_path_factory.mktemp("c") / "arm.fmu", step=1e-3)
 

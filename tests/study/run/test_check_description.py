@@ -26,8 +26,6 @@ def local(name, reference, inner, attributes=""):
 
 @pytest.fixture
 def problems(tmp_path):
-    """Return what is said of an FMU, except for the binaries."""
-
     def say(*variables, of="1", sources="", members=None, text=None, notes=False):
         default = HEAD.format(sources=sources) + INPUT + OUTPUT + "".join(variables) + TAIL.format(of=of)
         with zipfile.ZipFile(tmp_path / "m.fmu", "w") as file:

@@ -36,7 +36,6 @@ def test_the_check_of_a_unit_of_fmi_3_compares(fmus):
 
 
 def tampered(fmus, path, suffix, change):
-    """Change the cells of one table of the plant: a function of head and rows."""
     content = members(fmus["plant"])
     name = f"{FOLDER}Plant_{suffix}.csv"
     rows = [line.split(",") for line in content[name].decode().splitlines()]

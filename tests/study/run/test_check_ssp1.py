@@ -18,7 +18,6 @@ DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">\
 
 
 def fmu(start="0", limits="", before=""):
-    """Return an FMU without binaries, which no platform can run."""
     return zipped({"modelDescription.xml": DESCRIPTION.format(start=start, limits=limits, before=before)})
 
 
@@ -41,7 +40,6 @@ def package(tmp_path):
 
 
 def problems(path):
-    """Return the problems, except for the binaries that these FMUs lack."""
     return [p for p in check_file(path, run=False) if "no binary for this platform" not in p]
 
 

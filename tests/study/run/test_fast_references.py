@@ -38,7 +38,6 @@ def described(name="planar_tracking", settings=None):
 
 @pytest.fixture
 def solved(monkeypatch):
-    """Return the names of what is solved."""
     found = []
     for kind in (SampledReference, ContinuousReference):
 

@@ -19,7 +19,6 @@ POSITION = 1e-7
 
 
 def wrench(folder):
-    """Write a push on the tool, between rows that are no communication points."""
     path = folder / "wrench.csv"
     rows = [(0.0, 0.0, 0.0), (0.0213, 20.0, -5.0), (0.0557, 20.0, 8.0), (0.0802, 0.0, 0.0)]
     lines = ["time,plant.F_e[1] [N],plant.F_e[2] [N]", *(",".join(map(str, row)) for row in rows)]

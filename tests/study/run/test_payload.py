@@ -25,8 +25,6 @@ inertia = 0.002
 
 @pytest.fixture
 def scenario_file(tmp_path):
-    """Return a function that writes planar_tracking with some more lines."""
-
     def write(more):
         path = tmp_path / "loaded.toml"
         path.write_text((data_path("models") / "scenarios" / "planar_tracking.toml").read_text() + more)
@@ -36,7 +34,6 @@ def scenario_file(tmp_path):
 
 
 def solved(scenario, stop, **settings):
-    """Return the positions of the sampled reference of a scenario."""
     values = system_values(scenario, {"plant.tolerance": 1e-9} | settings)
     return reference("sampled", SystemDescription(scenario, values), step=1e-3, stop=stop)["plant.q"]
 

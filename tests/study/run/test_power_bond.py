@@ -17,7 +17,6 @@ NAMES = [f"{name}[{i}]" for name in ("plant.kappa_dot", "controller.tau", "x.y",
 
 
 def shown(tap, times, rows, names=NAMES):
-    """Show rows of an exchange to a tap, whose summary is returned."""
     memory = np.zeros(len(NAMES))
 
     def reals(wanted):

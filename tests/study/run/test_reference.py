@@ -92,7 +92,6 @@ def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
 
 
 def limited():
-    """Return the small arm with limits."""
     data = load_robot("planar_2dof").to_dict()
     for joint in data["joints"]:
         joint["limits"] = {"q_min": -2.0, "q_max": 2.0, "stop_stiffness": 2e4, "stop_damping": 0.5,
@@ -118,7 +117,6 @@ def test_a_start_beyond_the_end_stops_is_refused():
 
 
 def positions(scenario, times):
-    """Return the desired positions at times."""
     motion = [group_value(scenario, f"trajectory.{name}") for name in ("q_start", "q_end", "T", "t_start")]
     return [desired_motion(t, *motion).q_d for t in times]
 

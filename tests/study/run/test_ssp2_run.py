@@ -15,7 +15,6 @@ from vdfmu.system.scenario.values import system_values
 
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
-    """Return the package of a scenario as SSP 1.0, and as SSP 2.0 with the types of that."""
     folder = tmp_path_factory.mktemp("packages")
     scenario = load_scenario("planar_tracking")
     fmus = build_fmus(scenario.robot, folder, start_values=system_values(scenario), backend="native")

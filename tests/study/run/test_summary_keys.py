@@ -12,7 +12,6 @@ from vdfmu.study.run.summary_keys import KEYS, Keyed, List, Record, read_summary
 
 
 def undeclared(value, of, where=""):
-    """Yield the keys of a summary that its declaration lacks."""
     if isinstance(of, Record):
         of = {**of.of, **of.also}
     if isinstance(of, Mapping):

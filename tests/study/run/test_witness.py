@@ -56,7 +56,6 @@ def primed(kernel_cache, tmp_path_factory):
 
 @pytest.fixture
 def cache(primed, tmp_path, monkeypatch):
-    """Return a copy of it for one test."""
     folder = tmp_path / "cache"
     shutil.copytree(primed, folder)
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(folder))
@@ -177,7 +176,6 @@ def test_a_parameter_that_is_not_the_scenarios_is_found(cache, monkeypatch):
 
 @pytest.fixture(scope="module")
 def objects(tmp_path_factory):
-    """Return a cache with the objects of the small arm."""
     cache = tmp_path_factory.mktemp("objects")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("VDFMU_CACHE_DIR", str(cache))
@@ -186,8 +184,6 @@ def objects(tmp_path_factory):
 
 
 def replaced(name, where, old, new):
-    """Replace the first `old` after `where`."""
-
     def seed(files):
         if name not in files:
             return files

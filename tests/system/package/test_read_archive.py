@@ -67,7 +67,6 @@ def test_other_packing_methods_are_refused(tmp_path):
 
 
 def patched(path: Path, offset: int, value: int, form: str) -> Path:
-    """Change a field of the last entry, in its local and in its central header."""
     data = bytearray(path.read_bytes())
     central, local = data.rindex(b"PK\x01\x02"), data.rindex(b"PK\x03\x04")
     for start in (central + offset, local + offset - 2):  # the local header has one field of two bytes less
