@@ -42,6 +42,7 @@ class Calls:
         self._open = []
 
     def __call__(self, frame, event, argument):
+        """Record a call or its result, for ``sys.setprofile``."""
         code = frame.f_code
         if "vdfmu/arm/equations" not in code.co_filename.replace("\\", "/"):
             return
