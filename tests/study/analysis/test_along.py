@@ -183,7 +183,5 @@ def test_a_run_that_fails_has_margins_until_then():
     with pytest.raises(CosimError):
         vdfmu.run("tracking", master="jacobi", settings=settings, out=False, reference=False)
     found = margins_along("tracking", master="jacobi", settings=settings)
-    assert words_of(found.judged)[0] == "failed" and any(
-        "the run fails: plant failed at" in note for note in found.notes
-    )
-    assert max(found.times) < 3.0
+    assert words_of(found.judged)[0] == "failed" and max(found.times) < 3.0
+    assert any("the run fails: plant failed at" in note for note in found.notes)

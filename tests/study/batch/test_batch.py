@@ -9,7 +9,7 @@ import pytest
 
 import vdfmu
 from tests.conftest import heavy
-from tests.study.batch.scenarios import CHOPPER, NOISY, POSITION, REST, scenario_file
+from tests.study.batch.scenarios import POSITION, REST, scenario_file, switched_file
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.job import Bench
@@ -100,9 +100,16 @@ def test_inputs_from_outside_and_both_masters(bench, master):
         assert not bench.needed
 
 
-def test_a_solver_with_a_fixed_number_of_steps(bench):
-    options = {"stop": 0.05, "settings": {"plant.solver": "fixed_2"}}
-    rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0], "controller.K_p[1]": [1e3, 2e3]}, **options)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"settings": {"plant.solver": "fixed_2"}},
+        *heavy(*({"units": {"controller": law}} for law in ("disturbance_observer", "virtual_decomposition"))),
+    ],
+    ids=str,
+)
+def test_a_solver_with_a_fixed_number_of_steps_and_sampled_laws_of_control(bench, options):
+    rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, stop=0.05, **options)
     assert_same_runs(rows, others)
     assert not bench.needed
 
@@ -197,33 +204,59 @@ def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options,
     assert make_plan("planar_tracking", many, **options).facts["engine"] == "fmu"
 
 
-def test_an_engine_that_there_is_not_is_said():
-    with pytest.raises(UsageError, match="engine: expected fmu or batch, got 'gpu'"):
-        make_plan("planar_tracking", {"plant.mass[1]": "1, 2"}, engine="gpu")
-
-
-def test_packages_and_few_points_are_run_by_fmus(tmp_path, bench):
-    few = make_plan("planar_tracking", {"plant.mass[1]": "1, 2"})
+def test_packages_and_few_points_are_run_by_fmus_and_an_engine_that_there_is_not_is_said(tmp_path):
+    over = {"plant.mass[1]": "1, 2"}
+    few = make_plan("planar_tracking", over)
     assert few.facts["engine"] == "fmu"
     path = tmp_path / "system.ssp"
     path.write_bytes(few.job.systems[0].content)
     with pytest.raises(UsageError, match="engine: batch needs a scenario"):
-        make_plan(path, {"plant.mass[1]": "1, 2"}, measure=["m=max(plant.q)"], engine="batch")
+        make_plan(path, over, measure=["m=max(plant.q)"], engine="batch")
+    with pytest.raises(UsageError, match="engine: expected fmu or batch, got 'gpu'"):
+        make_plan("planar_tracking", over, engine="gpu")
+
+
+WAVE = """import numpy as np
+
+from vdfmu.unit import Output, Parameter, Unit
+
+
+class Wave(Unit):
+    \"\"\"A wave.\"\"\"
+
+    f = Parameter("1/s", text="angular frequency", start=30.0)
+    y = Output("1", text="wave")
+
+    def outputs(self) -> None:
+        self.y = np.sin(self.f * self.t)
+"""
+BAND = """from vdfmu.unit import Derivative, Parameter, State, Unit
+
+
+class Band(Unit):
+    \"\"\"A sum.\"\"\"
+
+    low = Parameter("1", text="lower edge", start=1.0)
+    high = Parameter("1", text="upper edge", start=2.0)
+    y = State("1", text="sum")
+    y_dot = Derivative(y)
+
+    def requirements(self):
+        return {"high": ("high > low", self.high - self.low)}
+
+    def derivatives(self) -> None:
+        self.y_dot = self.high + self.low
+"""
 
 
 @pytest.mark.heavy
 def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
-    (tmp_path / "wave.py").write_text(
-        "import numpy as np\n\nfrom vdfmu.unit import Output, Parameter, Unit\n\n\n"
-        'class Wave(Unit):\n    """A wave."""\n\n    f = Parameter("1/s", text="angular frequency", start=30.0)\n'
-        '    y = Output("1", text="wave")\n\n    def outputs(self) -> None:\n        """Its value."""\n'
-        "        self.y = np.sin(self.f * self.t)\n"
+    (tmp_path / "wave.py").write_text(WAVE)
+    (tmp_path / "low_pass.py").write_text(
+        (Path(__file__).parents[3] / "examples" / "units" / "low_pass.py").read_text()
     )
-    filter_ = (Path(__file__).parents[3] / "examples" / "units" / "low_pass.py").read_text()
-    (tmp_path / "low_pass.py").write_text(filter_)
-    units = (
-        'wave = "wave.py"\na = "low_pass.py"\nb = "low_pass.py"\n\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
-    )
+    parts = 'wave = "wave.py"\na = "low_pass.py"\nb = "low_pass.py"\n'
+    units = parts + '\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
     over = {"a.T": "0.01, 0.1", "b.T": "0.02, 1e-4, 0.05", "wave.f": "10, 60"}
     rows, others = bench(scenario_file(tmp_path, units), over, measure=["end=final(b.y)"])
     assert_same_runs(rows, others)
@@ -233,37 +266,19 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
 
 @pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])
 def test_units_that_are_sampled_or_switched_by_time(bench, tmp_path, master):
-    (tmp_path / "chopper.py").write_text(CHOPPER)
-    (tmp_path / "noisy.py").write_text(NOISY)
-    units = 'a = "chopper.py"\nb = "noisy.py"\n\n[connections]\n"a.y" = ["b.y"]\n"b.z" = ["a.u"]\n'
+    scenario = switched_file(tmp_path)
     over = {"b.period": "0.01, 0.02, 0.07", "b.seed": "3, 4", "a.f": "7, 100"}
-    rows, others = bench(scenario_file(tmp_path, units), over, measure=["end=final(b.s)"], master=master)
+    rows, others = bench(scenario, over, measure=["end=final(b.s)"], master=master)
     assert_same_runs(rows, others)
     assert not bench.needed
     assert len({row["end"] for row in rows}) == 12
-    for row in bench(scenario_file(tmp_path, units), {"b.period": "0.015, 0.005"}, measure=["end=final(b.s)"])[0]:
+    for row in bench(scenario, {"b.period": "0.015, 0.005"}, measure=["end=final(b.s)"])[0]:
         assert "expected a whole multiple of its step 0.01 s" in row["failed"]  # by the FMUs, to which it was left
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("law", ["disturbance_observer", "virtual_decomposition"])
-def test_sampled_laws_of_control(bench, law):
-    options = {"units": {"controller": law}, "stop": 0.1}
-    rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, **options)
-    assert_same_runs(rows, others)
-    assert not bench.needed
-
-
-@pytest.mark.heavy
 def test_what_a_unit_requires_of_its_parameters_holds_in_lanes_too(bench, tmp_path):
-    (tmp_path / "band.py").write_text(
-        "from vdfmu.unit import Derivative, Parameter, State, Unit\n\n\n"
-        'class Band(Unit):\n    """A sum."""\n\n    low = Parameter("1", text="lower edge", start=1.0)\n'
-        '    high = Parameter("1", text="upper edge", start=2.0)\n    y = State("1", text="sum")\n'
-        "    y_dot = Derivative(y)\n\n    def requirements(self):\n"
-        '        return {"high": ("high > low", self.high - self.low)}\n\n'
-        "    def derivatives(self) -> None:\n        self.y_dot = self.high + self.low\n"
-    )
+    (tmp_path / "band.py").write_text(BAND)
     over = {"a.low": "0, 0.5, 3", "a.high": "0.2, 1"}
     rows, others = bench(scenario_file(tmp_path, 'a = "band.py"\n'), over, measure=["end=final(a.y)"])
     assert [row["failed"] for row in rows] == [row["failed"] for row in others]

@@ -41,13 +41,6 @@ def test_a_run_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path, b
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("backend", ["native", "python"])
-def test_tracking_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path, backend):
-    results = vdfmu.run("tracking", inputs=wrench(tmp_path), stop=0.2, backend=backend, out=False)
-    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < POSITION
-
-
-@pytest.mark.heavy
 @pytest.mark.parametrize("hold", [False, True])
 def test_a_continuous_master_with_a_wrench_tends_to_the_continuous_reference(tmp_path, hold):
     """Under error control the steps end at the rows, and the difference is that of the coupling alone."""

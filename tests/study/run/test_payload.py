@@ -38,21 +38,17 @@ def solved(scenario, stop, **settings):
     return reference("sampled", SystemDescription(scenario, values), step=1e-3, stop=stop)["plant.q"]
 
 
-def test_a_known_payload_is_that_of_plant_and_feedforward(scenario_file):
-    scenario = load_scenario(scenario_file(PAYLOAD))
-    values = system_values(scenario)
-    for component in ("plant", "feedforward"):
+@pytest.mark.parametrize("known", [True, False])
+def test_a_payload_is_that_of_the_plant_and_a_known_one_of_the_feedforward(scenario_file, known):
+    values = system_values(load_scenario(scenario_file(PAYLOAD + f"known = {str(known).lower()}\n")))
+    for component in ("plant", "feedforward") if known else ("plant",):
         assert values[component]["payload_mass"] == MASS
         assert values[component]["payload_centroid[1]"] == 0.1
         assert values[component]["payload_inertia[2,2]"] == 0.002
+    if not known:
+        assert values["feedforward"]["payload_mass"] == 0.0
+        assert values["feedforward"]["payload_inertia[2,2]"] < 1e-14
     assert not load_robot("planar_2dof").payload
-
-
-def test_an_unknown_payload_is_that_of_the_plant(scenario_file):
-    values = system_values(load_scenario(scenario_file(PAYLOAD + "known = false\n")))
-    assert values["plant"]["payload_mass"] == MASS
-    assert values["feedforward"]["payload_mass"] == 0.0
-    assert values["feedforward"]["payload_inertia[2,2]"] < 1e-14
 
 
 def test_a_payload_that_no_body_has_is_refused(scenario_file):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.declaration import SOLVERS
 
 
@@ -52,8 +51,3 @@ def test_a_run_by_the_clock_takes_its_time_and_says_how_late_it_was(tmp_path):
     free = vdfmu.run("planar_tracking", stop=0.2, out=False, reference=False)
     assert "pace" not in free.summary
     np.testing.assert_array_equal(results["plant.q"], free["plant.q"])
-
-
-def test_a_pace_is_positive():
-    with pytest.raises(UsageError, match="pace: expected a positive number of simulated seconds a second, got 0"):
-        vdfmu.run("planar_tracking", stop=0.01, out=False, reference=False, pace=0.0)
