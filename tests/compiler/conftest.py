@@ -240,14 +240,9 @@ def copy_of(folders, tmp_path):
 @pytest.fixture
 def run_python():
     def run(script: str, *arguments: Any, cwd: Path | None = None, **environment: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-X", "faulthandler", "-c", script, *map(str, arguments)],
-            capture_output=True,
-            text=True,
-            cwd=cwd,
-            env={**os.environ, **environment},
-            timeout=120,
-        )
+        words = [sys.executable, "-X", "faulthandler", "-c", script, *map(str, arguments)]
+        env = {**os.environ, **environment}
+        done = subprocess.run(words, capture_output=True, text=True, cwd=cwd, env=env, timeout=120)
         assert done.returncode == 0, f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done.stdout
 

@@ -180,11 +180,9 @@ class Coupled(Unit):
 
 def jacobian_of(unit, robot):
     evaluated = Traced(Interface(unit, robot))
-    evaluated.memory[: evaluated.interface.groups["tolerance"].start] = np.random.default_rng(91).uniform(
-        -0.5, 0.5, evaluated.interface.groups["tolerance"].start
-    )
-    name = f"{evaluated.interface.name}_jacobian"
-    functions = evaluated.interface.functions
+    random = evaluated.memory[: evaluated.interface.groups["tolerance"].start]
+    random[:] = np.random.default_rng(91).uniform(-0.5, 0.5, random.size)
+    name, functions = f"{evaluated.interface.name}_jacobian", evaluated.interface.functions
     names = functions.casadi_function(name).name_in()
     function = functions.function(name, **{n: evaluated.argument(n) for n in names})
     function.run()
@@ -230,9 +228,8 @@ class Swapped(Unit):
 @pytest.mark.parametrize("kind", ["step", "jacobian"])
 def test_a_balance_without_the_derivative_of_its_row_is_refused_with_its_unit(kind):
     interface = Interface(Swapped, None)
-    with pytest.raises(
-        UnitError, match=r"test_solver\.py, line \d+: balance\(\) of Swapped .* row 1 .*the order of the states"
-    ):
+    words = r"test_solver\.py, line \d+: balance\(\) of Swapped .* row 1 .*the order of the states"
+    with pytest.raises(UnitError, match=words):
         interface.functions.casadi_function(interface.program.step[0].function.replace("step", kind))
 
 

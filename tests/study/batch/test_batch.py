@@ -216,45 +216,16 @@ def test_packages_and_few_points_are_run_by_fmus_and_an_engine_that_there_is_not
         make_plan("planar_tracking", over, engine="gpu")
 
 
-WAVE = """import numpy as np
-
-from vdfmu.unit import Output, Parameter, Unit
-
-
-class Wave(Unit):
-    \"\"\"A wave.\"\"\"
-
-    f = Parameter("1/s", text="angular frequency", start=30.0)
-    y = Output("1", text="wave")
-
-    def outputs(self) -> None:
-        self.y = np.sin(self.f * self.t)
-"""
-BAND = """from vdfmu.unit import Derivative, Parameter, State, Unit
-
-
-class Band(Unit):
-    \"\"\"A sum.\"\"\"
-
-    low = Parameter("1", text="lower edge", start=1.0)
-    high = Parameter("1", text="upper edge", start=2.0)
-    y = State("1", text="sum")
-    y_dot = Derivative(y)
-
-    def requirements(self):
-        return {"high": ("high > low", self.high - self.low)}
-
-    def derivatives(self) -> None:
-        self.y_dot = self.high + self.low
-"""
-
-
 @pytest.mark.heavy
 def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
-    (tmp_path / "wave.py").write_text(WAVE)
-    (tmp_path / "low_pass.py").write_text(
-        (Path(__file__).parents[3] / "examples" / "units" / "low_pass.py").read_text()
+    (tmp_path / "wave.py").write_text(
+        "import numpy as np\n\nfrom vdfmu.unit import Output, Parameter, Unit\n\n\n"
+        'class Wave(Unit):\n    """A wave."""\n\n    f = Parameter("1/s", text="angular frequency", start=30.0)\n'
+        '    y = Output("1", text="wave")\n\n    def outputs(self) -> None:\n'
+        "        self.y = np.sin(self.f * self.t)\n"
     )
+    low_pass = Path(__file__).parents[3] / "examples" / "units" / "low_pass.py"
+    (tmp_path / "low_pass.py").write_text(low_pass.read_text())
     parts = 'wave = "wave.py"\na = "low_pass.py"\nb = "low_pass.py"\n'
     units = parts + '\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
     over = {"a.T": "0.01, 0.1", "b.T": "0.02, 1e-4, 0.05", "wave.f": "10, 60"}
@@ -278,7 +249,14 @@ def test_units_that_are_sampled_or_switched_by_time(bench, tmp_path, master):
 
 @pytest.mark.heavy
 def test_what_a_unit_requires_of_its_parameters_holds_in_lanes_too(bench, tmp_path):
-    (tmp_path / "band.py").write_text(BAND)
+    (tmp_path / "band.py").write_text(
+        "from vdfmu.unit import Derivative, Parameter, State, Unit\n\n\n"
+        'class Band(Unit):\n    """A sum."""\n\n    low = Parameter("1", text="lower edge", start=1.0)\n'
+        '    high = Parameter("1", text="upper edge", start=2.0)\n    y = State("1", text="sum")\n'
+        "    y_dot = Derivative(y)\n\n    def requirements(self):\n"
+        '        return {"high": ("high > low", self.high - self.low)}\n\n'
+        "    def derivatives(self) -> None:\n        self.y_dot = self.high + self.low\n"
+    )
     over = {"a.low": "0, 0.5, 3", "a.high": "0.2, 1"}
     rows, others = bench(scenario_file(tmp_path, 'a = "band.py"\n'), over, measure=["end=final(a.y)"])
     assert [row["failed"] for row in rows] == [row["failed"] for row in others]

@@ -11,7 +11,7 @@ import wasmtime
 import vdfmu
 from tests.compiler.wasm.linked import linked
 from tests.conftest import heavy
-from tests.study.batch.scenarios import POSITION, REST
+from tests.study.batch.scenarios import POSITION, REST, switched_file
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.program.module import write_module

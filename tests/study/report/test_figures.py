@@ -33,14 +33,10 @@ def caption(figure: Figure) -> str:
     return figure.texts[-1].get_text().replace("\n", " ")
 
 
-def every_figure(made, types: tuple[str, ...]) -> dict[str, Figure]:
+def every_figure(made, types: tuple[str, ...]) -> list[Figure]:
     results, scenario = made.results(len(types)), made.scenario(types)
-    return {
-        "torques": plots.draw_torques(results, scenario),
-        "errors": plots.draw_errors(results, scenario),
-        "moving_positions": plots.draw_moving_positions(results, scenario),
-        "moving_torques": plots.draw_moving_torques(results, scenario),
-    }
+    draws = (plots.draw_torques, plots.draw_errors, plots.draw_moving_positions, plots.draw_moving_torques)
+    return [draw(results, scenario) for draw in draws]
 
 
 def chunks(png: bytes) -> list[bytes]:
@@ -98,9 +94,10 @@ def test_a_joint_has_one_look_in_all_panels(made):
     assert [text.get_text() for text in legend.get_texts()] == [f"Joint {i}" for i in range(1, 7)]
 
 
-def test_many_joints_still_differ():
+def test_many_joints_still_differ_and_all_are_shown_if_none_moves(made):
     looks = {(style.joint_look(i)["color"], style.joint_look(i)["linestyle"]) for i in range(28)}
     assert len(looks) == 28
+    assert len(plots.draw_moving_torques(made.results(2, at_rest=True), made.scenario(TWO)).axes) == 3
 
 
 def test_two_joint_figures_show_the_joints_that_move(made):
@@ -122,18 +119,9 @@ def test_two_joint_figures_show_the_joints_that_move(made):
     assert len(force_errors.lines) == 1
 
 
-def test_all_joints_are_shown_if_none_moves(made):
-    scenario = made.scenario(TWO)
-    figure = plots.draw_moving_torques(made.results(2, at_rest=True), scenario)
-    assert len(figure.axes) == 3
-
-
 @pytest.mark.parametrize("kinds", [SIX, TWO, MIXED])
 def test_no_letter_is_on_two_panels_of_a_figure(made, kinds):
-    results, scenario = made.results(len(kinds)), made.scenario(kinds)
-    draws = (plots.draw_torques, plots.draw_errors, plots.draw_moving_positions, plots.draw_moving_torques)
-    figures = [draw(results, scenario) for draw in draws]
-    for figure in figures:
+    for figure in every_figure(made, kinds):
         titles = [axes.get_title(loc="left") for axes in figure.axes]
         assert [title[:4] for title in titles] == [f"({'abcdefghi'[k]}) " for k in range(len(titles))]
         for title in titles:  # a panel that speaks of another one speaks of one of its own unit
@@ -162,20 +150,19 @@ def test_captions_say_which_run_it_is(made):
 
 
 @pytest.mark.parametrize(
-    ("setting", "mode"), [("vdc", "vdc"), ("1", "vdc"), (1.0, "vdc"), ("inverse", "inverse"), ("0", "inverse")]
+    ("settings", "end"),
+    [
+        *(({"feedforward.mode": mode}, "feedforward vdc.") for mode in ("vdc", "1", 1.0)),
+        *(({"feedforward.mode": mode}, "feedforward inverse.") for mode in ("inverse", "0")),
+        ({f"controller.K_p[{i}]": str(i) for i in range(1, 5)}, "K_p[4] = 4."),
+        ({f"controller.K_p[{i}]": str(i) for i in range(1, 6)}, "K_p[4] = 4 and 1 more."),
+    ],
 )
-def test_captions_say_the_mode_that_the_settings_chose(made, setting, mode):
-    results, scenario = made.results(1), made.scenario(ONE)
+def test_captions_show_the_mode_and_a_few_settings(made, settings, end):
+    results, scenario = made.results(2), made.scenario(TWO)
     assert "feedforward inverse." in caption(plots.draw_errors(results, scenario))
-    results.summary = {"settings": {"feedforward.mode": setting}}
-    assert f"feedforward {mode}." in caption(plots.draw_errors(results, scenario))
-
-
-@pytest.mark.parametrize(("number", "end"), [(4, "K_p[4] = 4."), (5, "K_p[4] = 4 and 1 more.")])
-def test_captions_show_a_few_settings(made, number, end):
-    results = made.results(2)
-    results.summary = {"settings": {f"controller.K_p[{i}]": str(i) for i in range(1, number + 1)}}
-    assert caption(plots.draw_errors(results, made.scenario(TWO))).endswith(end)
+    results.summary = {"settings": settings}
+    assert end in caption(plots.draw_errors(results, scenario))
 
 
 @pytest.mark.heavy
@@ -191,21 +178,20 @@ def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
 
 @pytest.mark.heavy
 def test_nothing_hides_data_or_leaves_the_picture(made, types):
-    for name, figure in every_figure(made, types).items():
+    for figure in every_figure(made, types):
         figure.canvas.draw()
         page = figure.bbox.padded(1.0)
         boxes = [axes.get_window_extent() for axes in figure.axes]
         legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
-        assert legends, name
-        texts = [*figure.texts, *(axes.title for axes in figure.axes)]
-        for item in [*legends, *texts]:
+        assert legends
+        for item in [*legends, *figure.texts, *(axes.title for axes in figure.axes)]:
             box = item.get_window_extent()
-            assert not any(box.overlaps(panel) for panel in boxes), name
-            assert box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0 and box.y1 <= page.y1, name
+            assert not any(box.overlaps(panel) for panel in boxes)
+            assert box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0 and box.y1 <= page.y1
         for legend in figure.legends:
             assert not any(legend.get_window_extent().overlaps(text.get_window_extent()) for text in figure.texts)
         for axes in figure.axes:
-            assert "[" in axes.get_ylabel(), name
+            assert "[" in axes.get_ylabel()
 
 
 @pytest.mark.parametrize("exponent", range(-14, 8))
@@ -245,7 +231,7 @@ def test_a_constant_is_not_blown_up_to_its_rounding(made):
 
 
 @pytest.mark.parametrize("m", [1, 2, 2000, 2001, 10001, 30001])
-def test_thinning_keeps_ends_and_peaks(m):
+def test_thinning_keeps_ends_and_peaks_and_goes_round_what_is_not_a_number(m):
     random = np.random.default_rng(5)
     time, values = np.arange(m) * 1e-3, random.normal(size=m)
     few_time, few = style.thin(time, values)
@@ -254,20 +240,23 @@ def test_thinning_keeps_ends_and_peaks(m):
     assert few.max() == values.max() and few.min() == values.min()
     assert (np.diff(few_time) > 0).all()
     np.testing.assert_array_equal(values[np.searchsorted(time, few_time)], few)
-
-
-def test_thinning_goes_round_what_is_not_a_number():
-    values = np.sin(np.arange(9000.0))
-    values[4000:5000] = np.nan
-    _, few = style.thin(np.arange(9000.0), values)
-    assert np.nanmax(few) == np.nanmax(values)
+    values[m // 2 : m // 2 + m // 9] = np.nan
+    assert np.nanmax(style.thin(time, values)[1]) == np.nanmax(values)
 
 
 @pytest.mark.heavy
-def test_an_unfinished_run_can_be_drawn(made, tmp_path: Path):
-    results, scenario = made.results(2, points=1), made.scenario(TWO)
-    for path in write_pictures(results, scenario, tmp_path):
-        assert path.stat().st_size > 10_000
+@pytest.mark.parametrize("types", [MIXED, SIX], ids=len)
+def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
+    paths = write_pictures(made.results(len(types)), made.scenario(types), tmp_path)
+    paths += write_pictures(made.results(len(types)), made.scenario(types, "Table 5"), tmp_path)
+    assert len({path.name for path in paths}) == 5
+    for path in paths:
+        png = path.read_bytes()
+        width, height = struct.unpack(">II", png[16:24])
+        assert 1200 <= width <= 1500 and 400 <= height <= 1800
+        assert 20_000 < len(png) < 500_000
+    for path in write_pictures(made.results(len(types), points=1), made.scenario(types), tmp_path):
+        assert path.stat().st_size > 10_000  # an unfinished run can be drawn
 
 
 # --- files -----------------------------------------------------------------------------------------------
@@ -309,19 +298,6 @@ def test_torsion_and_the_error_of_the_tool_in_mm(made):
 )
 def test_shipped_scenarios_say_which_table(name, tables):
     assert paper_table(load_scenario(name)) == tables
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("types", [MIXED, SIX], ids=len)
-def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
-    paths = write_pictures(made.results(len(types)), made.scenario(types), tmp_path)
-    paths += write_pictures(made.results(len(types)), made.scenario(types, "Table 5"), tmp_path)
-    assert len({path.name for path in paths}) == 5
-    for path in paths:
-        png = path.read_bytes()
-        width, height = struct.unpack(">II", png[16:24])
-        assert 1200 <= width <= 1500 and 400 <= height <= 1800
-        assert 20_000 < len(png) < 500_000
 
 
 @pytest.mark.heavy

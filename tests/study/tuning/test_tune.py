@@ -148,16 +148,8 @@ def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_pa
 @pytest.mark.heavy
 def test_a_larger_budget_goes_on(tmp_path):
     def ask(budget):
-        vdfmu.tune(
-            "planar_tracking",
-            ["controller.K_p[1]"],
-            ERRORS,
-            stop=0.1,
-            method="local",
-            evaluations=budget,
-            workers=1,
-            out=tmp_path,
-        )
+        options = {"stop": 0.1, "method": "local", "evaluations": budget, "workers": 1, "out": tmp_path}
+        vdfmu.tune("planar_tracking", ["controller.K_p[1]"], ERRORS, **options)
         return table(Sweep(tmp_path))
 
     first, second = ask(3), ask(6)
