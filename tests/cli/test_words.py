@@ -113,7 +113,7 @@ def test_a_wrong_word_of_a_function_is_answered_with_a_close_one():
         vdfmu.simulate("x.ssp", wait_limmit=1.0)
 
 
-def test_the_bare_command_names_eight_commands_and_all_others(tmp_path):
+def test_the_bare_command_names_eight_commands_and_help_has_all_in_groups(tmp_path):
     done = command(cwd=tmp_path)
     assert done.returncode == 0
     words = set(re.findall(r"[a-z]+", done.stdout))
@@ -121,9 +121,6 @@ def test_the_bare_command_names_eight_commands_and_all_others(tmp_path):
     assert {name.split()[0] for name in ALL} <= words
     assert "vdfmu --help lists all commands" in done.stdout
     assert not re.search(" +$", done.stdout, re.MULTILINE)  # in a pipe; rich fills the cells of tables
-
-
-def test_help_has_all_commands_in_groups(tmp_path):
     done = command("--help", cwd=tmp_path)
     assert all(f"\n{group}:\n" in done.stdout for group in COMMANDS)
     assert "\nCommands:\n" not in done.stdout

@@ -68,23 +68,17 @@ def test_the_fmi_list():
     assert FOLDER.endswith("fmi-ls-ref") and entry["layeredStandards"] == ["REF"]
 
 
-def test_the_ssp_list():
+def test_the_lists_of_ssp_efmi_and_awesome_things():
     row = html.fromstring(f"<table>{text('ssp-standard.org.html')}</table>")
     cells = [" ".join(cell.text_content().split()) for cell in row.iter("td")]
     versions = "/".join(SSP_FORMATS)
     assert (cells[0], cells[1], *cells[3:]) == ("vdfmu", PROJECT["authors"][0]["name"], "free", versions, versions)
     assert len(cells) == 6
-
-
-def test_the_efmi_list():
     rows = text("efmi-standard.org.md").splitlines()
     assert all(row.startswith("| ") and row.endswith(" |") and row.count("|") == 3 for row in rows)
     containers = re.findall(r"\*\*([A-Z]C|BM):\*\*", "".join(rows))
     assert containers == ["".join(re.findall("[A-Z]", name)) for name in (ALGORITHM, PRODUCTION)]
     assert f"**Since version:** {vdfmu.__version__.rpartition('.')[0]} " in rows[0]
-
-
-def test_the_awesome_lists():
     assert re.fullmatch(r"- \[vdfmu\]\(\) - Python package .*\. \[MIT\]\n", text("awesome-fmi.md"))
     (entry,) = yaml.safe_load(text("awesome-robotics-libraries.yaml"))
     assert entry.keys() == {"name", "github", "description", "license", "languages", "models", "features"}

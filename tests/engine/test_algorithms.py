@@ -53,12 +53,9 @@ def test_jacobi_passes_every_value_on_one_step_late(loop):
     np.testing.assert_array_equal(results["plant.u"], np.r_[tau[0], tau[:-1]])
 
 
-def test_order_follows_dependencies_not_the_ssd(loop):
+def test_order_follows_dependencies_and_row_0_has_the_start_values_through_the_whole_chain(loop):
     order = simulate_loop(loop, "gauss-seidel").summary["order"]
     assert order == ["error", "feedforward", "controller", "plant", "trajectory"]
-
-
-def test_row_0_has_the_start_values_through_the_whole_chain(loop):
     results = simulate_loop(loop, "gauss-seidel")
     assert results.time[0] == 0.0
     assert results["controller.y"][0] == results["plant.u"][0] == K * -0.1
@@ -123,16 +120,13 @@ def test_mapping_transformations_of_booleans_and_integers(pack, xml):
     assert results["logic.bi"].tolist() == [True, True, False]
 
 
-def test_progress_is_called_a_hundred_times_at_most(pack):
+def test_progress_is_called_a_hundred_times_at_most_and_record_chooses_signals(pack, loop):
     calls = []
     path = pack(["source Ramp y:output"])
     simulate(path, stop=10.01, step=0.01, progress=lambda k, n: calls.append((k, n)))
     assert calls[0] == (0, 1001)
     assert calls[-1] == (1001, 1001)
     assert len(calls) <= 101
-
-
-def test_record_chooses_signals(loop):
     results = simulate(loop, stop=1.0, step=H, record=["plant.*", "controller.y"])
     assert results.names == ["plant.y", "plant.u", "controller.y"]
 

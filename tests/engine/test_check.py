@@ -223,7 +223,7 @@ def test_a_linear_transformation_of_an_integer(pack, xml):
     expect(problems(path), "a linear transformation does not apply to Integer")
 
 
-def test_a_package_that_changes_in_a_job_is_read_again(pack):
+def test_a_package_that_changes_is_read_again_and_its_descriptions_once(pack):
     with one_job():
         first = load_ssp(pack(["a Ramp y:output"]))
         assert load_ssp(first.path) is first
@@ -231,9 +231,6 @@ def test_a_package_that_changes_in_a_job_is_read_again(pack):
         pack(["b Ramp y:output", "c Gain y:output"])
         assert [c.name for c in load_ssp(first.path).components] == ["b", "c"]
     assert load_ssp(first.path) is not load_ssp(first.path)
-
-
-def test_descriptions_are_read_once_for_a_system_and_again_when_its_package_changes(pack):
     system = load_ssp(pack(["a Ramp y:output"]))
     found = [check_system(system).descriptions["a"] for _ in range(2)]
     assert found[0] is found[1]

@@ -185,7 +185,7 @@ def test_saved_states_are_freed(loop, monkeypatch):
     assert calls.count("fmi2FreeFMUstate") == calls.count("fmi2GetFMUstate") > 0
 
 
-def test_a_repeated_step_says_things_once(pack):
+def test_a_repeated_step_says_things_once_and_a_fatal_refusal_is_final(pack):
     path = pack(
         ["plant Talker u:input y:output", "gain Gain u:input y:output"], ["plant.y -> gain.u", "gain.y -> plant.u"]
     )
@@ -193,9 +193,6 @@ def test_a_repeated_step_says_things_once(pack):
     results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", log=seen.append)
     assert results.summary["communication"]["unit_steps"] > 2 * 4
     assert [m.time for m in seen if m.text == "a step"] == [0.0, 0.25, 0.5, 0.75]
-
-
-def test_a_fatal_refusal_is_final(pack):
     path = pack(["source Ramp y:output", "arm Fragile y:output"])
     with pytest.raises(CosimError, match="status fatal") as info:
         simulate(path, stop=1.0, step=0.25, algorithm="iterative", adaptive=0.1, parameters={"arm.at": 0.5})
@@ -281,7 +278,7 @@ def test_units_that_cannot_repeat_a_step_are_named_before_the_run(pack):
     assert len(simulate(path, stop=1.0, step=0.25, algorithm="extrapolated")) == 5
 
 
-def test_units_of_one_step_length_are_named_before_the_run(pack, fmus):
+def test_units_of_one_step_length_and_steps_below_the_resolution_of_time_are_named_before_the_run(pack, fmus, loop):
     path = pack(["a Plant u:input y:output"])
     rigid = path.with_name("rigid.ssp")
     key = b'canHandleVariableCommunicationStepSize="'
@@ -290,9 +287,6 @@ def test_units_of_one_step_length_are_named_before_the_run(pack, fmus):
     with pytest.raises(SspError, match="a: .* takes steps of one length only"):
         simulate(rigid, stop=1.0, step=0.25, algorithm="iterative", adaptive=1e-3)
     assert len(simulate(rigid, stop=1.0, step=0.25, algorithm="iterative")) == 5
-
-
-def test_steps_below_the_resolution_of_time_are_refused(loop):
     with pytest.raises(CosimError, match=r"below the resolution of time at 1e\+09 s"):
         simulate(loop, start=1e9, stop=1e9 + 2**-8, step=2**-10, algorithm="iterative", adaptive=1e-3)
 

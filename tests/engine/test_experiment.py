@@ -36,16 +36,13 @@ def packed(pack, xml):
     return write
 
 
-def test_the_annotation_says_how_it_is_run(packed):
+def test_the_annotation_says_how_it_is_run_and_what_is_given_wins(packed):
     path = packed('communicationStepSize="0.25" algorithm="jacobi"')
     results = simulate(path)
     assert results.time.tolist() == [1.0, 1.25, 1.5, 1.75, 2.0]
     assert results.summary["algorithm"] == "jacobi"
     # one step late: y[k+1] = y[k] - h y[k-1], from y = 1 with the input of the start
     assert results["plant.y"].tolist() == [1.0, 0.75, 0.5, 0.3125, 0.1875]
-
-
-def test_what_is_given_wins(packed):
     path = packed('communicationStepSize="0.25" algorithm="iterative" adaptive="0.1"')
     results = simulate(path, start=0.0, stop=1.0, step=0.5, algorithm="gauss-seidel")  # and adaptive is not for it
     assert results.time.tolist() == [0.0, 0.5, 1.0]

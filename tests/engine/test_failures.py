@@ -187,13 +187,12 @@ def test_wrong_options_are_usage_errors(fragile, options, message):
         simulate(fragile, **options)
 
 
-def test_text_is_read_as_a_value(fragile):
+def test_text_is_read_as_a_value_and_messages_of_plain_fmpy_are_still_printed_after_a_run(
+    fragile, arm_package, tmp_path, capfd
+):
     results = simulate(fragile, step=0.1, parameters={"source.slope": "2.5", "arm.mode": "2"})
     assert results["source.y"][-1] == 2.5 * (0.9 + 0.1)
-
-
-def test_messages_of_plain_fmpy_are_still_printed_after_a_run(arm_package, tmp_path, capfd):
-    """Fmpy's proxy for messages of native units has one receiver in a process, and our runs take it."""
+    # Fmpy's proxy for messages of native units has one receiver in a process, and our runs take it.
     fmus = cached_fmus(load_scenario("planar_tracking"), tmp_path, "native")
     simulate(arm_package(), stop=0.002)
     with pytest.raises(FMICallException):

@@ -208,13 +208,10 @@ def test_arrays_of_another_form_are_refused(lone, pair, words):
     assert words in str(error.value)
 
 
-def test_an_array_has_a_column_for_each_element():
+def test_an_array_has_a_column_for_each_of_all_elements(arm_package):
     (table,) = read_inputs({"arm.R": ([0.0, 1.0], np.arange(8.0).reshape(2, 2, 2))})
     assert table.names == ("arm.R[1,1]", "arm.R[1,2]", "arm.R[2,1]", "arm.R[2,2]")
     np.testing.assert_array_equal(table.values[1], [4.0, 5.0, 6.0, 7.0])
-
-
-def test_an_array_without_some_elements_is_refused(arm_package):
     words = r"^inputs\['plant.F_e'\]: expected 6 columns, a value for each of plant.F_e\[1\] to plant.F_e\[6\], got 5$"
     with pytest.raises(UsageError, match=words):
         simulate(arm_package("python"), stop=0.01, step=1e-3, inputs={"plant.F_e": ([0.0, 1.0], np.zeros((2, 5)))})

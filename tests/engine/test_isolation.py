@@ -84,15 +84,12 @@ def test_what_ends_a_step_names_component_call_and_time_and_keeps_the_rows(packa
     assert re.search(said, str(error))
 
 
-def test_an_adaptive_step_that_ends_the_process_has_its_own_time(package):
+def test_an_adaptive_step_or_a_start_that_ends_the_process_has_its_own_time(package):
     error = fails(package, "leave", algorithm="extrapolated", adaptive=1e-4)
     assert (error.unit, error.call) == ("unit", "doStep")
     # the step in which it ended began at 0.5 s or later, between two rows
     assert 0.5 <= error.time < 0.75
     assert error.results.time.tolist() == [0.0, 0.25, 0.5]
-
-
-def test_an_end_before_the_first_row(package):
     error = fails(package, "leave_early")
     assert str(error) == (
         "unit failed at t = 0 s in exitInitializationMode: the component ended the process (exit code 3)"
@@ -223,12 +220,15 @@ def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, alone, 
 # ---------------------------------------------------------------- what they print
 
 
-def test_what_a_component_prints_is_shown_and_not_executed(package, monkeypatch, capsys):
+def test_what_a_component_prints_is_shown_and_not_executed_and_its_last_words_too(package, monkeypatch, capsys):
     monkeypatch.setenv("WORDS", "\x1b[2J\x1b]0;owned\x07 \xe9")
     simulate(package, step=0.25)
     said = capsys.readouterr()
     assert said.err == 4 * "\\x1b[2J\\x1b]0;owned\\x07 \xe9\n"
     assert said.out == ""
+    monkeypatch.setenv("WORDS", "assertion failed: \x1b[31mq > 0")
+    fails(package, "crash")
+    assert capsys.readouterr().err.endswith("assertion failed: \\x1b[31mq > 0\n")
 
 
 def test_a_flood_of_a_component_is_shown_in_part_and_holds_nothing_up(package, monkeypatch, capsys):
@@ -240,12 +240,6 @@ def test_a_flood_of_a_component_is_shown_in_part_and_holds_nothing_up(package, m
     left_out = 64 * 100_000 - SHOWN - KEPT
     assert f"\n... ({left_out} bytes left out)\n" in said
     assert len(said) < SHOWN + KEPT + 100  # the sentence between them
-
-
-def test_the_last_words_of_a_component_that_crashes_are_shown(package, monkeypatch, capsys):
-    monkeypatch.setenv("WORDS", "assertion failed: \x1b[31mq > 0")
-    fails(package, "crash")
-    assert capsys.readouterr().err.endswith("assertion failed: \\x1b[31mq > 0\n")
 
 
 # ---------------------------------------------------------------- the same otherwise

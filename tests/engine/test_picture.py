@@ -83,13 +83,10 @@ def test_the_time_is_below_the_lowest_panel_of_every_column(count):
         assert bool(one.get_xlabel()) == (not below)
 
 
-def test_panels_come_in_the_order_asked_for():
+def test_panels_come_in_the_order_asked_for_and_hidden_signals_have_none(tmp_path):
     results = make(("a.u", "real", ""), ("a.y", "real", ""), ("b.x[1]", "real", ""), ("b.x[2]", "real", ""))
     assert titles(plot(results, ["b.x", "a.y", "a.u"], {}, None)) == ["b.x", "a.y", "a.u"]
     assert titles(plot(results, [], {}, None)) == ["a.u", "a.y", "b.x"]
-
-
-def test_hidden_signals_have_no_panel_and_no_signals_no_picture(tmp_path):
     results = make(("a.u", "real", ""), ("a.y", "real", ""))
     assert titles(draw_signals(results, {"a.u"})) == ["a.y"]
     assert signals_figure(Results(results.time, [], {}), tmp_path) == []

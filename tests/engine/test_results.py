@@ -79,15 +79,12 @@ def test_every_name_reads_back_from_csv(tmp_path, name):
     np.testing.assert_array_equal(again[name], results[name])
 
 
-def test_csv_has_a_line_of_names_and_a_line_of_units(results, tmp_path):
+def test_csv_has_lines_of_names_and_units_and_a_group_stacks_by_index(results, tmp_path):
     results.write(tmp_path / "r.csv")
     lines = (tmp_path / "r.csv").read_text().splitlines()
     assert lines[0] == 'time,a.q[2],a.q[1],a.n,"a.m[1,2]",a.on'
     assert lines[1] == "s,rad,rad,integer,,boolean"
     assert len(lines) == 1302
-
-
-def test_a_group_stacks_by_index(results):
     np.testing.assert_array_equal(results["a.q"][:, 0], results["a.q[1]"])
     np.testing.assert_array_equal(results["a.q"][:, 1], results["a.q[2]"])
     assert results["a.on"].dtype == bool
@@ -108,16 +105,13 @@ def test_a_group_of_two_indices_has_two_axes():
     assert empty["a.R"].shape == (0, 2, 3)
 
 
-def test_unknown_names(results):
+def test_unknown_names_are_refused_and_an_empty_result_can_be_written(results, tmp_path):
     with pytest.raises(UsageError, match=r"no signal 'a\.q\[3\]'; did you mean a\.q\["):
         results["a.q[3]"]
     with pytest.raises(UsageError, match=r"no signal 'a\.p'"):
         results["a.p"]
     assert "a.q[1]" in results
     assert "a.p" not in results
-
-
-def test_an_empty_result_can_be_written(tmp_path):
     empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
     empty.write(tmp_path / "r.csv")
     assert len(Results.read(tmp_path / "r.csv")) == 0

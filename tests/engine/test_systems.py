@@ -52,13 +52,10 @@ def test_a_transformation_applies_after_the_unit_conversion_unless_that_is_suppr
     assert results["rad.u"].tolist() == [0.25, 0.25, 2 * 90 + 0.25]
 
 
-def test_a_unit_of_a_parameter_is_converted(pack, xml):
+def test_a_unit_of_a_parameter_is_converted_if_its_dimension_is_the_same(pack, xml):
     binding = xml.values(xml.real("width", 250.0, "mm"))
     path = pack([xml.component("r", "Radians", "", binding)], units=MM)
     assert simulate(path, stop=1.0, step=1.0)["r.y"].tolist() == [0.25, 0.25]
-
-
-def test_a_parameter_of_another_dimension_is_a_problem(pack, xml):
     unit = '<ssc:Unit name="kg"><ssc:BaseUnit kg="1"/></ssc:Unit>'
     path = pack([xml.component("r", "Radians", "", xml.values(xml.real("width", 1.0, "kg")))], units=unit)
     with pytest.raises(SspError, match=r"parameter 'width' .*: unit mismatch, 'kg' \(kg\) to 'm' \(m\)"):
@@ -153,21 +150,15 @@ def nested(pack, xml):
     )
 
 
-def test_nested_systems_are_flattened(nested):
+def test_nested_systems_are_flattened_and_run_and_pass_parameters_on(nested):
     system = load_ssp(nested)
     assert [c.name for c in system.components] == ["sub.gain", "ramp", "last"]
     assert sorted(map(str, system.connections)) == ["ramp.y -> sub.gain.u", "sub.gain.y -> last.u"]
     assert system.problems == ()
-
-
-def test_nested_systems_run(nested):
     results = simulate(nested, stop=2.0, step=1.0, parameters={"sub.gain.k": 0.25}, record=["*"])
     u = np.array([0.0, 0.0, 1.0]) * 30.0 + 1.0
     np.testing.assert_array_equal(results["sub.gain.u"], u)
     np.testing.assert_array_equal(results["last.y"], u * 0.25 * 4.0)
-
-
-def test_a_system_connector_passes_a_parameter_on(nested):
     assert simulate(nested, stop=1.0, step=1.0)["sub.gain.y"][0] == 0.5
 
 

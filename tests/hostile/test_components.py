@@ -172,12 +172,9 @@ def test_escapes_are_shown_and_not_executed(unit):
     assert b"a\\x1b[2Jb.fmu" in done.stdout
 
 
-def test_what_a_terminal_acts_on_is_written_out():
+def test_messages_of_components_are_bounded_and_what_a_terminal_acts_on_is_written_out(monkeypatch):
     assert shown("a\x1b[2J\tb\nc\r\x7f\x9b\u202e\udcff é 中") == "a\\x1b[2J\tb\nc\\r\\x7f\\x9b\\u202e\\udcff é 中"
     assert shown(shown("\x1b")) == shown("\x1b")
-
-
-def test_messages_of_components_are_bounded_and_shown(monkeypatch):
     box = MessageBox(lambda message: None, limit=100)
     monkeypatch.setitem(boxes, 7, ("a", box))
     for _ in range(1000):

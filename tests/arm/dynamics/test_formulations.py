@@ -95,7 +95,7 @@ def planar_closed_form(q, q_dot, q_ddot):
     )
 
 
-def test_planar_arm_follows_the_closed_form_of_the_text_book(planar, draw):
+def test_planar_arm_has_the_closed_form_and_the_pose_of_the_text_book(planar, draw):
     for state in draw(planar, 100, seed=69):
         tau = planar_closed_form(state.q, state.q_dot, state.q_ddot)
         ours = inverse_dynamics(planar, state.q, state.q_dot, state.q_ddot)
@@ -104,9 +104,6 @@ def test_planar_arm_follows_the_closed_form_of_the_text_book(planar, draw):
         back = forward_dynamics(planar, state.q, state.q_dot, tau)
         # cond(M) is up to 50.
         np.testing.assert_allclose(back, state.q_ddot, rtol=0, atol=100 * 50 * EPS * 30)
-
-
-def test_planar_pose_is_that_of_the_text_book():
     planar = load_robot("planar_2dof")
     q = np.array([0.4, 0.7])
     p_O, _ = end_effector_pose(planar, q)

@@ -108,15 +108,13 @@ def test_file_of_another_function_is_replaced(planar, tmp_path):
     np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), expected)
 
 
-def test_cache_folder_that_cannot_be_written_only_costs_time(planar, tmp_path):
+def test_cache_folder_that_cannot_be_written_or_searched_only_costs_time(planar, tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.write_text("in the way of a folder")
     expected = torque(Kernel(planar, None))
     np.testing.assert_array_equal(torque(Kernel(planar, file / "cache")), expected)
     assert os.listdir(tmp_path) == ["file"]
 
-
-def test_cache_folder_that_may_not_be_searched_only_costs_time(planar, tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied")
 
@@ -350,7 +348,7 @@ def test_symbols_compute_as_floats_do():
     np.testing.assert_allclose(results, np.array(f(value), dtype=float), rtol=0, atol=4e-15)
 
 
-def test_symbols_mix_with_arrays_and_jets():
+def test_symbols_and_jets_mix_with_arrays():
     s = symbol()
     row = s * np.array([1.0, 2.0])
     assert row.dtype == object and all(isinstance(v, Symbol) for v in row)
@@ -359,9 +357,6 @@ def test_symbols_mix_with_arrays_and_jets():
     assert (s * 0.0).is_zero()
     assert zeros((2,), row).dtype == object and zeros((2,), np.zeros(3)).dtype == float
     assert repr(s) == "Symbol(s)" and len(repr(sum([s] * 100, s))) < 75
-
-
-def test_jets_times_arrays_are_arrays_of_jets():
     jet, array = Jet(1.0, 2.0, 3.0), np.array([2.0, 3.0])
     for product in (jet * array, array * jet, jet + array, array - jet, jet - array, jet / array, array / jet):
         assert isinstance(product, np.ndarray) and all(isinstance(v, Jet) for v in product)

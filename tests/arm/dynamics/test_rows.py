@@ -82,16 +82,13 @@ def test_a_large_batch_runs_compiled_and_says_the_same(arm, monkeypatch):
     np.testing.assert_allclose(vdfmu.forward_dynamics(arm, q[:, ::-1], q_dot, q_ddot), pose, rtol=1e-12, atol=1e-10)
 
 
-def test_a_large_batch_is_checked_too(arm, monkeypatch):
+def test_a_large_batch_is_checked_too_and_without_the_compiler_the_same(arm, monkeypatch):
     monkeypatch.setattr(dynamics, "_WORTH", 0)
     q = np.zeros((100, arm.n))
     q[7, 1] = np.nan
     with pytest.raises(KernelError, match=r"q\[7, 1\]: expected a finite number, got nan"):
         vdfmu.gravity_torque(arm, q)
     assert vdfmu.gravity_torque(arm, q[:0]).shape == (0, arm.n)
-
-
-def test_without_the_compiler_a_large_batch_is_the_same(arm, monkeypatch):
     q, q_dot, q_ddot = motion(arm.n, 10)
     plain = vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot)
     monkeypatch.setattr(dynamics, "_WORTH", 0)

@@ -161,13 +161,10 @@ def test_armature_becomes_the_inertia_of_the_rotor():
     assert [row.quantity for row in rows] == ["rotor inertia"]
 
 
-def test_the_files_words_for_parameters_are_those_of_urdf():
+def test_the_words_of_a_file_of_drives_are_those_of_urdf_and_assumed_drives_are_complete():
     words = {row.given for row in PARAMETERS.values() if row.per_joint} - {""}
     assert words == {"lower", "upper", "effort", "velocity", "damping", "friction", "armature"}
-
-
-def test_the_assumed_drives_are_complete():
-    """Every number without a default of its own, except those of limits that only some robots have."""
+    # Every number without a default of its own, except those of limits that only some robots have.
     for kind in ("revolute", "prismatic"):
         for part in ("drive", "friction", "limits"):
             needed = {row.key for row in section(part) if row.default is None}

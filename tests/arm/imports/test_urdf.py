@@ -118,9 +118,6 @@ def test_a_range_that_is_none_is_no_end_stop(urdf):
         )
         if robot.limits:
             assert (robot.q_min[0], robot.q_max[0]) == (-1e6, 1e6)
-
-
-def test_a_file_without_limits_gives_none(urdf):
     robot = vdfmu.robot_from_urdf(
         urdf(link("ground", "") + link("one") + joint("a", "ground", "one", "continuous", inside=""))
     )

@@ -31,16 +31,13 @@ def test_friction_is_odd_and_dissipative(chain, velocity):
         assert (xi * v > 0).all() if velocity else (xi == 0).all()
 
 
-def test_friction_far_from_standstill_is_that_of_equation_54(arm):
+def test_friction_is_that_of_equation_54_on_rotor_or_link(arm):
     # At 1 rad/s, 1000 times eps, tanh is 1 to the last bit; what is left is (54) as printed, in plain Python.
     for v in (1.0, -1.0):
         xi = stribeck_friction(arm, np.full(6, v))
         for i in range(6):
             stribeck = (arm.f_s[i] - arm.f_c[i]) * np.exp(-(abs(v / arm.v_s[i]) ** 2))
             assert xi[i] == pytest.approx((arm.f_c[i] + stribeck) * np.sign(v) + arm.f_v[i] * v, rel=10 * EPS)
-
-
-def test_friction_arrangements_put_it_on_rotor_or_link(arm):
     q_dot, kappa_dot = np.full(6, 0.3), np.full(6, -0.4)
     xi_l, xi_m = joint_friction(arm, q_dot, kappa_dot)
     np.testing.assert_array_equal(xi_l, np.zeros(6))
@@ -244,11 +241,8 @@ def test_jets_follow_product_quotient_and_chain_rules():
         assert jet.x_ddot == pytest.approx((high - 2 * middle + low) / h**2, abs=1e-5)
 
 
-def test_jets_refuse_to_become_floats():
+def test_jets_refuse_to_become_floats_and_desired_has_four_derivatives():
     with pytest.raises(TypeError, match=r"take derivative\(jet, 0\) for its value"):
         np.zeros(2)[0] = Jet(1.0)
     assert repr(Jet(1.0, 2.0)) == "Jet(1.0, 2.0, 0.0)"
-
-
-def test_desired_has_four_derivatives():
     assert Desired._fields == ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot")

@@ -165,14 +165,11 @@ def test_the_plant_driven_by_the_inverse_follows_the_desired_motion(chain):
     assert deviation(dataclasses.replace(chain, rotor_coupling=False)) < WITHIN
 
 
-def test_links_follow_the_inverse_with_coupled_rotors_too(chain):
+def test_links_follow_the_inverse_with_coupled_rotors_too_whose_motion_is_declared_not_to_be_exact(chain):
     robot = dataclasses.replace(chain, rotor_coupling=True)
     x, tau, rates = inverse_at(robot, TIMES[1])
     links = slice(2 * robot.n)
     assert sized((plant_derivative(robot, x, tau, F_E)[: rates.size] - rates)[links], rates[links]) < WITHIN
-
-
-def test_the_motion_of_coupled_rotors_is_declared_not_to_be_exact():
     robot = dataclasses.replace(walker(), rotor_coupling=True)
     assert NOT_INVERTED["rotor_coupling"] and deviation(robot) > WITHIN
     assert imbalance(robot) < 1.0

@@ -168,7 +168,7 @@ def test_a_motion_beyond_the_robot_is_refused(robot):
     check_motion(vdfmu.arm.motion.waypoints([[0.0, 0.0], [0.5, 0.2]], duration=2.0), limited)
 
 
-def test_a_scenario_reports_the_problems_of_its_motion_beside_its_own(written):
+def test_a_scenario_may_name_the_file_of_its_motion_and_reports_its_problems(written):
     head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = -1.0\n'
     path = written(f'{head}[motion]\nkind = "waypoints"\npoints = [[0, 0], [1, 1]]\n[trajectory]\nT = 1.0\n')
     with pytest.raises(ModelError) as caught:
@@ -176,9 +176,6 @@ def test_a_scenario_reports_the_problems_of_its_motion_beside_its_own(written):
     text = str(caught.value)
     for words in ("step: expected", "motion: waypoints: expected times", "trajectory.T: motion has no T"):
         assert words in text
-
-
-def test_a_scenario_may_name_the_file_of_its_motion(written):
     written(f'kind = "waypoints"\n{GOOD["waypoints"]}', "other.toml")
     head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.1\nmotion = "other.toml"\n'
     scenario = vdfmu.load_scenario(written(f"{head}[trajectory]\nspeed = 0.5\n"))

@@ -167,16 +167,13 @@ def test_a_sweep_goes_from_one_frequency_to_the_other(law):
         motions.sweep([0.0], 0.1, (0.0, 1.0), 1.0)
 
 
-def test_motions_can_be_joined_and_slowed_down():
+def test_motions_that_meet_can_be_joined_and_slowed_down():
     motion = motions.waypoints(POINTS, TIMES)
     both = motions.joined([motion, motion.slower(2.0)])
     assert both.duration == 7.5 and both.closed
     # twice as slow: the same positions, 1/2, 1/4 .. of the derivatives
     scale = 0.5 ** np.arange(5.0)[:, None]
     assert both.at(2.5 + 2.0 * 0.8) == pytest.approx(scale * motion.at(0.8), rel=1e-11)
-
-
-def test_motions_that_do_not_meet_are_not_joined():
     one, other = motions.waypoints(POINTS, TIMES), motions.waypoints(POINTS[1:], TIMES[1:])
     for parts in ([one, other], [one, motions.rest(np.zeros(3), 1.0)]):
         with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, where motion 1 ends, got"):

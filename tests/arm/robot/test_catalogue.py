@@ -58,19 +58,13 @@ def test_every_number_of_a_gear_has_one_source_and_its_tables_are_calculated_fro
         assert gear["load_loss"] == pytest.approx({"mu_l": mu_l}, rel=1e-4)
 
 
-def test_every_motor_has_a_source():
+def test_motors_have_sources_and_the_torsion_is_that_of_the_example_of_a_catalogue():
     assert {motor["source"] for motor in MOTORS.values()} <= set(CATALOGUE["sources"])
-
-
-def test_the_torsion_is_that_of_the_example_of_a_catalogue():
-    """Harmonic Drive AG, HFUS-2A, page 24: HFUC-32-100-2UH at 60 N.m, 7.15e-4 rad."""
+    # Harmonic Drive AG, HFUS-2A, page 24: HFUC-32-100-2UH at 60 N.m, 7.15e-4 rad.
     gear = GEARS["CSG-32-100"]
     K, T = [gear[f"K{i}"] for i in (1, 2, 3)], [gear["T1"], gear["T2"]]
     assert catalogue_torsion(60.0, K, T) == pytest.approx(7.15e-4, abs=5e-7)  # as printed
     assert catalogue_torsion(200.0, K, T) == pytest.approx(29.0 / 6.7e4 + 79.0 / 1.1e5 + 92.0 / 1.2e5, rel=1e-15)
-
-
-def test_a_fit_of_straight_pieces_that_are_one_is_a_linear_spring():
     spring, residual = fit_spring(100.0, [3e4] * 3, [10.0, 40.0], 100.0)
     drive = robot_from_dict(of_catalogue(drive=spring | {"I_m": 1e-3}))
     np.testing.assert_allclose(1.0 / deformation_derivative(drive, np.zeros(2)), 3e4, rtol=2e-3)
@@ -121,15 +115,12 @@ def test_a_joint_takes_from_the_catalogue_what_it_does_not_say():
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
 
 
-def test_a_ratio_of_ones_own_leaves_the_spring_at_the_link_as_printed():
+def test_a_ratio_of_ones_own_leaves_the_spring_as_printed_and_limits_are_those_at_the_joint():
     printed, own = (robot_from_dict(of_catalogue(**tables)) for tables in ({}, {"drive": {"ell": 101.0}}))
     assert own.ell[0] == 101.0
     torque = np.linspace(-90.0, 90.0, 7)[:, None]
     # four roundings of K_w0, c_w and what they are multiplied by
     np.testing.assert_allclose(deformation(own, torque), deformation(printed, torque), rtol=1e-14)
-
-
-def test_limits_of_a_motor_are_those_at_the_joint():
     stops = {"q_min": -1.0, "q_max": 1.0, "stop_stiffness": 1e4, "stop_damping": 0.5}
     robot = robot_from_dict(of_catalogue(limits=stops))
     np.testing.assert_allclose(robot.kappa_dot_max, 48.0 / 0.078 / 100.0, rtol=1e-4)  # five digits

@@ -35,13 +35,19 @@ def test_a_shipped_file_has_its_own_name_in_it(load, name):
     assert load(name).name == name
 
 
-def test_unknown_name_lists_the_shipped_ones():
+def test_unknown_name_lists_the_shipped_ones_and_a_missing_file_is_named(tmp_path):
     with pytest.raises(
         UsageError, match=r"no robot \'planar\': .* There are: iiwa_7dof, kr300_6dof, kr_6dof, manipulator_6dof"
     ):
         load_robot("planar")
     with pytest.raises(UsageError, match=r'no scenario \'trackin\': .* Did you mean "tracking"\?'):
         load_scenario("trackin")
+    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing: it does not exist"):
+        load_robot(tmp_path / "nowhere.toml")
+    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing"):
+        load_scenario("nowhere.toml")
+    with pytest.raises(ModelError, match="expected a TOML file, got a directory"):
+        load_robot(tmp_path)
 
 
 def test_file_of_that_name_wins_over_the_shipped_one(tmp_path, monkeypatch):
@@ -50,15 +56,6 @@ def test_file_of_that_name_wins_over_the_shipped_one(tmp_path, monkeypatch):
     assert load_robot("planar_2dof").name == "planar_2dof"
     monkeypatch.chdir(tmp_path)
     assert load_robot("planar_2dof").name == "mine"
-
-
-def test_missing_file(tmp_path):
-    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing: it does not exist"):
-        load_robot(tmp_path / "nowhere.toml")
-    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing"):
-        load_scenario("nowhere.toml")
-    with pytest.raises(ModelError, match="expected a TOML file, got a directory"):
-        load_robot(tmp_path)
 
 
 DEEP = r"TOML, got .* nested too deeply"
@@ -107,9 +104,6 @@ def test_problems_of_scenario_and_robot_together(write, robot_data, scenario_dat
     assert len(caught.value.problems) == 2
     assert "own.toml: step: expected a finite number > 0 in s, got -1" in str(caught.value)
     assert "arm.toml: joints[1].link.mass: expected" in str(caught.value)
-
-
-def test_robot_of_a_scenario_not_found(write, scenario_data):
     scenario_data["robot"] = "planer_2dof"
     with pytest.raises(
         ModelError, match=r'own\.toml: robot: no robot .* Did you mean "planar_2dof"\? There are: iiwa_7dof'

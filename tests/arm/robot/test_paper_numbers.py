@@ -30,15 +30,11 @@ TABLE_2 = [
 
 
 @pytest.mark.parametrize("i", range(6))
-def test_table_1(i):
+def test_tables_1_and_2(i):
     mass, inertia, centroid = TABLE_1[i]
     assert ARM.mass[i] == mass
     np.testing.assert_array_equal(ARM.inertia[i], inertia * np.eye(3))
     np.testing.assert_array_equal(ARM.centroid[i], centroid)
-
-
-@pytest.mark.parametrize("i", range(6))
-def test_table_2(i):
     assert tuple(getattr(ARM, key)[i] for key in ("f_c", "f_s", "f_v", "v_s", "f_ck")) == TABLE_2[i]
 
 

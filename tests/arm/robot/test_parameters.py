@@ -165,18 +165,12 @@ def test_every_unit_of_measurement_is_one_of_fmi(name):
     assert [measure(unit).name for unit in units] == units
 
 
-def test_the_flags_of_optional_sections_are_fields_of_a_robot():
+def test_a_robot_has_the_flags_and_shapes_of_the_table_and_no_parameters_of_an_inertia_of_zero():
     robot = load_robot("planar_2dof")
     assert not any(getattr(robot, name) for name in OPTIONAL)
-
-
-def test_a_robot_has_the_shapes_of_the_table():
     robot = load_robot("slider_3dof")
     for row in PARAMETERS.values():
         assert getattr(robot, row.name).shape == ((3,) if row.per_joint else ()) + row.shape
-
-
-def test_an_inertia_of_zero_has_no_parameters():
     robot = Robot(**{**vars(load_robot("planar_2dof")), "payload": True})
     row = PARAMETERS["payload_inertia"]
     assert not any(row.is_free(robot, index) for index in np.ndindex(3, 3))

@@ -201,14 +201,11 @@ def test_every_number_has_its_source(name):
                 assert robot.source_of(f"joints[{i}].{group}.{key}"), (i, group, key)
 
 
-def test_source_of_one_joint_goes_before_that_of_all():
+def test_source_of_one_joint_goes_before_that_of_all_and_may_be_nested():
     robot = load_robot("manipulator_6dof")
     assert "+x of B_2" in (robot.source_of("joints[3].offset") or "")
     assert "+x of B_2" not in (robot.source_of("joints[2].offset") or "")
     assert robot.source_of("joints[2].colour") is None
-
-
-def test_sources_may_be_nested():
     data = load_robot("planar_2dof").to_dict()
     data["sources"] = {"joints": {"link": {"mass": "scales"}}}
     assert robot_from_dict(data).source_of("joints[2].link.mass") == "scales"

@@ -51,9 +51,6 @@ def test_what_a_scenario_can_set_has_its_unit_of_measurement_and_no_text_twice()
     assert sections["plant"]["properties"]["mass"]["description"].endswith("[kg]")
     wrench = "Force of the arm on its surroundings in {O}; Moment of the arm on its surroundings in {O} [N, N.m]"
     assert sections["plant"]["properties"]["F_e"]["description"] == wrench
-
-
-def test_files_of_the_example_fit():
     assert problems(system_schema(), content(EXAMPLES / "arm.toml")) == []
     assert problems(scenario_schema(str(EXAMPLES / "arm.toml")), content(EXAMPLES / "scenario.toml")) == []
 
@@ -74,12 +71,9 @@ def test_wrong_values_of_a_robot_are_marked(key, value, where):
     assert found.startswith(where)
 
 
-def test_wrong_values_of_a_scenario_are_marked():
+def test_wrong_values_of_a_scenario_are_marked_and_a_robot_has_every_row_of_the_table():
     data = content(data_path("models") / "scenarios" / "tracking.toml")
     data["controller"] |= {"K_q": 1.0, "velocity": "kappa", "K_v": [-1.0]}
     assert len(problems(scenario_schema(), data)) == 3
-
-
-def test_the_schema_of_a_robot_has_every_row_of_the_table():
     text = json.dumps(robot_schema())
     assert all(f'"{row.key}": ' in text for row in PARAMETERS.values())

@@ -208,12 +208,9 @@ def test_a_brake_slows_down_by_its_torque_and_holds_without_creep(planar, late):
     np.testing.assert_allclose(turned, load / (0.05 * inertia / H**2), rtol=1e-9)
 
 
-def test_an_overloaded_brake_slips(planar):
+def test_an_overloaded_brake_slips_and_a_stop_is_remembered(planar):
     rows, inertia = braked(planar, np.array([0.5, 0.0]), [0.0, 0.0], 0.3)
     np.testing.assert_allclose(np.diff(rows[-3:, 2]) / H, 0.2 / inertia[0], rtol=1e-8)
-
-
-def test_a_stop_is_remembered(planar):
     unit = find_unit("emergency_stop")(planar, T_b=3e-3)
     found = sampled(unit, 12, tau_c=lambda t: [1.0, 1.0], stop=lambda t: float(round(t / H) == 4))
     assert found["phase"].tolist() == [0.0] * 4 + [1.0] * 3 + [2.0] * 5

@@ -155,13 +155,10 @@ def test_what_is_not_finite_is_signalled_and_changes_nothing(efmu, unit, value, 
     assert both.call("Recalibrate") == both.call("DoStep") == 0
 
 
-def test_parameter_below_its_limit_is_signalled(efmu, tmp_path):
+def test_a_parameter_below_its_limit_and_what_overflows_are_signalled(efmu, tmp_path):
     both = Both(efmu("controller"), tmp_path)
     both.set("K_p", [1000.0, -1.0])
     assert both.call("Recalibrate") == 1
-
-
-def test_what_overflows_is_signalled_and_no_state(efmu, tmp_path):
     both = Both(efmu("disturbance_observer"), tmp_path)
     both.set("kappa_dot", [1e308, 0.0])
     both.set("kappa_dot_d", [-1e308, 0.0])  # their difference is an output

@@ -71,37 +71,25 @@ def test_arrays_fill_the_memory_row_by_row(interface):
     ]
 
 
-def test_what_is_whole_and_of_one_unit_is_an_array(planar):
+def test_what_is_whole_and_of_one_unit_is_an_array(planar, general, robots):
     found = shapes("plant", planar)
     expected = {
         "tau": (2,), "q": (2,), "p_O": (3,), "R_O": (3, 3), "E_kin": (), "mass": (2,), "equilibrium": (),
         "der(q)": (2,), "der(tau_s)": (2,), "time": (), "F_e[1]": (), "F_e[6]": (),
     }  # fmt: skip
     assert {name: found.get(name) for name in expected} == expected
-
-
-def test_the_elements_that_a_robot_keeps_of_a_vector_stay_scalars(planar):
-    """``tool_offset[1]`` alone would look like a whole vector of one element."""
+    # ``tool_offset[1]`` alone would look like a whole vector of one element.
     found = shapes("plant", planar)
     assert found["tool_offset[1]"] == found["gravity[3]"] == found["offset[2,1]"] == ()
     assert not {"tool_offset", "gravity", "offset"} & set(found)
-
-
-def test_a_robot_without_zeros_has_whole_arrays(general):
     found = shapes("plant", general)
     n = general.n
     assert (found["gravity"], found["offset"], found["centroid"]) == ((3,), (n, 3), (n, 3))
     assert "inertia[1,1,2]" in found  # the lower triangle is folded
-
-
-def test_groups_of_mixed_units_are_scalars(robots):
     found = shapes("plant", robots["slider_3dof"])
     assert found["tau"] == found["mass"] == (3,)
     assert not {"q", "q_0", "der(q)", "ell", "F_e"} & set(found)
     assert found["q[3]"] == found["der(q_dot[2])"] == found["ell[1]"] == ()
-
-
-def test_one_joint_makes_arrays_of_one_element(planar):
     one = first_joint(planar)
     found = shapes("plant", one)
     assert found["q"] == found["der(q)"] == found["mass"] == (1,)

@@ -225,7 +225,7 @@ def test_a_unit_is_compiled_while_the_next_is_traced(monkeypatch, cold):
     assert small == again != other
 
 
-def test_what_runs_rarely_is_not_optimised():
+def test_what_runs_rarely_is_not_optimised_and_nothing_has_debug_information(cold):
     """Derivatives, and the step where it has a copy for AVX2, which other processors than x86-64 never run."""
     names = ("kernel_a_step.c", "kernel_a_step_avx2.c", "kernel_a_outputs.c", "kernel_a_outputs_forward_reverse.c")
     for platform, expected in (
@@ -234,9 +234,6 @@ def test_what_runs_rarely_is_not_optimised():
     ):
         job = Compilation("a", dict.fromkeys(names, b""), platform)
         assert ["-O0" in job.flags_of(name) for name in names] == expected
-
-
-def test_objects_have_no_debug_information(cold):
     compile_library(SMALL, "x86_64-linux", name="Small")
     stored = [file.read_bytes() for file in (cold / "native").iterdir()]
     assert stored

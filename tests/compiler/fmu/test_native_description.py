@@ -70,16 +70,12 @@ def numbers(text: str | None) -> list[int]:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_fmpy_finds_no_problem(interface, version):
+def test_fmpy_finds_no_problem_and_the_plant_has_model_exchange(interface, version, unit_name):
     """Schema, names, units, start values, structure."""
     description = read(root_of(interface, version))
     assert description.fmiVersion == f"{version}.0"
     assert description.guid == GUID
     assert description.modelName == interface.model_name
-
-
-@pytest.mark.parametrize("version", VERSIONS)
-def test_the_plant_has_model_exchange_and_all_have_co_simulation(interface, unit_name, version):
     description = read(root_of(interface, version))
     assert description.coSimulation.modelIdentifier == interface.model_name
     assert (description.modelExchange is not None) == (unit_name == "plant")

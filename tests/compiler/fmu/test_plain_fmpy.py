@@ -21,12 +21,9 @@ def test_every_unit_runs_with_defaults(fmus, unit_name):
     assert all(np.all(np.isfinite(result[name])) for name in result.dtype.names)
 
 
-def test_every_unit_of_every_robot_starts(fmus, robot_name, unit_name):
+def test_every_unit_of_every_robot_starts_and_fmpy_prints_what_the_plant_is(fmus, robot_name, unit_name):
     result = simulate(fmus[robot_name][unit_name], stop_time=5e-3)
     assert all(np.all(np.isfinite(result[name])) for name in result.dtype.names)
-
-
-def test_fmpy_prints_what_the_unit_is(fmus):
     text = fmu_info(str(fmus["planar_2dof"]["plant"]))
     assert "Co-Simulation" in text and "Serial manipulator with flexible harmonic-drive joints" in text
 

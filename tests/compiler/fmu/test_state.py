@@ -179,15 +179,12 @@ def test_a_state_moves_to_another_process(open_unit, folders, tmp_path, run_pyth
 # ------------------------------------------------------------------ what is no state of this unit
 
 
-def test_a_state_of_another_unit_is_refused(open_unit):
+def test_a_state_of_another_unit_or_robot_is_refused(open_unit):
     plant, controller = open_unit("plant").start(), open_unit("controller").start()
     before = plant.outputs()
     with plant.refuses(r"unit: setFMUstate.* expected a state of Plant with GUID \{.*got one with GUID \{"):
         plant.fmu.setFMUstate(controller.fmu.getFMUstate())
     assert np.array_equal(plant.outputs(), before)
-
-
-def test_a_state_of_the_same_unit_for_another_robot_is_refused(open_unit):
     unit, other = open_unit("plant").start(), open_unit("plant", "slider_3dof").start()
     with unit.refuses(r"expected a state of Plant with GUID"):
         unit.fmu.setFMUstate(other.fmu.getFMUstate())

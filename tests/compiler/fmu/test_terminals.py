@@ -101,14 +101,11 @@ def test_all_pictures_are_there_and_small(interface, fmi):
     assert ("model.png" in files) == (fmi is FMI_2)
 
 
-def test_each_unit_has_its_own_icon(robots):
+def test_each_unit_has_its_own_icon_or_that_of_all_units(robots):
     robot = robots["planar_2dof"]
     files = [icon_files(Interface(shipped_units()[unit], robot), FMI_3) for unit in shipped_units()]
     assert len({f["terminalsAndIcons/icon.png"] for f in files}) == len(shipped_units())
-
-
-def test_a_unit_without_a_picture_has_that_of_all_units():
-    """And no terminals, where it declares none."""
+    # And no terminals, where it declares none.
     interface = Interface(find_unit(Path(__file__).parent / "own_units.py:LowPass"), None)
     files = icon_files(interface, FMI_2)
     for kind in ("png", "svg"):

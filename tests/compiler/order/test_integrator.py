@@ -90,15 +90,12 @@ def test_continuation_from_a_copy_of_state_and_step_is_bit_identical(robot):
     assert (third.x != first.x).any()
 
 
-def test_zero_duration_changes_nothing(planar):
+def test_short_communication_steps_change_nothing_but_the_time(planar):
     integrator = integrator_of(planar)
     x, h = integrator.x.copy(), integrator.h
     integrator.advance(1.0, 0.0)
     np.testing.assert_array_equal(integrator.x, x)
     assert integrator.h == h and integrator.steps == 0
-
-
-def test_short_communication_step_does_not_shrink_the_internal_one(planar):
     integrator = integrator_of(planar, 1e-6)
     integrator.advance(0.0, 0.02)
     h = integrator.h
@@ -137,16 +134,13 @@ def test_input_too_large_names_time_and_state(planar, field, i, value):
     fails(integrator, r"at t = 0\.25 s (state|the local error of state) (q|q_dot|kappa_dot|tau_s)\[[12]\]")
 
 
-def test_state_that_is_not_finite_is_named(planar):
+def test_state_that_is_not_finite_is_named_with_its_time(planar):
     integrator = integrator_of(planar)
     integrator.x[3] = np.nan
     x = integrator.x.copy()
     with pytest.raises(KernelError, match=r"at t = 0 s state \S+ is not finite"):
         integrator.advance(0.0, 0.001)
     np.testing.assert_array_equal(integrator.x, x)
-
-
-def test_failure_in_the_middle_names_its_time(planar):
     # A torque that grows the speed without bound: the state leaves the numbers at some time after the start.
     integrator = integrator_of(planar.with_parameters(f_v=-1e4), 1e-3)
     x, h = integrator.x.copy(), integrator.h

@@ -71,15 +71,12 @@ def test_variables_stand_in_the_order_of_inputs_states_sampled_outputs_parameter
     assert many.states == many.groups["q"] and many.size == len(many) + 4
 
 
-def test_shapes_count_joints_or_are_fixed(many):
+def test_shapes_count_joints_or_are_fixed_and_units_of_measurement_follow_their_type(many):
     sizes = {group: where.stop - where.start for group, where in many.groups.items()}
     assert sizes["q"] == sizes["y"] == sizes["g"] == sizes["ell"] == 3
     assert (sizes["u"], sizes["k"], sizes["M"]) == (2, 1, 4)
     assert [v.name for v in many if v.group == "M"] == ["M[1,1]", "M[1,2]", "M[2,1]", "M[2,2]"]
     assert many.find("k").index == ()
-
-
-def test_units_of_measurement_follow_the_type_of_the_joint(many):
     units = {v.name: v.unit for v in many.memory}
     assert [units[f"q[{i}]"] for i in (1, 2, 3)] == ["rad", "m", "rad"]
     assert [units[f"y[{i}]"] for i in (1, 2, 3)] == ["N.m", "N", "N.m"]
@@ -105,7 +102,7 @@ def test_descriptions_name_the_joint_or_the_indices(many):
     assert many.description == "One of each kind. The rest of the docstring is for the page"
 
 
-def test_start_values_are_broadcast_or_come_from_the_robot(many):
+def test_start_values_are_broadcast_or_come_from_the_robot_and_kinds_have_their_type(many):
     starts = {v.name: v.start for v in many}
     assert [starts[f"q_0[{i}]"] for i in (1, 2, 3)] == [0.0, 0.1, 0.2]
     assert [starts[f"s_0[{i}]"] for i in (1, 2, 3)] == [0.5] * 3
@@ -113,9 +110,6 @@ def test_start_values_are_broadcast_or_come_from_the_robot(many):
     assert (starts["mode"], starts["on"], starts["y[1]"], starts["q[1]"]) == (0, True, None, None)
     assert starts["ell[1]"] == many.robot.ell[0]
     assert many.start_values()[many.groups["g"]].tolist() == [2.0] * 3
-
-
-def test_kinds_have_their_type_and_variability(many):
     found = {v.group: (v.type, v.variability) for v in many}
     assert found["k"] == ("Real", "fixed") and found["g"] == ("Real", "tunable")
     assert found["q"] == ("Real", "continuous") and found["s"] == ("Real", "discrete")
@@ -148,14 +142,11 @@ def test_a_unit_without_start_gets_a_parameter_for_each_state_and_a_tolerance(ma
     assert not Interface(OnlySampled, None).has_states and Interface(OnlySampled, None).is_sampled
 
 
-def test_declared_start_parameters_keep_their_place_and_start():
+def test_declared_start_parameters_keep_their_start_and_a_subclass_has_those_of_its_base():
     x_0 = Parameter("m", text="of my own", start=7.0)
     own = type("Own", (Unit,), {"x": (x := State("m", start=1.0)), "x_dot": Derivative(x), "x_0": x_0})
     assert own.declared["x_0"].text == "of my own"
     assert Interface(type("Moving", (own,), {"derivatives": lambda self: None}), None).find("x_0").start == 7.0
-
-
-def test_a_subclass_has_the_variables_of_its_base():
     base = type("Base", (Unit,), {"u": Input("1")})
     more = type("More", (base,), {"y": Output("1")})
     assert list(more.declared) == ["u", "y"] and list(base.declared) == ["u"]
@@ -227,6 +218,8 @@ def test_start_values_of_an_interface_are_checked():
             Interface(Many, SLIDER, values)
     changed = Interface(Many, SLIDER, {"mode": 1, "on": False, "g[2]": 5})
     assert [changed.find(name).start for name in ("mode", "on", "g[2]")] == [1, False, 5.0]
+    with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
+        type("Bad", (Unit,), {"g": Parameter("1", JOINTS, start=[1.0, 2.0])})(SLIDER)
 
 
 def test_the_experiment_keeps_inputs_within_their_limits():
@@ -234,11 +227,6 @@ def test_the_experiment_keeps_inputs_within_their_limits():
     unit.t = 1.0
     unit.experiment()
     assert unit.u.tolist() == [2.0, 2.0] and unit.v == 0.1 * np.sin(3.0)
-
-
-def test_a_start_value_of_another_shape_is_refused():
-    with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
-        type("Bad", (Unit,), {"g": Parameter("1", JOINTS, start=[1.0, 2.0])})(SLIDER)
 
 
 ONE_EACH = "expected parameters with one number for each"

@@ -161,7 +161,7 @@ class Table(Unit):
         self.z = interpolate(self.u[0], self.points, self.values)
 
 
-def test_interpolation_is_that_of_numpy():
+def test_interpolation_is_that_of_numpy_and_a_table_to_look_up_may_have_one_dimension():
     assert_same(Table, roundings=8)
     plain = Plain(Interface(Table, None))
     for row in VALUES:
@@ -170,9 +170,6 @@ def test_interpolation_is_that_of_numpy():
         expected = np.interp(row, plain.group("points"), plain.group("values"))
         # three pieces of size 5, each with some roundings
         np.testing.assert_allclose(plain.group("y"), expected, rtol=0, atol=50 * EPS)
-
-
-def test_a_table_to_look_up_may_have_one_dimension():
     unit = unit_of(lambda u, a: ([[lookup(x, [-1.0, 0.0, 1.0, 2.0], [5.0, 7.0, -2.0]) for x in u]], [a]))
     assert_same(unit)
     traced = Traced(Interface(unit, None))

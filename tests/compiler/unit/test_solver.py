@@ -124,15 +124,11 @@ CASES = [
 
 
 @pytest.mark.parametrize(("unit", "values", "end", "exact"), CASES)
-def test_a_step_has_order_four_on_any_unit(unit, values, end, exact):
+def test_a_step_has_order_four_on_any_unit_and_the_solver_keeps_its_tolerance(unit, values, end, exact):
     errors = [abs(stepped(unit, end, n, **values)[0] - exact) for n in (64, 128, 256)]
     assert errors[-1] > 1e-13  # above rounding
     # The next term of the error is smaller by the step, 1/64 and less: the last pair shows the order to 0.1.
     assert np.log2(errors[-2] / errors[-1]) == pytest.approx(ORDER, abs=0.1)
-
-
-@pytest.mark.parametrize(("unit", "values", "end", "exact"), CASES)
-def test_the_solver_keeps_its_tolerance(unit, values, end, exact):
     solver = solver_of(unit, 1e-9, **values)
     solver.advance(0.0, end)
     assert solver.x[0] == pytest.approx(exact, abs=1e-7)  # 100 local errors of 1e-9
@@ -311,14 +307,11 @@ def callees(step):
     return [step.instruction_MX(k).which_function() for k in calls]
 
 
-def test_the_stages_of_a_step_balance_forces_and_solve_for_no_acceleration():
+def test_the_stages_of_a_step_solve_for_no_acceleration_and_grow_linearly_along_the_chain():
     names = [function.name() for function in callees(step_of(Plant, load_robot("manipulator_6dof")))]
     # The first of the six stages is at the start, where the matrix of the step gives the accelerations.
     assert names.count("plant_step_balance") == 5
     assert "plant_derivatives" not in names
-
-
-def test_operations_of_a_step_along_the_chain_grow_linearly():
     steps = [callees(step_of(Plant, repeated_link(n))) for n in (9, 12, 15)]
     counts = [sum(function.n_instructions() for function in step) for step in steps]
     # Every joint adds the same operations; the first links and CasADi's choice of temporaries make up for 1 %.

@@ -182,11 +182,14 @@ class Reused(Unit):
         self.z = array
 
 
-def test_a_variable_keeps_what_an_array_was_when_it_was_set():
+def test_a_variable_keeps_what_an_array_was_and_an_element_of_a_parameter_is_not_set():
     for unit in both(Reused):
         unit.group("u")[:] = 3.0
         unit.outputs()
         assert (unit.group("y").tolist(), unit.group("z").tolist()) == ([3.0, 0.0], [3.0, 5.0])
+    for kind in (Traced, Plain):
+        with pytest.raises(UnitError, match=r"line \d+: outputs\(\) of Touched fails: an element of a variable"):
+            kind(Interface(Touched, None)).outputs()
 
 
 class Touched(Unit):
@@ -198,12 +201,6 @@ class Touched(Unit):
     def outputs(self) -> None:
         self.K[0] = 7.0
         self.y = self.K
-
-
-def test_an_element_of_a_parameter_is_not_set():
-    for kind in (Traced, Plain):
-        with pytest.raises(UnitError, match=r"line \d+: outputs\(\) of Touched fails: an element of a variable"):
-            kind(Interface(Touched, None)).outputs()
 
 
 class ManyWays(Unit):

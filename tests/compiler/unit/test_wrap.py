@@ -201,14 +201,11 @@ def test_two_units_of_one_name_are_refused(design):
             find_unit("two.py")
 
 
-def test_a_file_name_and_decimal_commas_do_no_harm(design):
+def test_odd_names_and_decimal_commas_do_no_harm_and_the_command_names_what_it_wrote(design):
     """A quote in a name ended the text of the unit."""
     (design / 'q"uo\\Ute.csv').write_text('Time [s];b\n0;1,5\n\n1;"2,5"\n')
     found = made('q"uo\\Ute.csv', "quoted")().simulate(stop=1.0, step=0.5)
     assert found["b"].tolist() == [1.5, 2.0, 2.5]
-
-
-def test_the_command_names_what_it_wrote(design):
     words = "unit", "from", "design.py:maps", "--name", "MyMaps"
     done, again = command(*words), command(*words)
     assert done.exit_code == 0 and "my_maps.casadi" in done.output and "vdfmu build my_maps.py" in done.output

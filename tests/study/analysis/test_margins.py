@@ -134,14 +134,11 @@ def test_what_stays_constant_takes_no_margin():
     assert wanted.modulus[0] > 0.1
 
 
-def test_a_mass_that_nothing_holds_has_the_margins_of_no_loop():
+def test_a_mass_that_nothing_holds_has_the_margins_of_no_loop_and_an_unstable_loop_none():
     """Position and speed have one eigenvector."""
     plant = held(Linear(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])), STEP)
     found = Loop(plant, np.zeros((1, 2)), STEP).margins()
     assert found.modulus.tolist() == [1.0] and found.gain.tolist() == [np.inf] and found.rate == -np.inf
-
-
-def test_an_unstable_loop_has_no_margin():
     loop = Loop(held(Linear(np.zeros((1, 1)), np.ones((1, 1))), STEP), np.array([[-1.1 / STEP]]), STEP)
     assert loop.modulus[0] > 0.0  # k h below 2
     then = late(loop).margins()  # k h above 1

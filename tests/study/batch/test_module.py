@@ -84,7 +84,7 @@ def test_an_arm_with_fixed_steps_or_a_sampled_law_and_the_shipped_scenarios(name
     assert_same_run(prepare(name, **options), settings)
 
 
-def test_what_is_not_met_and_what_stops_are_told():
+def test_what_is_not_met_what_stops_and_all_reasons_for_no_program_are_told():
     scenario = prepare("planar_tracking", stop=0.2)
     module = Module(scenario, {}, **{"plant.f_s[1]": 0.01})
     words = [words for condition in module.program.conditions for words in condition.words]
@@ -93,9 +93,6 @@ def test_what_is_not_met_and_what_stops_are_told():
     assert unstable.begun == 0
     (stopped,) = {found for found in unstable.steps() if found}
     assert unstable.program.moving[stopped - 1].name == "plant"
-
-
-def test_a_system_that_has_no_program_has_all_reasons():
     scenario = dataclasses.replace(prepare("planar_tracking"), master="iterative", adaptive=1e-3)
     with pytest.raises(vdfmu.VdfmuError, match="master: expected gauss-seidel or jacobi, got iterative\nadaptive: "):
         SystemProgram(SystemDescription(scenario))

@@ -97,7 +97,7 @@ def test_elements_of_an_array_in_two_units_are_two_figures():
     assert [curves(one)[1].tolist() for one in found] == [[[0.0, 2.0, 4.0]], [[1.0, 3.0, 5.0]]]
 
 
-def test_memory_does_not_grow_with_the_rows(monkeypatch):
+def test_the_page_of_a_long_run_is_quick_and_memory_does_not_grow_with_the_rows(monkeypatch, calls):
     monkeypatch.setattr(content, "_BLOCK", 1000)
     results = noise(200_000, 1)
     tracemalloc.start()
@@ -106,9 +106,6 @@ def test_memory_does_not_grow_with_the_rows(monkeypatch):
     tracemalloc.stop()
     # a column of all rows takes 1.6 MB; those that are kept, 24 bytes each and their text, 0.3 MB
     assert peak < 8 * 200_000
-
-
-def test_the_page_of_a_long_run_is_quick(calls):
     results = noise(10_001, 100)  # as many numbers as the tracking run has
     run = ShownRun("run", results, {"scenario": "noise", "joints": 100}, Path("none.ssp"))
     report_page([run])

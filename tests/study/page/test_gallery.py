@@ -78,16 +78,13 @@ def test_nothing_but_the_summary_is_opened(results):
     assert rows(gallery_page(results)) == whole
 
 
-def test_names_and_verdicts_are_text(results):
+def test_names_and_verdicts_are_text_and_counted(results):
     wild = results / "<b>&'\udcff"
     (results / "package").rename(wild)
     changed(wild, system="<i>x</i>", verdict={"state": "failed", "words": "<u>w</u>", "checks": []})
     page = gallery_page(results).decode()
     assert "&lt;i&gt;x&lt;/i&gt;" in page and "&lt;u&gt;w&lt;/u&gt;" in page and "&lt;b&gt;" in page
     assert not re.search("<[biu]>", page) and 'href="%3Cb%3E%26%27%FF"' in page
-
-
-def test_a_verdict_is_seen_and_counted(results):
     for state in ("doubtful", "failed"):
         changed(results / "first run", verdict={"state": state, "words": "off its path", "checks": []})
         page = gallery_page(results)

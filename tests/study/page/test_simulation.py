@@ -164,15 +164,12 @@ def test_a_system_without_a_program_is_not_simulated(tmp_path, options, words):
     assert words in found_in(tmp_path)[0]["reason"]
 
 
-def test_a_long_run_and_one_of_a_package_are_not_simulated(planar, monkeypatch):
+def test_a_long_run_and_one_of_a_package_are_not_simulated_and_a_page_says_how_to_get_it(planar, monkeypatch):
     run = read_run(planar)
     summary = {name: value for name, value in run.summary.items() if name != "scenario"}
     assert "only runs of scenarios" in simulation_of(run.results, summary, run.package, {})["reason"]
     monkeypatch.setattr(simulation, "MOST_VALUES", 1000)
     assert re.search("it has 200 steps of .* signals, too much for a page", found_in(planar)[0]["reason"])
-
-
-def test_a_page_says_how_to_get_its_simulation(planar):
     text = (planar / "report.html").read_text()
     assert simulation.NOT_MADE in text and 'id="worker"' not in text
 

@@ -84,7 +84,7 @@ def test_errors_have_one_panel_a_unit(made, types):
         assert unit.lstrip("m") in positions.get_ylabel() and torques.get_ylabel().endswith(torque)
 
 
-def test_a_joint_has_one_look_in_all_panels(made):
+def test_a_joint_has_one_look_in_all_panels_and_many_joints_differ(made):
     figure = plots.draw_errors(made.results(6), made.scenario(SIX))
     looks = [[(line.get_color(), line.get_linestyle()) for line in axes.lines] for axes in figure.axes]
     legend = figure.axes[0].get_legend()
@@ -92,9 +92,6 @@ def test_a_joint_has_one_look_in_all_panels(made):
     assert looks[0] == looks[1] == entries
     assert len(set(entries)) == 6
     assert [text.get_text() for text in legend.get_texts()] == [f"Joint {i}" for i in range(1, 7)]
-
-
-def test_many_joints_still_differ_and_all_are_shown_if_none_moves(made):
     looks = {(style.joint_look(i)["color"], style.joint_look(i)["linestyle"]) for i in range(28)}
     assert len(looks) == 28
     assert len(plots.draw_moving_torques(made.results(2, at_rest=True), made.scenario(TWO)).axes) == 3

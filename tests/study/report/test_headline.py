@@ -135,7 +135,7 @@ def test_numbers_that_are_not_known_have_no_tile():
     ]
 
 
-def test_the_line_in_the_terminal_has_a_sign_a_word_and_a_colour():
+def test_the_line_in_the_terminal_has_a_colour_and_a_torque_is_a_share_of_its_limit():
     checks = [CHECK["good"], Check("a", "doubtful", "b", "saturated")]
     with Console(file=io.StringIO(), width=80, color_system="standard", force_terminal=True) as console:
         with console.capture() as shown:
@@ -143,9 +143,6 @@ def test_the_line_in_the_terminal_has_a_sign_a_word_and_a_colour():
     yellow = 33
     assert f"\x1b[{yellow}m! \x1b[0m" in shown.get()
     assert "Doubtful: saturated; 1 of 2 checks pass, 1 doubtful" in shown.get()
-
-
-def test_a_torque_with_a_limit_is_a_share_of_it():
     (tile,) = tiles_of({"key_figures": {"torque": FIGURES["torque"] | {"limit": 71.0}}})
     assert tile[1:3] == ("50 %", "of its limit, 35.5 N.m, joint 2 at 0.941 s")
 

@@ -37,7 +37,7 @@ def shown(renderable, width: int = 80) -> str:
     return capture.get()
 
 
-def test_tracking_rows():
+def test_tracking_rows_with_and_without_a_paper():
     sheet = tracking_sheet(TRACKING)
     assert sheet.columns[1] == "Position\nRMS\n[deg]"
     # 100 * 4.55149e-3 / 0.0456 = 9.98, 100 * 5.01096e-3 / 0.2 = 2.51, 100 * 0.158905 / 0.1173 = 135.5
@@ -46,9 +46,6 @@ def test_tracking_rows():
     assert sheet.rows[1][3::3] == ("54", "6.8", "143")
     assert sheet.rows[2] == ("3", "1.6e-08", "-", "-", "2.57e-08", "-", "-", "2.84e-07", "-", "-")
     assert "Table 5, joints 1 and 2" in sheet.notes[1]
-
-
-def test_tracking_without_a_paper_has_no_columns_for_it():
     sheet = tracking_sheet({**TRACKING, "paper": {}})
     assert len(sheet.columns) == 4
     assert "aper" not in shown(sheet_table(sheet))
@@ -101,14 +98,11 @@ def test_the_energy_residual_says_that_it_is_a_sum_of_absolute_values():
     assert said["Energy residual"].endswith("; net 0.002 J")
 
 
-def test_reference_rows():
+def test_reference_rows_or_none():
     sheet = reference_sheet(TRACKING)
     assert sheet.rows == [("sampled-delayed", "1.23e-08", "5.68e-05"), ("continuous", "3.2e-06", "0.023")]
     text = shown(sheet_table(sheet))
     assert "[rad]" in text and "[N.m]" in text and "sampled-delayed" in text
-
-
-def test_no_reference():
     for summary in ({**TRACKING, "reference": {}}, {k: v for k, v in TRACKING.items() if k != "reference"}):
         assert "No reference was solved." in shown(sheet_table(reference_sheet(summary)))
         assert "reference" not in "".join(sheet.title for sheet in sheets(summary))

@@ -73,13 +73,10 @@ def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_non
     assert found(planar, chosen) == list(of.values())  # from the cache
 
 
-def test_factors_of_a_slider():
+def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(described):
     knob = {"least": 0.1, "most": 10.0}
     assert [factor(knob, place) for place in (-100, 0, 50, 100)] == [0.1, 1.0, pytest.approx(10**0.5, rel=1e-15), 10.0]
     assert factor({"least": 0.0, "most": 3.0}, -100) == 0.0
-
-
-def test_an_arm_whose_friction_excites_itself_is_taken_without_it(described):
     values = values_of(described)
     assert {"f_c[1]", "f_s[1]", "f_v[1]"} <= values["plant"].keys()
     assert least_dry_friction(values["plant"]) == {f"{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)}

@@ -66,13 +66,10 @@ def test_each_row_is_at_its_limit_and_gets_its_torque(limited, one, row):
     assert all(not any(shares[1:]) for shares in found.values())
 
 
-def test_a_row_counts_with_the_length_of_its_step(limited, one):
+def test_a_row_counts_with_the_length_of_its_step_and_the_largest_share_has_its_place(limited, one):
     rows = [(20.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 4.5, 2.0)]
     found = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 3.0, 10.0]), [one])["limits"]["plant"]
     np.testing.assert_allclose([found[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14)
-
-
-def test_the_largest_share_has_its_place_and_its_begin(limited, one):
     rows = [(5.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (20.0, 1.0, 0.0)]
     figures = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 4.0, 10.0]), [one])["key_figures"]
     assert figures == {"saturated": {"value": 0.7, "place": "torque limit of joint 1", "at_s": 1.0}}

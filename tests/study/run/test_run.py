@@ -68,14 +68,10 @@ def test_the_run_compares_with_both_references(planar_run):
 
 
 @pytest.mark.heavy
-def test_settings_change_the_run_and_its_reference_alike():
+def test_settings_and_a_wrench_change_the_run_and_its_reference_alike():
     results = vdfmu.run("planar_tracking", stop=0.1, out=False, settings={"controller.K_p": 300, "plant.mass[1]": 3.0})
     assert results.summary["settings"] == {"controller.K_p": "300", "plant.mass[1]": "3.0"}
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
-
-
-@pytest.mark.heavy
-def test_a_wrench_given_to_a_run_acts_on_it_and_its_references():
     options = {"stop": 0.1, "settings": {"plant.F_e[2]": 30.0}}
     results = vdfmu.run("planar_tracking", out=False, **options)
     free = vdfmu.run("planar_tracking", out=False, stop=0.1, reference=False)

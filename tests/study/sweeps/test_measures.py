@@ -54,14 +54,11 @@ def test_values(results, text, value):
     np.testing.assert_allclose(list(found.values()), np.atleast_1d(value), rtol=1e-12)  # rounding of sums of 201
 
 
-def test_settling_is_when_a_signal_stays_near_its_end(results):
+def test_settling_is_when_a_signal_stays_near_its_end_and_a_function_is_called_with_the_results(results):
     found = read_measures(["m=settling(inner.part.x, 0.05)"])[0].of(results)["m"]
     x = 1.0 - np.exp(-3.0 * T)
     inside = np.abs(x - x[-1]) <= 0.05
     assert found == T[inside.argmax()]
-
-
-def test_a_function_is_called_with_the_results(results):
     measure = read_measures({"rows": len})[0]
     assert measure.of(results) == {"rows": 201.0}
 

@@ -71,13 +71,10 @@ def test_all_that_is_wrong_is_said_at_once():
     assert len(str(info.value).splitlines()) == 3
 
 
-def test_a_grid_has_all_combinations_the_last_axis_running_fastest():
+def test_a_grid_has_all_combinations_and_a_latin_hypercube_a_point_in_each_stretch():
     _, points = draw(read_axes({"a": [1, 2], "b": "lin(0, 1, 3)"}), "grid")
     assert points["a"].tolist() == [1, 1, 1, 2, 2, 2]
     assert points["b"].tolist() == [0.0, 0.5, 1.0] * 2
-
-
-def test_a_latin_hypercube_has_a_point_in_each_stretch_of_each_axis():
     _, points = draw(read_axes(["a=lin(0, 1)", "b=log(1, 10)"]), "lhs", 50, seed=3)
     for column in (points["a"], np.log10(points["b"])):
         assert sorted((50 * column).astype(int)) == list(range(50))

@@ -81,7 +81,7 @@ def test_the_confidence_narrows_with_the_root_of_the_points():
     assert 0.15 < widths[1] / widths[0] < 0.4
 
 
-def test_morris_gives_the_slopes_of_a_linear_function_and_the_bend_of_another():
+def test_morris_gives_slopes_and_bends_of_functions_and_of_the_points_of_a_study(tmp_path):
     u = shares(3, "morris", 20, 0)
     found = morris_indices(3 * u[:, 0] - 2 * u[:, 1], u, "abc")
     # differences of numbers near 1: rounding
@@ -90,9 +90,6 @@ def test_morris_gives_the_slopes_of_a_linear_function_and_the_bend_of_another():
     np.testing.assert_allclose(found.values["sigma"], 0, atol=1e-12)
     bent = morris_indices(u[:, 0] * u[:, 1], u, "abc")
     assert bent.values["sigma"][0] > 0.1 and bent.values["sigma"][2] == 0.0
-
-
-def test_morris_of_a_study_takes_the_points_that_it_ran(tmp_path):
     over = {"f.a": "log(1, 100)", "f.b": "lin(0, 5)"}
     found = study(tmp_path / "s", over, lambda a, b: np.log10(a) + b, "morris", 10).indices()
     # over the whole range of each axis: two decades, and 5
@@ -157,12 +154,9 @@ def test_files_are_named_without_their_folders_and_large_numbers_in_full(tmp_pat
     assert [sides["f.a"].text(x) for x in (12345.0, 1e-5, 3e6, 0.25)] == ["12300", "1e-05", "3e+06", "0.25"]
 
 
-def test_a_measure_without_values_is_shown_as_such(tmp_path):
+def test_a_measure_without_values_is_shown_and_said_as_such(tmp_path):
     found = study(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: a * np.nan)
     assert found.ranges() == [["y", "no value", "", "", ""]]
-
-
-def test_a_column_of_a_measure_that_no_point_has_is_said(tmp_path):
     failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
     with pytest.raises(UsageError, match="no point has a value of y: all failed"):
         failed["y"]

@@ -169,7 +169,7 @@ def test_a_start_without_margin_is_noted(tmp_path):
 
 
 @pytest.mark.heavy
-def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
+def test_runs_that_fail_cost_infinity_and_limits_hold_for_every_robot(tmp_path):
     """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
     found = vdfmu.tune(
         "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", evaluations=8,
@@ -177,10 +177,6 @@ def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
     )  # fmt: skip
     assert found.failed == len(Sweep(found.folder).failed) > 0
     assert found.after.feasible and found.after.cost[0] <= found.before.cost[0]
-
-
-@pytest.mark.heavy
-def test_limits_hold_for_every_robot(tmp_path):
     found = vdfmu.tune(
         "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
         limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "search", **SHORT,

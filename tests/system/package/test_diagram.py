@@ -72,15 +72,12 @@ def test_a_vector_is_one_wire_with_its_size():
     assert widths["plant_2.M_S"] == "6 × 6" and widths["plant.p_O"] == "3" and widths["controller_2.tau"] == "2"
 
 
-def test_components_without_places_stand_with_little_feedback():
+def test_components_without_places_stand_with_little_feedback_and_loops_of_their_own():
     cards = [Card(name, inputs=["u"] * (name != "a"), outputs=["y"] * (name != "c")) for name in "cba"]
     nets = [Net(("a", "y"), [("b", "u")], ""), Net(("b", "y"), [("c", "u")], "")]
     layout = arrange(cards, nets)
     assert isinstance(layout, PlacedSystem)
     assert [card.column for card in cards] == [2, 1, 0]
-
-
-def test_a_loop_of_a_component_with_itself_is_drawn():
     cards = [Card("a", inputs=["u"], outputs=["y"])]
     (wire,) = arrange(cards, [Net(("a", "y"), [("a", "u")], "")]).wires
     (line,) = wire.lines

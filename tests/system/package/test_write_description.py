@@ -58,16 +58,13 @@ def test_the_scenario_comes_first_and_holds_all_that_the_fmu_of_the_robot_lacks(
                 assert value == known[variable.name], (unit, variable.name)
 
 
-def test_the_plant_that_differs_has_its_values_with_the_scenario():
+def test_the_plant_that_differs_has_its_values_and_the_start_is_one_value_with_two_names():
     description = SystemDescription(load_scenario("two_joint"))
     scenario = {s.name for s, _ in description.parameter_sets["plant.scenario.ssv"].entries}
     robot = {s.name for s, _ in description.parameter_sets["plant.robot.ssv"].entries}
     assert {"mass[1]", "K_f0[6]", "f_v[2]"} <= scenario
     assert {"ell[1]", "I_m[6]", "centroid[1,3]"} <= robot
     assert description.bindings["feedforward"][1].file == "robot.ssv"
-
-
-def test_the_start_is_one_value_with_two_names_unless_they_differ():
     scenario = load_scenario("planar_tracking")
     description = SystemDescription(scenario)
     (binding,) = [b for b in description.bindings["plant"] if b.file == "start.ssv"]
