@@ -27,7 +27,7 @@ def report(tmp_path):
     return Report("sample", "Sample", tmp_path, Console(file=io.StringIO(), width=120))
 
 
-def test_every_case_gets_samples():
+def test_every_case_gets_samples_and_a_slow_one_one():
     calls = {"a": 0, "b": 0}
 
     def run(name: str) -> None:
@@ -39,15 +39,12 @@ def test_every_case_gets_samples():
         assert case.samples >= 3
         assert calls[case.name] >= case.calls * 3
         assert 0.0 < case.best < np.inf
-
-
-def test_slow_case_gets_one_sample():
     slow = Case("slow", lambda: sum(range(10_000)))
     measure([slow], 5, batch=0.0, limit=0.0)
     assert slow.samples == 1
 
 
-def test_table_in_all_forms(tmp_path):
+def test_table_in_all_forms_without_rows_of_wrong_length(tmp_path):
     table = Table("t", "Title [us]", [("name", ""), ("time [us]", ".1f")], notes=["a note"])
     table.add("x", 1.25)
     table.add("y", None)
@@ -61,9 +58,6 @@ def test_table_in_all_forms(tmp_path):
     Console(file=stream, width=80).print(table.to_rich())
     assert "Title [us]" in stream.getvalue()
     assert "time [us]" in stream.getvalue()
-
-
-def test_row_of_wrong_length():
     with pytest.raises(ValueError, match="t: expected 1 values, got 2"):
         Table("t", "", [("a", "")]).add(1, 2)
 
@@ -98,13 +92,10 @@ def test_growth_of_the_fmus(report, monkeypatch):
     assert table.rows[0][5] < table.rows[1][5]
 
 
-def test_least_of_blocks_leaves_out_what_disturbed_a_round():
+def test_least_of_blocks_leaves_out_what_disturbed_a_round_and_the_clock_divides_by_the_steps():
     rounds = [np.array([1.0, 9.0, 2.0]), np.array([5.0, 1.0, 2.0]), np.array([1.0, 1.0, 3.0])]
     assert least(rounds) == 4.0
     assert median(rounds) == 8.0
-
-
-def test_clock_divides_by_the_steps():
     clock = Clock()
     for done in (0, 50, 100):
         clock.progress(done, 100)

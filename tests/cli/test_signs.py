@@ -53,7 +53,7 @@ def works(*words, **options):
     return on_terminal([sys.executable, "-c", WORKS, "works", *words], **options)
 
 
-def test_a_line_and_a_bar_move_while_a_command_works():
+def test_a_line_and_a_bar_move_while_a_command_works_and_not_while_it_waits_for_the_user():
     shown = works("prints")
     frames = {line for line in re.split(r"\x1b\[2K|\r|\n", shown.text) if "━" in line}
     assert len([frame for frame in frames if "works" in frame]) > 5  # ten in a second
@@ -67,9 +67,6 @@ def test_a_line_and_a_bar_move_while_a_command_works():
     ]
     assert shown.text.rstrip().endswith("last")
     assert shown.text.count("\x1b[?25h") == shown.text.count("\x1b[?25l") > 0  # the cursor is back
-
-
-def test_nothing_moves_while_a_command_waits_for_the_user():
     shown = works("waits")
     assert shown.code == 0
     assert "━" not in shown.text.partition("waiting")[2]

@@ -8,7 +8,7 @@ from vdfmu.base.text import FEW, elided, error_text, first_few
 from vdfmu.cli import commands
 
 
-def test_a_long_name_a_long_line_and_many_lines_lose_their_middle():
+def test_long_names_and_lines_lose_their_middle_and_of_many_messages_the_first_of_each_rule_are_kept():
     name = "a" * 100 + "b" * 9_000_000 + "c" * 100
     text = error_text(UsageError(f"expected x, got {name}. Remove it."))
     assert text.startswith("expected x, got aaaa")
@@ -19,9 +19,6 @@ def test_a_long_name_a_long_line_and_many_lines_lose_their_middle():
     lines = elided("\n".join(f"line {i}" for i in range(9_000))).splitlines()
     assert (lines[0], lines[50], lines[-1]) == ("line 0", "... (8,900 lines) ...", "line 8999")
     assert elided("short\nas it is ") == "short\nas it is "
-
-
-def test_of_many_messages_the_first_of_each_rule_are_kept():
     texts = [f"A {i}" for i in range(9_000)] + ["B 1"]
     kept = first_few(texts, lambda text: text[0])
     assert kept == [*texts[:FEW], "B 1", "and 8,980 more [A]"]

@@ -158,16 +158,13 @@ def test_a_package_of_another_tool_is_replaced_on_request_only(tmp_path):
     assert (done.returncode, done.stdout) == (0, "Written to mine.ssp\n")
 
 
-def test_margins_and_modes_as_json(tmp_path):
+def test_margins_and_modes_as_json_and_the_motion_of_a_shipped_scenario_by_its_name(tmp_path):
     found = json.loads(command("margins", "planar_tracking", "--at", "0.5", "--json", cwd=tmp_path).stdout)
     assert [row["opened_at"] for row in found["margins"]] == ["plant.tau[1]", "plant.tau[2]"]
     assert found["state"] == "good" and all(0.0 < row["modulus"] < 1.0 for row in found["margins"])
     found = json.loads(command("modes", "planar_2dof", "--json", cwd=tmp_path).stdout)
     assert found["pose"] == [0.0, 0.0]
     assert len(found["motors_free"]["frequency"]) == len(found["motors_held"]["frequency"]) == 2
-
-
-def test_the_motion_of_a_shipped_scenario_by_its_name(tmp_path):
     done = command("motion", "planar_tracking", "--json", cwd=tmp_path)
     joint = json.loads(done.stdout)["joints"][1]
     # (57): the peak of the speed is 2 (q_end - q_start) / T, at T/2, which is a row; printed with 16 digits

@@ -68,7 +68,7 @@ def words(text):
     return " ".join(html.unescape(text).split())
 
 
-def test_units_are_shown_as_the_docstrings_have_them(api):
+def test_units_and_formulas_are_shown_as_the_docstrings_have_them(api):
     shown = words(re.sub(r"<[^>]+>", "", api))
     found = 0
     for documented in DOCUMENTED:
@@ -78,9 +78,6 @@ def test_units_are_shown_as_the_docstrings_have_them(api):
                 what = words(kind).replace(", optional", "")
                 assert re.search(rf"{name} \( ?{re.escape(what)}", shown), (documented.__name__, name, what)
     assert found > 40
-
-
-def test_formulas_in_docstrings_are_no_emphasis(api):
     assert "<code>A*sin(2*ell*kappa + phase)</code>" in api
     assert re.findall(r"<em>.*?</em>", api) == []
     assert re.findall(r":(?:func|class|mod|meth|data):", api) == []

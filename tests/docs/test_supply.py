@@ -73,16 +73,13 @@ def test_the_backend_that_builds_the_project_is_the_tested_one():
     )
 
 
-def test_make_installs_nothing_without_a_hash_but_the_project():
+def test_make_installs_nothing_without_a_hash_and_others_the_tested_versions():
     make = (ROOT / "Makefile").read_text(encoding="utf-8")
     installs = re.findall(r"\$\(PIP_INSTALL\) (.*)", make)
     assert len(installs) == make.count("pip install") + make.count("$(PIP_INSTALL)") - 1  # its definition
     project = "--no-deps --no-build-isolation -e ."
     assert project in installs
     assert all(line.startswith("--require-hashes -r ") for line in installs if line != project)
-
-
-def test_the_install_without_make_takes_the_tested_versions():
     for page in ("README.md", "docs/index.md", "docs/native.md"):
         lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
         installs = [line for line in lines if re.match(r"(\.venv/bin/)?pip install", line)]

@@ -209,15 +209,12 @@ def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
     expect(problems(path), message)
 
 
-def test_an_fmu_that_can_be_there_only_once(pack, xml, fmus):
+def test_an_fmu_that_can_be_there_only_once_and_a_linear_transformation_of_an_integer(pack, xml, fmus):
     old = b'canBeInstantiatedOnlyOncePerProcess="false"'
     data = edited(fmus["Gain"], replace=[(old, old.replace(b"false", b"true"))])
     elements = [xml.component(n, "Gain").replace("Gain.fmu", "once.fmu") for n in ("a", "b")]
     path = pack(elements, extra={"resources/once.fmu": data})
     expect(problems(path), "a, b: resources/once.fmu can be instantiated only once per process")
-
-
-def test_a_linear_transformation_of_an_integer(pack, xml):
     twice = '<ssc:LinearTransformation factor="2"/>'
     path = pack(["count Counter n:output", "logic Logic ii:input"], [xml.connection("count.n -> logic.ii", twice)])
     expect(problems(path), "a linear transformation does not apply to Integer")

@@ -147,7 +147,7 @@ def test_the_error_follows_the_one_that_is_asked_for(loop, algorithm):
 
 
 @pytest.mark.heavy
-def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack):
+def test_a_unit_that_refuses_long_steps_gets_shorter_ones_without_any_real_output_too(pack):
     path = pack(["source Ramp y:output", "plant Choosy u:input y:output"], ["source.y -> plant.u"])
     # pythonfmu calls a refusal the end of the simulation
     assert simulate(path, stop=1.0, step=0.5, algorithm="iterative").summary["ended"]["time"] == 0.0
@@ -159,10 +159,6 @@ def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack):
     # u = t runs on a line: its integral is exact
     np.testing.assert_allclose(results["plant.y"], 0.5 * results.time**2, rtol=0, atol=100 * ROUNDING)
     assert not [m for m in seen if "too long" in m.text]  # it was no trouble
-
-
-@pytest.mark.heavy
-def test_a_refusal_counts_without_any_real_output(pack):
     path = pack(["counter Refuser n:output:Integer"])
     results = simulate(path, stop=1.0, step=0.5, algorithm="iterative", adaptive=1e-3)
     assert results.summary["communication"]["longest_step"] <= 0.1

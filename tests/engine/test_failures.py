@@ -105,7 +105,7 @@ def test_a_step_that_pythonfmu_refuses_ends_the_simulation(fragile):
     assert str(results.messages[-1]) == "arm ended the simulation at t = 0.5 s"
 
 
-def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
+def test_a_warning_is_logged_and_the_run_goes_on_and_a_failure_during_initialization_has_no_rows(fragile):
     seen = []
     results = run(fragile, 2, log=seen.append)
     assert len(results) == 11
@@ -114,9 +114,6 @@ def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
     assert str(warnings[0]) == "arm: the load is 50 %s of nominal"
     assert warnings[0].time == 0.5
     assert results.messages == seen
-
-
-def test_a_failure_during_initialization_has_no_rows(fragile):
     with pytest.raises(CosimError, match="arm failed at t = 0 s in exitInit.*: .*no start possible") as info:
         run(fragile, 3)
     assert info.value.results is None

@@ -53,7 +53,7 @@ def test_every_row_is_seen_with_the_values_that_are_recorded(fragile, tmp_path, 
     assert len(watcher.results) == 11
 
 
-def test_a_period_leaves_rows_out_and_of_a_run_that_fails_the_rows_so_far_are_seen(fragile):
+def test_an_observer_needs_nothing_but_row_and_sees_those_of_its_period_until_a_run_fails(fragile):
     watcher = Watcher(wanted=["source.*", "nobody.q[*]"], period=3600.0)
     simulate(fragile, stop=1.0, step=0.1, parameters={"arm.at": 9.0}, observer=watcher)
     assert watcher.names == ["source.y"]
@@ -63,8 +63,6 @@ def test_a_period_leaves_rows_out_and_of_a_run_that_fails_the_rows_so_far_are_se
         simulate(fragile, stop=1.0, step=0.1, parameters={"arm.at": 0.5, "arm.mode": 0}, observer=watcher)
     assert len(watcher.rows) == len(watcher.results) == 6
 
-
-def test_an_observer_needs_nothing_but_row(fragile):
     class Rows:
         def __init__(self):
             self.sizes = []

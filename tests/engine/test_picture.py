@@ -47,12 +47,9 @@ def test_elements_of_an_array_share_a_panel_unless_their_units_differ():
     assert figure.axes[2].get_legend() is None
 
 
-def test_what_is_not_continuous_is_drawn_in_steps():
+def test_each_component_gets_its_share_of_the_panels_and_what_is_not_continuous_has_steps():
     figure = draw_signals(make(("a.n", "integer", ""), ("a.on", "boolean", ""), ("a.x", "real", "")))
     assert [axes.lines[0].get_drawstyle() for axes in figure.axes] == ["steps-post", "steps-post", "default"]
-
-
-def test_each_component_gets_its_share_of_the_panels():
     names = [*(f"a.x{i}" for i in range(20)), "b.y", *(f"sub.c.z{i}" for i in range(3))]
     figure = draw_signals(make(*((name, "real", "") for name in names)))
     shown = titles(figure)
@@ -64,9 +61,6 @@ def test_each_component_gets_its_share_of_the_panels():
     first = ", ".join([name for name in names if name not in shown][:8])
     end = f"{first} and {left - 8} more; they are in the results, --record chooses others."
     assert left == 12 and caption == f"s.ssp, jacobi, step 1 ms. Not drawn: {end}"
-
-
-def test_more_components_than_panels():
     figure = draw_signals(make(*((f"c{i}.x", "real", "") for i in range(PANELS + 3))))
     assert titles(figure) == [f"c{i}.x" for i in range(PANELS)]
 

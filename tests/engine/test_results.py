@@ -79,7 +79,7 @@ def test_every_name_reads_back_from_csv(tmp_path, name):
     np.testing.assert_array_equal(again[name], results[name])
 
 
-def test_csv_has_lines_of_names_and_units_and_a_group_stacks_by_index(results, tmp_path):
+def test_csv_has_lines_of_names_and_units_and_groups_stack_by_their_indices(results, tmp_path):
     results.write(tmp_path / "r.csv")
     lines = (tmp_path / "r.csv").read_text().splitlines()
     assert lines[0] == 'time,a.q[2],a.q[1],a.n,"a.m[1,2]",a.on'
@@ -88,9 +88,6 @@ def test_csv_has_lines_of_names_and_units_and_a_group_stacks_by_index(results, t
     np.testing.assert_array_equal(results["a.q"][:, 0], results["a.q[1]"])
     np.testing.assert_array_equal(results["a.q"][:, 1], results["a.q[2]"])
     assert results["a.on"].dtype == bool
-
-
-def test_a_group_of_two_indices_has_two_axes():
     names = [f"a.R[{j},{k}]" for k in (2, 10, 1) for j in (2, 1)]  # in no order
     values = np.arange(24.0).reshape(4, 6)
     signals = [Signal(name, "real", "", i) for i, name in enumerate(names)]

@@ -148,7 +148,7 @@ def test_by_hand_runs_and_other_values_take_turns(package):
     assert np.any(changed != plain["plant.q"][-1])
 
 
-def test_what_is_wrong_by_hand_is_said(package):
+def test_what_is_wrong_by_hand_is_said_and_a_reset_is_cheap(package, calls):
     with vdfmu.Simulator(package) as simulator:
         simulator.reset(**OPTIONS)
         for name, text in (
@@ -166,9 +166,6 @@ def test_what_is_wrong_by_hand_is_said(package):
             with pytest.raises(UsageError, match="expected a number of steps"):
                 simulator.step(count)
         simulator.step(50)
-
-
-def test_a_reset_is_cheap(package, calls):
     with vdfmu.Simulator(package) as simulator:
         first = calls(lambda: simulator.reset(**OPTIONS))
         again = calls(lambda: simulator.reset(**OPTIONS))

@@ -27,7 +27,7 @@ def bind(*bindings: str) -> str:
     return f"<ssd:ParameterBindings>{''.join(bindings)}</ssd:ParameterBindings>"
 
 
-def test_units_are_converted(pack):
+def test_units_are_converted_before_a_transformation_unless_that_is_suppressed(pack, xml):
     path = pack(
         ["deg Degrees y:output:Real mm:output degC:output", "rad Radians u:input m:input K:input"],
         ["deg.y -> rad.u", "deg.mm -> rad.m", "deg.degC -> rad.K"],
@@ -38,9 +38,6 @@ def test_units_are_converted(pack):
     np.testing.assert_array_equal(results["rad.K"], [273.15, 273.15, 283.15])
     assert results.units["rad.u"] == "rad"
     assert results.units["deg.y"] == "deg"
-
-
-def test_a_transformation_applies_after_the_unit_conversion_unless_that_is_suppressed(pack, xml):
     linear = '<ssc:LinearTransformation factor="2" offset="0.25"/>'
     path = pack(
         ["deg Degrees mm:output y:output", "rad Radians m:input u:input"],
@@ -62,7 +59,7 @@ def test_a_unit_of_a_parameter_is_converted_if_its_dimension_is_the_same(pack, x
         check_system(load_ssp(path))
 
 
-def test_external_values_and_mapping(pack, xml):
+def test_external_values_and_a_mapping_that_drops_what_it_does_not_mention(pack, xml):
     twice = '<ssc:LinearTransformation factor="2"/>'
     mapping = f'<ssm:MappingEntry source="w" target="width">{twice}</ssm:MappingEntry>'
     binding = bind(
@@ -75,9 +72,6 @@ def test_external_values_and_mapping(pack, xml):
     }
     path = pack([xml.component("r", "Radians", "", binding)], extra=files)
     assert simulate(path, stop=1.0, step=1.0)["r.y"][-1] == 2 * (300.0 * 0.001)
-
-
-def test_a_mapping_drops_the_values_that_it_does_not_mention(pack, xml):
     mapping = (
         "<ssd:ParameterMapping>" + SSM.format('<ssm:MappingEntry source="gain" target="k"/>')
         + "</ssd:ParameterMapping>"

@@ -108,14 +108,11 @@ def test_children_end_with_the_process(unit, tmp_path):
     assert beats.stat().st_size == count
 
 
-def test_a_unit_that_never_answers_is_ended(unit, monkeypatch):
+def test_a_unit_that_never_answers_is_ended_and_findings_that_it_wrote_are_bounded(unit, monkeypatch):
     monkeypatch.setattr(check_run, "SECONDS", 3.0)
     (problem,) = check_run.run_apart(unit(CODE["hang"])).problems
     assert problem == "a run of 10 steps did not end within 3 s"
-
-
-def test_findings_that_a_unit_wrote_are_bounded(unit, monkeypatch):
-    """The process is the unit's: it may write any findings."""
+    # The process is the unit's: it may write any findings.
     monkeypatch.setattr(check_run, "_ANSWER_LIMIT", 10)
 
     def answer(*arguments):

@@ -220,12 +220,9 @@ def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
     assert sum((tmp_path / name).stat().st_size for name in files) <= 20_000 + 3 * 1_065
 
 
-def test_unknown_function_lists_the_known_ones(planar):
+def test_call_checks_name_count_and_sizes(planar, kernel_of):
     with pytest.raises(KernelError, match=r"no traced function 'inverse'. There are: inverse_dynamics, .*mass_matrix"):
         Kernel(planar, None).function("inverse")
-
-
-def test_call_checks_count_and_sizes(planar, kernel_of):
     function = kernel_of(planar).function("inverse_dynamics")
     p, rest = kernel_of(planar).p, np.zeros(2)
     with pytest.raises(
@@ -280,13 +277,10 @@ def test_rows_refuse_what_is_no_array_of_finite_numbers(planar, kernel_of, value
         kernel_of(planar).rows("inverse_dynamics", [value, *arguments()[1:]], SIZES)
 
 
-def test_rows_refuse_batches_of_different_lengths(planar, kernel_of):
+def test_given_buffers_are_used_in_place_and_batches_of_different_lengths_refused(planar, kernel_of):
     q, q_dot, q_ddot, F_e = arguments()
     with pytest.raises(KernelError, match=r"batches of different lengths \[2, 3\]: expected one length"):
         kernel_of(planar).rows("inverse_dynamics", [np.stack([q] * 2), np.stack([q_dot] * 3), q_ddot, F_e], SIZES)
-
-
-def test_given_buffers_are_used_in_place_and_checked(planar, kernel_of):
     q = np.array([0.3, 0.4])
     function = kernel_of(planar).function("inverse_dynamics", q=q)
     assert function.args["q"] is q
@@ -348,7 +342,7 @@ def test_symbols_compute_as_floats_do():
     np.testing.assert_allclose(results, np.array(f(value), dtype=float), rtol=0, atol=4e-15)
 
 
-def test_symbols_and_jets_mix_with_arrays():
+def test_symbols_and_jets_mix_with_arrays_that_are_laid_out_row_by_row_as_in_fmi():
     s = symbol()
     row = s * np.array([1.0, 2.0])
     assert row.dtype == object and all(isinstance(v, Symbol) for v in row)
@@ -360,9 +354,6 @@ def test_symbols_and_jets_mix_with_arrays():
     jet, array = Jet(1.0, 2.0, 3.0), np.array([2.0, 3.0])
     for product in (jet * array, array * jet, jet + array, array - jet, jet - array, jet / array, array / jet):
         assert isinstance(product, np.ndarray) and all(isinstance(v, Jet) for v in product)
-
-
-def test_arrays_of_symbols_are_laid_out_row_by_row_as_in_fmi():
     matrix = ca.SX.sym("m", 2, 3)
     assert from_sx(matrix).shape == (2, 3)
     function = KernelFunction(ca.Function("f", [matrix], [to_sx(from_sx(matrix))], ["m"], ["out"]))

@@ -58,7 +58,7 @@ def test_the_dependencies_of_a_long_arm_are_those_of_its_trace(unit, monkeypatch
         assert all((pattern[row] == other[row]).all() for row in range(told.size))
 
 
-def test_an_arm_with_an_unlike_joint_in_its_middle_has_no_shorter_ones():
+def test_arms_with_an_unlike_joint_or_of_less_time_have_no_shorter_ones(monkeypatch):
     robot = repeated_link(40)
     assert [one.n for one in robot.shorter()] == [14, 16]
     types = list(robot.joint_types)
@@ -71,9 +71,6 @@ def test_an_arm_with_an_unlike_joint_in_its_middle_has_no_shorter_ones():
     ends = dataclasses.replace(robot, joint_types=tuple(types)).shorter()
     assert [one.joint_types.count("prismatic") for one in ends] == [2, 2]
     assert repeated_link(20).shorter() == []  # not much longer than they are
-
-
-def test_arms_that_take_less_time_themselves_have_no_shorter_ones(monkeypatch):
     monkeypatch.setattr("vdfmu.arm.robot.structure._MANY", 1.0)
     assert [len(repeated_link(n).shorter()) for n in (28, 30, 31, 32, 33)] == [0, 2, 0, 2, 2]  # 14 + 16, 15 + 17
 

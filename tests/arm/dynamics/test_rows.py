@@ -36,14 +36,11 @@ def test_one_state_prepares_nothing_again(arm, monkeypatch):
     np.testing.assert_array_equal(again, expected)
 
 
-def test_results_of_one_state_are_copies(arm):
+def test_results_of_one_state_are_copies_and_threads_do_not_meet(arm):
     first = vdfmu.gravity_torque(arm, np.zeros(arm.n))
     before = first.copy()
     vdfmu.gravity_torque(arm, np.ones(arm.n))
     np.testing.assert_array_equal(first, before)
-
-
-def test_threads_do_not_meet(arm):
     q, q_dot, q_ddot = motion(arm.n, 200)
     expected = vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot)
     wrong = []

@@ -28,15 +28,12 @@ from vdfmu.compiler.scalar.jet import derivative, jets
 EPS = np.finfo(float).eps
 
 
-def test_body_mass_matrix_is_symmetric_positive_definite(chain):
+def test_body_mass_matrix_is_positive_definite_and_gives_the_kinetic_energy_of_its_points(chain):
     for i in range(chain.n):
         M_B = mass_matrix(*chain.body(i))
         # The two halves are the same products in another order: one rounding of the largest entry.
         np.testing.assert_allclose(M_B, M_B.T, rtol=0, atol=EPS * np.abs(M_B).max())
         assert np.linalg.eigvalsh(M_B).min() > 0
-
-
-def test_body_mass_matrix_gives_the_kinetic_energy_of_its_points():
     # A body of eight points: its kinetic energy is the sum over the points, whatever frame (60) uses.
     random = np.random.default_rng(1)
     points, m = random.normal(size=(8, 3)), random.uniform(0.1, 1.0, 8)
@@ -87,7 +84,7 @@ def test_net_force_is_the_rate_of_momentum_plus_weight():
     np.testing.assert_allclose(F, derivative(momentum, 1) + weight, rtol=0, atol=1e-12 * np.abs(F).max())
 
 
-def test_force_and_velocity_transforms_keep_power():
+def test_transforms_keep_power_and_follow_the_chained_poses(chain, draw):
     # F_A = U_AB F_B and V_B = U_AB.T V_A: the power of a wrench is the same in every frame.
     random = np.random.default_rng(4)
     Q, _ = np.linalg.qr(random.normal(size=(3, 3)))
@@ -95,9 +92,6 @@ def test_force_and_velocity_transforms_keep_power():
     V_A, F_B = random.normal(size=6), random.normal(size=6)
     # 42 products of order 1: 50 roundings.
     np.testing.assert_allclose(V_A @ (U_AB @ F_B), (U_AB.T @ V_A) @ F_B, rtol=0, atol=50 * EPS * 10)
-
-
-def test_chained_transforms_follow_the_chained_poses(chain, draw):
     # (33) and (32) describe the same frames: products of one agree with products of the other.
     for state in draw(chain, 5, seed=5):
         T, U = np.eye(4), np.eye(6)
@@ -113,7 +107,7 @@ def test_chained_transforms_follow_the_chained_poses(chain, draw):
         np.testing.assert_allclose(force_transform(T[:3, :3], T[:3, 3]), U, rtol=0, atol=1e-13)
 
 
-def test_velocity_derivative_is_the_derivative_of_the_velocity(chain, draw):
+def test_velocity_derivative_is_that_of_the_velocity_and_transform_rate_minus_the_cross_motion(chain, draw):
     for state in draw(chain, 5, seed=6):
         zero = np.zeros(chain.n)
         motion = link_motion(chain, state.q, state.q_dot, state.q_ddot)
@@ -124,9 +118,6 @@ def test_velocity_derivative_is_the_derivative_of_the_velocity(chain, draw):
         for V_B, V_B_dot in zip(moving.V_B, motion.V_B_dot, strict=True):
             # The same chain of some 100 n products: 1e-13 of the largest entry.
             np.testing.assert_allclose(derivative(V_B, 1), V_B_dot, rtol=0, atol=1e-13 * scale)
-
-
-def test_transform_rate_is_minus_the_cross_motion(chain, draw):
     state = draw(chain, 1, seed=7)[0]
     fixed = link_motion(chain, state.q, state.q_dot, state.q_ddot).U_AB
     moving = link_motion(chain, jets(state.q, state.q_dot, state.q_ddot), state.q_dot, state.q_ddot).U_AB

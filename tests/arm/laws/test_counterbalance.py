@@ -140,12 +140,9 @@ def test_a_cylinder_that_cannot_be_is_refused(cylinder, words):
         balanced("planar_2dof", cylinder)
 
 
-def test_a_prismatic_joint_has_none():
+def test_a_prismatic_joint_has_none_and_what_is_set_at_run_time_meets_the_same_conditions():
     with pytest.raises(ModelError, match=r"joints\[2\]\.counterbalance\.F_cb: expected 0 at a prismatic joint, got 2"):
         balanced("slider_3dof", CYLINDER, CYLINDER)
-
-
-def test_what_is_set_at_run_time_meets_the_same_conditions():
     interface = Interface(shipped_units()["plant"], ONE)
     for name, value, words in (("L_cb[1]", 0.2, "L_cb > 2*r_cb"), ("D_cb[1]", 0.1, "D_cb > r_cb")):
         memory = Plain(interface).memory.copy()

@@ -72,16 +72,13 @@ def test_slope_of_the_kinematic_error_is_its_derivative(general, draw):
         np.testing.assert_allclose(kinematic_error_slope(general, state.q), found, rtol=0, atol=4 * EPS)
 
 
-def test_rotor_position_solves_the_spring_equation(chain, draw):
+def test_rotor_position_solves_the_spring_equation_whose_rate_is_its_derivative(chain, draw):
     for state in draw(chain, 20, seed=20):
         kappa = rotor_position(chain, state.q, state.tau_s)
         residual = kappa - state.q - kinematic_error(chain, kappa) - deformation(chain, state.tau_s)
         # |kappa| up to 4: 4 roundings. 2 ell kappa, the error's argument, is rounded to 1e-13 and weighs A <=
         # 3e-4.
         np.testing.assert_allclose(residual, 0.0, rtol=0, atol=4 * EPS * 4)
-
-
-def test_spring_rate_is_the_derivative_of_the_spring_torque(chain, draw):
     # Along any motion of q and tau_s, kappa_dot from the jet of rotor_position must give tau_s_dot back.
     for state in draw(chain, 10, seed=21):
         rate = state.tau

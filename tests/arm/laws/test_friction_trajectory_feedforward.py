@@ -78,22 +78,19 @@ def test_trajectory_goes_from_rest_to_rest_and_holds():
             np.testing.assert_array_equal(motion(t)[k], np.zeros(2))
 
 
-def test_trajectory_jerk_jumps_at_both_ends():
+def test_trajectory_jerk_jumps_at_both_ends_whatever_the_rounding():
     jump = 4 * np.pi**2 * (Q_END - Q_START) / T**3
     for t, outside in ((T_START, T_START - 1e-7), (T_START + T - 1e-7, T_START + T)):
         # cos(0) is 1, cos(2 pi - 6e-8) too but for 2e-15: a few roundings.
         np.testing.assert_allclose(motion(t).q_d_dddot, jump, rtol=1e-14)
         np.testing.assert_array_equal(motion(outside).q_d_dddot, np.zeros(2))
-
-
-def test_trajectory_at_its_ends_does_not_depend_on_rounding():
-    """At the start it moves already, at the end no more, however a time was summed up; see `desired_motion`."""
-    for T, t_start, pairs in rounded_ends():
+    # At the start it moves already, at the end no more, however a time was summed up; see `desired_motion`.
+    for duration, t_start, pairs in rounded_ends():
         for begin, end in pairs:
-            jerk = desired_motion(begin, Q_START, Q_END, T, t_start).q_d_dddot
+            jerk = desired_motion(begin, Q_START, Q_END, duration, t_start).q_d_dddot
             # A start that is 1e-12 s late, a sum of 6000 roundings, over the shortest T, 1e-4 s: 1 - cos(6e-8) = 2e-15.
-            np.testing.assert_allclose(jerk, 4 * np.pi**2 * (Q_END - Q_START) / T**3, rtol=1e-14)
-            for value in desired_motion(end, Q_START, Q_END, T, t_start)[1:]:
+            np.testing.assert_allclose(jerk, 4 * np.pi**2 * (Q_END - Q_START) / duration**3, rtol=1e-14)
+            for value in desired_motion(end, Q_START, Q_END, duration, t_start)[1:]:
                 np.testing.assert_array_equal(value, np.zeros(2))
 
 

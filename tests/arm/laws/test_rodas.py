@@ -68,7 +68,7 @@ def test_step_on_an_oscillator_shrinks_by_the_stability_function(angle):
     np.testing.assert_allclose(x_new.full().ravel(), [R.real, R.imag], rtol=0, atol=1e4 * EPS)
 
 
-def test_step_is_L_stable():
+def test_step_is_L_stable_of_order_four_and_the_embedded_one_three():
     # R(inf) = 0: R(z) = O(1/z), so it falls with z until rounding (1e-12) takes over.
     assert abs(stability(-1e4)[0]) < 1e-3
     assert abs(stability(-1e12)[0]) < 1e-11
@@ -79,9 +79,6 @@ def test_step_is_L_stable():
     # A-stable: |R| <= 1 on the imaginary axis, so in the left half plane, as its poles are at 1/gamma only.
     for y in np.logspace(-2, 4, 400):
         assert abs(stability(1j * y)[0]) <= 1.0 + 1e4 * EPS
-
-
-def test_stability_function_has_order_four_and_the_embedded_one_three():
     # |R(z) - exp(z)| = O(z^5) and O(z^4). z = 1/8 and 1/16: the next term is smaller by z, so the measured
     # exponent is off by about z / ln 2 * (a ratio of order 1) = 0.1; rounding, 1e-12, is below 1e-4 of the
     # error.

@@ -82,7 +82,7 @@ def test_a_row_of_a_table_is_found_the_same_on_floats_and_symbols_and_by_no_deri
         assert (forward.results["d_y"] == 2.0 * row).all()
 
 
-def test_the_unit_plays_the_motion_holds_it_and_scales_its_speed(robot):
+def test_the_unit_plays_the_motion_scales_its_speed_holds_it_or_begins_anew(robot):
     motion = motions.waypoints(POINTS, TIMES)
     unit = motion.unit()(robot, t_start=0.5, speed=2.0)
     for t in np.linspace(0.0, 1.5, 301):
@@ -94,9 +94,6 @@ def test_the_unit_plays_the_motion_holds_it_and_scales_its_speed(robot):
         for order, group in enumerate(GROUPS):
             # the same polynomials, the time with two roundings: 1e-16 s of the next derivative
             assert getattr(unit, group) == pytest.approx(2.0**order * at[order], rel=1e-9, abs=1e-9)
-
-
-def test_cycles_are_played_one_after_the_other(robot):
     motion = motions.waypoints([[0.0, 0.0], [1.0, 0.5], [0.0, 0.0]], duration=1.0).dwelling(0.25)
     assert motion.closed and "cycles" not in motions.waypoints(POINTS, TIMES).unit().declared
     unit = motion.unit()(robot, cycles=3.0)

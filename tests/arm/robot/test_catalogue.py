@@ -71,7 +71,7 @@ def test_motors_have_sources_and_the_torsion_is_that_of_the_example_of_a_catalog
     assert residual < 1e-3 * 100.0 / 3e4
 
 
-def test_the_loop_of_a_gear_is_as_wide_as_its_hysteresis_loss():
+def test_the_loop_of_a_gear_is_as_wide_as_its_loss_and_its_efficiency_that_at_rated_torque():
     """Quasi-static torsion between the rated torques: the width where springs and hysteresis balance."""
     robot = robot_from_dict(of_catalogue(hysteresis={}))
     gear = GEARS["CSG-25-100"]
@@ -87,9 +87,6 @@ def test_the_loop_of_a_gear_is_as_wide_as_its_hysteresis_loss():
     tau_s = done.y_events[0][0][0]
     # turned back at +- rated torque; the loop is the same from the other side
     assert 2.0 * deformation(robot, np.full(2, tau_s))[0] == pytest.approx(gear["hysteresis_loss"], rel=1e-4)
-
-
-def test_a_gear_has_its_efficiency_at_rated_torque():
     robot = robot_from_dict(of_catalogue(load_loss={}))
     gear = GEARS["CSG-25-100"]
     friction = robot.f_c + robot.f_v * SPEED / robot.ell

@@ -80,14 +80,13 @@ def test_a_file_that_is_no_toml_is_refused(tmp_path, content, words):
         load_robot(tmp_path / "broken.toml")
 
 
-def test_byte_order_mark_and_crlf_are_read(tmp_path):
+def test_byte_order_mark_and_crlf_are_read_and_the_robot_path_starts_at_the_scenario_file(
+    tmp_path, write, scenario_data
+):
     path = tmp_path / "windows.toml"
     text = SHIPPED.read_text(encoding="utf-8").replace("\n", "\r\n")
     path.write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert load_robot(path).n == 2
-
-
-def test_robot_path_starts_at_the_scenario_file(tmp_path, write, scenario_data):
     (tmp_path / "robots").mkdir()
     shutil.copy(SHIPPED, tmp_path / "robots" / "arm.toml")
     scenario_data["robot"] = "robots/arm.toml"
@@ -111,7 +110,7 @@ def test_problems_of_scenario_and_robot_together(write, robot_data, scenario_dat
         load_scenario(write("own.toml", scenario_data))
 
 
-def test_another_robot_drops_the_paper(write, scenario_data):
+def test_another_robot_drops_the_paper_and_one_of_other_size_is_reported_for_every_list(write, scenario_data):
     scenario_data["paper"] = {"source": "x", "rms_position_error_deg": [0.1, 0.2]}
     path = write("own.toml", scenario_data)
     assert load_scenario(path, "planar_2dof").paper["rms_position_error_deg"] == [0.1, 0.2]
@@ -123,9 +122,6 @@ def test_another_robot_drops_the_paper(write, scenario_data):
     scenario = load_scenario(path, "slider_3dof")
     assert scenario.paper == {}
     assert group_value(scenario, "controller.K_p").shape == (3,)
-
-
-def test_robot_of_other_size_is_reported_for_every_list():
     with pytest.raises(ModelError) as caught:
         load_scenario("tracking", "planar_2dof")
     keys = ("trajectory.q_end", "controller.K_p", "controller.K_v")

@@ -89,15 +89,12 @@ def test_motion_of_section_4(name, degrees, T):
     assert scenario.robot.name == "manipulator_6dof"
 
 
-def test_table_4():
+def test_tables_4_and_5():
     paper = load_scenario("tracking").paper
     assert paper["rms_position_error_deg"] == [0.0334, 0.0115, 0.0396, 0.1336, 0.0080, 0.0470]
     assert paper["rms_torque_compensation_error_nm"] == [0.1197, 0.4594, 0.2381, 0.0951, 0.3947, 0.0513]
     assert paper["max_position_error_deg"] == [0.4] * 6
     assert "Table 4" in paper["source"]
-
-
-def test_table_5():
     paper = load_scenario("two_joint").paper
     assert paper["rms_position_error_deg"] == [0.0456, 0.0227]
     assert paper["rms_torque_compensation_error_nm"] == [0.1173, 0.2981]

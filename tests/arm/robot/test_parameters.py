@@ -178,7 +178,7 @@ def test_a_robot_has_the_flags_and_shapes_of_the_table_and_no_parameters_of_an_i
     assert [i for i in np.ndindex(3, 3) if row.is_free(heavy, i)] == [(0, 0), (1, 1), (2, 2)]
 
 
-def test_the_solver_has_one_default_tolerance(tmp_path, plant_solver):
+def test_the_solver_has_one_default_tolerance_and_the_docstring_the_shape_of_each_parameter(tmp_path, plant_solver):
     shipped = PACKAGE.parent / "models" / "scenarios" / "planar_tracking.toml"
     text = shipped.read_text(encoding="utf-8")
     assert text.count("\ntolerance") == 1
@@ -190,9 +190,6 @@ def test_the_solver_has_one_default_tolerance(tmp_path, plant_solver):
         Interface(Plant, robot).find("tolerance").start,
     ]
     assert defaults == [SOLVER_TOLERANCE] * 3
-
-
-def test_the_docstring_of_a_robot_has_the_shape_of_each_parameter():
     shown = Robot.__doc__ or ""
     for row in PARAMETERS.values():
         shape = (*(["n"] if row.per_joint else []), *map(str, row.shape))

@@ -96,7 +96,7 @@ def test_round_trip_of_random_robots(chain, friction, coupling):
     assert_same(robot, robot_from_dict(robot.to_dict()))
 
 
-def test_a_payload_is_read_written_and_scaled():
+def test_a_payload_is_read_written_and_scaled_and_a_robot_without_has_none_to_set():
     data = load_robot("planar_2dof").to_dict()
     assert "payload" not in data
     data["payload"] = {"mass": 0.5, "centroid": [0.1, 0.0, 0.02], "inertia": 1e-3}
@@ -110,9 +110,6 @@ def test_a_payload_is_read_written_and_scaled():
     names = [p.name for p in parameters(point)]
     assert names[2:6] == ["payload_mass", "payload_centroid[1]", "payload_centroid[2]", "payload_centroid[3]"]
     assert "payload_inertia[1,1]" in [p.name for p in parameters(robot)]
-
-
-def test_a_robot_without_payload_has_none_to_set():
     with pytest.raises(UsageError, match=r"planar_2dof: payload_mass: it has no payload\. .* \[payload\]"):
         load_robot("planar_2dof").with_parameters(payload_mass=1.0)
 

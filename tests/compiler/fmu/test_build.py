@@ -172,7 +172,7 @@ def test_a_name_with_signs_of_html_is_shown_as_it_is(planar, tmp_path):
 # ------------------------------------------------------------------ start values
 
 
-def test_start_values_are_those_of_the_instance_and_of_the_description(planar, tmp_path, fmus):
+def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_numpy_too(planar, tmp_path, fmus):
     """Static equilibrium at q = 0: tau_s[1] = g (m1 a1 + m2 (l1 + b)), see the robot's file."""
     values = {"plant": {"mass[1]": 3.0, "q_dot_0[2]": 0.5, "equilibrium": False, "tau_s_0[1]": 2.0}}
     path = build_fmus(planar, tmp_path, start_values=values, backend="python")["plant"]
@@ -184,9 +184,6 @@ def test_start_values_are_those_of_the_instance_and_of_the_description(planar, t
     row = fmpy.simulate_fmu(str(path), stop_time=1e-3, output_interval=1e-3, start_values={"equilibrium": True})[0]
     expected = 9.81 * (3.0 * 0.25 + 1.0 * (0.5 + 0.2))
     assert row["tau_s[1]"] == pytest.approx(expected, rel=1e-14)  # four rounded operations
-
-
-def test_numpy_numbers_will_do_as_start_values(planar, tmp_path):
     values = {"feedforward": {"mode": np.int64(1), "Lambda[1]": np.float64(2.5)}}
     path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values, backend="python")["feedforward"]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}

@@ -57,13 +57,10 @@ def test_each_variable_is_that_of_the_table(root, robots, robot_name, unit_name)
                 assert float(text) == expected, (variable.name, attribute)
 
 
-def test_start_values_lie_within_their_limits(robots, robot_name, unit_name):
+def test_start_values_lie_within_their_limits_and_only_what_each_step_reads_is_tunable(robots, robot_name, unit_name):
     for variable in Interface(shipped_units()[unit_name], robots[robot_name]):
         if variable.start is not None:
             assert variable.problem(variable.start) is None, variable.name
-
-
-def test_only_what_a_unit_reads_at_every_step_is_tunable(robots, robot_name, unit_name):
     table = Interface(shipped_units()[unit_name], robots[robot_name])
     tunable = {v.group for v in table if v.variability == "tunable"}
     assert (
@@ -160,13 +157,10 @@ def test_model_structure_lists_each_output_twice_and_nothing_else(root, robots, 
             assert dependencies == known
 
 
-def test_a_limit_that_does_not_limit_is_far_above_any_motor(robots):
+def test_names_count_from_one_in_one_group_and_no_limit_is_far_above_any_motor(robots, robot_name, unit_name):
     """FMI 2.0 has no infinity that every importer reads."""
     table = Interface(shipped_units()["controller"], robots["planar_2dof"])
     assert table.find("tau_max[1]").start == NO_LIMIT >= 1e9
-
-
-def test_names_count_from_one_and_nothing_is_at_home_in_two_groups(robots, robot_name, unit_name):
     table = Interface(shipped_units()[unit_name], robots[robot_name])
     for group, where in table.groups.items():
         members = table.variables[where]

@@ -19,9 +19,7 @@ def change(folder: Path, **values: Any) -> Path:
     return folder
 
 
-def test_an_fmu_of_another_version_is_refused_before_anything_that_only_that_version_can_read(
-    copy_of, words_of_refusal
-):
+def test_an_fmu_of_another_version_or_of_other_sources_is_refused_before_its_content_is_read(copy_of, words_of_refusal):
     words = words_of_refusal(change(copy_of("plant"), version="9.9.9"))
     assert words.endswith(
         f"unit: instantiate failed: Plant.fmu was built with vdfmu 9.9.9, but this Python has vdfmu {__version__}. "
@@ -29,9 +27,6 @@ def test_an_fmu_of_another_version_is_refused_before_anything_that_only_that_ver
     )
     folder = change(copy_of("plant"), version="9.9.9", robot={"arms": 2}, start_values=None, tool=None)
     assert "was built with vdfmu 9.9.9" in words_of_refusal(folder)
-
-
-def test_an_fmu_of_other_sources_is_refused(copy_of, words_of_refusal):
     words = words_of_refusal(change(copy_of("controller"), digest="0123456789abcdef"))
     assert f"PDController.fmu was built with vdfmu {__version__} of other sources" in words
     assert "digest 01234567, here " in words

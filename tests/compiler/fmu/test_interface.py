@@ -26,7 +26,7 @@ def shapes(unit: str, robot: Robot) -> dict[str, tuple[int, ...]]:
     return {array.name: array.shape for array in Interface(shipped_units()[unit], robot).arrays}
 
 
-def test_the_memory_is_the_table_then_derivatives_then_time(interface, unit_name):
+def test_the_memory_is_the_table_then_derivatives_in_their_units_then_time(interface, unit_name):
     N, n = len(interface), interface.robot.n
     n_x = 4 * n if unit_name == "plant" else 0
     assert interface.memory[:N] == interface.variables
@@ -37,9 +37,6 @@ def test_the_memory_is_the_table_then_derivatives_then_time(interface, unit_name
     states, derivatives = interface.memory[interface.states], interface.memory[interface.derivatives]
     assert [f"der({v.name})" for v in states] == [v.name for v in derivatives]
     assert {v.group for v in states} == ({"q", "q_dot", "kappa_dot", "tau_s"} if n_x else set())
-
-
-def test_a_derivative_has_the_unit_of_its_state_per_second(interface):
     for state, rate in zip(interface.memory[interface.states], interface.memory[interface.derivatives], strict=True):
         of_state, of_rate = measure(state.unit or "").exponents, measure(rate.unit or "").exponents
         expected = of_state | {"s": of_state.get("s", 0) - 1}
@@ -106,7 +103,7 @@ def test_the_description_of_an_array_names_no_element(interface):
             assert text == interface.memory[array.first].description
 
 
-def test_dependencies_name_what_is_known(interface):
+def test_dependencies_name_what_is_known_and_only_the_trajectory_time(interface, unit_name):
     states, end = range(interface.states.start, interface.states.stop), interface.time
     for position, variable in enumerate(interface.memory):
         step, start = interface.step_dependencies(position), interface.start_dependencies(position)
@@ -120,9 +117,6 @@ def test_dependencies_name_what_is_known(interface):
             assert (step, start) == (sorted(step), sorted(start))
         else:
             assert step == start == []
-
-
-def test_only_the_trajectory_depends_on_time(interface, unit_name):
     calculated = [i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")]
     for dependencies in (interface.step_dependencies, interface.start_dependencies):
         assert {interface.time in dependencies(i) for i in calculated} == {unit_name == "trajectory"}

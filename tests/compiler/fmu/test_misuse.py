@@ -103,7 +103,7 @@ def test_values_that_do_not_fit_together_are_refused_in_initialization_mode_too(
 
 
 @BOTH
-def test_a_call_sets_all_of_its_values_or_none_and_infinities_that_cancel_are_not_finite(open_unit):
+def test_a_call_sets_all_of_its_values_or_none_and_sums_that_overflow_or_cancel_are_seen(open_unit):
     unit = open_unit("plant").start()
     unit.set(tau=[0.1, 0.2])
     with unit.refuses(r"unit: setReal at t = 0 s failed: tau\[2\]: expected a finite number"):
@@ -112,10 +112,6 @@ def test_a_call_sets_all_of_its_values_or_none_and_infinities_that_cancel_are_no
     unit = open_unit("plant").start()
     with unit.refuses(r"tau\[1\]: expected a finite number, got inf N.m"):
         unit.set(tau=[INF, -INF])
-
-
-@BOTH
-def test_numbers_whose_sum_overflows_are_finite(open_unit):
     unit = open_unit("controller").start(q_d=[1e308, 1e308])
     assert np.array_equal(unit.get("q_d"), [1e308, 1e308])
 
@@ -364,7 +360,7 @@ def test_a_tolerance_of_the_experiment_is_within_the_limits_of_the_parameter(ope
 # ------------------------------------------------------------------ how the words arrive
 
 
-def test_an_error_is_one_message_of_status_fatal(open_unit):
+def test_an_error_is_one_message_of_status_fatal_whatever_the_name_of_the_instance_holds(open_unit):
     """Also where the same call had something else to say."""
     unit = open_unit("plant").start()
     assert (unit.messages, unit.statuses) == (["unit: starts at t = 0 s"], [0])
@@ -374,10 +370,7 @@ def test_an_error_is_one_message_of_status_fatal(open_unit):
     head, words = unit.messages[-1].splitlines()
     assert head == "Fatal py exception encountered: [doStep] PyObject_CallMethod"
     assert words.startswith("unit: doStep at t = 0 s failed: expected a finite positive communication step")
-
-
-def test_the_name_of_the_instance_may_hold_anything(open_unit):
-    """A percent sign must not reach the importer, whose printf would read arguments that are not there."""
+    # A percent sign must not reach the importer, whose printf would read arguments that are not there.
     unit = open_unit("plant", instance="arm 100%s %n 'a' \u00e4").start()
     assert unit.messages == ["arm 100 percents  percentn 'a' \u00e4: starts at t = 0 s"]
     with unit.refuses("^Fatal .*\narm 100 percents  percentn 'a' \u00e4: doStep at t = 0 s failed"):

@@ -108,15 +108,12 @@ def test_capabilities_of_fmi_3(root3, unit_name):
     assert {k for k, v in root3.find("CoSimulation").attrib.items() if v == "true"} == flags | simulation
 
 
-def test_variables_of_fmi_2_are_those_of_the_python_fmu(interface, root2):
+def test_variables_of_fmi_2_are_those_of_the_python_fmu_and_derivatives_name_their_states(interface, root2):
     python = model_description(interface, GUID, TOOL, ABOUT)
     ours = [tostring(v) for v in root2.iterfind("ModelVariables/ScalarVariable")]
     theirs = [tostring(v) for v in python.iterfind("ModelVariables/ScalarVariable")]
     assert ours[: len(theirs)] == theirs
     assert len(ours) == interface.time
-
-
-def test_derivatives_of_fmi_2_name_their_states(interface, root2):
     description = read(root2)
     assert [u.variable.name for u in description.derivatives] == [
         v.name for v in interface.memory[interface.derivatives]
@@ -176,7 +173,7 @@ def test_derivatives_of_fmi_3_name_their_states(interface, root3):
     assert positions == list(range(interface.states.start, interface.states.stop))
 
 
-def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements(interface, root3):
+def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements_and_time_is_independent(interface, root3):
     of_position = {i: array.first for array in interface.arrays for i in range(array.first, array.first + array.size)}
     calculated = {i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")}
     for tag, kinds, dependencies in (
@@ -192,9 +189,6 @@ def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements(interface, ro
         found = structure(root3, tag)
         assert [numbers(u.get("valueReference")) for u in found] == [[first] for first in expected]
         assert [numbers(u.get("dependencies")) for u in found] == [sorted(k) for k in expected.values()]
-
-
-def test_time_is_the_one_independent_variable_of_fmi_3(interface, root3):
     (time,) = (v for v in read(root3).modelVariables if v.causality == "independent")
     assert (time.name, time.valueReference, time.unit, time.start) == ("time", interface.time, "s", None)
 

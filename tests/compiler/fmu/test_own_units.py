@@ -119,16 +119,13 @@ def test_choices_and_switches_decide_what_runs(own, form, way, inverted):
         assert unit.step(u=u).get("y") == (-expected if inverted else expected)
 
 
-def test_an_input_is_held_to_its_limits(own, form):
+def test_an_input_is_held_to_its_limits_and_a_unit_without_is_a_function_of_time(own, form):
     unit = own("Mixer", form).start(u=[1e3, -1e3])
     with pytest.raises((AssertionError, FMICallException)):
         unit.set(u=[0.0, 2e3])
     assert "u[2]: expected at most 1000, got 2000." in str(unit.messages[-1])
     assert np.ravel(unit.step().get("y")) == [0.0]
-
-
-def test_a_unit_without_inputs_is_a_function_of_time(own, form):
-    """The C library's sine and numpy's differ by rounding, 2e-16."""
+    # The C library's sine and numpy's differ by rounding, 2e-16.
     unit = own("Clock", form).start(0.5)
     for size in (0.1, 0.25, 1.0):
         assert np.ravel(unit.step(size).get("y")) == pytest.approx(np.sin(2.0 * unit.time), abs=4e-16)

@@ -28,7 +28,7 @@ def test_every_unit_of_every_robot_starts_and_fmpy_prints_what_the_plant_is(fmus
     assert "Co-Simulation" in text and "Serial manipulator with flexible harmonic-drive joints" in text
 
 
-def test_the_trajectory_goes_from_start_to_end(fmus):
+def test_the_trajectory_goes_from_start_to_end_and_a_signal_reaches_the_controller(fmus):
     result = simulate(
         fmus["planar_2dof"]["trajectory"],
         start_values={"q_start[1]": -0.2, "q_end[1]": 0.4, "T": 2.0, "t_start": 0.5},
@@ -41,9 +41,6 @@ def test_the_trajectory_goes_from_start_to_end(fmus):
     assert q[3] == pytest.approx(0.1, abs=1e-15)
     assert q[-1] == q[-2] == pytest.approx(0.4, abs=1e-15)
     assert abs(result["q_d_dot[1]"][-1]) < 1e-15
-
-
-def test_an_input_signal_reaches_the_controller(fmus):
     signal = np.array([(0.0, 0.1), (1.0, 0.1)], dtype=[("time", float), ("q_d[2]", float)])
     result = simulate(fmus["planar_2dof"]["controller"], input=signal, stop_time=0.01, start_values={"K_p[2]": 300.0})
     assert result["tau_e[2]"][-1] == pytest.approx(30.0, rel=1e-15)

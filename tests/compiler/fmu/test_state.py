@@ -67,7 +67,7 @@ def test_a_rollback_near_standstill_restores_the_solver_too(open_unit):
 
 
 @BOTH
-def test_a_state_is_a_copy(open_unit):
+def test_a_state_is_a_copy_with_inputs_and_parameters(open_unit):
     unit = open_unit("plant").start()
     state = unit.fmu.getFMUstate()
     before = unit.outputs()
@@ -77,10 +77,6 @@ def test_a_state_is_a_copy(open_unit):
     assert np.array_equal(unit.outputs(), before)
     unit.fmu.setFMUstate(later)
     assert not np.array_equal(unit.outputs(), before)
-
-
-@BOTH
-def test_a_state_saves_inputs_and_parameters(open_unit):
     unit = open_unit("controller").start(K_p=500.0, q_d=0.1)
     state = unit.fmu.getFMUstate()
     before = unit.step(H).outputs()
@@ -115,7 +111,7 @@ def test_a_state_saves_the_phase(open_unit):
     unit.step(H)
 
 
-def test_a_state_saves_the_tolerance_of_the_experiment(open_unit):
+def test_a_state_saves_the_tolerance_of_the_experiment_and_moves_to_another_instance(open_unit, unit_name):
     fine, coarse = (open_unit("plant").start(tolerance=t, q_0=[0.3, 0.0]) for t in (1e-10, 1e-3))
     fine_run = drive(fine, "plant", 0, 5)
     assert not np.array_equal(drive(coarse, "plant", 0, 5), fine_run)
@@ -123,9 +119,6 @@ def test_a_state_saves_the_tolerance_of_the_experiment(open_unit):
     coarse.fmu.setFMUstate(start.fmu.getFMUstate())
     coarse.time = 0.0
     assert np.array_equal(drive(coarse, "plant", 0, 5), fine_run)
-
-
-def test_a_state_moves_to_another_instance(open_unit, unit_name):
     unit, other = open_unit(unit_name).start(), open_unit(unit_name, instance="other")
     drive(unit, unit_name, 0, 10)
     state = unit.fmu.getFMUstate()

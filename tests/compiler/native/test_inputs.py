@@ -88,16 +88,13 @@ def test_a_unit_without_states_gives_the_outputs_of_the_end_of_the_step(native, 
     assert same_bits(moving.get(group), ended.get(group))
 
 
-def test_a_rate_holds_for_one_step(native):
+def test_a_rate_holds_for_one_step_and_is_saved_with_the_state(native):
     unit, twin = native().start(q_0=[0.3, 0.1]), native().start(q_0=[0.3, 0.1])
     for instance in (unit, twin):
         set_rates(instance.set(tau=0.1), tau=[50.0, -50.0]).step(H)
     unit.step(H)
     set_rates(twin, tau=[0.0, 0.0]).step(H)
     assert same_bits(unit.outputs(), twin.outputs())
-
-
-def test_rates_are_saved_with_the_state(native):
     unit = native().start(q_0=[0.3, 0.1])
     set_rates(unit, tau=[50.0, -50.0])
     saved, data = unit.save(), unit.complete()

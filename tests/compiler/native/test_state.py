@@ -32,7 +32,7 @@ def started(native: Native, kind: str, version: str, unit: str = "plant", **opti
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_restored_state_continues_to_the_bit(native, version, kind):
+def test_a_restored_or_serialized_state_continues_to_the_bit(native, version, kind):
     unit = started(native, kind, version)
     state, time, data = unit.save(), unit.time, unit.complete()
     first = drive(unit, 5, 20)
@@ -45,10 +45,6 @@ def test_a_restored_state_continues_to_the_bit(native, version, kind):
     assert state.value is None
     unit.forget(state)  # freeing nothing is allowed
     assert len(np.unique(first, axis=0)) == 20
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_serialized_state_continues_in_another_instance_to_the_bit(native, version, kind):
     unit = started(native, kind, version)
     data, time = unit.complete(), unit.time
     first = drive(unit, 5, 20)

@@ -20,11 +20,10 @@ from vdfmu.engine.fmu.description import inspect_description
 from vdfmu.engine.package.archive import Archive
 
 
-def test_the_validator_of_fmpy_has_nothing_to_say(native_fmu, unit_name, version, robot_name):
+def test_the_validator_of_fmpy_has_nothing_to_say_and_an_fmu_holds_what_the_standard_says(
+    native_fmu, unit_name, version, robot_name
+):
     assert validate_fmu(str(native_fmu(unit_name, version, robot_name))) == []
-
-
-def test_an_fmu_holds_what_the_standard_says(native_fmu, unit_name, version):
     with zipfile.ZipFile(native_fmu(unit_name, version)) as archive:
         names = set(archive.namelist())
         assert archive.testzip() is None

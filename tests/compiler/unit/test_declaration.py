@@ -170,15 +170,12 @@ def test_names_that_are_taken_or_that_tools_and_c_cannot_take_are_refused(words)
             Interface(type(name, (Unit,), {"u": Input("1")}), None)
 
 
-def test_a_unit_with_joints_needs_a_robot():
+def test_a_unit_with_joints_needs_a_robot_and_its_instance_has_values():
     with pytest.raises(UnitError, match="Many needs a robot, for its joints"):
         Many()
     with pytest.raises(UnitError, match="Many needs a robot"):
         Interface(Many, None)
     assert not type("Free", (Unit,), {"u": Input("1", 3)}).needs_robot()
-
-
-def test_an_instance_has_values():
     unit = Many(SLIDER, k=4.0, g=[1.0, 2.0, 3.0], mode="fast")
     unit.start()
     unit.q = [1.0, 2.0, 3.0]

@@ -186,7 +186,7 @@ def jacobian_of(unit, robot):
     return function.results["J"].reshape(m, m, order="F"), evaluated
 
 
-def test_the_jacobian_of_any_unit_agrees_with_differences():
+def test_the_jacobian_of_any_unit_agrees_with_differences_and_that_from_the_balance():
     J, evaluated = jacobian_of(Coupled, load_robot("slider_3dof"))
     x = evaluated.x.copy()
     for j in range(len(x)):
@@ -195,8 +195,6 @@ def test_the_jacobian_of_any_unit_agrees_with_differences():
         # Rounding 1e-16 / 1e-5; truncation h^2 / 6 times a third derivative of up to 6.
         np.testing.assert_allclose(J[:, j], (high - low) / 2e-5, rtol=0, atol=2e-10)
 
-
-def test_the_jacobian_from_the_balance_is_that_of_the_derivatives():
     class Direct(Plant):
         """The plant without its balance."""
 

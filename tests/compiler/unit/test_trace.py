@@ -220,7 +220,7 @@ def test_generated_files_have_the_order_of_names_whatever_python_makes_of_texts(
     assert listed == sorted(listed) and len(listed) == 6
 
 
-def test_a_field_of_the_robot_is_a_parameter():
+def test_a_field_of_the_robot_is_a_parameter_and_dependencies_are_those_of_the_trace():
     robot = load_robot("planar_2dof")
     for unit in both(Geared, robot):
         unit.group("tau")[:], unit.group("ell")[1] = [1.0, 2.0], 50.0
@@ -228,9 +228,6 @@ def test_a_field_of_the_robot_is_a_parameter():
         assert unit.group("y").tolist() == [robot.ell[0], 100.0]
     with pytest.raises(UnitError, match=r"declares no mass of the robot\. Write RobotParameters\('ell', 'mass'\)"):
         _ = Interface(Undeclared, robot).program
-
-
-def test_dependencies_are_those_of_the_trace():
     interface = Interface(Chosen, None)
     at = interface.reference
     assert interface.step_dependencies(at["y[2]"]) == [at["u[2]"]]

@@ -83,7 +83,7 @@ def test_a_discrete_system_gives_the_output_of_each_sample(design, source, syste
         type(unit)(period=2 * dt).simulate(stop=2 * dt, step=dt)
 
 
-def test_a_casadi_function_is_a_unit_with_its_states(design):
+def test_a_casadi_function_is_a_unit_with_its_states_and_matrices_in_their_places(design):
     PENDULUM.save("pendulum.casadi")
     with pytest.raises(UsageError, match=r"pendulum\.casadi: a CasADi file can hold code that runs"):
         casadi_unit("pendulum.casadi")
@@ -97,9 +97,6 @@ def test_a_casadi_function_is_a_unit_with_its_states(design):
     # 1e-12 in each of 1000 steps, and errors grow by exp(3.1) at most
     assert np.abs(found["x"][-1] - end).max() < 3e-8
     assert (found["y"] == found["x"][:, 0] ** 2).all()
-
-
-def test_matrices_of_a_function_keep_their_places(design):
     a = np.random.default_rng(2).normal(size=(2, 3))
     unit = made("design.py:maps")(a=a, b=2.0)
     unit.outputs()

@@ -90,7 +90,7 @@ def arm(tmp_path):
 
 
 @pytest.mark.heavy
-def test_the_motion_keeps_clear_of_end_stops(arm, tmp_path):
+def test_the_motion_keeps_clear_of_end_stops_and_motors_that_are_too_weak_are_said(arm, tmp_path):
     found = write_reach(arm, tmp_path / "reach.toml")
     scenario = load_scenario(tmp_path / "reach.toml")
     robot = scenario.robot
@@ -100,10 +100,6 @@ def test_the_motion_keeps_clear_of_end_stops(arm, tmp_path):
         assert (away > 0.09 * np.minimum(robot.q_max - robot.q_min, 10.0)).all()
     assert scenario.sections["controller"]["K_p"] == [float(f"{k:.4g}") for k in found.gains.K_p]
     assert found.notes == []
-
-
-@pytest.mark.heavy
-def test_motors_that_are_too_weak_are_said(arm, tmp_path):
     text = arm.read_text(encoding="utf-8")
     assert text.count("tau_stall = 0.5\n") == 2
     arm.write_text(text.replace("tau_stall = 0.5\n", "tau_stall = 0.01\n"), encoding="utf-8")

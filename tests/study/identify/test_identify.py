@@ -160,7 +160,7 @@ def test_faults_of_sensors_are_found(clean, robot):
 
 
 @pytest.mark.heavy
-def test_without_link_positions_the_springs_are_kept_and_said(clean, robot):
+def test_without_link_positions_of_all_joints_or_one_the_springs_are_kept_and_said(clean, robot):
     found = identify(clean._replace(q=None), robot)
     assert not any(name.startswith("K_") for name in found.names)
     assert "log them by encoders behind the gears" in found.advice[0]
@@ -172,10 +172,6 @@ def test_without_link_positions_the_springs_are_kept_and_said(clean, robot):
     for i, name in enumerate(("Izz1 + 0.25 m2", "Izz2")):  # only the robot file parts it from the rotor's inertia
         whole = [each[name] + robot.ell[i] * each[f"I_m[{i + 1}]"] for each in (values, true)]
         assert whole[0] == pytest.approx(whole[1], rel=0.01), name
-
-
-@pytest.mark.heavy
-def test_a_joint_without_link_positions_is_beside_one_with(clean, robot):
     q = clean.q.copy()
     q[:, 1] = np.nan
     found = identify(clean._replace(q=q), robot)
@@ -229,7 +225,7 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
 
 
 @pytest.mark.heavy
-def test_a_score_needs_the_encoders_of_the_fit(clean, exact, robot):
+def test_a_score_needs_the_encoders_of_the_fit_and_torques_that_do_not_fit_are_said(clean, exact, robot):
     bare = clean._replace(q=None, where="bare")
     words = r"expected a log with(out)? encoders behind the gears, as .*, got one with"
     for found, one, other in ((exact, clean, bare), (identify(bare, robot), bare, clean)):
@@ -239,10 +235,6 @@ def test_a_score_needs_the_encoders_of_the_fit(clean, exact, robot):
     # the log that was fitted leaves what the fit left: sums in another order
     np.testing.assert_allclose(own.torque_error, exact.torque_error, rtol=1e-9, atol=1e-12)
     assert np.all(own.torque_left < 0.01 * own.torque) and np.all(own.rigid_left > own.torque_left)
-
-
-@pytest.mark.heavy
-def test_torques_that_do_not_fit_the_motion_are_said(clean, exact, robot):
     found = identify(thinned(clean._replace(tau=-clean.tau), 2), robot)
     assert any("joint 2: the model leaves more than 30 % of the torque; check" in note for note in found.advice)
     assert exact.advice == []

@@ -183,7 +183,7 @@ def test_a_figure_is_saved_as_drawing_picture_and_table(run, browser):
     assert size == [3 * wanted[0], 3 * (wanted[1] + 26)]  # with the title
 
 
-def test_units_that_fit_are_those_of_the_pictures(run, browser):
+def test_units_are_those_of_the_pictures_and_a_click_on_a_wire_shows_its_signal(run, browser):
     show(browser, run / "report.html")
     cases = [(unit, 2.5 * 10.0**k) for unit in ("deg", "mm", "N.m", "rad/s", "m²", "Hz", "") for k in range(-14, 8)]
     fit = "report.charts[0].fit.call({ unit }, value)"
@@ -191,9 +191,6 @@ def test_units_that_fit_are_those_of_the_pictures(run, browser):
     for (unit, value), (name, exponent) in zip(cases, made, strict=True):
         wanted, power = fitted(unit, value)
         assert exponent == power and (name == wanted or (name.startswith("10") and not wanted)), (unit, value)
-
-
-def test_a_click_on_a_wire_shows_its_signal(run, browser):
     show(browser, run / "report.html")
     browser.run("document.querySelector('.system .hit').dispatchEvent(new MouseEvent('click', { bubbles: true }))")
     browser.settle()

@@ -172,12 +172,9 @@ def test_figures_and_frames_are_sums_of_outputs(planar):
         np.testing.assert_array_equal(again.astype("<f4"), numbers(frames[name]))
 
 
-def test_the_arm_has_the_values_of_the_run(planar):
+def test_the_arm_has_the_values_of_the_run_and_rails_reach_as_far(planar):
     _, results = planar
     assert results.summary["arm"]["offset"] == [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
-
-
-def test_rails_reach_as_far_as_the_run_and_the_page_has_what_it_draws():
     arm = arm_of(vdfmu.load_robot("slider_3dof"), {})
     signals = [Signal(f"plant.q[{i + 1}]", "real", unit, i) for i, unit in enumerate(("rad", "m", "rad"))]
     q = np.array([[9.0, 0.1, 0.0], [0.0, -0.3, -5.0], [1.0, 0.2, 0.0]])
@@ -196,13 +193,10 @@ def test_rails_reach_as_far_as_the_run_and_the_page_has_what_it_draws():
     np.testing.assert_allclose(boxes[0]["offset"], offset + 0.15 * axis)
 
 
-def test_the_page_of_a_folder_is_that_of_the_run(planar, tmp_path):
+def test_the_page_of_a_folder_is_that_of_the_run_and_without_its_data_below_its_limit(planar, tmp_path):
     folder, _ = planar
     again = data_of(write_report([read_run(folder)], tmp_path / "again.html"))
     assert again == data_of(folder / "report.html")
-
-
-def test_a_page_without_its_data_stays_below_its_limit(planar):
     folder, _ = planar
     text = (folder / "report.html").read_text()
     assert len(text.encode()) - len(DATA.findall(text)[0]) < LIMIT
@@ -231,7 +225,7 @@ def test_several_runs_stand_beside_each_other(planar):
     assert [cells[0], cells[4]] == ["1", "2"] and cells[1] == cells[2]
 
 
-def test_the_command_writes_one_page_of_its_folders(planar, tmp_path, monkeypatch):
+def test_the_command_writes_one_page_of_its_folders_and_says_which_has_no_run(planar, tmp_path, monkeypatch):
     folder, _ = planar
     done = CliRunner().invoke(
         app, ["report", str(folder), str(folder), "--no-simulate", "--out", str(tmp_path / "both.html")]
@@ -244,9 +238,6 @@ def test_the_command_writes_one_page_of_its_folders(planar, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     (tmp_path / "results").symlink_to(folder.parent)
     assert newest_run(Path("results")).resolve() == folder.resolve()
-
-
-def test_a_folder_without_a_run_is_said(tmp_path):
     with pytest.raises(UsageError, match="expected the folder of a run.*'vdfmu run' writes one"):
         read_run(tmp_path)
     with pytest.raises(UsageError, match="has no results of a run"):

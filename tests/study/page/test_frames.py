@@ -43,7 +43,7 @@ def test_an_arm_that_moves_for_2_of_300_s_is_drawn_where_it_is(monkeypatch, bloc
     assert np.abs(even - results["plant.q"][:, 0]).max() > 0.005
 
 
-def test_bends_halve_the_stretches_of_a_parabola():
+def test_bends_halve_the_stretches_of_a_parabola_and_a_short_run_keeps_every_row():
     t = np.linspace(0.0, 1.0, 1025)
     rows, distances = bends(t, np.array([t**2, -t]), np.array([0, 1024]), 63, 0.0)
     # the farthest point of a parabola from its chord is the middle, off by h^2 / 4 (second derivative 2): 63 = 2^6 - 1
@@ -55,9 +55,6 @@ def test_bends_halve_the_stretches_of_a_parabola():
     assert len(bends(t, np.array([t]), np.array([0, 1024]), 63, 1e-12)[0]) == 0
     gap = np.where(t > 0.5, np.nan, t**2)
     assert len(bends(t, np.array([gap]), np.array([0, 512, 1024]), 3, 0.0)[0]) == 3
-
-
-def test_a_short_run_keeps_every_row():
     t, q = frames_of(still_and_quick(1001, 2.0))
     assert len(t) == 1001 and q.shape == (2, 1001)
 

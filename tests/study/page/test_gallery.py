@@ -92,14 +92,11 @@ def test_names_and_verdicts_are_text_and_counted(results):
         assert f'<span class="verdict {state}">{state.capitalize()}: off its path' in rows(page)["first run"]
 
 
-def test_the_newest_run_is_first_and_its_date_is_the_run_s(results):
+def test_the_newest_run_is_first_and_the_command_writes_the_list(results, tmp_path):
     for first, date in (("package", "2020-02-03T04:05:06+00:00"), ("first run", "2099-02-03T04:05:06+00:00")):
         changed(results / "first run", date=date)
         page = gallery_page(results)
         assert next(iter(rows(page))) == first and f"{date[:10]} 04:05 UTC" in rows(page)["first run"]
-
-
-def test_the_command_writes_it(results, tmp_path):
     done = CliRunner().invoke(app, ["report", str(results)])
     assert done.exit_code == 0 and (results / "index.html").exists(), done.output
     done = CliRunner().invoke(app, ["report", str(results), "--out", str(tmp_path / "all.html")])

@@ -66,7 +66,7 @@ def test_the_page_has_the_program_of_the_run(planar):
         assert gzip.decompress(base64.b64decode(module)).startswith(b"\0asm\1\0\0\0")
 
 
-def test_recorded_rows_are_those_of_the_run(planar):
+def test_recorded_rows_are_those_of_the_run_and_separate_solutions_are_judged_by_how_far(planar):
     recorded = found_in(planar)[0]["recorded"]
     results = Results.read(planar / "results.csv")
     values = np.frombuffer(base64.b64decode(recorded["values"]), "<f8").reshape(len(recorded["rows"]), -1)
@@ -74,16 +74,13 @@ def test_recorded_rows_are_those_of_the_run(planar):
     assert len(recorded["rows"]) == ROWS + 1 and recorded["rows"][-1] == 200
     for name, column in zip(recorded["names"], values.T, strict=True):
         np.testing.assert_array_equal(column, results[name][recorded["rows"]])
-
-
-def test_a_loop_whose_solutions_separate_is_judged_by_how_far(planar):
     assert found_in(planar)[0]["recorded"]["limit"] == simulation.LIMIT
     apart = {"change": 1e-9, "max_position_difference_rad": 1e-3}
     recorded = found_in(planar, separation=apart)[0]["recorded"]
     assert recorded["limit"] == pytest.approx(3e-3, rel=1e-12) and "separate" in recorded["note"]
 
 
-def test_knobs_are_parameters_of_the_run(planar):
+def test_knobs_are_parameters_of_the_run_and_friction_that_of_the_rotors_too(planar):
     found = found_in(planar)[0]
     knobs = {knob["key"]: knob for knob in found["knobs"]}
     assert list(knobs) == ["controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0", "plant.f_c", "trajectory.T"]
@@ -97,9 +94,6 @@ def test_knobs_are_parameters_of_the_run(planar):
         for target in (*knob["targets"], *knob["known"]):
             own = [name.partition("[")[0] for name in parameters[target["unit"]]]
             assert target["name"] in own
-
-
-def test_friction_is_that_of_the_rotors_too():
     system = SystemDescription(load_scenario("tracking_split"))
     (friction,) = [knob for knob in knobs(system) if knob["words"] == "Friction"]
     assert [target["name"] for target in friction["targets"]] == ["f_c", "f_s", "f_v", "f_ck"]

@@ -72,7 +72,7 @@ def test_below_the_errors_stands_why_they_are_small(changed, said):
     assert "chosen" not in str(tracking_sheet({**TRACKING, **changed, "paper": {}}).notes)
 
 
-def test_where_solutions_separate_the_statistics_are_compared():
+def test_statistics_are_compared_where_solutions_separate_and_the_energy_residual_is_a_sum():
     summary = copy.deepcopy(TRACKING) | {"separation": {"change": 1e-9, "max_position_difference_rad": 5.9e-4}}
     for entry, k in zip(summary["reference"].values(), (1.0, 2.0), strict=True):
         entry |= {"rms_position_difference": 0.0123 * k, "rms_torque_difference": 0.0345 * k}
@@ -86,9 +86,6 @@ def test_where_solutions_separate_the_statistics_are_compared():
         summary
     )
     assert "Chaotic loop" not in [name for name, _ in facts(TRACKING)]
-
-
-def test_the_energy_residual_says_that_it_is_a_sum_of_absolute_values():
     energies = {"residual": [3e-3, -1e-3], "residual_energy_abs": [4e-3, 4e-3], "exchanged": [30.0, 10.0]}
     bond = {"residual_energy_j": energies["residual"], "residual_energy_abs_j": energies["residual_energy_abs"]}
     said = dict(facts({**TRACKING, "power_bond": bond | {"exchanged_energy_j": energies["exchanged"]}}))

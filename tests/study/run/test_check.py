@@ -46,7 +46,7 @@ def test_a_good_fmu_has_no_problems_and_its_process_leaves_nothing(fmus, tmp_pat
 
 
 @pytest.mark.heavy
-def test_an_entry_that_is_there_twice_with_one_content_is_a_note(changed):
+def test_an_entry_that_is_there_twice_is_a_note_and_one_that_is_missing_a_problem(changed, tmp_path):
     path = changed("nothing")
     with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -54,10 +54,6 @@ def test_an_entry_that_is_there_twice_with_one_content_is_a_note(changed):
     report = inspect_file(path)
     assert (report.problems, report.ran) == ([], True)
     assert report.notes == [f"entry {SCRIPT!r} occurs more than once, with the same content"]
-
-
-@pytest.mark.heavy
-def test_a_unit_without_its_script_is_a_problem_and_not_a_crash(changed, tmp_path):
     path = changed(SCRIPT)
     (problem,) = check_file(path)
     assert "10 steps" in problem

@@ -127,7 +127,7 @@ def test_an_alias_of_fmi_3_needs_no_entry_of_the_model_structure(problems):
     ]
 
 
-def test_a_library_for_another_processor_is_named_and_not_loaded(problems):
+def test_a_library_for_another_processor_or_none_is_named_and_not_loaded(problems, tmp_path):
     import fmpy
 
     head = bytearray(b"\x7fELF\x02\x01" + bytes(58))
@@ -137,9 +137,6 @@ def test_a_library_for_another_processor_is_named_and_not_loaded(problems):
         pytest.skip("the head of this test is one of Linux")
     (problem,) = problems(members={name: bytes(head)})
     assert problem.startswith(f"{name}: is compiled for ") and "this platform needs" in problem
-
-
-def test_a_description_without_binaries_that_fmpy_cannot_read_is_checked_for_them(problems, tmp_path):
     assert problems(of="42")
     report = inspect_file(tmp_path / "m.fmu", run=False)
     assert any(p.startswith("no binary for this platform") for p in report.problems)

@@ -52,7 +52,7 @@ def test_an_element_that_is_off_is_found_by_variable_element_and_time(fmus, tmp_
     assert problem.endswith("differs by 0.01")
 
 
-def test_other_inputs_give_other_results(fmus, tmp_path):
+def test_other_inputs_give_other_results_and_tables_that_cannot_be_compared_problems(fmus, tmp_path):
     """The inputs reach the unit, from the row after a change on: half the torque cannot pass."""
 
     def change(head, rows):
@@ -63,8 +63,6 @@ def test_other_inputs_give_other_results(fmus, tmp_path):
     report = tampered(fmus, tmp_path / "other.fmu", "in", change)
     assert any(problem.startswith("Plant_out.csv: kappa_dot, element") for problem in report.problems)
 
-
-def test_tables_that_cannot_be_compared_are_problems_in_words(fmus, tmp_path):
     def rename(head, _rows):
         head[head.index("tau")] = "torque"
 

@@ -108,13 +108,10 @@ def test_a_setting_gives_a_robot_a_payload(scenario_file):
     assert not prepare("planar_tracking", ["plant.mass"]).robot.payload
 
 
-def test_a_component_that_knows_no_bodies_is_not_given_a_payload():
+def test_a_component_without_bodies_has_no_payload_and_a_variable_of_an_option_names_it(tmp_path):
     scenario = prepare("planar_tracking", ["controller.payload_mass"])
     with pytest.raises(UsageError, match=r"controller has no payload_mass\. There are: q_d, "):
         system_values(scenario, {"controller.payload_mass": 1.0})
-
-
-def test_a_variable_of_an_option_names_the_option(tmp_path):
     (tmp_path / "system.toml").write_text(
         'extends = "system"\n[units]\nwall = "wall"\n[connections]\n"plant.V_O" = ["wall.V_O"]\n'
     )

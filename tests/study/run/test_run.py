@@ -23,15 +23,12 @@ from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.parts import cached_fmus
 
 
-def test_a_run_writes_results_summary_package_and_figures(planar_run):
+def test_a_run_writes_summary_package_figures_and_every_connected_output_with_its_unit(planar_run):
     folder, results = planar_run
     names = {path.name for path in folder.iterdir()}
     assert {"results.csv", "summary.json", "system.ssp"} <= names
     assert len([n for n in names if n.endswith(".png")]) >= 2
     assert json.loads((folder / "summary.json").read_text()) == json.loads(json.dumps(results.summary))
-
-
-def test_results_hold_every_connected_output_with_its_unit(planar_run):
     folder, results = planar_run
     read = Results.read(folder / "results.csv")
     system = vdfmu.load_ssp(folder / "system.ssp")
@@ -44,7 +41,7 @@ def test_results_hold_every_connected_output_with_its_unit(planar_run):
     assert read.time[-1] == 0.2
 
 
-def test_the_summary_holds_the_errors_of_the_recorded_signals(planar_run):
+def test_the_summary_holds_the_errors_of_the_recorded_signals_and_against_both_references(planar_run):
     _, results = planar_run
     summary = results.summary
     error = np.degrees(results["trajectory.q_d"] - results["plant.q"])
@@ -54,9 +51,6 @@ def test_the_summary_holds_the_errors_of_the_recorded_signals(planar_run):
     assert summary["max_position_error_deg"] == pytest.approx(np.abs(error).max(axis=0), rel=1e-12)
     assert summary["rms_torque_compensation_error_nm"] == pytest.approx(np.sqrt((torque**2).mean(axis=0)), rel=1e-9)
     assert summary["real_time_factor"] == pytest.approx(0.2 / summary["wall_s"])
-
-
-def test_the_run_compares_with_both_references(planar_run):
     _, results = planar_run
     compared = results.summary["reference"]
     assert compared["sampled"]["name"] == "sampled"

@@ -180,13 +180,9 @@ def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
 
 
 @pytest.mark.heavy
-def test_friction_that_excites_itself_is_no_fault_of_the_gains():
+def test_friction_that_excites_itself_is_no_fault_and_what_cannot_be_linearised_is_said():
     found = checks(run("tracking_split", stop=1.0))["Sampled loops"]
     assert found["state"] == "good" and "friction 'split' excites itself" in found["text"]
-
-
-@pytest.mark.heavy
-def test_what_cannot_be_linearised_is_said():
     results = run("planar_tracking", stop=0.05, backend="python")
     found = checks(results)["Sampled loops"]
     assert found["state"] == "doubtful" and found["text"].startswith("not judged: ")

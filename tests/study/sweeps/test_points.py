@@ -89,7 +89,7 @@ def test_the_same_seed_draws_the_same_points_and_another_one_others(sample):
     assert set(first["c"]) <= {"x", "y", "z"}
 
 
-def test_sobol_points_fill_the_square_more_evenly_than_random_ones():
+def test_sobol_points_fill_the_square_evenly_and_those_for_indices_are_as_many_as_needed():
     from scipy.stats import qmc
 
     axes = read_axes(["a=lin(0, 1)", "b=lin(0, 1)"])
@@ -97,9 +97,6 @@ def test_sobol_points_fill_the_square_more_evenly_than_random_ones():
         qmc.discrepancy(np.column_stack(list(draw(axes, sample, 256)[1].values()))) for sample in ("sobol", "random")
     )
     assert even < random / 5
-
-
-def test_points_for_indices_are_as_many_as_these_need():
     axes = read_axes(["a=lin(0, 1)", "b=lin(0, 1)", "c=lin(0, 1)"])
     assert len(draw(axes, "saltelli", 8)[1]["a"]) == 8 * (2 * 3 + 2)
     assert len(draw(axes, "morris", 8)[1]["a"]) == 8 * (3 + 1)

@@ -215,7 +215,7 @@ def test_the_page_stands_alone_and_says_how_to_run_the_worst_point(tmp_path):
     assert "it broke" in page.text_content()
 
 
-def test_failures_are_grouped_by_cause(tmp_path):
+def test_failures_are_grouped_by_cause_and_units_are_kept_by_expressions(tmp_path):
     found = study(tmp_path / "study", {"f.a": "lin(0, 1, 3)", "f.b": "1, 2"}, lambda a, b: a + b, fail=[4, 5])
     (group,) = failed_groups(found)
     assert (group.points, group.where) == ([4, 5], "f.a 1")
@@ -226,9 +226,6 @@ def test_failures_are_grouped_by_cause(tmp_path):
         "f: y[3] is 12.5 at 3e-4": "f: y[…] is … at …",
     }  # fmt: skip
     assert {text: cause_of(text) for text in texts} == texts
-
-
-def test_a_unit_is_that_of_the_signals_where_the_expression_keeps_it():
     units = {"a.q": "rad", "a.q[1]": "rad", "b.tau": "N.m"}
     texts = {
         "rms(a.q - a.q[1])": "rad", "worst(peak(b.tau))": "N.m", "degrees(final(a.q))": "deg", "settling(a.q)": "s",
@@ -252,7 +249,7 @@ def test_a_study_knows_the_units_of_its_axes_and_measures(tmp_path):
     }
 
 
-def test_parts_do_not_repeat_what_the_study_is(tmp_path):
+def test_parts_do_not_repeat_what_the_study_is_and_the_worst_point_has_the_largest_value(tmp_path):
     """100,000 listed values in each of 2,000 parts would take gigabytes."""
     values = np.linspace(0.0, 1.0, 5000)
     found = study(tmp_path / "s", {"f.a": values}, lambda a: a)
@@ -263,9 +260,6 @@ def test_parts_do_not_repeat_what_the_study_is(tmp_path):
         part = next((tmp_path / "t" / "parts").glob("*.parquet"))
         assert part.stat().st_size < 10_000  # ten rows of five columns; the axis alone is 100 kB of text
         assert vdfmu.Sweep(tmp_path / "t").facts["axes"] == found.facts["axes"]  # before the end too
-
-
-def test_the_worst_point_has_the_largest_value_and_the_best_the_smallest(tmp_path):
     found = study(tmp_path / "study", {"f.x": [3.0, -2.0, 5.0, 9.0]}, lambda x: x, fail=(3,))
     assert [found.row(which)["point"] for which in ("worst", "best", 0)] == [2, 1, 0]
     assert found.row("best", "y")["y"] == -2.0

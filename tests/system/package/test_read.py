@@ -105,12 +105,9 @@ def test_a_faulty_package_is_read_as_far_as_it_goes(tmp_path):
     assert "not well-formed" in read_system(tmp_path / "y.ssp")[1][0]
 
 
-def test_an_inline_parameter_set_is_validated(tmp_path):
+def test_an_inline_parameter_set_is_validated_and_default_experiment_and_units_read(tmp_path):
     path = write(tmp_path / "x.ssp", ssd(elements(component(inner=values("k=big")))), {"a.fmu": b""})
     assert "'big' is not a valid value of the atomic type 'xs:double'" in problems(path)[0]
-
-
-def test_default_experiment_and_units(tmp_path):
     rest = (
         '<ssd:Units><ssc:Unit name="N.m"><ssc:BaseUnit kg="1" m="2" s="-2"/></ssc:Unit></ssd:Units>'
         '<ssd:DefaultExperiment startTime="0.5" stopTime="2"/>'

@@ -20,7 +20,7 @@ SSV = f'<ssv:ParameterSet {SPACES} version="1.0" name="p"><ssv:Parameters>{{}}</
 SSM = f'<ssm:ParameterMapping {SPACES} version="1.0">{{}}</ssm:ParameterMapping>'
 
 
-def test_a_symbolic_link_is_refused(tmp_path):
+def test_symbolic_links_and_entries_that_are_one_file_on_other_systems_are_refused(tmp_path):
     path = write(tmp_path / "x.ssp", ssd())
     link = zipfile.ZipInfo("resources/link.fmu")
     link.create_system = 3
@@ -28,9 +28,6 @@ def test_a_symbolic_link_is_refused(tmp_path):
     with zipfile.ZipFile(path, "a") as file:
         file.writestr(link, "/etc/passwd")
     assert problems(path) == ["x.ssp: entry 'resources/link.fmu' is a symbolic link; pack the file itself"]
-
-
-def test_entries_that_are_one_file_on_other_systems_are_refused(tmp_path):
     (found,) = problems(write(tmp_path / "x.ssp", ssd(), {"resources/A.fmu": b"", "resources/a.fmu": b""}))
     assert found.startswith("x.ssp: entries 'resources/A.fmu' and 'resources/a.fmu' are one file")
     (found,) = problems(write(tmp_path / "y.ssp", ssd(), {"resources": b"", "resources/a.fmu": b""}))
@@ -144,7 +141,7 @@ def test_a_source_is_decoded_once(tmp_path):
     assert load_ssp(write(tmp_path / "y.ssp", body, {"my arm.fmu": b""})).components[0].source == "my arm.fmu"
 
 
-def test_packages_inside_packages_have_a_limit(tmp_path):
+def test_packages_inside_packages_have_a_limit_and_the_same_rules(tmp_path):
     data = pack({"SystemStructure.ssd": ssd(elements(component())), "a.fmu": b""})
     inner = ssd(elements(component("a", "in.ssp", attributes='type="application/x-ssp-package"')))
     for depth in range(limits.NESTING_LIMIT + 1):
@@ -155,9 +152,6 @@ def test_packages_inside_packages_have_a_limit(tmp_path):
         data = path.read_bytes()
     (found,) = problems(path)
     assert f"is a package inside {limits.NESTING_LIMIT} others; that is the limit" in found
-
-
-def test_a_package_inside_is_held_to_the_same_rules(tmp_path):
     evil = pack({"SystemStructure.ssd": ssd(), "../evil": "x"})
     inner = ssd(elements(component("a", "in.ssp", attributes='type="application/x-ssp-package"')))
     (found,) = problems(write(tmp_path / "x.ssp", inner, {"in.ssp": evil}))

@@ -120,15 +120,12 @@ def test_one_system_can_be_there_several_times_by_its_id(pack):
     ]
 
 
-def test_systems_that_hold_themselves_are_refused(pack):
+def test_systems_that_hold_themselves_are_refused_and_connectors_held_against_their_system(pack):
     path = pack({"SystemStructure.ssd": ssd(elements(component("a", "SystemStructure.ssd", "", DEFINITION)))})
     (found,) = problems(path)
     assert "its system holds itself: SystemStructure.ssd" in found
     path = pack({"SystemStructure.ssd": ssd(elements(component("a", "#me")), attributes='id="me"')})
     assert problems(path) == ["x.ssp: component 'a': source '#me' is a system that holds the component itself"]
-
-
-def test_connectors_of_a_component_are_held_against_its_system(pack):
     wrong = IO.replace('name="y"', 'name="w"').replace('"u" kind="input"', '"u" kind="output"')
     path = pack(
         {"SystemStructure.ssd": ssd(elements(component("arm", "arm.ssd", wrong, DEFINITION))),
@@ -327,7 +324,7 @@ def mapped(pack, entries: str, parameter: str = ""):
     )
 
 
-def test_enumerations_are_mapped_by_the_names_of_their_items(pack):
+def test_enumerations_of_connections_and_parameter_sets_are_mapped_by_the_names_of_their_items(pack):
     off = '<ssc:MapEntry source="off" target="idle"/>'
     checked = check_system(load_ssp(mapped(pack, off)))
     (link,) = checked.links
@@ -339,9 +336,6 @@ def test_enumerations_are_mapped_by_the_names_of_their_items(pack):
     assert problems_of_wiring(mapped(pack, off + off)) == [
         "connection a.y -> b.u: the mapping has several entries for off; keep one"
     ]
-
-
-def test_an_enumeration_of_a_parameter_set_is_mapped_by_name(pack):
     table = (
         '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0"><ssm:MappingEntry source="mode" target="p">'
         '<ssc:EnumerationMappingTransformation><ssc:MapEntry source="go" target="running"/>'
