@@ -120,9 +120,6 @@ def test_clocks_need_event_mode_and_sampling_and_ticks(system):
     assert "n.c: input is not connected and keeps its start value" in notes
 
 
-# ---------------------------------------------------------------- events
-
-
 @pytest.mark.heavy
 @pytest.mark.parametrize("step", [0.01, 0.5])
 def test_an_early_return_is_an_event_of_the_component(system, step):

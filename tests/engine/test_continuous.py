@@ -121,9 +121,6 @@ def test_a_system_without_connections(pack):
         np.testing.assert_allclose(results["source.y"], results.time, rtol=0, atol=ROUNDING)
 
 
-# ---------------------------------------------------------------- error control
-
-
 def exact(t):
     a = 0.3 * (G + K) / K
     return a * (t - 1 / K) + (0.1 + a / K) * np.exp(-K * t)
@@ -246,9 +243,6 @@ def test_a_stiff_spring_passes_its_input_on_and_does_not_jump(pack, algorithm):
     assert error < 50 * adaptive
 
 
-# ---------------------------------------------------------------- wrong use
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -299,9 +293,6 @@ def test_a_coupling_that_does_not_converge_says_so(pack, xml):
         simulate(path, stop=1.0, step=0.25, algorithm="iterative", convergence=1e-300, parameters={"plant.x0": 1 / 3})
     assert len(info.value.results) == 1
     assert "adaptive" in str(info.value)
-
-
-# ---------------------------------------------------------------- the manipulator
 
 
 @pytest.fixture(scope="module")

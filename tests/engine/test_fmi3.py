@@ -16,9 +16,6 @@ from vdfmu.engine.run import ALGORITHMS, simulate
 LARGEST = {name: np.iinfo(name.lower()).max for name in models.INTEGERS} | {"UInt64": 2**63 - 1}
 
 
-# ---------------------------------------------------------------- types
-
-
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_all_scalar_types_pass_through(system, algorithm, isolate):
@@ -103,9 +100,6 @@ def test_elements_of_arrays_that_fit_are_connected_one_by_one(system):
     )
     assert results["s.y"].tolist() == [[5.0, 7.0, 3.0]] * 3
     assert results["t.y"].tolist() == [[3.0, -1.0, 5.0]] * 3
-
-
-# ---------------------------------------------------------------- arrays
 
 
 @pytest.mark.heavy

@@ -63,9 +63,6 @@ def fails(package: Path, way: str, **options) -> CosimError:
     return info.value
 
 
-# ---------------------------------------------------------------- in a step
-
-
 @pytest.mark.parametrize(
     ("way", "options", "said"),
     [
@@ -115,9 +112,6 @@ def test_this_process_outlives_them(package):
     assert children() <= before
 
 
-# ---------------------------------------------------------------- at the end
-
-
 @pytest.mark.parametrize(
     ("way", "call", "said", "options"),
     [
@@ -160,9 +154,6 @@ def test_check_of_a_package_names_the_component_that_does_not_return(wild, alone
     (problem,) = check_run.run_apart(alone(way, 0.5e-3), "SSP").problems
     # a second is the least time that a call has, also where a busy machine took longer to start
     assert re.search(rf"unit failed at t = 0\.\d+ s in {call}: no return within [1-8](\.\d)? s; ", problem), problem
-
-
-# ---------------------------------------------------------------- processes of the components
 
 
 @pytest.fixture
@@ -217,9 +208,6 @@ def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, alone, 
     assert silent()
 
 
-# ---------------------------------------------------------------- what they print
-
-
 def test_what_a_component_prints_is_shown_and_not_executed_and_its_last_words_too(package, monkeypatch, capsys):
     monkeypatch.setenv("WORDS", "\x1b[2J\x1b]0;owned\x07 \xe9")
     simulate(package, step=0.25)
@@ -240,9 +228,6 @@ def test_a_flood_of_a_component_is_shown_in_part_and_holds_nothing_up(package, m
     left_out = 64 * 100_000 - SHOWN - KEPT
     assert f"\n... ({left_out} bytes left out)\n" in said
     assert len(said) < SHOWN + KEPT + 100  # the sentence between them
-
-
-# ---------------------------------------------------------------- the same otherwise
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

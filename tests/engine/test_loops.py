@@ -70,9 +70,6 @@ def test_one_loop_of_many_connections_is_one_note_and_is_torn_at_one_unit(pack, 
     assert results["a.y3"].tolist() == [3.0, 3.0, 3.0]
 
 
-# ---------------------------------------------------------------- Broyden's method
-
-
 def solve(solver, A, b, tolerance=1e-8):
     """Find x = A x + b from 0; return x and the number of repetitions."""
     last = np.zeros(len(b))

@@ -102,9 +102,6 @@ def test_files_of_another_form_and_damaged_ones_are_named(results, tmp_path):
         Results.read(tmp_path / "none.mcap")
 
 
-# ------------------------------------------------------------------ logs
-
-
 @pytest.fixture(scope="module")
 def robot():
     return vdfmu.load_robot("planar_2dof")

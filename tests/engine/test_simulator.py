@@ -99,9 +99,6 @@ def test_what_is_wrong_is_told_where_it_is_said(package):
         pass
 
 
-# ------------------------------------------------------------------ by hand
-
-
 def pushed(simulator, force, steps=50):
     """Step by hand under a force of each step; return positions, row by row."""
     simulator.reset(**OPTIONS)

@@ -169,9 +169,6 @@ def test_a_name_with_signs_of_html_is_shown_as_it_is(planar, tmp_path):
     assert fmpy.read_model_description(path).description.endswith("(arm <2> & more)")
 
 
-# ------------------------------------------------------------------ start values
-
-
 def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_numpy_too(planar, tmp_path, fmus):
     """Static equilibrium at q = 0: tau_s[1] = g (m1 a1 + m2 (l1 + b)), see the robot's file."""
     values = {"plant": {"mass[1]": 3.0, "q_dot_0[2]": 0.5, "equilibrium": False, "tau_s_0[1]": 2.0}}

@@ -19,9 +19,6 @@ def initializing(unit: Any) -> Any:
     return unit
 
 
-# ------------------------------------------------------------------ values that are refused
-
-
 @pytest.mark.parametrize(
     ("name", "variable", "value", "words"),
     [
@@ -114,9 +111,6 @@ def test_a_call_sets_all_of_its_values_or_none_and_sums_that_overflow_or_cancel_
         unit.set(tau=[INF, -INF])
     unit = open_unit("controller").start(q_d=[1e308, 1e308])
     assert np.array_equal(unit.get("q_d"), [1e308, 1e308])
-
-
-# ------------------------------------------------------------------ variables that cannot be set or read so
 
 
 @pytest.mark.parametrize(
@@ -235,9 +229,6 @@ def test_references_in_any_order_twice_or_none_are_what_they_name(open_unit):
     assert unit.fmu.getReal([*p, *v]) == [6.0, 2.0, 3.0, 5.0]
 
 
-# ------------------------------------------------------------------ calls at the wrong time
-
-
 def test_outputs_have_no_value_before_the_initialization(open_unit, unit_name):
     """Anything returned would be wrong; inputs and parameters have their start values."""
     unit = open_unit(unit_name)
@@ -334,9 +325,6 @@ def test_a_start_time_and_a_tolerance_that_make_no_sense_are_refused(open_unit, 
         unit.setup(**experiment)
 
 
-# ------------------------------------------------------------------ the solver
-
-
 @pytest.mark.parametrize("torque", [1e12, 1e300])
 def test_a_torque_that_the_solver_cannot_follow_is_named_with_time_and_state(open_unit, torque):
     unit = open_unit("plant").start()
@@ -355,9 +343,6 @@ def test_a_tolerance_of_the_experiment_is_within_the_limits_of_the_parameter(ope
     with unit.refuses(r"unit: setupExperiment failed: tolerance: expected at least 1e-12, got 1e-17\."):
         unit.setup(tolerance=1e-17)
     open_unit("controller").start(tolerance=1e-17)
-
-
-# ------------------------------------------------------------------ how the words arrive
 
 
 def test_an_error_is_one_message_of_status_fatal_whatever_the_name_of_the_instance_holds(open_unit):

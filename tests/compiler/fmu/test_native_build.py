@@ -52,9 +52,6 @@ def cold(monkeypatch, tmp_path):
     return tmp_path / "cache"
 
 
-# ------------------------------------------------------------------ the same bits
-
-
 @pytest.mark.heavy
 def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(planar, tmp_path, run_python):
     here = build_fmus(planar, tmp_path / "here", units=FAST, backend="native")
@@ -117,9 +114,6 @@ def test_the_compiler_says_nothing_about_any_file(planar, version):
         sources = unit_sources(content) | fmi_headers(version)
         for platform in (this_platform(), "x86_64-windows"):
             compile_library(sources, platform, name=unit, flags=("-Werror",))
-
-
-# ------------------------------------------------------------------ what is up to date
 
 
 @pytest.mark.heavy
@@ -186,9 +180,6 @@ def test_a_damaged_cache_is_made_anew(damage, cold):
     for file in (cold / "native").iterdir():
         file.write_bytes(damage)
     assert compile_library(SMALL, this_platform(), name="Small") == first
-
-
-# ------------------------------------------------------------------ builds that cannot be
 
 
 def test_a_missing_compiler_is_told_with_the_way_out(planar, tmp_path, cold, monkeypatch):
@@ -298,9 +289,6 @@ def test_each_link_says_why_the_libraries_to_link_with_are_not_there(tmp_path, m
     for _ in range(2):  # links run side by side, and any of them may be the first whose error is told
         with pytest.raises(FmuError, match="no room"):
             workshop._system_libraries(Compilation("Small", SMALL, "x86_64-linux"))
-
-
-# ------------------------------------------------------------------ several at once
 
 
 @pytest.mark.heavy

@@ -138,9 +138,6 @@ def test_the_files_about_the_content_tell_what_was_built(native, planar, version
     assert "MIT License" in members(path)["documentation/licenses/license.txt"].decode()
 
 
-# ------------------------------------------------------------------ reference results
-
-
 def test_the_manifest_is_that_of_the_layered_standard(native, version, unit_name):
     """Root attributes by the schema that FMI 3.0 has for all layered standards; files that exist."""
     inside = members(native[version][unit_name])

@@ -169,9 +169,6 @@ def test_a_state_moves_to_another_process(open_unit, folders, tmp_path, run_pyth
     assert np.array_equal(there, here)
 
 
-# ------------------------------------------------------------------ what is no state of this unit
-
-
 def test_a_state_of_another_unit_or_robot_is_refused(open_unit):
     plant, controller = open_unit("plant").start(), open_unit("controller").start()
     before = plant.outputs()
@@ -210,9 +207,6 @@ def test_bytes_that_are_no_state_are_refused(open_unit, data):
     unit = open_unit("plant").start()
     with unit.refuses(rf"deSerializeFMUstate failed: expected the bytes of a state, got {len(data)} other bytes"):
         unit.fmu.deSerializeFMUstate(data)
-
-
-# ------------------------------------------------------------------ reset
 
 
 def test_reset_returns_to_the_start_values(open_unit, unit_name):

@@ -53,9 +53,6 @@ def version(request):
     return request.param
 
 
-# ------------------------------------------------------------------ programs of this machine
-
-
 def program(name: str, package: str, *places: str) -> str:
     for place in (name, *places):
         found = shutil.which(place)

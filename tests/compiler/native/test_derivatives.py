@@ -45,9 +45,6 @@ def step_sizes(point: np.ndarray, names: Sequence[str]) -> np.ndarray:
     return 1e-3 * np.abs(point)
 
 
-# ------------------------------------------------------------------ during initialization
-
-
 def initial_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
     """Take a unit to a point in initialization mode; return its knowns, unknowns, their values and the steps."""
     knowns, point = configure(unit, choices)
@@ -70,9 +67,6 @@ def test_during_initialization_they_are_slopes_in_inputs_and_parameters(native, 
         expected = slopes(evaluate, point, h)
         assert_slopes(found, expected, evaluate(point), h)
         assert np.any(found != 0.0)
-
-
-# ------------------------------------------------------------------ after initialization
 
 
 def exchange_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
@@ -154,9 +148,6 @@ def test_of_the_trajectory_in_time_they_are_its_derivatives(native):
     assert not plant.directional(plant.model.of("output"), plant.model.of("independent"), [1.0]).any()
 
 
-# ------------------------------------------------------------------ seeds
-
-
 def test_a_seed_is_a_direction(native, version):
     """Linear in the seed, to rounding: 1e-12 of the sum of the parts. A value that is named twice counts twice."""
     unit = native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2], q_dot_0=[0.5, 0.4]).continuous()
@@ -200,9 +191,6 @@ def test_adjoint_derivatives_are_the_transpose(native, unit_name, robot_name):
             scale = np.abs(forward).max(axis=1, keepdims=True)
             # terms of about 10 N.m may cancel, as gravity does about a vertical axis: 1e-13
             assert np.all(np.abs(forward - backward) <= 1e-11 * (0.01 + scale)), phase
-
-
-# ------------------------------------------------------------------ dependencies
 
 
 def structure(unit: Instance, tag: str) -> dict[str, set[str]]:
@@ -306,9 +294,6 @@ def hidden(unknown: str, known: str) -> bool:
     """
     holds = ("F_e", "centroid", "gravity", "mass", "offset", "q_0", "tool_offset")
     return unknown.startswith("der(tau_s") and known.split("[")[0] in holds
-
-
-# ------------------------------------------------------------------ wrong use
 
 
 @pytest.mark.parametrize("name", ["GetDirectionalDerivative", "GetAdjointDerivative"])

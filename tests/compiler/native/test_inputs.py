@@ -30,9 +30,6 @@ def set_rates(instance: Instance, **rates: Any) -> Instance:
     return instance.do("SetRealInputDerivatives", *rate_arguments(instance, rates))
 
 
-# ------------------------------------------------------------------ rates of inputs
-
-
 def test_a_torque_with_a_rate_is_a_ramp(native, planar):
     """Against scipy on the numpy equations; both err by some 1e-11 a step, of states up to 20 N.m."""
     unit = native().start(tolerance=1e-11, q_0=[0.4, -0.3])
@@ -148,9 +145,6 @@ def test_a_rate_that_makes_no_sense_is_refused_and_none_of_the_call_is_set(nativ
     with unit.refuses(rf"unit: setRealInputDerivatives at t = 0 s failed: .*{words}") as no:
         no("SetRealInputDerivatives", *rate_arguments(unit, rates, order))
     assert unit.complete() == before
-
-
-# ------------------------------------------------------------------ intermediate updates
 
 
 def with_updates(native: Native, update: Callable[..., float | None], name: str = "plant", **options: Any) -> Instance:

@@ -29,9 +29,6 @@ def entering(unit):
     return () if unit.model.major == "2" else (False, 0.0, 0.0, False, 0.0)
 
 
-# ------------------------------------------------------------------ numbers that are none, steps, times
-
-
 def test_discard_where_the_standard_says_so(native, version):
     """Time and states that an integrator tries, and derivatives that overflow: it may try others."""
     unit, twin = (bring(native("plant", version, kind="ModelExchange"), "continuous") for _ in range(2))
@@ -121,9 +118,6 @@ def test_a_unit_without_a_solver_takes_any_positive_tolerance(native, version):
     native("controller", version).start(tolerance=1e-17).step()
 
 
-# ------------------------------------------------------------------ parameters that are not physical
-
-
 @pytest.mark.parametrize(
     ("name", "variable", "value", "words"),
     [
@@ -163,9 +157,6 @@ def test_outputs_have_no_value_before_the_initialization(native, version, unit_n
             no(f"Get{unit._type('Real')}", *unit._values([v], unit._room("Real", len(v.names))))
 
 
-# ------------------------------------------------------------------ the solver
-
-
 END = r"Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance\.$"
 
 
@@ -190,9 +181,6 @@ def test_a_step_of_too_many_internal_steps_ends_with_an_error(native, version):
         rf"{MAXIMUM_STEPS} internal steps, the last of \S+ s\. Take shorter communication steps\. " + END
     )
     refused_step(unit, words, 10.0, 1e300)
-
-
-# ------------------------------------------------------------------ instantiation, messages
 
 
 @pytest.mark.parametrize("guid", ["", "{0}", "{" + "a" * 5000, "%s%n%d"])

@@ -35,9 +35,6 @@ def run(instance: Instance, steps: int, size: float = 1.0) -> np.ndarray:
     return np.array(rows)
 
 
-# ------------------------------------------------------------------ versions and backends
-
-
 def test_both_versions_of_fmi_give_the_same_bits(native, unit_name, robot_name):
     size = 0.01 if unit_name == "estimator" else 1.0  # beyond some 0.01 rad its estimates are at their limit
     two, three = (run(native(unit_name, version, robot_name).start(), 25, size) for version in ("2.0", "3.0"))
@@ -78,9 +75,6 @@ def test_the_python_unit_gives_the_same_numbers(native, python_folders, unit_nam
     found = run(native(unit_name, "2.0", robot).start(), 25)
     scale = 1.0 + np.abs(expected).max(axis=0)
     assert np.all(np.abs(found - expected) <= 1e-12 * scale)
-
-
-# ------------------------------------------------------------------ model exchange
 
 
 @pytest.mark.parametrize("robot", ["planar_2dof", "manipulator_6dof"])

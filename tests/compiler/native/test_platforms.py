@@ -111,8 +111,6 @@ def test_the_library_for_windows_computes_the_same(everywhere, cross_driver, dri
     assert_same_motion(found, run([driver(version), model.library._name, *arguments]))
 
 
-# ------------------------------------------------------------------ form of the libraries
-
 _CPU = {"x86_64-darwin": 0x01000007, "aarch64-darwin": 0x0100000C}
 
 

@@ -71,9 +71,6 @@ def test_states_that_are_not_finite_are_an_error_that_names_the_way_out(native, 
     unit.step(H, tau=[0.2, -0.1])
 
 
-# ------------------------------------------------------------------ what a step may not do
-
-
 @pytest.fixture
 def stepping(model, tmp_path):
     """Command that steps the plant of an arm with a kind of solver in realtime.c."""
@@ -128,9 +125,6 @@ def test_each_step_has_the_same_instructions(stepping, tmp_path):
         assert n == 2999
         assert own[0] == own[2] > 10_000
         assert worst / median < 1.1  # of 10,000 steps 1.06; one internal step more or less is 1.25
-
-
-# ------------------------------------------------------------------ C99
 
 
 @pytest.mark.parametrize("unit", ["plant", "controller"])

@@ -28,9 +28,6 @@ def started(native: Native, kind: str, version: str, unit: str = "plant", **opti
     return instance
 
 
-# ------------------------------------------------------------------ save, restore, serialize
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_restored_or_serialized_state_continues_to_the_bit(native, version, kind):
     unit = started(native, kind, version)
@@ -115,9 +112,6 @@ def test_states_of_every_phase_can_be_saved_and_restored(native, version, name):
     unit.restore(states["step"])
     unit.time = 0.0
     unit.step()
-
-
-# ------------------------------------------------------------------ what is no state
 
 
 def variants(data: bytes) -> Iterator[tuple[str, bytes]]:
@@ -234,9 +228,6 @@ def test_room_of_the_wrong_size_is_refused_and_not_written(native, version):
         with unit.refuses(rf"expected room for {whole} bytes, got {size}\.") as no:
             no(f"Serialize{unit._state}", pointer, room, size)
         assert not any(room)
-
-
-# ------------------------------------------------------------------ reset, many instances
 
 
 @pytest.mark.parametrize("phase", ["instantiated", "initialization", "step", "terminated"])

@@ -36,9 +36,6 @@ def test_the_validator_of_fmpy_has_nothing_to_say_and_an_fmu_holds_what_the_stan
     assert {name.split("/")[0] for name in names} - known <= {"icon.png", "icon.svg", "model.png"}
 
 
-# ------------------------------------------------------------------ symbols
-
-
 @pytest.mark.skipif(fmpy.system != "linux", reason="reads ELF, the format of Linux libraries")
 def test_only_the_functions_of_fmi_are_exported(model, unit_name, version):
     names = elf_exports(Path(model(unit_name, version).library._name).read_bytes())
@@ -51,9 +48,6 @@ def test_the_library_says_its_version(model, unit_name, version):
     assert ctypes.string_at(said()).decode() == version
     if version == "2.0":
         assert ctypes.string_at(found.function("GetTypesPlatform")()) == b"default"
-
-
-# ------------------------------------------------------------------ sources
 
 
 @pytest.mark.heavy
@@ -136,9 +130,6 @@ def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, 
 def _made(folder: Path) -> Path:
     folder.mkdir()
     return folder
-
-
-# ------------------------------------------------------------------ reference results
 
 
 # The table has 12 digits: 5e-12. Rounding is less. The plant: its solver runs at 1e-9, and what amplifies a local error

@@ -251,9 +251,6 @@ def test_names_of_units_are_words():
     assert [unit_name(unit) for unit in shipped_units().values()] == list(shipped_units())
 
 
-# --------------------------------------------------------------------------------------- units of measurement
-
-
 @pytest.mark.parametrize(
     ("name", "exponents"),
     [

@@ -144,9 +144,6 @@ def test_the_slope_of_the_square_of_a_rounding_is_that_of_its_line(rounding, bel
         assert float(derivative(function, "forward")(value, 1.0)) == 0.0
 
 
-# ------------------------------------------------------------------ tables
-
-
 class Table(Unit):
     """Interpolation in a table of parameters."""
 

@@ -317,9 +317,6 @@ def test_the_stages_of_a_step_solve_for_no_acceleration_and_grow_linearly_along_
     assert counts[1] > counts[0]
 
 
-# --------------------------------------------------------------------------------------------------- sampled states
-
-
 class Delay(Unit):
     """A chain of two delays of one period, beside a continuous integral of the input."""
 

@@ -105,9 +105,6 @@ def test_an_output_that_is_not_set_for_a_choice_is_named():
         _ = Interface(Incomplete, None).program
 
 
-# ---------------------------------------------------------------------------------------- names and robot, dependencies
-
-
 class Clashing(Unit):
     """Variables called as the arguments of traced functions, and as words of C, are."""
 

@@ -188,9 +188,6 @@ def test_a_seed_reaches_the_random_numbers_of_devices(tmp_path):
         assert env.task.seeds == ["sensor.seed"]
 
 
-# ---------------------------------------------------------------- many arms
-
-
 @pytest.mark.heavy
 def test_arms_in_lanes_are_that_of_the_master():
     """Eleven arms, each with parameters and torques of its own, fill blocks of 4 or 8 lanes."""

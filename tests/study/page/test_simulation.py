@@ -22,8 +22,6 @@ from vdfmu.study.report.simulation import ROWS, knobs, simulation_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 
-# ------------------------------------------------------------------ without a browser
-
 
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory) -> Path:
@@ -167,8 +165,6 @@ def test_a_long_run_and_one_of_a_package_are_not_simulated_and_a_page_says_how_t
     text = (planar / "report.html").read_text()
     assert simulation.NOT_MADE in text and 'id="worker"' not in text
 
-
-# ------------------------------------------------------------------ in a browser
 
 TOLERANCES = {"rad": 1e-9, "m": 1e-9, "1": 1e-9, "rad/s": 1e-7, "N.m": 1e-5, "J": 1e-7}
 """Of angles 1e-9 rad, which is promised; they swing below 100/s, and gains of 3e3 N.m/rad make 3e-6 N.m of it.

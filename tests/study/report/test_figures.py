@@ -49,9 +49,6 @@ def chunks(png: bytes) -> list[bytes]:
     return found
 
 
-# --- what they show --------------------------------------------------------------------------------------
-
-
 def test_torques_are_link_side_and_the_feedforward_is_dashed_on_top(made, types):
     results, scenario = made.results(len(types)), made.scenario(types)
     panels = plots.draw_torques(results, scenario).axes
@@ -170,9 +167,6 @@ def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
     assert len(write_pictures(results, scenario, tmp_path)) == 3
 
 
-# --- that they can be read -------------------------------------------------------------------------------
-
-
 @pytest.mark.heavy
 def test_nothing_hides_data_or_leaves_the_picture(made, types):
     for figure in every_figure(made, types):
@@ -254,9 +248,6 @@ def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
         assert 20_000 < len(png) < 500_000
     for path in write_pictures(made.results(len(types), points=1), made.scenario(types), tmp_path):
         assert path.stat().st_size > 10_000  # an unfinished run can be drawn
-
-
-# --- files -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.heavy

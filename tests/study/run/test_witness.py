@@ -167,9 +167,6 @@ def test_a_parameter_that_is_not_the_scenarios_is_found(cache, monkeypatch):
     assert faults()[0] == "plant.mass[2] at t = 0 s: expected 1, got 1.5"
 
 
-# ------------------------------------------------------------------ generated C
-
-
 @pytest.fixture(scope="module")
 def objects(tmp_path_factory):
     cache = tmp_path_factory.mktemp("objects")
