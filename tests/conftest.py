@@ -1,7 +1,5 @@
 """Robots, random states and a kernel cache that several folders use."""
 
-from __future__ import annotations
-
 import cProfile
 import os
 import signal

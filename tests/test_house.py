@@ -1,7 +1,5 @@
 """Imports between the rooms of the package go down, and no file imports itself through others."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import cache

@@ -1,7 +1,5 @@
 """What ``vdfmu doctor`` says, with and without packages."""
 
-from __future__ import annotations
-
 import logging
 import tomllib
 from importlib.metadata import PackageNotFoundError

@@ -1,7 +1,5 @@
 """The folder of packages and results for users of other tools, and its script, in a Python with nothing else."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys

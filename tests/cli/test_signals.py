@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and SIGHUP end every command within a second, in each of its phases, and leave nothing behind."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

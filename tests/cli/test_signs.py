@@ -1,7 +1,5 @@
 """What a command shows of its work: a line that moves, and what --quiet and --verbose leave and add."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

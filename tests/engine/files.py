@@ -1,7 +1,5 @@
 """Zip files with other contents, and results that are the same."""
 
-from __future__ import annotations
-
 import io
 import re
 import zipfile

@@ -1,7 +1,5 @@
 """Each algorithm against the sampled recursion computed by hand, exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Faults of a system are reported before the run, all at once."""
 
-from __future__ import annotations
-
 import math
 import re
 

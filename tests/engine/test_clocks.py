@@ -1,7 +1,5 @@
 """Events and clocks of FMI 3.0."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import fmpy

@@ -1,7 +1,5 @@
 """Algorithms for continuous coupling: by hand on small systems, and their order on the manipulator."""
 
-from __future__ import annotations
-
 import tempfile
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is not smooth under the algorithms for continuous coupling: discrete signals, jumps, tiny signals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What is not given to `simulate` is taken from the default experiment of the system."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """A unit that fails: what the error says, and what is kept."""
 
-from __future__ import annotations
-
 import os
 import signal
 import tempfile

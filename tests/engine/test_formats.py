@@ -1,7 +1,5 @@
 """A format of results is a file of its own and a row of the registry: commands and runs know it then."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

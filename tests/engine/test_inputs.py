@@ -1,7 +1,5 @@
 """Signals from CSV files and arrays for inputs that nothing is connected to."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Results as MATLAB files: the bits of the CSV, and what scipy reads of them."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """The example of a plugin for MCAP: results of runs, and logs of ROS 2 and JSON, as other tools read and write them."""
 
-from __future__ import annotations
-
 import json
 import logging
 import tomllib

@@ -1,7 +1,5 @@
 """A master algorithm is a file of its own and a row of the registry: commands, packages and runs know it then."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

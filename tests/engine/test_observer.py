@@ -1,7 +1,5 @@
 """Who looks at a run is given its rows, all or now and then, and never changes it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

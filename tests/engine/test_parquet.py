@@ -1,7 +1,5 @@
 """Results in Parquet: the bits of the CSV, units and provenance in the file, and what is said when it cannot be."""
 
-from __future__ import annotations
-
 import csv
 import json
 import resource

@@ -1,7 +1,5 @@
 """The picture of any system's run: which panels there are and what they show."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

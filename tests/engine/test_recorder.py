@@ -1,7 +1,5 @@
 """Rows that go to a file as they come: the same numbers, in memory that does not grow, and kept by what fails."""
 
-from __future__ import annotations
-
 import csv
 import json
 import resource

@@ -1,7 +1,5 @@
 """Results: access, and the form of CSV; that it reads back to the same bits is shown beside Parquet."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

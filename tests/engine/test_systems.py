@@ -1,7 +1,5 @@
 """Units, transformations, parameter bindings and nested systems, run to their numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

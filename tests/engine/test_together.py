@@ -1,7 +1,5 @@
 """Components of model exchange that depend on each other within a step: the master integrates them as one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

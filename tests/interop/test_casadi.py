@@ -1,7 +1,5 @@
 """CasADi's importer of FMUs: the plant's right-hand side, its derivatives, the shortest motion by IPOPT."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import casadi as ca

@@ -1,7 +1,5 @@
 """Arms that are wired from their links and joints: the same as those in one piece."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

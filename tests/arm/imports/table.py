@@ -3,8 +3,6 @@
 ``python -m tests.arm.imports.table`` writes it into example_robots.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.metadata import distribution
 from pathlib import Path

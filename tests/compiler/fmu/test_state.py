@@ -1,7 +1,5 @@
 """The complete state: saved, restored, serialized and moved, every run continues to the bit."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

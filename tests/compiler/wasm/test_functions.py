@@ -1,7 +1,5 @@
 """Traced functions as WebAssembly, in wasmtime: single operations and whole functions have the bits of CasADi."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any

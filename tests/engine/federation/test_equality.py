@@ -1,7 +1,5 @@
 """A system over several processes gives what one process gives with jacobi, to the last bit."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The energy that the coupling adds, of rows that a run shows."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
