@@ -96,17 +96,6 @@ def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack):
     assert results["one.z"].tolist() == [2, 2, 2, 2, 3]
 
 
-def test_connectors_are_held_against_the_fmu(pack):
-    unit = '<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>'
-    path = pack(["g Gain u:output:Real y:output:Integer", "r Radians m:input:Real:mm"], units=unit)
-    expect(
-        problems(path),
-        r"g\.u: the SSD declares kind 'output', the FMU causality 'input'",
-        r"g\.y: the SSD declares type Integer, the FMU Real",
-        r"r\.m: unit mismatch, the SSD declares 'mm' \(m, factor 0\.001, offset 0\), the FMU 'm' \(m\)",
-    )
-
-
 def test_kinds_that_ssp_does_not_connect(pack):
     path = pack(
         ["a Gain y:output", "b Gain u:input k:parameter", "d Gain k:parameter"],
@@ -180,12 +169,6 @@ def test_units_that_differ_in_the_last_digits_are_the_same(pack):
         r"d\.y: unit mismatch, the SSD declares 'deg' \(rad, factor 0\.0174532, offset 0\), "
         r"the FMU 'deg' \(rad, factor 0\.017453292519943295, offset 0\)",
     )
-
-
-def test_parameters_of_a_wrong_type(pack, xml):
-    text = '<ssv:Parameter name="k"><ssv:String value="big"/></ssv:Parameter>'
-    path = pack([xml.component("a", "Gain", "", xml.values(text))])
-    expect(problems(path), "type mismatch, String for a Real variable")
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,7 @@ def test_a_file_that_cannot_be_written(results, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (None, "cannot read .*No such file"),
         ("", "expected a line of names and a line of units"),
         ("a,b\ns,m\n1,2\n", "'time' as the first column"),
         ("time,b\ns\n", "as many units as names"),
@@ -131,14 +132,10 @@ def test_a_file_that_cannot_be_written(results, tmp_path):
         ("time,b\ns,m\n1,2,3\n", "expected 2 columns, got 3"),
     ],
 )
-def test_csv_of_another_form(tmp_path, text, message):
-    (tmp_path / "r.csv").write_text(text)
+def test_csv_of_another_form_or_none(tmp_path, text, message):
+    if text is not None:
+        (tmp_path / "r.csv").write_text(text)
     with pytest.raises(UsageError, match=message):
-        Results.read(tmp_path / "r.csv")
-
-
-def test_a_missing_csv(tmp_path):
-    with pytest.raises(UsageError, match="cannot read .*No such file"):
         Results.read(tmp_path / "r.csv")
 
 

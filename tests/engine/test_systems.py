@@ -25,6 +25,29 @@ def bind(*bindings: str) -> str:
     return f"<ssd:ParameterBindings>{''.join(bindings)}</ssd:ParameterBindings>"
 
 
+def signal_dictionary(entries: str, version: str = "1.0") -> str:
+    return (
+        f'<ssb:SignalDictionary version="{version}" '
+        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
+        f'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">{entries}</ssb:SignalDictionary>'
+    )
+
+
+def dictionaries(inner: str, attributes: str = "") -> str:
+    inside = f'<ssd:SignalDictionary name="D"{attributes}>{inner}</ssd:SignalDictionary>'
+    return f"<ssd:SignalDictionaries>{inside}</ssd:SignalDictionaries>"
+
+
+def reference(name: str, *connectors: str) -> str:
+    """Return a reference to the dictionary; a connector is the inside of its element after the name."""
+    inside = "".join(f'<ssd:Connector name="{each}</ssd:Connector>' for each in connectors or ('bus" kind="inout">',))
+    head = f'<ssd:SignalDictionaryReference name="{name}" dictionary="D"><ssd:Connectors>'
+    return f"{head}{inside}</ssd:Connectors></ssd:SignalDictionaryReference>"
+
+
+BUS = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>'
+
+
 def test_units_are_converted_before_a_transformation_unless_that_is_suppressed(pack, xml):
     path = pack(
         ["deg Degrees y:output:Real mm:output degC:output", "rad Radians u:input m:input K:input"],
@@ -196,21 +219,8 @@ def test_a_unit_of_a_system_connector_is_converted_on_the_way(pack, xml):
 
 
 def test_a_signal_dictionary_joins_what_refers_to_it(pack):
-    entries = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>'
-    dictionary = (
-        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D"><ssb:SignalDictionary version="1.0" '
-        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary">'
-        f"{entries}</ssb:SignalDictionary></ssd:SignalDictionary></ssd:SignalDictionaries>"
-    )
-
-    def reference(name: str) -> str:
-        return (
-            f'<ssd:SignalDictionaryReference name="{name}" dictionary="D"><ssd:Connectors>'
-            '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
-        )
-
     elements = [reference("d1"), reference("d2"), "r Ramp y:output", "g Gain u:input"]
-    path = pack(elements, ["r.y -> d1.bus", "d2.bus -> g.u"], dictionaries=dictionary)
+    path = pack(elements, ["r.y -> d1.bus", "d2.bus -> g.u"], dictionaries=dictionaries(signal_dictionary(BUS)))
     system = load_ssp(path)
     assert [str(c) for c in system.connections] == ["r.y -> g.u"]
     assert simulate(path, stop=2.0, step=1.0, record=["g.u"])["g.u"].tolist() == [0.0, 0.0, 1.0]
@@ -219,25 +229,15 @@ def test_a_signal_dictionary_joins_what_refers_to_it(pack):
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
     """The entry is in its own mm, the SSD's are others; conversion is done on both sides of it."""
-    dictionary = '<ssd:SignalDictionaries><ssd:SignalDictionary name="D" source="bus.ssb"/></ssd:SignalDictionaries>'
-    file = (
-        f'<ssb:SignalDictionary version="{version}" '
-        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
-        'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">'
-        '<ssb:DictionaryEntry name="bus"><ssc:Real unit="mm"/></ssb:DictionaryEntry>'
-        f"<ssb:Units>{MM}</ssb:Units></ssb:SignalDictionary>"
-    )
-    reference = (
-        '<ssd:SignalDictionaryReference name="d" dictionary="D"><ssd:Connectors>'
-        '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
-    )
-    inner = f'<ssd:System name="s"><ssd:Elements>{reference}{xml.component("g", "Radians", "m:input:Real:m")}' + (
+    entry = BUS.replace("<ssc:Real/>", '<ssc:Real unit="mm"/>')
+    inner = f'<ssd:System name="s"><ssd:Elements>{reference("d")}{xml.component("g", "Radians", "m:input:Real:m")}' + (
         '</ssd:Elements><ssd:Connections><ssd:Connection startElement="d" startConnector="bus" endElement="g" '
         'endConnector="m"/></ssd:Connections></ssd:System>'
     )
     path = pack(
-        ["r Radians y:output:Real:m", reference, inner], ["r.y -> d.bus"],
-        dictionaries=dictionary, extra={"bus.ssb": file},
+        ["r Radians y:output:Real:m", reference("d"), inner], ["r.y -> d.bus"],
+        dictionaries=dictionaries("", ' source="bus.ssb"'),
+        extra={"bus.ssb": signal_dictionary(f"{entry}<ssb:Units>{MM}</ssb:Units>", version)},
         units='<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="2"/></ssc:Unit>'
         '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>',
     )  # fmt: skip
@@ -253,19 +253,9 @@ def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
 
 
 def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack):
-    entries = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>' * 2
-    dictionary = (
-        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D"><ssb:SignalDictionary version="1.0" '
-        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary">'
-        f"{entries}</ssb:SignalDictionary></ssd:SignalDictionary></ssd:SignalDictionaries>"
-    )
-    reference = (
-        '<ssd:SignalDictionaryReference name="d" dictionary="D"><ssd:Connectors>'
-        '<ssd:Connector name="bus" kind="inout"><ssc:Integer/></ssd:Connector><ssd:Connector name="no" kind="inout"/>'
-        "</ssd:Connectors></ssd:SignalDictionaryReference>"
-    )
+    other = reference("d", 'bus" kind="inout"><ssc:Integer/>', 'no" kind="inout">')
     with pytest.raises(SspError) as info:
-        load_ssp(pack([reference, "r Ramp y:output"], dictionaries=dictionary))
+        load_ssp(pack([other, "r Ramp y:output"], dictionaries=dictionaries(signal_dictionary(2 * BUS))))
     assert info.value.problems == [
         "test.ssp: signal dictionary 'D': two entries are named 'bus'",
         "test.ssp: signal dictionary of 'd' has an entry 'bus' of another type or size than the connector",

@@ -114,10 +114,6 @@ def test_a_step_beyond_the_stop_time_is_refused(native, version, unit_name):
     refused_step(unit, words, 1.002, 1e-3)
 
 
-def test_a_unit_without_a_solver_takes_any_positive_tolerance(native, version):
-    native("controller", version).start(tolerance=1e-17).step()
-
-
 @pytest.mark.parametrize(
     ("name", "variable", "value", "words"),
     [

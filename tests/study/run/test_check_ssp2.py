@@ -73,7 +73,6 @@ def test_a_system_of_arrays_has_no_problems_and_its_units_are_run(package):
     assert [str(connection) for connection in system.connections][0] == "Trajectory.q_d -> PDController.q_d"
 
 
-@pytest.mark.heavy
 def test_all_faults_of_connectors_and_connections_come_at_once(package):
     text = system(
         component("Trajectory", connector("q_d", "output", 3), connector("q_d_dot", "input"), connector("x", "output")),
