@@ -166,10 +166,8 @@ NOT_MEASURED = (
 
 
 def unclaimed(path, text):
-    """Return the numbers on a page's first screen, of README and index on the whole page, that nothing holds.
-
-    Claims hold them, or `test_tutorials`, where they are the output of code that runs there.
-    """
+    """Return the numbers on a page's first screen, of README and index on the whole page, that nothing holds."""
+    # Claims hold them, or `test_tutorials`, where they are the output of code that runs there.
     for claim in claims.claims():
         if claim.page == path:
             place = claim.place(text)

@@ -106,10 +106,8 @@ def make_fmu(
     folder: Path, name: str, variables: str, step: str = "self.calc()", calc: str = "pass", depends: str | None = "",
     more: str = "", units: Mapping[str, Mapping[str, str]] | None = None, discrete: tuple[str, ...] = (),
 ) -> Path:  # fmt: skip
-    """Build an FMU that saves its state, from the code of its step and of its outputs in initialization mode.
-
-    `depends`: "y:u,v z:u" for outputs that depend on inputs; None: stock pythonfmu, without that and without states.
-    """
+    """Build an FMU that saves its state, from the code of its step and of its outputs in initialization mode."""
+    # `depends`: "y:u,v z:u" for outputs that depend on inputs; None: stock pythonfmu, without that and without states.
     dependencies = None if depends is None else {y: u.split(",") for y, u in (t.split(":") for t in depends.split())}
     listed = [variable(text) for text in variables.split()]
     spec = {"variables": listed, "dependencies": dependencies, "units": dict(units or {}), "discrete": discrete}

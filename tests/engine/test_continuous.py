@@ -68,10 +68,8 @@ def test_iterative_is_the_trapezoidal_rule(loop):
 
 
 def test_units_outside_a_loop_step_once(loop):
-    """Trajectory and feedforward feed the loop and are not in it; the others are linear, which takes 3 sweeps.
-
-    Units with feed-through step in two halves: the feedforward, and the two in the loop beside the plant.
-    """
+    """Trajectory and feedforward feed the loop and are not in it; the others are linear, which takes 3 sweeps."""
+    # Units with feed-through step in two halves: the feedforward, and the two in the loop beside the plant.
     summary = run(loop, "iterative").summary
     assert summary["order"][:2] == ["trajectory", "feedforward"]
     assert set(summary["order"][2:4]) == {"error", "controller"}
@@ -191,10 +189,8 @@ def test_a_repeated_step_says_things_once_and_a_fatal_refusal_is_final(pack):
 
 
 def slider(pack, options, k=4.0):
-    """Return the errors of a mass whose spring is pulled at its other end, and of what that end does with the force.
-
-    The end moves with p' = cos(t) - f / 4, the mass with x'' = f, f = k (p - x); x is neither read nor passed on.
-    """
+    """Return the errors of a mass whose spring is pulled at its other end, and of what that end does with the force."""
+    # The end moves with p' = cos(t) - f / 4, the mass with x'' = f, f = k (p - x); x is neither read nor passed on.
     path = pack(
         ["mass Sprung p:input f:output x:output v:output", "end Carrier f:input p:output"],
         ["end.p -> mass.p", "mass.f -> end.f"],
@@ -295,10 +291,8 @@ def test_a_coupling_that_does_not_converge_says_so(pack, xml):
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """Return a function that runs a scenario for 0.256 s at solver tolerance 1e-10.
-
-    It returns the largest error of q against the continuous solution and the relative energy residual.
-    """
+    """Return a function that runs a scenario for 0.256 s at solver tolerance 1e-10."""
+    # It returns the largest error of q against the continuous solution and the relative energy residual.
     folder = tmp_path_factory.mktemp("study")
     known = {}
 

@@ -125,11 +125,9 @@ def as_co_simulation(path: Path) -> Path:
 
 @pytest.mark.parametrize(("name", "steps"), [("tracking", (1e-3,)), ("planar_tracking", (1e-3, 5e-4, 2.5e-4))])
 def test_as_co_simulation_it_takes_the_master_that_repeats_steps(tmp_path, name, steps):
-    """A link answers an acceleration that is held with a larger one: without repeated steps it is unstable.
-
-    Apparent masses and accelerations run on lines over a step, so the error is of second order; in one piece they are
-    what they are.
-    """
+    """A link answers an acceleration that is held with a larger one: without repeated steps it is unstable."""
+    # Apparent masses and accelerations run on lines over a step, so the error is of second order; in one piece they
+    # are what they are.
     scenario = load_scenario(name)
     path = as_co_simulation(package(scenario, tmp_path))
     whole = write_ssp(scenario, build_parts(scenario, tmp_path / "whole"), tmp_path / "whole.ssp")

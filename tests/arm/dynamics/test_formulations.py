@@ -74,10 +74,8 @@ def test_numpy_equations_agree_with_pinocchio(name, general, draw, pinocchio_mod
 
 
 def planar_closed_form(q, q_dot, q_ddot):
-    """Return joint torques of the planar arm by text-book formulas (Spong, Robot Dynamics and Control, 6.4).
-
-    Angles from the horizontal, upwards. Numbers as in models/robots/planar_2dof.toml.
-    """
+    """Return joint torques of the planar arm by text-book formulas (Spong, Robot Dynamics and Control, 6.4)."""
+    # Angles from the horizontal, upwards. Numbers as in models/robots/planar_2dof.toml.
     m1, m2, l1, lc1, lc2, I1, I2, g = 2.0, 1.0, 0.5, 0.25, 0.2, 0.04, 0.015, 9.81
     c1, c12 = np.cos(q[0]), np.cos(q[0] + q[1])
     c2, s2 = np.cos(q[1]), np.sin(q[1])

@@ -20,11 +20,8 @@ def tableau(rows):
 
 
 def stability(z):
-    """Return R(z) of the method and of its embedded one, straight from the coefficients.
-
-    On x_dot = lambda x, with z = h lambda, the stages are
-    (1/gamma - z) u_i = z (x + sum a_ij u_j) + sum c_ij u_j.
-    """
+    """Return R(z) of the method and of its embedded one, straight from the coefficients."""
+    # On x_dot = lambda x, with z = h lambda, the stages are (1/gamma - z) u_i = z (x + sum a_ij u_j) + sum c_ij u_j.
     one = np.ones(STAGES)
     W = (1.0 / GAMMA - z) * np.eye(STAGES) - z * tableau(A) - tableau(C)
     u = np.linalg.solve(W, z * one)

@@ -38,10 +38,8 @@ def test_the_regressor_is_the_body_in_its_parameters(general):
 
 
 def check_virtual_power(robot, phi, K_V, q, q_dot, q_ddot, q_dot_r, q_ddot_r, tau):
-    """Assert that flows cancel: what leaves a body by a cutting point enters the next one or is the joint's.
-
-    `tau` are the torques under which the links have the accelerations q_ddot.
-    """
+    """Assert that flows cancel: what leaves a body by a cutting point enters the next one or is the joint's."""
+    # `tau` are the torques under which the links have the accelerations q_ddot.
     tau_r, s = adaptive_torques(robot, phi, K_V, q, q_dot, q_dot_r, q_ddot_r)
     motion = link_motion(robot, q, q_dot, q_ddot)
     F_B, U_AB = link_forces(robot, motion), motion.U_AB

@@ -300,10 +300,8 @@ def test_a_step_of_no_length_or_from_elsewhere_is_refused(open_unit, unit_name, 
 
 @BOTH
 def test_rounding_of_the_communication_point_is_no_error(open_unit):
-    """Importers add steps up or multiply them.
-
-    After 2e4 steps of 1e-4 s the two differ by less than 2e4 * 1.1e-16 * 2 s = 5e-12 s, 5e-8 of a step.
-    """
+    """Importers add steps up or multiply them."""
+    # After 2e4 steps of 1e-4 s the two differ by less than 2e4 * 1.1e-16 * 2 s = 5e-12 s, 5e-8 of a step.
     unit = open_unit("trajectory").start()
     added = 0.0
     for k in range(20_000):

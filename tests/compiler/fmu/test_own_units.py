@@ -93,10 +93,8 @@ def test_a_filter_follows_its_closed_form(own, form):
 @pytest.mark.parametrize("size", [1e-3, 3e-4, 2.5e-3, 7e-3 / 3.0])
 @pytest.mark.parametrize("start", [0.0, 0.4137])
 def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(own, form, size, start):
-    """A sample sees the inputs of the step that it lies in, one at the end of a step those of the next.
-
-    The rounding, halves to even too, product and quotient are alike in numpy and C: the numbers are the same bits.
-    """
+    """A sample sees the inputs of the step that it lies in, one at the end of a step those of the next."""
+    # The rounding, halves to even too, product and quotient are alike in numpy and C: the numbers are the same bits.
     period, increment = 1e-3, 0.01
     inputs = [np.array([np.cos(0.3 * k), 0.005 * k + 0.02]) for k in range(12)]
     unit = own("Encoder", form).start(start, q=inputs[0])

@@ -57,11 +57,9 @@ def energy(result: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-7, 1e-9])
 def test_free_fall_conserves_energy_within_the_tolerance(fmus, tolerance):
-    """Without friction and torque the arm swings for ever; the solver alone loses or gains energy.
-
-    A step errs by at most `tolerance` SI units in a state, the energy's derivatives by the states are up to
-    10 J, and there are some 100 steps whose errors do not add up: 1 J times the tolerance. Seen: 3e-3 of it.
-    """
+    """Without friction and torque the arm swings for ever; the solver alone loses or gains energy."""
+    # A step errs by at most `tolerance` SI units in a state, the energy's derivatives by the states are up to 10 J,
+    # and there are some 100 steps whose errors do not add up: 1 J times the tolerance. Seen: 3e-3 of it.
     result = simulate(
         fmus["planar_2dof"]["plant"],
         start_values=FREE | {"q_0[1]": 0.3},

@@ -287,11 +287,9 @@ def test_nothing_depends_on_what_is_not_declared_and_declared_dependencies_are_s
 
 
 def hidden(unknown: str, known: str) -> bool:
-    """Whether the equations have a dependency and the start has not.
-
-    In equilibrium the rotors move with their links: der(tau_s) is the stiffness times zero, and what changes the
-    stiffness, the torque that holds the arm, has no effect.
-    """
+    """Whether the equations have a dependency and the start has not."""
+    # In equilibrium the rotors move with their links: der(tau_s) is the stiffness times zero, and what changes the
+    # stiffness, the torque that holds the arm, has no effect.
     holds = ("F_e", "centroid", "gravity", "mass", "offset", "q_0", "tool_offset")
     return unknown.startswith("der(tau_s") and known.split("[")[0] in holds
 

@@ -55,12 +55,10 @@ def python_folders(robots, tmp_path_factory):
 
 @pytest.mark.parametrize("robot", ["planar_2dof", "slider_3dof"])
 def test_the_python_unit_gives_the_same_numbers(native, python_folders, unit_name, robot):
-    """Both run the same traced operations; the compilers contract and reorder none.
-
-    Only sin, tanh and their like may differ by a unit in the last place, which the states' feedback does not grow
-    within 25 ms: 1e-12 of the largest value is some thousand units. The plant's step control may take the other
-    side of a decision at such a difference, then the solver's tolerance 1e-7 would show: with the same h it does not.
-    """
+    """Both run the same traced operations; the compilers contract and reorder none."""
+    # Only sin, tanh and their like may differ by a unit in the last place, which the states' feedback does not grow
+    # within 25 ms: 1e-12 of the largest value is some thousand units. The plant's step control may take the other side
+    # of a decision at such a difference, then the solver's tolerance 1e-7 would show: with the same h it does not.
     other = PythonUnit(python_folders(unit_name, robot))
     try:
         inputs = [v.valueReference for v in other.description.modelVariables if v.causality == "input"]
@@ -79,11 +77,9 @@ def test_the_python_unit_gives_the_same_numbers(native, python_folders, unit_nam
 
 @pytest.mark.parametrize("robot", ["planar_2dof", "manipulator_6dof"])
 def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(native, native_fmu, version, robot):
-    """CVODE of fmpy at relative tolerance 1e-10, the unit's own solver at 1e-10: the issue asks for 1e-7 rad.
-
-    fmpy gives CVODE the absolute tolerance 1e-10 times the nominal values, 1. Errors of some thousand steps add up
-    to some 1e-8 in tau_s, divided by the stiffness, 1e4 N.m/rad, far less in q.
-    """
+    """CVODE of fmpy at relative tolerance 1e-10, the unit's own solver at 1e-10: the issue asks for 1e-7 rad."""
+    # fmpy gives CVODE the absolute tolerance 1e-10 times the nominal values, 1. Errors of some thousand steps add up
+    # to some 1e-8 in tau_s, divided by the stiffness, 1e4 N.m/rad, far less in q.
     fmu = native_fmu("plant", version, robot)
     start = {"q_0[1]": 0.3, "q_0[2]": -0.2}
     step, stop = 1e-3, 0.1  # CVODE may make 500 steps of its own between two outputs

@@ -63,13 +63,11 @@ def cross_driver(tmp_path_factory):
 
 
 def assert_same_motion(found: str, expected: str) -> None:
-    """Hold a run on one platform against that on another.
-
-    The C libraries' sin, tanh and pow differ by a unit in the last place, 1e-16; all other operations are the same.
-    Start: some tens of such operations. Then every internal step of the solver, some 10 a millisecond, adds a unit of
-    sines and one of cosines, and the motion is damped: 1e4 steps of 2e-16 of states up to 100 are 2e-10. A change of an
-    accepted step's length by such a difference changes its local error, 1e-7, in the same proportion.
-    """
+    """Hold a run on one platform against that on another."""
+    # The C libraries' sin, tanh and pow differ by a unit in the last place, 1e-16; all other operations are the same.
+    # Start: some tens of such operations. Then every internal step of the solver, some 10 a millisecond, adds a unit
+    # of sines and one of cosines, and the motion is damped: 1e4 steps of 2e-16 of states up to 100 are 2e-10. A change
+    # of an accepted step's length by such a difference changes its local error, 1e-7, in the same proportion.
     a, b = bits(found), bits(expected)
     assert a.keys() == b.keys()
     for name, tolerance in {"start": 1e-13, "step": 2e-10, "x": 1e-12, "outputs": 1e-12}.items():

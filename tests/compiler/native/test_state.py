@@ -284,12 +284,10 @@ for _ in range(4):
 
 
 def test_two_thousand_instances_leave_no_memory_behind(model, run_python, pytestconfig):
-    """Blocks of malloc that are in use are counted: Python has those of less than 512 bytes elsewhere.
-
-    The least of four rounds counts. What instances leave behind is in each; a table of Python's own that it doubles
-    is in one, such as that of interned strings in Python 3.13, 540 kB. glibc's smallest block has 32 bytes: less than
-    a byte an instance is less than one block of one in 32.
-    """
+    """Blocks of malloc that are in use are counted: Python has those of less than 512 bytes elsewhere."""
+    # The least of four rounds counts. What instances leave behind is in each; a table of Python's own that it doubles
+    # is in one, such as that of interned strings in Python 3.13, 540 kB. glibc's smallest block has 32 bytes: less
+    # than a byte an instance is less than one block of one in 32.
     count = 500
     folders = [model("plant", version).folder for version in ("2.0", "3.0")]
     grown = run_python(MANY, pytestconfig.rootpath, count, *folders).split()

@@ -69,11 +69,9 @@ def test_gcc_has_no_warning(model, tmp_path, unit, version, flags):
 
 @pytest.mark.heavy
 def test_the_sources_link_with_prefixes_into_one_program(model, tmp_path, version):
-    """The functions of two units have their model identifiers as prefix, as the standard says for source code.
-
-    Their other names are hidden in one object a unit. fmpy's header of FMI 2.0 leaves the prefix out; the official
-    one has it, and the line is put back here.
-    """
+    """The functions of two units have their model identifiers as prefix, as the standard says for source code."""
+    # Their other names are hidden in one object a unit. fmpy's header of FMI 2.0 leaves the prefix out; the official
+    # one has it, and the line is put back here.
     gcc, major = program("gcc", "gcc"), version[0]
     for header in HEADERS.glob(f"fmi{major}*.h"):
         text = header.read_text(encoding="utf-8", errors="replace")
@@ -112,11 +110,9 @@ def steps(instance: Instance, count: int = 20) -> np.ndarray:
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", ["plant", "trajectory"])
 def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, model, tmp_path, unit, version):
-    """With cmake and the system's compiler; their C library's sin and tanh may differ by a unit in the last place.
-
-    The importer's compiler may contract products and sums on processors that can; on x86-64 it does not. 20 steps
-    of some ten internal ones, 1e-16 each of states up to 100: 1e-11.
-    """
+    """With cmake and the system's compiler; their C library's sin and tanh may differ by a unit in the last place."""
+    # The importer's compiler may contract products and sums on processors that can; on x86-64 it does not. 20 steps of
+    # some ten internal ones, 1e-16 each of states up to 100: 1e-11.
     program("cmake", "cmake")
     folder = Path(fmpy.extract(native_fmu(unit, version), tmp_path / "fmu"))
     for binary in (folder / "binaries").rglob("*.*"):

@@ -138,11 +138,9 @@ def run(tmp_path):
 
 
 def own_loop(delay: int = 0, every: int = 1, measured: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions at the communication points and forces of the steps.
-
-    The force acts `delay` steps after its sample, the position is `measured` steps old, a sample is taken at each
-    `every`-th step.
-    """
+    """Return positions at the communication points and forces of the steps."""
+    # The force acts `delay` steps after its sample, the position is `measured` steps old, a sample is taken at each
+    # `every`-th step.
     A = np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]])
     E = expm(STEP * A)
     x, old, held, forces, rows = np.array([START, 0.0]), START, 0.0, [0.0] * delay, [START]

@@ -85,10 +85,8 @@ def test_an_arm_follows_as_well_as_the_law_can(law, scenario):
 @pytest.mark.parametrize("scenario", SCENARIOS)
 @pytest.mark.parametrize("law", LAWS)
 def test_the_sampled_loop_is_stable_along_the_motion(law, scenario):
-    """At the torque of a sample held over 1 ms; a third is the modulus margin of a damped loop.
-
-    The paper's drives take damping away at some speed, where the friction falls: there less is left of it.
-    """
+    """At the torque of a sample held over 1 ms; a third is the modulus margin of a damped loop."""
+    # The paper's drives take damping away at some speed, where the friction falls: there less is left of it.
     system = with_units(load_scenario(scenario), {"controller": law})
     loops = margins_along(system, settings=settings(gains_of(law, scenario))).judged.loops
     assert (loops.modulus > (0.05 if scenario == "tracking" else 0.33)).all()

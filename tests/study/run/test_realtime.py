@@ -11,11 +11,9 @@ from vdfmu.compiler.unit.declaration import SOLVERS
 
 @pytest.mark.heavy
 def test_the_error_of_fixed_steps_is_that_of_the_page():
-    """The first 0.5 s, while friction turns on, have the largest errors of the 10 s of docs/efmi.md.
+    """The first 0.5 s, while friction turns on, have the largest errors of the 10 s of docs/efmi.md."""
 
-    It has 1.3e-8 rad for one step and 1.8e-10 rad for four. Rounding of sin and tanh on other machines is 1e-15.
-    """
-
+    # It has 1.3e-8 rad for one step and 1.8e-10 rad for four. Rounding of sin and tanh on other machines is 1e-15.
     def run(**settings):
         given = {f"plant.{name}": value for name, value in settings.items()}
         return vdfmu.run("tracking", stop=0.5, out=False, reference=False, backend="native", settings=given)["plant.q"]

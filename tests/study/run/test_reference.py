@@ -123,11 +123,10 @@ def positions(scenario, times):
 
 @pytest.mark.heavy
 def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
-    """What is left is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up.
-
-    The error of LSODA, 1e-11 of states of up to 30 N m in each of some thousand steps, meets stiffnesses of 1e4 N m/rad
-    and more: 1e-8 rad bounds it, seen 8e-10. The pull is ``K_v (kappa_dot_d - q_d_dot) / K_p``, seen 1.06e-5 rad.
-    """
+    """What is left is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up."""
+    # The error of LSODA, 1e-11 of states of up to 30 N m in each of some thousand steps, meets stiffnesses of 1e4 N
+    # m/rad and more: 1e-8 rad bounds it, seen 8e-10. The pull is ``K_v (kappa_dot_d - q_d_dot) / K_p``, seen 1.06e-5
+    # rad.
     scenario = load_scenario("tracking")
     largest = {}
     for velocity in ("kappa_dot", "mixed"):
@@ -166,11 +165,9 @@ def test_required_velocities_and_settings_reach_the_reference(tmp_path):
 @pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_first_order_in_the_communication_step_against_the_continuous_reference(tmp_path, algorithm):
-    """Five step sizes, each half of the one before: the error halves.
-
-    The position error of a held input is ``C h + O(h^2)``; over the finest pair the observed order is 1 within 0.1,
-    over all five within 0.25 for the second term at the coarse end.
-    """
+    """Five step sizes, each half of the one before: the error halves."""
+    # The position error of a held input is ``C h + O(h^2)``; over the finest pair the observed order is 1 within 0.1,
+    # over all five within 0.25 for the second term at the coarse end.
     case = Case(tmp_path, "tracking", "1e-10")
     steps = np.array([1e-3, 5e-4, 2.5e-4, 1.25e-4, 6.25e-5])
     stop = 0.5
@@ -194,10 +191,8 @@ def test_an_unknown_reference_is_refused():
 @pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_estimates_are_those_of_the_reference(tmp_path, algorithm):
-    """Another wiring: the estimator, which feeds through, reads plant and controller.
-
-    The solver's error of 1e-10 in each of 300 steps is at most 3e-8 of the size of a signal.
-    """
+    """Another wiring: the estimator, which feeds through, reads plant and controller."""
+    # The solver's error of 1e-10 in each of 300 steps is at most 3e-8 of the size of a signal.
     case = Case(tmp_path, "estimation", "1e-10")
     results = simulate(case.package, step=1e-3, stop=0.3, algorithm=algorithm)
     solution = reference(ALGORITHMS[algorithm].reference, case.description, step=1e-3, stop=0.3)
