@@ -70,7 +70,7 @@ def test_repeated_link_is_a_valid_chain_of_equal_links():
 
 
 @pytest.mark.heavy
-def test_arms_are_measured_and_run_by_their_names(report, monkeypatch):
+def test_arms_are_measured_by_their_names_and_the_growth_of_the_fmus(report, monkeypatch):
     asked = []
     ran = {"build": 1.0, "second": 0.1, "largest": 1e-5, "final": 1e-6}
     monkeypatch.setattr(arms, "_child", lambda name: asked.append(name) or ran)
@@ -79,10 +79,6 @@ def test_arms_are_measured_and_run_by_their_names(report, monkeypatch):
     assert [row[0] for row in table.rows] == asked == ["planar_2dof", "scara_4dof"]
     assert [row[1] for row in table.rows] == [2, 4]
     assert table.rows[0][3] == pytest.approx(0.9)  # m, links of 0.5 and 0.4 m
-
-
-@pytest.mark.heavy
-def test_growth_of_the_fmus(report, monkeypatch):
     monkeypatch.setattr(fmu_growth, "_JOINTS", (1, 2, 7))
     fmu_growth.run(report, quick=True)
     table, sizes = report.tables
@@ -126,7 +122,7 @@ def test_native(report):
 
 @needs_compiler
 @pytest.mark.heavy
-def test_work_precision(report):
+def test_work_precision_engines_and_the_whole(report):
     found = work_precision.study(load_robot("planar_2dof"), 0.02, [1e-5, 1e-7], 1)
     for method in (work_precision.COSIM, work_precision.CVODE):
         loose, tight = found.of(method)
@@ -134,22 +130,12 @@ def test_work_precision(report):
         assert tight.error < 1e-5
         assert tight.error < loose.error
     work_precision.tabulate(found, report)
-
-
-@needs_compiler
-@pytest.mark.heavy
-def test_engines(report):
     found = engines.study(load_robot("planar_2dof"), 0.02, 1, report.say)
     for integrator, order in (("RK4", 4), ("implicit", 1)):
         first, *_, last = found.of(f"mujoco {integrator}")
         # its own order between the steps: the models are the same, for the error of another one would stay
         assert last.error < 10.0 * first.error * (last.level / first.level) ** order + 1e-10
     work_precision.tabulate(found, report)
-
-
-@needs_compiler
-@pytest.mark.heavy
-def test_whole(report):
     whole.run(report, quick=True)
     commands = report.facts["commands_s"]
     assert set(commands) > {"vdfmu --help", "vdfmu run, references and pictures kept"} and min(commands.values()) > 0.0

@@ -155,7 +155,7 @@ def test_quiet_leaves_the_result_of_a_command_that_prints_it(told, tmp_path, wor
 
 
 @pytest.mark.heavy
-def test_verbose_says_where_an_error_is_from_and_quiet_keeps_the_error(tmp_path):
+def test_verbose_says_where_an_error_is_from_and_no_command_is_silent_for_long(tmp_path):
     def said(*words):
         command = [sys.executable, "-m", "vdfmu.cli", "run", "nope", *words]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
@@ -166,19 +166,6 @@ def test_verbose_says_where_an_error_is_from_and_quiet_keeps_the_error(tmp_path)
     assert short.startswith("error: no scenario 'nope'")
     assert long.splitlines()[1].startswith("Traceback")
     assert long.endswith(short)
-
-
-LONG = (
-    "build planar_tracking --out fmus", "run planar_tracking --stop 0.5", "ssp planar_tracking",
-    "simulate planar_tracking.ssp --pictures png", "check planar_tracking.ssp", "margins tracking",
-    "modes planar_2dof --scenario planar_tracking", "robot reach panda_7dof",
-    "sweep planar_tracking --vary plant.K_f0=*lin(0.5,2,4) --stop 0.2", "sweep report results/sweep_planar_tracking",
-)  # fmt: skip
-"""From a cold cache on, each of more than 1 s on two cores."""
-
-
-@pytest.mark.heavy
-def test_no_command_is_silent_for_long(tmp_path):
     for words in LONG:
         command = [sys.executable, "-m", "vdfmu.cli", *words.split()]
         shown = on_terminal(command, cwd=tmp_path, VDFMU_CACHE_DIR=str(tmp_path / "cache"))
@@ -188,3 +175,12 @@ def test_no_command_is_silent_for_long(tmp_path):
         assert any(line.startswith(word) for line in plain(shown.text)), words
         # measured: 1 s at most, the start of Python and C that keeps the interpreter; others may use the processors
         assert shown.silent < 3.0, words
+
+
+LONG = (
+    "build planar_tracking --out fmus", "run planar_tracking --stop 0.5", "ssp planar_tracking",
+    "simulate planar_tracking.ssp --pictures png", "check planar_tracking.ssp", "margins tracking",
+    "modes planar_2dof --scenario planar_tracking", "robot reach panda_7dof",
+    "sweep planar_tracking --vary plant.K_f0=*lin(0.5,2,4) --stop 0.2", "sweep report results/sweep_planar_tracking",
+)  # fmt: skip
+"""From a cold cache on, each of more than 1 s on two cores."""

@@ -47,7 +47,7 @@ def test_a_lack_of_memory_is_a_sentence_for_every_command(monkeypatch, capsys, e
 
 
 @pytest.mark.usefixtures("main_in_this_process")
-def test_an_error_that_was_said_is_not_said_again(monkeypatch, capsys):
+def test_an_error_is_said_once_and_stays_the_error_if_its_message_cannot_be_printed(monkeypatch, capsys):
     def command():
         try:
             raise MemoryError
@@ -59,9 +59,6 @@ def test_an_error_that_was_said_is_not_said_again(monkeypatch, capsys):
         cli.main()
     assert (end.value.code, capsys.readouterr().err) == (2, "")
 
-
-@pytest.mark.usefixtures("main_in_this_process")
-def test_an_error_whose_message_cannot_be_printed_stays_the_error(monkeypatch):
     class MuteError(Exception):
         def __str__(self):
             raise ValueError

@@ -97,16 +97,13 @@ def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
     assert "--help'." in done.stderr
 
 
-def test_a_module_that_is_run_answers_as_the_command():
+def test_a_module_that_is_run_answers_as_the_command_and_a_wrong_word_has_a_close_one():
     for words, said in (
         ("rum", "No such command 'rum'. Did you mean 'run'? See 'vdfmu --help'."),
         ("simulate x.ssp --wait-limmit 3", "'--unpack-limit', '--wait-limit'?) See 'vdfmu simulate --help'."),
     ):
         done = subprocess.run([sys.executable, "-m", "vdfmu.cli", *words.split()], capture_output=True, text=True)
         assert said in " ".join(done.stderr.split()) and done.returncode == 2
-
-
-def test_a_wrong_word_of_a_function_is_answered_with_a_close_one():
     with pytest.raises(
         TypeError, match=r"simulate\(\) got .* keyword argument 'wait_limmit'; did you mean wait_limit\?"
     ):
@@ -141,13 +138,10 @@ def test_every_command_has_help_in_80_columns_a_line_an_option_with_an_example(n
     assert shlex.split(example) == shlex.split(ALL[name].example) and example.startswith("vdfmu ")
 
 
-def test_an_option_that_no_task_names_has_a_place():
+def test_an_option_that_no_task_names_has_a_place_and_other_packages_are_replaced_on_request(tmp_path):
     command = FunctionCommand("added", callback=lambda: None, example="vdfmu added")
     command.params.append(parameter("remark", str | None, Option("Toy.")))
     assert [row[0] for row in rows_by_task(command.params)["Options"]][-1] == "--remark TEXT"
-
-
-def test_a_package_of_another_tool_is_replaced_on_request_only(tmp_path):
     (tmp_path / "mine.ssp").write_text("not of vdfmu")
     words = ("ssp", "planar_tracking", "--backend", "python", "-o", "mine.ssp")
     refused = command(*words, cwd=tmp_path)

@@ -113,14 +113,14 @@ def test_mapping_transformations_of_booleans_and_integers(pack, xml):
 
 
 def test_progress_is_called_a_hundred_times_at_most_and_record_chooses_signals(pack, loop):
+    results = simulate(loop, stop=1.0, step=H, record=["plant.*", "controller.y"])
+    assert results.names == ["plant.y", "plant.u", "controller.y"]
     calls = []
     path = pack(["source Ramp y:output"])
     simulate(path, stop=10.01, step=0.01, progress=lambda k, n: calls.append((k, n)))
     assert calls[0] == (0, 1001)
     assert calls[-1] == (1001, 1001)
     assert len(calls) <= 101
-    results = simulate(loop, stop=1.0, step=H, record=["plant.*", "controller.y"])
-    assert results.names == ["plant.y", "plant.u", "controller.y"]
 
 
 @pytest.mark.parametrize("seed", range(50))

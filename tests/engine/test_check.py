@@ -74,7 +74,7 @@ def test_a_missing_fmu_hides_no_other_fault(pack, xml):
     )
 
 
-def test_a_loop_of_units_without_declared_dependencies_says_so(pack):
+def test_loops_of_units_without_declared_dependencies_or_that_must_step_first_are_named(pack):
     path = pack(["a Stock u:input y:output", "b Stock u:input y:output"], ["a.y -> b.u", "b.y -> a.u"])
     loop = r"a\.y -> b\.u -> b\.y -> a\.u -> a\.y\. Note: no dependencies are declared by a, b"
     expect(problems(path, algorithm="gauss-seidel"), loop)
@@ -83,9 +83,6 @@ def test_a_loop_of_units_without_declared_dependencies_says_so(pack):
     assert results.summary["algorithm"] == "jacobi"
     (note,) = [n for n in results.summary["notes"] if "jacobi" in n]
     assert re.match(rf"the master is jacobi: gauss-seidel, the default, has no order for this system\. .*{loop}", note)
-
-
-def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack):
     path = pack(
         ["one Crossed a:input b:input y:output z:output",
          "two Crossed a:input b:input y:output z:output", "source Ramp y:output"],
@@ -144,7 +141,7 @@ def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
     assert check_file(path) == []
 
 
-def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus):
+def test_variables_of_one_dotted_name_are_set_together_and_units_that_hardly_differ_the_same(pack, xml, fmus):
     dotted = edited(fmus["Gain"], replace=[(b'name="k"', b'name="C.k"')])
     outer = xml.component("B", "Gain").replace("Gain.fmu", "dotted.fmu")
     path = pack([outer, "B.C Gain"], extra={"resources/dotted.fmu": dotted})
@@ -156,9 +153,6 @@ def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus
     assert [note for note in checked.notes if "two variables" in note] == [
         "B.C.k: two variables have this name, of B and of B.C; rename a component to tell them apart"
     ]
-
-
-def test_units_that_differ_in_the_last_digits_are_the_same(pack):
     units = '<ssc:Unit name="deg"><ssc:BaseUnit rad="1" factor="{}"/></ssc:Unit>'
     elements = ["d Degrees y:output:Real:deg", "g Gain u:input:Real:deg"]
     path = pack(elements, ["d.y -> g.u"], units=units.format("0.0174533"))

@@ -51,7 +51,7 @@ def test_extrapolated_predicts_what_is_not_computed_yet_and_runs_on_a_line(loop)
     }  # fmt: skip
 
 
-def test_iterative_is_the_trapezoidal_rule(loop):
+def test_iterative_is_the_trapezoidal_rule_and_units_outside_a_loop_step_once(loop):
     convergence = 1e-12
     results = run(loop, "iterative", convergence=convergence)
     n = 16
@@ -65,10 +65,7 @@ def test_iterative_is_the_trapezoidal_rule(loop):
     np.testing.assert_allclose(results["plant.y"], x, rtol=0, atol=16 * 0.1 * convergence + ROUNDING)
     feedback = (G + K) * r - K * results["plant.y"]
     np.testing.assert_allclose(results["controller.y"], feedback, rtol=0, atol=K * convergence + ROUNDING)
-
-
-def test_units_outside_a_loop_step_once(loop):
-    """Trajectory and feedforward feed the loop and are not in it; the others are linear, which takes 3 sweeps."""
+    # Trajectory and feedforward feed the loop and are not in it; the others are linear, which takes 3 sweeps.
     # Units with feed-through step in two halves: the feedforward, and the two in the loop beside the plant.
     summary = run(loop, "iterative").summary
     assert summary["order"][:2] == ["trajectory", "feedforward"]
@@ -263,6 +260,8 @@ def test_units_that_cannot_repeat_a_step_are_named_before_the_run(pack):
 
 
 def test_units_of_one_step_length_and_steps_below_the_resolution_of_time_are_named_before_the_run(pack, fmus, loop):
+    with pytest.raises(CosimError, match=r"below the resolution of time at 1e\+09 s"):
+        simulate(loop, start=1e9, stop=1e9 + 2**-8, step=2**-10, algorithm="iterative", adaptive=1e-3)
     path = pack(["a Plant u:input y:output"])
     rigid = path.with_name("rigid.ssp")
     key = b'canHandleVariableCommunicationStepSize="'
@@ -271,8 +270,6 @@ def test_units_of_one_step_length_and_steps_below_the_resolution_of_time_are_nam
     with pytest.raises(SspError, match="a: .* takes steps of one length only"):
         simulate(rigid, stop=1.0, step=0.25, algorithm="iterative", adaptive=1e-3)
     assert len(simulate(rigid, stop=1.0, step=0.25, algorithm="iterative")) == 5
-    with pytest.raises(CosimError, match=r"below the resolution of time at 1e\+09 s"):
-        simulate(loop, start=1e9, stop=1e9 + 2**-8, step=2**-10, algorithm="iterative", adaptive=1e-3)
 
 
 def test_a_coupling_that_does_not_converge_says_so(pack, xml):
@@ -331,19 +328,14 @@ def test_order_in_the_communication_step(study, name, algorithm, backend, step, 
     assert np.log2(coarse / fine) == pytest.approx(order, rel=0.1)
 
 
-def test_the_energy_residual_has_the_order_of_the_coupling(study):
+def test_the_energy_residual_has_the_order_of_the_coupling_and_is_the_integral_over_the_steps(study):
     for algorithm, order in (("gauss-seidel", 1), ("extrapolated", 2)):
         shares = [study("planar_tracking", algorithm, step, "python")[1] for step in (1e-3, 5e-4)]
         assert np.log2(shares[0] / shares[1]) == pytest.approx(order, rel=0.1)
     # iterative ends where torque and velocity agree to the bound of convergence
     assert study("planar_tracking", "iterative", 1e-3, "python")[1] < shares[1] / 100
-
-
-def test_the_energy_residual_is_the_integral_over_the_steps():
-    """With torque and velocity held over a step, the integrals are exact: torque times way, less torque times velocity.
-
-    The trapezoidal rule takes the velocity as linear in the step, which is right to the size of its second derivative.
-    """
+    # With torque and velocity held over a step, the integrals are exact: torque times way, less torque times velocity.
+    # The trapezoidal rule takes the velocity as linear in the step: right to the size of its second derivative.
     scenario = load_scenario("planar_tracking")
     robot = scenario.robot
     with tempfile.TemporaryDirectory() as folder:

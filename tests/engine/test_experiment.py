@@ -66,7 +66,7 @@ def test_without_annotation_a_step_is_needed(packed):
     assert simulate(path, step=0.5).summary["algorithm"] == "gauss-seidel"
 
 
-def test_a_parameter_without_index_is_that_of_all_elements(pack):
+def test_a_parameter_without_index_is_that_of_all_elements_and_one_that_is_overruled_noted(pack):
     path = pack(["a Array"])
     results = simulate(path, step=1.0, parameters={"a.k": 3.0, "a.k[2]": "4"})
     assert results["a.y"][-1] == 34.0
@@ -76,9 +76,6 @@ def test_a_parameter_without_index_is_that_of_all_elements(pack):
         "parameter 'a.k': expected a value of type Real, got 'x'",
         "parameter 'a.kk': a has no variable 'kk'; did you mean k?",
     ]
-
-
-def test_a_value_that_a_connection_overrules_is_noted(pack):
     path = pack(
         ["d Derived twice:calculatedParameter", "g Gain k:parameter u:input y:output", "r Ramp y:output"],
         ["d.twice -> g.k", "r.y -> g.u"],

@@ -135,7 +135,7 @@ def test_columns_that_name_no_free_input_are_all_refused(pack, file):
         assert words in line
 
 
-def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, tmp_path, lone, file):
+def test_of_a_results_file_the_columns_of_free_inputs_are_taken_and_hold_at_the_ends(pack, tmp_path, lone, file):
     wave = np.sin(np.arange(9))
     first = simulate(lone, stop=1.0, step=H, algorithm="iterative", inputs={"plant.u": (H * np.arange(9), wave)})
     assert first.names == ["plant.y", "plant.u"]
@@ -146,9 +146,6 @@ def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, tmp_path, 
     other = pack(["ramp Ramp y:output"], [], name="other.ssp")
     with pytest.raises(UsageError, match="no column names an input that nothing is connected to"):
         simulate(other, stop=1.0, step=H, inputs=tmp_path / "results.csv")
-
-
-def test_rows_that_do_not_reach_over_the_run_hold_at_the_ends_with_a_note(lone, file):
     results = simulate(lone, stop=1.0, step=0.25, inputs=file("time,plant.u\n0.25,1\n0.5,2\n"), algorithm="jacobi")
     assert results["plant.u"].tolist() == [1.0, 1.0, 1.0, 2.0, 2.0]
     assert any("its times are 0.25 to 0.5 s" in note for note in results.summary["notes"])

@@ -248,7 +248,7 @@ def test_only_foreign_components_are_isolated_by_default(package, arm_package):
     assert simulate(package, step=0.25).summary["isolated"]
 
 
-def test_ctrl_c_keeps_the_rows_of_another_process(package):
+def test_ctrl_c_keeps_the_rows_of_another_process_and_ends_a_step_that_hangs(package):
     def press(k: int, n: int) -> None:
         if k == 2:
             os.kill(os.getpid(), signal.SIGINT)
@@ -256,9 +256,6 @@ def test_ctrl_c_keeps_the_rows_of_another_process(package):
     with pytest.raises(Interrupted) as info:
         simulate(package, step=0.25, isolate=True, progress=press)
     assert len(info.value.results) in (3, 4)  # pressed after row 2; the step under way is completed
-
-
-def test_ctrl_c_ends_a_step_that_hangs(package):
     pressed = []
 
     def press(k: int, n: int) -> None:

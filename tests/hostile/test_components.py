@@ -142,7 +142,7 @@ def test_a_unit_that_may_have_one_instance_gets_one(controller, monkeypatch):
 
 
 @pytest.mark.heavy
-def test_check_says_that_it_runs_code(unit):
+def test_check_says_that_it_runs_code_and_escapes_are_shown_and_not_executed(unit):
     path = unit("_exit(0);")
 
     def said(*options: str) -> tuple[str, str]:
@@ -153,11 +153,7 @@ def test_check_says_that_it_runs_code(unit):
 
     assert "note: runs code of" in said()[1]
     assert "note: runs code of" not in said("--no-run")[1]
-
-
-@pytest.mark.heavy
-def test_escapes_are_shown_and_not_executed(unit):
-    """Those of a component's output, and of a name of a file."""
+    # Those of a component's output, and of a name of a file.
     path = unit(CODE["flood"])
     hostile = path.with_name("a\x1b[2Jb.fmu")
     path.rename(hostile)

@@ -10,13 +10,16 @@ from vdfmu.base.errors import SspError, StorageError, VdfmuError
 from vdfmu.engine.package import load_ssp
 
 
-def test_files_that_are_not_regular_are_refused_before_a_build_replaces_the_first(tmp_path, planar):
+def test_a_package_that_is_no_regular_file_is_refused(tmp_path):
     """A device never ends, and a pipe is waited for."""
     (tmp_path / "device.ssp").symlink_to("/dev/zero")
     os.mkfifo(tmp_path / "pipe.ssp")
     for name in ("device.ssp", "pipe.ssp"):
         with pytest.raises(SspError, match=f"{name}: is a pipe, a device or another special file"):
             load_ssp(tmp_path / name)
+
+
+def test_a_build_looks_at_all_places_before_it_replaces_the_first(planar, tmp_path):
     (tmp_path / "PDController.fmu").mkdir()
     with pytest.raises(StorageError, match=r"PDController\.fmu: is a folder"):
         build_fmus(planar, tmp_path, units=["trajectory", "controller"], backend="python")

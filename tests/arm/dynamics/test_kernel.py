@@ -37,7 +37,7 @@ def refuse_to_trace(monkeypatch):
     monkeypatch.setattr(Kernel, "_made", fail)
 
 
-def test_second_start_does_not_trace(planar, tmp_path, monkeypatch):
+def test_second_start_does_not_trace_from_the_cache_folder_of_the_environment(planar, tmp_path, monkeypatch):
     first = torque(Kernel(planar, tmp_path))
     refuse_to_trace(monkeypatch)
     np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), first)
@@ -46,9 +46,6 @@ def test_second_start_does_not_trace(planar, tmp_path, monkeypatch):
     assert (np.abs(heavy - first) > 1.0).all()
     with pytest.raises(AssertionError, match="traced"):
         torque(Kernel(planar.with_parameters(tool_offset=0.0), tmp_path))
-
-
-def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatch):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path))
     assert cache_folder() == tmp_path
     torque(Kernel(planar))
@@ -220,7 +217,7 @@ def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
     assert sum((tmp_path / name).stat().st_size for name in files) <= 20_000 + 3 * 1_065
 
 
-def test_call_checks_name_count_and_sizes(planar, kernel_of):
+def test_call_checks_name_count_and_sizes_and_each_function_has_buffers_of_its_own(planar, kernel_of):
     with pytest.raises(KernelError, match=r"no traced function 'inverse'. There are: inverse_dynamics, .*mass_matrix"):
         Kernel(planar, None).function("inverse")
     function = kernel_of(planar).function("inverse_dynamics")
@@ -235,9 +232,6 @@ def test_call_checks_name_count_and_sizes(planar, kernel_of):
     # At q = 0 the arm is horizontal: (2 kg * 0.25 m + 1 kg * (0.5 m + 0.2 m)) g and 1 kg * 0.2 m * g; a few
     # roundings.
     np.testing.assert_allclose(tau, [1.2 * 9.81, 0.2 * 9.81], rtol=1e-15 * 4)
-
-
-def test_two_functions_of_one_kernel_have_buffers_of_their_own(planar, kernel_of):
     a, b = (kernel_of(planar).function("inverse_dynamics") for _ in range(2))
     a.args["q"][:] = 1.0
     assert not b.args["q"].any()

@@ -13,16 +13,13 @@ from vdfmu.arm.imports import import_robot
 from vdfmu.arm.imports.tree import aligned
 
 
-def test_the_dynamics_are_those_of_pinocchio(urdf):
+def test_the_dynamics_and_the_tool_are_those_of_pinocchio(urdf):
     path = urdf(ARM)
     robot = vdfmu.robot_from_urdf(path)
     assert robot.joint_types == ("revolute", "revolute", "prismatic")
     inverse, forward = differences(robot, pinocchio_arm(path, ["a", "b", "c"]), 20)
     assert inverse < 1e-13  # some 100 n roundings
     assert forward < 1e-11  # times the condition number of M, below 100
-
-
-def test_the_tool_is_where_pinocchio_has_the_tip(urdf):
     path = urdf(ARM)
     model = pinocchio_arm(path, ["a", "b", "c"])
     data, q = model.createData(), np.array([0.3, -0.8, 0.2])

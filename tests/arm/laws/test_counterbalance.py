@@ -95,7 +95,7 @@ def test_an_arm_that_springs_and_cylinders_hold_stays_at_rest(chain, draw):
         np.testing.assert_allclose(x_dot, 0.0, rtol=0, atol=1e-11)
 
 
-def test_the_solver_keeps_the_energy_of_an_arm_without_losses(plant_solver):
+def test_the_solver_keeps_the_energy_and_a_joint_without_a_cylinder_has_no_line_of_it(plant_solver):
     robot = BOTH.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0, theta_err_amplitude=0.0)
     integrator = plant_solver(robot)
     integrator.tolerance = 1e-10
@@ -106,9 +106,6 @@ def test_the_solver_keeps_the_energy_of_an_arm_without_losses(plant_solver):
     # local errors of 1e-10 in some thousand steps, times the forces that make energy of them, up to 100 N m
     assert energy(end) == pytest.approx(energy(start), abs=1e-5)
     assert abs(end.E_pot - start.E_pot) > 0.1
-
-
-def test_a_joint_without_a_cylinder_has_no_parameter_and_no_line_of_it():
     assert {p.index for p in parameters(ONE) if p.field in CYLINDER} == {(0,)}
     none, plain = balanced("slider_3dof"), load_robot("slider_3dof")
     for name in FUNCTIONS:

@@ -91,7 +91,7 @@ def test_rotor_position_solves_the_spring_equation_whose_rate_is_its_derivative(
         assert (np.abs(tau_s_dot - rate) <= atol).all()
 
 
-def test_velocity_of_the_rotor_differs_from_the_base_by_its_turn_only():
+def test_the_rotor_differs_from_its_base_by_its_turn_only_and_accelerates_by_torque_over_inertia(arm):
     # (4) is the sum of (31) for one joint: the base's velocity in the new frame, and the turn about z.
     random = np.random.default_rng(22)
     V_B, p = random.normal(size=6), random.normal(size=3)
@@ -100,9 +100,6 @@ def test_velocity_of_the_rotor_differs_from_the_base_by_its_turn_only():
     turn = 30.0 * joint_axis("revolute")
     # Sums of 3 products of order 1.
     np.testing.assert_allclose(rotor_velocity(V_B, U, 100.0, 0.3), carried + turn, rtol=0, atol=20 * EPS * 30)
-
-
-def test_rotor_alone_accelerates_by_torque_over_inertia(arm):
     # J_r ell kappa_ddot = tau: I_m is J_r times ell, so kappa_ddot = tau / I_m without spring and friction.
     zero = np.zeros(6)
     tau_k = rotor_torque(arm, np.full(6, 0.00114), zero, zero)

@@ -31,7 +31,7 @@ def limited(name="planar_2dof", **changes):
 ROBOT = limited()
 
 
-def test_stops_push_and_never_pull_and_do_not_jump_at_contact():
+def test_stops_push_without_jumps_and_a_bounce_loses_two_thirds_of_damping_times_speed():
     for q in (-0.6, -0.501, -0.5, 0.0, 0.8, 0.8001, 0.9):
         for q_dot in (-9.0, -0.3, 0.0, 0.3, 9.0):
             torque = stop_torque(ROBOT, np.full(2, q), np.full(2, q_dot))
@@ -43,10 +43,7 @@ def test_stops_push_and_never_pull_and_do_not_jump_at_contact():
         torque = stop_torque(ROBOT, np.full(2, q), np.full(2, -sign))
         # 2e4 N m/rad times 1e-9 rad times 1.6; the depth has 1e-7 of rounding
         np.testing.assert_allclose(torque, sign * 3.2e-5, rtol=1e-6)
-
-
-def test_a_bounce_loses_two_thirds_of_damping_times_speed():
-    """A body of 1 kg m2 on one stop; the next term of the law is about (c v)^2."""
+    # A body of 1 kg m2 on one stop; the next term of the law is about (c v)^2.
     for v in (0.01, 0.02):
         hit = solve_ivp(
             lambda _, x: [x[1], float(stop_torque(ROBOT, np.full(2, x[0]), np.full(2, x[1]))[0])],

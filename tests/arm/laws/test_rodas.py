@@ -139,7 +139,7 @@ def test_multiplying_the_stage_equations_by_a_mass_matrix_does_not_change_the_st
     np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e6 * EPS)
 
 
-def test_elimination_solves_linear_systems_of_floats_and_symbols():
+def test_elimination_solves_linear_systems_and_coefficients_of_time_are_those_of_the_stages():
     random = np.random.default_rng(42)
     B = random.normal(size=(6, 6))
     matrix = B @ B.T + 6.0 * np.eye(6)
@@ -153,9 +153,6 @@ def test_elimination_solves_linear_systems_of_floats_and_symbols():
         "solve", [symbol], [to_sx(solve(factorize(sparse_of(from_sx(ca.SX(ca.DM(matrix))))), from_sx(symbol)))]
     )
     np.testing.assert_allclose(traced(b).full().ravel(), expected, rtol=0, atol=1e4 * EPS)
-
-
-def test_coefficients_of_time_are_those_of_the_stages():
     # In the book's first variables: alpha_i = sum a_ij and gamma_i = sum gamma_ij. With u = Gamma k they are the
     # row sums of A Gamma and of Gamma, where Gamma^-1 = I/gamma - C. The table has 15 digits.
     Gamma = np.linalg.inv(np.eye(STAGES) / GAMMA - tableau(C))

@@ -168,7 +168,7 @@ def test_a_motion_beyond_the_robot_is_refused(robot):
     check_motion(vdfmu.arm.motion.waypoints([[0.0, 0.0], [0.5, 0.2]], duration=2.0), limited)
 
 
-def test_a_scenario_may_name_the_file_of_its_motion_and_reports_its_problems(written):
+def test_a_scenario_may_name_the_file_of_its_motion_whose_keys_are_in_the_schema(written):
     head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = -1.0\n'
     path = written(f'{head}[motion]\nkind = "waypoints"\npoints = [[0, 0], [1, 1]]\n[trajectory]\nT = 1.0\n')
     with pytest.raises(ModelError) as caught:
@@ -181,9 +181,6 @@ def test_a_scenario_may_name_the_file_of_its_motion_and_reports_its_problems(wri
     scenario = vdfmu.load_scenario(written(f"{head}[trajectory]\nspeed = 0.5\n"))
     assert scenario.system.parts["trajectory"].unit.__name__ == "Motion"
     assert scenario.sections["plant"]["q_0"] == [0.0, 0.0]
-
-
-def test_the_schema_has_the_keys_of_each_kind():
     kinds = scenario_schema()["properties"]["motion"]["anyOf"][1:]
     found = {one["properties"]["kind"]["const"]: set(one["properties"]) for one in kinds}
     assert {"file", "points", "times", "dwell"} <= found["waypoints"]

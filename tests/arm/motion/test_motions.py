@@ -158,7 +158,7 @@ def test_a_sweep_goes_from_one_frequency_to_the_other(law):
         motions.sweep([0.0], 0.1, (0.0, 1.0), 1.0)
 
 
-def test_motions_that_meet_can_be_joined_and_slowed_down():
+def test_motions_that_meet_can_be_joined_without_the_jumps_of_a_cubic_spline():
     motion = motions.waypoints(POINTS, TIMES)
     both = motions.joined([motion, motion.slower(2.0)])
     assert both.duration == 7.5 and both.closed
@@ -173,9 +173,6 @@ def test_motions_that_meet_can_be_joined_and_slowed_down():
         motions.joined([])
     with pytest.raises(UsageError, match="factor: expected a number above 0"):
         one.slower(-1.0)
-
-
-def test_a_cubic_spline_jumps_where_these_do_not():
     cubic = CubicSpline(TIMES, POINTS, bc_type="clamped")
     coefficients = np.zeros((4, 6, 2))
     coefficients[:, :4] = np.moveaxis(cubic.c[::-1], 0, 1)

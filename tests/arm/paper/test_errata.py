@@ -90,7 +90,7 @@ def test_erratum_30_31_run_to_joint_6(arm, draw):
     assert (np.abs(difference) > 1e-3).all()
 
 
-def test_erratum_34_to_36_and_T_i_are_relative_to_the_previous_link_not_to_I(arm):
+def test_erratum_34_to_36_are_relative_to_the_previous_link_not_to_I(arm):
     # Printed label: {I}. Read so, {B_2} in {I} would not turn with joint 1.
     q = Q.copy()
     printed_T_B2 = joint_rotation(arm, 1, q[1])
@@ -103,6 +103,9 @@ def test_erratum_34_to_36_and_T_i_are_relative_to_the_previous_link_not_to_I(arm
     R = end_effector_pose(arm, q)[1]
     q[0] += 0.5
     assert np.abs(end_effector_pose(arm, q)[1] - R).max() > 0.1
+
+
+def test_erratum_T_i_has_the_axes_of_the_previous_link(arm):
     # The paper says that the z axis of {T_i} is joint i's. {T_i} is {B_(i-1)} moved without turning, so joint
     # 2's axis in {T_2} is the third column of (34), -y, not z.
     for i, axis in ((1, [0, -1, 0]), (3, [1, 0, 0]), (4, [0, -1, 0]), (5, [0, 1, 0])):
@@ -118,7 +121,7 @@ def test_erratum_38_has_an_outer_transpose_too_many(arm, draw):
         assert np.abs(J_q.T @ state.q_dot - V_O).max() > 0.1  # as printed
 
 
-def test_erratum_39_has_no_solution_at_q5_0_and_J_ba_is_42_by_6(arm):
+def test_erratum_39_has_no_solution_at_q5_0(arm):
     # Joints 4 and 6 then turn about one line: J_q has rank 5. Trajectory (57) starts there.
     start = desired_motion(0.0, np.zeros(6), np.ones(6), 10.0).q_d
     for q in (start, np.where(np.arange(6) == 4, 0.0, Q)):
@@ -133,6 +136,9 @@ def test_erratum_39_has_no_solution_at_q5_0_and_J_ba_is_42_by_6(arm):
     J_q = jacobian(arm, Q)
     error = np.abs(J_q @ joint_space_jacobian(arm, Q) - np.eye(6)).max()
     assert error < 10 * EPS * np.linalg.cond(J_q)
+
+
+def test_erratum_J_ba_is_42_by_6_not_72_by_6(arm):
     # (40) has 6 (6 + 1) = 42 rows, (42) 48.
     assert velocity_mapping(arm, Q).shape == (42, 6)
     assert extended_jacobian(arm, Q).shape == (48, 6)

@@ -128,7 +128,7 @@ def test_a_payload_that_no_body_has_is_refused(payload, words):
         robot_from_dict(load_robot("planar_2dof").to_dict() | {"payload": payload})
 
 
-def test_forms_of_inertia():
+def test_forms_of_inertia_and_defaults():
     data = load_robot("planar_2dof").to_dict()
     link = data["joints"][0]["link"]
     link["inertia"] = 0.5
@@ -137,9 +137,6 @@ def test_forms_of_inertia():
     np.testing.assert_array_equal(robot_from_dict(data).inertia[0], np.diag([1, 2, 2.5]))
     link["inertia"] = [[1, 0.1, 0], [0.1, 2, 0], [0, 0, 2.5]]
     np.testing.assert_array_equal(robot_from_dict(data).inertia[0], link["inertia"])
-
-
-def test_defaults():
     data = load_robot("planar_2dof").to_dict()
     for key in ("description", "friction", "tool_offset", "sources"):
         del data[key]
@@ -160,16 +157,13 @@ def test_arrays_refuse_assignment(key):
         array[...] = 0.0
 
 
-def test_shapes():
+def test_shapes_with_other_parameters_too():
     robot = load_robot("slider_3dof")
     shapes = {"rotation": (3, 3, 3), "offset": (3, 3), "centroid": (3, 3), "inertia": (3, 3, 3)}
     for key in (name for name, row in PARAMETERS.items() if row.per_joint):
         assert getattr(robot, key).shape == shapes.get(key, (3,)), key
     assert robot.gravity.shape == robot.tool_offset.shape == (3,)
     assert robot.joint_types == ("revolute", "prismatic", "revolute")
-
-
-def test_with_parameters():
     robot = load_robot("planar_2dof")
     other = robot.with_parameters(mass=[3, 4], f_v=0.5)
     np.testing.assert_array_equal(other.mass, [3.0, 4.0])

@@ -111,7 +111,7 @@ def test_defaults(write, scenario_data):
     assert scenario.plant_robot is scenario.robot
 
 
-def test_friction_of_a_scenario_goes_before_that_of_its_robot(write, scenario_data):
+def test_friction_of_a_scenario_goes_first_and_variants_differ_by_what_they_are_for(write, scenario_data):
     scenario_data["friction"] = "split"
     scenario_data["plant_factors"] = {"mass": 2.0}
     path = write("own.toml", scenario_data)
@@ -123,8 +123,6 @@ def test_friction_of_a_scenario_goes_before_that_of_its_robot(write, scenario_da
     del scenario_data["friction"]
     assert load_scenario(write("own.toml", scenario_data), robot).robot is robot
 
-
-def test_variants_differ_from_their_scenarios_by_what_they_are_for():
     def content(name: str) -> dict[str, Any]:
         data = tomllib.loads((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))
         return {key: value for key, value in data.items() if key not in ("name", "description")}

@@ -30,7 +30,7 @@ def test_a_schema_is_one_of_json(schema):
     assert json.loads(json.dumps(schema)) == schema
 
 
-def test_every_shipped_file_fits():
+def test_every_shipped_file_fits_and_what_a_scenario_can_set_has_its_unit_of_measurement():
     robots, scenarios = (sorted(data_path("models").glob(f"{kind}/*.toml")) for kind in ("robots", "scenarios"))
     systems = sorted(data_path("ssp").glob("*.toml"))
     assert robots and scenarios and systems
@@ -43,9 +43,6 @@ def test_every_shipped_file_fits():
         assert problems(scenario_schema(where), data) == []
     for path in systems:
         assert problems(system_schema(), content(path)) == []
-
-
-def test_what_a_scenario_can_set_has_its_unit_of_measurement_and_no_text_twice():
     sections = scenario_schema()["properties"]
     assert sections["controller"]["properties"]["K_p"]["description"].endswith("Eq. (58) [N.m/rad or N/m]")
     assert sections["plant"]["properties"]["mass"]["description"].endswith("[kg]")

@@ -50,15 +50,12 @@ def test_random_numbers_are_exact(seed):
     assert [*found, *again] == list(islice(of_seed(seed), 2000))
 
 
-def test_neighbouring_seeds_give_independent_numbers():
+def test_neighbouring_seeds_give_independent_numbers_and_noise_has_its_statistics(planar):
     n = 4000
     drawn = np.array([uniform(seeded(float(seed)), n)[0] for seed in range(8)]) - 0.5
     matrix = 12.0 * drawn @ drawn.T / n
     # a mean of n products, each of standard deviation 1, or sqrt(4/5) on the diagonal; 5 standard deviations
     np.testing.assert_allclose(matrix, np.eye(8), rtol=0, atol=5.0 / np.sqrt(n))
-
-
-def test_noise_of_the_torque_sensor_has_its_statistics(planar):
     n, sigma, offset = 3000, np.array([0.1, 0.5]), np.array([0.3, -0.2])
     unit = find_unit("torque_sensor")(planar, tau_s=[7.0, 3.0], sigma=sigma, offset=offset)
     found = sampled(unit, n)["tau_s_m"]

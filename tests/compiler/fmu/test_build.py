@@ -205,13 +205,10 @@ def test_start_values_that_could_not_start_are_refused(planar, tmp_path, unit, v
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_robot_that_is_not_physical_is_refused(planar, tmp_path):
+def test_a_robot_that_is_not_physical_unknown_units_and_closed_folders_are_refused(planar, tmp_path):
     with pytest.raises(ModelError, match=r"joints\[2\].link.mass: expected a finite number > 0") as caught:
         build_fmus(planar.with_parameters(mass=[0.0, -1.0], ell=0.5), tmp_path, backend="python")
     assert len(caught.value.problems) == 4
-
-
-def test_unknown_units_and_folders_that_cannot_be_written_are_refused(planar, tmp_path):
     with pytest.raises(UsageError, match="There is no unit 'motor'. There are: controller"):
         build_fmus(planar, tmp_path, units=["motor"], backend="python")
     for unit in (int, 3):

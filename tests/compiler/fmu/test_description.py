@@ -118,7 +118,7 @@ def test_quantities_of_a_prismatic_joint_are_linear(robots):
     assert {group: units[group, (i,)] for group in expected} == expected
 
 
-def test_capabilities_are_declared(root, unit_name):
+def test_capabilities_are_declared_and_the_default_experiment_has_the_tolerance_of_the_plant(root, unit_name):
     unit = dict(root.find("CoSimulation").attrib)
     true = {name for name, value in unit.items() if value == "true"}
     assert true == {
@@ -129,10 +129,7 @@ def test_capabilities_are_declared(root, unit_name):
         "canSerializeFMUstate",
     }
     assert unit["modelIdentifier"] == root.get("modelName")
-
-
-def test_the_default_experiment_has_the_tolerance_of_the_plant(root, unit_name):
-    """Where there is none, importers hand the unit one of their own, of 1e-4."""
+    # Where there is none, importers hand the unit one of their own, of 1e-4.
     experiment = root.find("DefaultExperiment")
     solver = {"tolerance"} if unit_name == "plant" else set()
     assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize"} | solver

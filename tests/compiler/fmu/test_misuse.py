@@ -203,7 +203,7 @@ def test_a_call_of_the_wrong_type_is_refused(open_unit, kind, variable, words):
 
 
 @BOTH
-def test_the_type_is_checked_for_references_that_were_read_before(open_unit):
+def test_references_in_any_order_twice_or_none_are_what_they_name_and_their_type_is_checked(open_unit):
     unit = open_unit("feedforward")
     references = unit.references("mode")
     assert unit.fmu.getInteger(references) == [0]
@@ -213,10 +213,6 @@ def test_the_type_is_checked_for_references_that_were_read_before(open_unit):
     for call in (unit.fmu.getReal, unit.fmu.getInteger):
         with unit.refuses(r"expected variables of type"):
             call(mixed)
-
-
-@BOTH
-def test_references_in_any_order_twice_or_none_are_what_they_name(open_unit):
     unit = open_unit("plant").start()
     assert unit.fmu.getReal([]) == unit.fmu.getInteger([]) == unit.fmu.getString([]) == []
     unit.fmu.setReal([], [])

@@ -114,7 +114,9 @@ def test_importers_of_fmi_2_find_a_library_in_the_folder_of_their_system(chosen,
         assert files["binaries/linux64/Plant.so"] == b"x86_64-linux"
 
 
-def test_the_page_shows_equations_and_every_variable_and_needs_nothing_else(native, version, unit_name, planar):
+def test_the_page_shows_equations_and_every_variable_and_the_files_about_it_what_was_built(
+    native, version, unit_name, planar
+):
     page = html.fromstring(members(native[version][unit_name])["documentation/index.html"].decode())
     text = page.text_content()
     assert "Robot: planar_2dof." in text
@@ -126,9 +128,6 @@ def test_the_page_shows_equations_and_every_variable_and_needs_nothing_else(nati
     if unit_name == "plant":
         assert "no event indicators" in text
         assert "q[1] .. q[2]" in names or "q  (2)" in names
-
-
-def test_the_files_about_the_content_tell_what_was_built(native, planar, version):
     path = native[version]["plant"]
     data = json.loads(members(path)["extra/vdfmu/vdfmu.json"])
     assert data["platforms"] == list(ALL)

@@ -108,7 +108,7 @@ def test_capabilities_of_fmi_3(root3, unit_name):
     assert {k for k, v in root3.find("CoSimulation").attrib.items() if v == "true"} == flags | simulation
 
 
-def test_variables_of_fmi_2_are_those_of_the_python_fmu_and_derivatives_name_their_states(interface, root2):
+def test_variables_of_fmi_2_are_those_of_the_python_fmu_and_structure_that_of_the_layout(interface, root2):
     python = model_description(interface, GUID, TOOL, ABOUT)
     ours = [tostring(v) for v in root2.iterfind("ModelVariables/ScalarVariable")]
     theirs = [tostring(v) for v in python.iterfind("ModelVariables/ScalarVariable")]
@@ -121,9 +121,6 @@ def test_variables_of_fmi_2_are_those_of_the_python_fmu_and_derivatives_name_the
     assert [u.variable.derivative.name for u in description.derivatives] == [
         v.name for v in interface.memory[interface.states]
     ]
-
-
-def test_structure_of_fmi_2_is_that_of_the_layout_without_time(interface, root2):
     outputs = [i for i, v in enumerate(interface.memory) if v.causality == "output"]
     derivatives = [i for i, v in enumerate(interface.memory) if v.causality == "local"]
     for tag, unknowns, dependencies in (

@@ -127,7 +127,7 @@ def test_in_step_mode_they_are_slopes_in_inputs(native, version, unit_name, robo
         assert_slopes(found, slopes(evaluate, point, h), evaluate(point), h)
 
 
-def test_the_plant_in_step_mode_gives_those_of_its_state(native, version):
+def test_the_plant_in_step_mode_gives_those_of_its_state_and_the_trajectory_those_in_time(native, version):
     """Co-simulation and model exchange at the same point: the same bits."""
     start = {"q_0": [0.3, -0.2], "q_dot_0": [0.1, 0.4], "tau": [0.1, 0.2]}
     simulation = native("plant", version).start(**start)
@@ -135,10 +135,7 @@ def test_the_plant_in_step_mode_gives_those_of_its_state(native, version):
     unknowns = simulation.model.of("output", "local")
     knowns = [*simulation.model.of("input"), *(v for v in simulation.model.of("output") if v.group in ("q", "tau_s"))]
     assert directional(simulation, unknowns, knowns).tolist() == directional(exchange, unknowns, knowns).tolist()
-
-
-def test_of_the_trajectory_in_time_they_are_its_derivatives(native):
-    """FMI 3 offers time as a known. The five groups are derivatives of one another."""
+    # FMI 3 offers time as a known. The five groups are derivatives of one another.
     unit = native("trajectory", "3.0").start(0.7, q_end=[1.0, -2.0], T=3.0).step(0.25)
     (time,) = unit.model.of("independent")
     found = unit.directional(unit.model.of("output"), [time], [1.0]).reshape(5, 2)
@@ -148,7 +145,7 @@ def test_of_the_trajectory_in_time_they_are_its_derivatives(native):
     assert not plant.directional(plant.model.of("output"), plant.model.of("independent"), [1.0]).any()
 
 
-def test_a_seed_is_a_direction(native, version):
+def test_a_seed_is_a_direction_and_derivatives_change_nothing(native, version, unit_name):
     """Linear in the seed, to rounding: 1e-12 of the sum of the parts. A value that is named twice counts twice."""
     unit = native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2], q_dot_0=[0.5, 0.4]).continuous()
     knowns, unknowns = unit.model.of("input"), unit.model.of("output", "local")
@@ -160,9 +157,6 @@ def test_a_seed_is_a_direction(native, version):
     twice = unit.directional(unknowns, [knowns[0], knowns[0]], np.ones(2 * len(knowns[0].names)))
     np.testing.assert_allclose(twice, 2.0 * unit.directional(unknowns, [knowns[0]], np.ones(len(knowns[0].names))))
     assert not unit.directional(unknowns, [], []).any()
-
-
-def test_derivatives_change_nothing(native, version, unit_name):
     unit = native(unit_name, version).start()
     unit.step(1e-3)
     unit.outputs()

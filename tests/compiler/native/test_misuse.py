@@ -239,16 +239,13 @@ def test_instantiations_of_fmi_3_without_what_they_need_are_refused(model):
     three.function("FreeInstance")(None)
 
 
-def test_a_percent_sign_in_a_name_does_not_reach_printf(native, version):
+def test_a_percent_sign_does_not_reach_printf_and_events_are_told_with_logging_on_only(native, version):
     """FMI 2 passes the text as a format: importers print it, and with arguments that are not there."""
     name = "arm 100%s %n ä"
     unit = native("plant", version, name=name).start()
     refused_step(unit, "failed: expected a finite positive", 0.0, -1.0)
     shown = name.replace("%", "%%") if version == "2.0" else name
     assert unit.messages[-1].text.startswith(f"{shown}: doStep at t = 0 s failed")
-
-
-def test_errors_are_told_with_logging_off_and_events_only_with_it_on(native, version):
     quiet, loud = native("plant", version), native("plant", version, logging=True)
     quiet.start()
     loud.start(2.0)

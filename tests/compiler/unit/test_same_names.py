@@ -64,7 +64,7 @@ def last(folder, a, b, backend="python", **options):
 
 
 @pytest.mark.heavy
-def test_units_and_modules_of_one_name_in_two_files_or_an_fmu_are_two(tmp_path):
+def test_units_and_modules_of_one_name_are_two_and_a_change_of_a_start_value_is_built(tmp_path):
     for name, start in (("one", 3.0), ("two", 7.0)):
         (tmp_path / f"{name}.py").write_text(GAIN.format(start=start))
     assert last(tmp_path, "one.py", "two.py") == (3.0, 21.0)
@@ -75,10 +75,6 @@ def test_units_and_modules_of_one_name_in_two_files_or_an_fmu_are_two(tmp_path):
         (tmp_path / folder / "helped.py").write_text(HELPED)
         (tmp_path / folder / "factor.py").write_text(f"FACTOR = {factor}\n")
     assert last(tmp_path, "p/helped.py", "q/helped.py", reference=False) == (3.0, 21.0)
-
-
-@pytest.mark.heavy
-def test_a_change_of_a_start_value_is_built(tmp_path):
     (tmp_path / "one.py").write_text(GAIN.format(start=3.0))
     before = Content(find_unit(tmp_path / "one.py"), None, {}).guid
     assert last(tmp_path, "one.py", "one.py", reference=False) == (3.0, 9.0)

@@ -376,7 +376,7 @@ def test_a_motion_samples_at_every_period_however_it_is_cut(kind, parts):
     assert unit.memory[-1] == 0.35
 
 
-def test_samples_are_multiples_of_the_period_from_the_start():
+def test_samples_are_multiples_of_the_period_and_a_motion_that_runs_away_is_not_a_number():
     unit = Traced(Interface(Delay, None))
     assert [(round(a, 12), round(b, 12), s) for a, b, s in samples(unit, 0.0, 0.05, 0.3)] == [
         (0.05, 0.1, False), (0.1, 0.2, True), (0.2, 0.3, True),
@@ -386,8 +386,6 @@ def test_samples_are_multiples_of_the_period_from_the_start():
     assert [s for *_, s in samples(unit, 0.0, sum([0.1] * 10), 1.1)] == [True]
     assert list(samples(Traced(Interface(Logistic, None)), 0.0, 0.05, 0.3)) == [(0.05, 0.3, False)]
 
-
-def test_a_motion_that_runs_away_is_not_a_number():
     class Exploding(Unit):
         """Infinite at t = 1."""
 

@@ -251,7 +251,7 @@ def test_refusals_say_what_is_missing(inside, words, message):
     assert message in " ".join(f"{done.output} {done.exception}".split())
 
 
-def test_keys_of_a_robot_are_refused(inside):
+def test_keys_of_a_robot_are_refused_and_what_needs_one_is_named(inside):
     for extra in (
         'friction = "smooth"', "payload = { mass = 1.0 }", 'motion = { kind = "circle" }', "plant_factors = {}",
         'paper = { source = "Table 4" }',
@@ -262,9 +262,6 @@ def test_keys_of_a_robot_are_refused(inside):
             ModelError, match=rf"extra\.toml: {key}: expected a scenario with a robot.* leave {key} out"
         ):
             vdfmu.load_scenario("extra.toml")
-
-
-def test_what_needs_a_robot_is_named(inside):
     (inside / "arm.toml").write_text(SCENARIO.replace('system = "drive.toml"\n', "").partition("[controller]")[0])
     expected = r"arm\.toml: robot: expected one for trajectory, feedforward, controller, plant, got none\. Name one"
     with pytest.raises(ModelError, match=expected) as caught:

@@ -51,13 +51,10 @@ def agree(loops, rows):
     return abs(found.modulus - least) <= max(0.05 * least, 1e-3)
 
 
-def test_the_margin_is_the_smallest_over_the_run():
+def test_the_margin_is_the_smallest_over_the_run_where_a_wrist_is_slow():
     loops, rows, _ = on_a_grid("planar_tracking", 200)
     assert len(rows) == 201 and agree(loops, rows)
-
-
-def test_the_margin_of_the_first_example_is_where_its_wrist_is_slow():
-    """An independent linearisation has 0.163 on the circle of 2 1/s at 9.167 s, and 0.146 on the unit circle at 0.8."""
+    # An independent linearisation has 0.163 on the circle of 2 1/s at 9.167 s, and 0.146 on the unit circle at 0.8.
     found = margins_along("tracking", at=[0.8])
     nearest = found.judged.loops.nearest()
     assert nearest.name == "plant.tau[6]" and 0.13 < nearest.modulus < 0.15

@@ -234,9 +234,6 @@ def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():
             assert np.array_equal(seen[1], first[1]) and reward[1] == 0.0
     again, *_ = many.step(calm)
     assert np.array_equal(again[[0, 2]], first[[0, 2]]) and not np.array_equal(again[1], first[1])
-
-
-def test_many_are_made_by_name():
     many = gymnasium.make_vec("vdfmu/Arm-v0", num_envs=2, vectorization_mode="vector_entry_point", scenario=short())
     seen, _ = many.reset(seed=0)
     assert seen.shape == (2, 12) and many.observation_space.contains(seen)

@@ -76,7 +76,7 @@ def true_stiffness(robot, found):
 
 
 @pytest.mark.heavy
-def test_noisy_logs_give_the_truth_within_a_per_cent(clean, robot, guess):
+def test_noisy_logs_give_the_truth_within_a_per_cent_and_those_without_what_the_method_leaves(clean, robot, guess):
     """Encoders of 17 bits and torques with 0.5 % noise: of 60 s, from a start 10 to 40 % off."""
     found = identify(noisy(clean, robot, 1), guess)
     values, true = named(found, robot)
@@ -89,10 +89,6 @@ def test_noisy_logs_give_the_truth_within_a_per_cent(clean, robot, guess):
     np.testing.assert_allclose(found.stiffness, true_stiffness(robot, found), rtol=0.01)
     # a torque holds over a step of 1 ms, so on average it is half of one late
     assert found.delay == pytest.approx(0.5e-3, abs=0.1e-3)
-
-
-@pytest.mark.heavy
-def test_a_log_without_noise_leaves_what_the_method_does(clean, robot, guess):
     found = identify(clean, guess)
     true = np.array(found.of(robot))
     ratio = np.array([v / t if t else 1.0 for v, t in zip(found.values, true, strict=True)])

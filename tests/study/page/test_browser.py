@@ -199,7 +199,7 @@ def test_units_are_those_of_the_pictures_and_a_click_on_a_wire_shows_its_signal(
     assert browser.run("document.querySelectorAll('.system .wire.on').length") == 1
 
 
-def test_keys_play_and_step(run, browser):
+def test_keys_play_step_and_read_the_values_of_a_figure(run, browser):
     show(browser, run / "report.html")
     browser.key("ArrowRight", 39)
     assert browser.run("report.view.time") == pytest.approx(0.005)  # 200 steps of the run
@@ -213,9 +213,6 @@ def test_keys_play_and_step(run, browser):
     browser.key(" ", 32)
     assert not browser.run("report.player.playing")
     assert 0.02 < browser.run("report.view.time") < 1.0
-
-
-def test_keys_read_the_values_of_a_figure(run, browser):
     show(browser, run / "report.html", 1280, 1400)
     centre(browser, "#figures .chart:nth-child(1) .u-over")
     browser.run("document.querySelector('#figures .plot').focus()")
@@ -264,13 +261,10 @@ def test_a_button_that_is_up_can_be_read(run, browser, scheme):
     assert contrast >= 4.5  # of WCAG 2, level AA, for small text
 
 
-def test_reduced_motion_is_respected(run, browser):
+def test_reduced_motion_is_respected_and_several_runs_are_drawn_over_each_other(run, browser, tmp_path):
     show(browser, run / "report.html", motion="reduce")
     assert not browser.run("report.player.scene.controls.enableDamping")
     assert browser.run("getComputedStyle(document.querySelector('button')).transitionDuration") == "0s"
-
-
-def test_several_runs_are_drawn_over_each_other(run, browser, tmp_path):
     one = read_run(run)
     path = write_report([one, one._replace(name="other")], tmp_path / "comparison.html")
     show(browser, path)

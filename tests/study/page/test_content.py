@@ -333,11 +333,14 @@ def test_modules_join_into_one_script(modules):
     assert not re.search("^(import|export) ", script(modules), re.MULTILINE)
 
 
-def test_the_pages_own_modules_are_all_used_and_few():
+def test_the_pages_own_modules_are_all_used_and_a_comparison_names_the_robots_of_all_runs(planar):
     listed = {path.name for path in WEB.glob("*.js")} - {"three_uplot.min.js"}
     assert {*MODULES, *WORKER, *STUDY_ALONE, *ROBOT, *WORDS} == listed
     own = [*WEB.glob("*.css"), *(WEB / name for name in listed)]
     assert sum(len(p.read_text().splitlines()) for p in own if not p.name.endswith("min.css")) < 4000
+    run = read_run(planar[0])
+    other = run._replace(summary={**run.summary, "robot": "another"})
+    assert "Robot planar_2dof; robot another, 2 runs of vdfmu" in report_page([run, other]).decode()
 
 
 def test_the_file_is_written_where_it_belongs(planar, tmp_path, monkeypatch):
@@ -346,9 +349,3 @@ def test_the_file_is_written_where_it_belongs(planar, tmp_path, monkeypatch):
     assert "report.html" in json.loads((folder / "summary.json").read_text())["files"]
     with pytest.raises(UsageError, match="cannot write"):
         write_report([read_run(folder)], tmp_path / "missing" / page.NAME)
-
-
-def test_a_comparison_names_the_robots_of_all_runs(planar):
-    run = read_run(planar[0])
-    other = run._replace(summary={**run.summary, "robot": "another"})
-    assert "Robot planar_2dof; robot another, 2 runs of vdfmu" in report_page([run, other]).decode()

@@ -68,7 +68,7 @@ def test_broken_folders_are_named_and_deleted_ones_are_gone(results):
     assert rows(gallery_page(results)).keys() == {"first run"}
 
 
-def test_nothing_but_the_summary_is_opened(results):
+def test_nothing_but_the_summary_is_opened_whose_names_and_verdicts_are_text_and_counted(results):
     """Results, package and page may be anything, even pipes that never end."""
     whole = rows(gallery_page(results))
     for name in ("results.csv", "system.ssp"):
@@ -76,9 +76,6 @@ def test_nothing_but_the_summary_is_opened(results):
         os.mkfifo(results / "first run" / name)
     (results / "first run" / "report.html").write_text("<script>alert(1)</script>")
     assert rows(gallery_page(results)) == whole
-
-
-def test_names_and_verdicts_are_text_and_counted(results):
     wild = results / "<b>&'\udcff"
     (results / "package").rename(wild)
     changed(wild, system="<i>x</i>", verdict={"state": "failed", "words": "<u>w</u>", "checks": []})

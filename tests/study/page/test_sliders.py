@@ -76,7 +76,7 @@ def test_the_pages_own_run_equals_the_recorded_one(run, browser):
     assert changes == ["none"] * 5
 
 
-def test_a_run_that_differs_says_what_may_be_why(run, browser):
+def test_a_run_that_differs_says_what_may_be_why_and_what_was_not_in_sight_is_printed(run, browser):
     opened(browser, run / "report.html")
     browser.run(f"""(async () => {{
         report.runs[0].simulation.recorded.limit = -1;
@@ -85,9 +85,6 @@ def test_a_run_that_differs_says_what_may_be_why(run, browser):
     }})()""")
     verdict = words_of(browser, "#simulate li")
     assert verdict.startswith("failed") and "the run has no reference" in verdict
-
-
-def test_what_was_not_yet_in_sight_is_printed(run, browser):
     show(browser, run / "report.html")
     drawn = "report.charts.map(chart => chart.place.querySelector('canvas') !== null)"
     assert not all(browser.run(drawn))

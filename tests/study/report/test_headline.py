@@ -109,7 +109,7 @@ def test_what_a_run_is_known_by_is_told_first(figures, loops, line):
     assert line.startswith(state_of(summary).capitalize())
 
 
-def test_a_check_that_failed_is_quoted_unless_something_else_tells_why():
+def test_a_check_that_failed_is_quoted_and_numbers_that_are_not_known_have_no_tile():
     summary = {"key_figures": {}, "witness": None}
     assert line_of({"verdict": verdict_of([CHECK["failed"]])}) == "Failed: Energy residual of the coupling: 31 %"
     both = verdict_of([LOOPS, CHECK["failed"]], "numbers")
@@ -121,9 +121,6 @@ def test_a_check_that_failed_is_quoted_unless_something_else_tells_why():
     summary["verdict"] = verdict(summary, [])
     assert (state_of(summary), checks_line(summary)) == ("doubtful", "")
     assert line_of(summary) == "Doubtful: not judged, since no check applies to this run"
-
-
-def test_numbers_that_are_not_known_have_no_tile():
     assert not [*tiles_of({})] and not line_of({}) and not state_of({}) and not verdict_text({})
     (tile,) = tiles_of({"key_figures": {"margin": FIGURES["margin"] | {"value": 0.0}}})
     assert tile.value == "none"
@@ -185,7 +182,7 @@ def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is
     assert "tool_error" not in longer.summary["key_figures"] and "mode" in longer.summary["key_figures"]
 
 
-def test_the_page_begins_with_the_verdict(planar):
+def test_the_page_begins_with_the_verdict_and_the_command_that_makes_the_run_again(planar):
     results, folder = planar
     page = (folder / "report.html").read_text()
     assert f'<p class="verdict good">{line_of(results.summary)}</p>' in page
@@ -196,9 +193,6 @@ def test_the_page_begins_with_the_verdict(planar):
     page = report_page([ShownRun("bad", results, results.summary | {"verdict": bad}, folder / "system.ssp")]).decode()
     assert '<p class="verdict failed">Failed: Energy residual of the coupling: 31 %</p>' in page
     assert '<details class="checks failed" open>' in page
-
-
-def test_the_command_makes_the_run_again(planar):
     assert run_command(planar[0].summary) == "vdfmu run planar_tracking --stop 0.2"
     own = planar[0].summary | {"scenario": "my own", "settings": {"controller.K_p[1]": "3"}}
     # a scenario that no file has any more: all its options

@@ -116,7 +116,7 @@ def test_a_terminal_of_80_columns_shows_every_number_whole_and_a_narrow_one_cuts
         assert "\N{HORIZONTAL ELLIPSIS}" not in each
 
 
-def test_the_widest_numbers_fit_80_columns():
+def test_the_widest_numbers_fit_80_columns_and_facts_are_those_of_the_run():
     summary = copy.deepcopy(TRACKING)
     for key in ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm"):
         summary[key] = [1.234e-5] * 6
@@ -124,9 +124,6 @@ def test_the_widest_numbers_fit_80_columns():
     summary |= {"position_units": ["deg"] * 6, "torque_units": ["N.m"] * 6}
     row = ["6", *["1.23e-05", "0.1234", "0.01"] * 3]
     assert any(line.split() == row for line in shown(sheet_table(tracking_sheet(summary))).splitlines())
-
-
-def test_facts_of_a_run():
     before = copy.deepcopy(TRACKING)
     assert list(facts(TRACKING)) == [
         ("Scenario", "two_joint"), ("Robot", "manipulator_6dof"), ("Friction", "lumped"), ("Units", "python FMUs"),

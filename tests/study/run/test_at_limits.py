@@ -113,13 +113,10 @@ def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):
     assert sheet.title in (tmp_path / "report.html").read_text()
 
 
-def test_a_run_away_from_its_limits_has_no_table(planar_run):
+def test_a_run_away_from_its_limits_has_no_table_and_its_values_are_those_of_the_motor(planar_run):
     assert "limits" not in planar_run[1].summary
     rests = {"plant": dict.fromkeys(("torque", "speed", "stop"), [0.0, 0.0])}
     assert sheets({"limits": rests}) == [] != sheets({"limits": {"plant": rests["plant"] | {"speed": [0.0, 0.1]}}})
-
-
-def test_values_of_the_run_are_those_of_the_motor():
     scenario = reach_scenario("kr_6dof")
     (plain,) = limits_of(SystemDescription(scenario))
     changed = system_values(scenario, {"plant.tau_stall[2]": 0.1, "controller.tau_max[3]": 0.2})

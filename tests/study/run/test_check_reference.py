@@ -104,7 +104,7 @@ def test_types_that_a_table_does_not_hold_are_a_note(fmus, tmp_path):
     ]
 
 
-def test_results_that_only_the_manifest_names_are_compared(fmus, tmp_path):
+def test_results_that_only_the_manifest_names_are_compared_with_quotes_arrays_and_truth_values(fmus, tmp_path):
     content = members(fmus["trajectory"])
     table = content.pop(f"{FOLDER}Trajectory_out.csv")
     manifest = content[f"{FOLDER}fmi-ls-manifest.xml"]
@@ -112,9 +112,6 @@ def test_results_that_only_the_manifest_names_are_compared(fmus, tmp_path):
     pack_zip(tmp_path / "named.fmu", content | {"extra/results.csv": table})
     report = compare(tmp_path / "named.fmu")
     assert (report.problems, report.compared) == ([], ["results.csv"])
-
-
-def test_tables_are_read_with_quotes_arrays_and_truth_values():
     table = read_table('"time", "x", b\n0, 1 2, true\n1, 3 4, false\n')
     assert table.time.tolist() == [0.0, 1.0]
     assert table.columns["x"].tolist() == [[1.0, 2.0], [3.0, 4.0]]

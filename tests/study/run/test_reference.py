@@ -99,16 +99,13 @@ def limited():
     return robot_from_dict(data)
 
 
-def test_limits_of_joints_and_motors_are_those_of_the_reference(tmp_path):
+def test_limits_of_joints_and_motors_are_those_of_the_reference_and_no_start_is_beyond_them(tmp_path):
     motions = []
     for settings in ({}, {"plant__q_max[1]": -1.55, "plant__tau_stall": 0.05}):
         case = Case(tmp_path, "planar_tracking", "1e-9", limited(), **settings)
         case.require_same("gauss-seidel", 1e-3, 0.5)
         motions.append(reference("sampled", case.description, step=1e-3, stop=0.5)["plant.q"])
     assert np.abs(motions[1] - motions[0]).max() > 1e-3  # they act
-
-
-def test_a_start_beyond_the_end_stops_is_refused():
     scenario = load_scenario("planar_tracking", limited())
     with pytest.raises(
         UsageError, match=r"plant.q_0\[1\]: expected a position of joint 1 between its end stops, -2 and 2, got 4"

@@ -127,7 +127,7 @@ def with_references(monkeypatch, folder, change):
 
 
 @pytest.mark.heavy
-def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
+def test_a_chaotic_loop_is_compared_by_its_statistics_and_a_fault_shown_as_one(tmp_path, monkeypatch):
     with_references(monkeypatch, tmp_path, {"plant.I_m[1]": 1.0 + 1e-9})
     summary = vdfmu.run("tracking_split", out=False).summary
     assert summary["friction"] == "split"
@@ -140,10 +140,6 @@ def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
     assert 0.0 < compared["rms_torque_difference"] < 0.06
     said = reference_sheet(summary)
     assert said.columns[1] == "Position RMS\n[%]" and "chaotic" in " ".join(said.notes)
-
-
-@pytest.mark.heavy
-def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
     with_references(monkeypatch, tmp_path, {"plant.mass[2]": 1.01, "plant.mass[3]": 1.01, "plant.mass[5]": 1.01})
     summary = vdfmu.run("tracking", out=False, stop=2.0).summary
     assert summary["reference"]["sampled"]["max_position_difference_rad"] > 1e-6

@@ -122,16 +122,13 @@ def nudged(scenario, settings, move, **options):
     return rate, state, (last - first) / 0.06
 
 
-def test_the_rate_is_that_of_a_nudge():
+def test_the_rate_of_a_loop_and_of_a_slow_controller_is_that_of_a_nudge(tmp_path):
     rate, state, grown = nudged("planar_tracking", {"controller.K_v[1]": 2.4 * 40.0}, 1e-3, algorithm="jacobi")
     assert state == "plant.kappa_dot[1]"
     # the next mode decays with 20 1/s: 30 % of its start is left in the first window, a third of it in the last; the
     # nonlinear spring adds some per cent
     assert grown == pytest.approx(rate, rel=0.2)
-
-
-def test_the_rate_of_a_slow_controller_is_that_of_a_nudge(tmp_path):
-    """Samples of 3 ms under steps of 1 ms: the run is judged at the period of the samples."""
+    # Samples of 3 ms under steps of 1 ms: the run is judged at the period of the samples.
     (tmp_path / "slow.py").write_text(SLOW)
     slow = prepare("planar_tracking", units={"controller": str(tmp_path / "slow.py")})
     rate, state, grown = nudged(slow, {"controller.D[1]": 0.65}, 1e-5)

@@ -59,7 +59,7 @@ def saltelli(tmp_path_factory):
     return study(tmp_path_factory.mktemp("saltelli") / "study", CUBE, ishigami, "saltelli", 512)
 
 
-def test_sobol_indices_of_ishigamis_function_are_the_analytic_ones(saltelli):
+def test_sobol_indices_are_the_analytic_ones_and_narrow_with_the_root_of_the_points(saltelli):
     found = saltelli.indices("y")
     first = np.array([PART["a"], PART["b"], 0.0]) / VARIANCE
     total = np.array([PART["a"] + PART["ac"], PART["b"], PART["ac"]]) / VARIANCE
@@ -70,9 +70,6 @@ def test_sobol_indices_of_ishigamis_function_are_the_analytic_ones(saltelli):
     assert abs(pair - PART["ac"] / VARIANCE) < 2 * found.widths["second"][0, 2]
     # and is narrow enough to tell them apart: x3 has 0.24 in all, of which none alone
     assert found.widths["total"].max() < 0.12 and found.widths["first"].max() < 0.12
-
-
-def test_the_confidence_narrows_with_the_root_of_the_points():
     widths = []
     for n in (128, 2048):
         x = np.pi * (2 * shares(3, "saltelli", n, 0) - 1)
@@ -132,11 +129,8 @@ def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, ove
             assert (np.abs(picture - np.array(to_rgb(FAILED))).max(axis=-1) < 0.02).sum() > 5, file
 
 
-def test_indices_are_drawn(saltelli, tmp_path):
+def test_indices_are_drawn_and_axes_come_by_influence(saltelli, tmp_path):
     assert [file.name for file in saltelli.plot("indices", out=tmp_path)] == ["y_indices.png"]
-
-
-def test_axes_come_by_influence_and_the_tornado_has_their_ends(tmp_path):
     over = {"f.a": "lin(0, 1, 3)", "f.b": "lin(0, 1, 3)", "f.c": "lin(0, 1, 3)"}
     shown = view(study(tmp_path / "s", over, lambda a, b, c: a - 5 * b + 3 * c))
     assert [side.label for side in shown.sides] == ["f.b [kg]", "f.c [kg]", "f.a [kg]"]
@@ -154,7 +148,7 @@ def test_files_are_named_without_their_folders_and_large_numbers_in_full(tmp_pat
     assert [sides["f.a"].text(x) for x in (12345.0, 1e-5, 3e6, 0.25)] == ["12300", "1e-05", "3e+06", "0.25"]
 
 
-def test_a_measure_without_values_is_shown_and_said_as_such(tmp_path):
+def test_a_measure_without_values_is_shown_as_such_and_what_cannot_be_drawn_said(tmp_path):
     found = study(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: a * np.nan)
     assert found.ranges() == [["y", "no value", "", "", ""]]
     failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
@@ -163,9 +157,6 @@ def test_a_measure_without_values_is_shown_and_said_as_such(tmp_path):
     assert failed.undefined() == []
     some = study(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: np.where(a == 0.0, np.nan, a), fail=[2])
     assert some.undefined() == ["y has no finite value at 1 of 3 points."]
-
-
-def test_what_cannot_be_drawn_is_said(tmp_path):
     found = study(tmp_path / "s", {"f.a": "lin(0, 1, 4)"}, lambda a: a)
     failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
     one = study(tmp_path / "u", {"f.a": "1"}, lambda a: a * 1.0)

@@ -63,16 +63,13 @@ def test_wires_of_two_vectors_share_no_line(name):
                     assert shared <= 0 or (along == 0 and b == d), (one, other)
 
 
-def test_a_vector_is_one_wire_with_its_size():
+def test_a_vector_is_one_wire_and_components_without_places_stand_with_little_feedback():
     root = ElementTree.fromstring(picture("two_arms"))
     widths = {
         wire.get("data-signal"): "".join(e.text for e in wire.iter(f"{SVG}text") if e.get("class") == "width")
         for wire in root.iter(f"{SVG}g")
     }
     assert widths["plant_2.M_S"] == "6 × 6" and widths["plant.p_O"] == "3" and widths["controller_2.tau"] == "2"
-
-
-def test_components_without_places_stand_with_little_feedback_and_loops_of_their_own():
     cards = [Card(name, inputs=["u"] * (name != "a"), outputs=["y"] * (name != "c")) for name in "cba"]
     nets = [Net(("a", "y"), [("b", "u")], ""), Net(("b", "y"), [("c", "u")], "")]
     layout = arrange(cards, nets)

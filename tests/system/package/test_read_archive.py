@@ -20,7 +20,7 @@ SSV = f'<ssv:ParameterSet {SPACES} version="1.0" name="p"><ssv:Parameters>{{}}</
 SSM = f'<ssm:ParameterMapping {SPACES} version="1.0">{{}}</ssm:ParameterMapping>'
 
 
-def test_symbolic_links_and_entries_that_are_one_file_on_other_systems_are_refused(tmp_path):
+def test_entries_that_are_links_or_one_file_on_other_systems_are_refused_and_twice_have_one_content(tmp_path):
     path = write(tmp_path / "x.ssp", ssd())
     link = zipfile.ZipInfo("resources/link.fmu")
     link.create_system = 3
@@ -33,8 +33,6 @@ def test_symbolic_links_and_entries_that_are_one_file_on_other_systems_are_refus
     (found,) = problems(write(tmp_path / "y.ssp", ssd(), {"resources": b"", "resources/a.fmu": b""}))
     assert found == "y.ssp: entry 'resources' is a file and the folder of 'resources/a.fmu'"
 
-
-def test_an_entry_that_occurs_twice_has_one_content(tmp_path):
     def doubled(path: Path, content: bytes) -> Path:
         write(path, ssd(), members={"a.txt": b"text"})
         with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():

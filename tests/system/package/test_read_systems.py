@@ -153,7 +153,7 @@ def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
     ]
 
 
-def test_a_package_may_have_several_ssds(pack):
+def test_a_package_may_have_several_ssds_and_empty_element_names_mean_the_system_itself(pack):
     """The form of OMSimulator's resources/ParkerSimPack: variants of one system over the same FMUs."""
     path = pack(
         {
@@ -166,10 +166,7 @@ def test_a_package_may_have_several_ssds(pack):
     assert links(path, variant="VarB.ssd") == ["b.y -> a.u"]
     with pytest.raises(SspError, match=r"no 'VarC.ssd'; it has SystemStructure.ssd, VarB.ssd"):
         load_ssp(path, variant="VarC.ssd")
-
-
-def test_empty_element_names_mean_the_system_itself(pack):
-    """The form of OMSimulator's resources/import_export_parameters: startElement="" ."""
+    # The form of OMSimulator's resources/import_export_parameters: startElement="" .
     link = connections("u a.u").replace("<ssd:Connection ", '<ssd:Connection startElement="" ')
     path = pack({"SystemStructure.ssd": ssd(IO + values("u=7") + elements(component("a")) + link), "f.fmu": b""})
     assert load_ssp(path).problems == ()
@@ -270,7 +267,7 @@ def test_a_signal_dictionary_in_a_file_joins_systems_of_two_levels(pack):
     assert links(path) == ["a.y -> low.b.u"]
 
 
-def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
+def test_a_system_of_ssp_2_is_read_by_its_own_schema_with_connectors_of_their_sizes(pack):
     """`local` is a kind of connector that only SSP 2.0 has."""
     text = ssd(elements(component("a", inner=connector_list("u:local"))))
     found, *_ = problems(pack({"SystemStructure.ssd": text}))
@@ -279,8 +276,6 @@ def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
     system = load_ssp(pack({"SystemStructure.ssd": newer, "f.fmu": b""}))
     assert (system.version, system.component("a").connectors["u"].kind) == ("2.0", "local")
 
-
-def test_a_connector_of_the_system_has_the_size_of_what_it_is_connected_to(pack):
     def array(size: int) -> str:
         inner = f'<ssc:Float64/><ssc:Dimension size="{size}"/>'
         return f'<ssd:Connectors><ssd:Connector name="y" kind="output">{inner}</ssd:Connector></ssd:Connectors>'
