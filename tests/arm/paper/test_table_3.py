@@ -29,7 +29,7 @@ def gravity_difference(robot):
     return 1e3 * rms(torques(robot) - torques(robot.with_parameters(gravity=[0.0, 0.0, 9.80])))
 
 
-def test_joint_torques_along_the_trajectory_have_the_known_size_by_either_formulation(arm):
+def test_virtual_decomposition_agrees_with_newton_euler(arm):
     difference = 1e3 * np.abs(torques(arm) - torques(arm, newton_euler))
     # Both are exact; 1e-9 N mm is 200 roundings of the largest torque, 3e4 N mm.
     assert difference.max() <= 1e-9

@@ -100,13 +100,16 @@ def test_fault_is_named(robot_data, path, value, message):
     assert all(line.startswith("my.toml: ") for line in caught.value.problems)
 
 
-def test_every_problem_at_once_in_the_units_of_a_prismatic_joint(robot_data):
+def test_units_of_a_prismatic_joint(robot_data):
     robot_data["joints"][1]["type"] = "prismatic"
     robot_data["joints"][1]["drive"]["K_f0"] = -1.0
     robot_data["joints"][1]["friction"]["f_v"] = -1.0
     with pytest.raises(ModelError) as caught:
         robot_from_dict(robot_data)
     assert [re.sub(r".* in (\S+),.*", r"\1", line) for line in caught.value.problems] == ["N/m", "N.s/m"]
+
+
+def test_every_problem_at_once(robot_data):
     robot_data["gravity"] = [0, 0]
     robot_data["colour"] = "red"
     robot_data["joints"][0]["link"]["mass"] = -1
