@@ -52,8 +52,8 @@ def _commands(report: Report, folder: Path, scenario: str, rounds: int) -> None:
     out = ["--out", str(folder / "out")]
     commands: dict[str, Callable[[], list[str]]] = {
         "vdfmu run, without references": lambda: ["run", scenario, "--no-reference", *out],
-        "vdfmu run, references and pictures kept": lambda: ["run", scenario, *out],
-        "vdfmu run, both kept, Parquet": lambda: ["run", scenario, "--format", "parquet", *out],
+        "vdfmu run, references kept": lambda: ["run", scenario, *out],
+        "vdfmu run, references kept, Parquet": lambda: ["run", scenario, "--format", "parquet", *out],
         "vdfmu run, references solved": lambda: ["run", scenario, *new(), *out],
         "vdfmu --help": lambda: ["--help"],
         "vdfmu run trackng": lambda: ["run", "trackng"],
@@ -62,7 +62,7 @@ def _commands(report: Report, folder: Path, scenario: str, rounds: int) -> None:
     if scenario == "tracking":
         command("run", "two_joint", *out)
         commands["vdfmu run two_joint, references solved"] = lambda: ["run", "two_joint", *new(), *out]
-        commands["vdfmu run two_joint, references and pictures kept"] = lambda: ["run", "two_joint", *out]
+        commands["vdfmu run two_joint, references kept"] = lambda: ["run", "two_joint", *out]
     best = dict.fromkeys(commands, float("inf"))
     for _ in range(rounds):
         for name, arguments in commands.items():

@@ -138,7 +138,7 @@ def test_work_precision_engines_and_the_whole(report):
     work_precision.tabulate(found, report)
     whole.run(report, quick=True)
     commands = report.facts["commands_s"]
-    assert set(commands) > {"vdfmu --help", "vdfmu run, references and pictures kept"} and min(commands.values()) > 0.0
+    assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0
     assert report.facts["results.csv_mb"] > report.facts["results.parquet_mb"] > 0.1
     assert report.facts["a state of a batch, compiled"] > 0.0
 

@@ -130,7 +130,7 @@ def told(tmp_path, monkeypatch):
 def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(told):
     words = ("run", "planar_tracking", "--stop", "0.01", "--no-reference")
     quiet = told(*words, "--quiet")
-    files = "errors.png, report.html, results.csv, summary.json, system.ssp, tool.png, torques.png"
+    files = "report.html, results.csv, summary.json, system.ssp"
     assert quiet == ([f"Written to results/planar_tracking: {files}"], [])
     output, said = told("--verbose", *words)
     assert quiet[0][-1] in output[-3:] and output[-1] == "Open results/planar_tracking/report.html"

@@ -132,7 +132,7 @@ def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(mon
         assert f"# vdfmu {name}\n" in commands
     for option in (
         "`--set` `NAME=VALUE`",
-        "`--pictures` `png|svg|pdf` | `png`",
+        "`--pictures` `png|svg|pdf` |  |",
         "`--isolate`, `--no-isolate`",
         "| `PACKAGE` |",
     ):

@@ -204,7 +204,7 @@ def test_runs_over_each_other_in_one_picture(tmp_path):
     (axes,) = figure.axes
     assert [line.get_ydata()[-1] for line in axes.lines] == [1.0, 2.0]
     assert len({line.get_linestyle() for line in axes.lines}) == 2
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", "twice"]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["mine", "twice"]
     assert (tmp_path / "q.svg").read_text().startswith("<?xml")
     one.plot(path=tmp_path / "q.pdf")
     first = (tmp_path / "q.pdf").read_bytes()

@@ -126,10 +126,27 @@ def unit_of(quantity: str, joint_type: str) -> str:
     return measure(quantity).name
 
 
-class JointUnit(NamedTuple):
-    """How the values of one type of joint are shown: units, and the factor from rad or m."""
+class Shown(NamedTuple):
+    """Unit of measurement that figures and tables show, and its factor from the SI unit."""
 
-    joint_type: str
+    unit: str
+    factor: float = 1.0
+
+
+def shown_as(quantity: str, joint_type: str = "revolute") -> Shown:
+    """Return how a quantity of a joint is shown: angles in deg, lengths in mm, others in their SI unit.
+
+    >>> shown_as("velocity").unit, shown_as("velocity", "prismatic"), shown_as("torque")
+    ('deg/s', Shown(unit='mm/s', factor=1000.0), Shown(unit='N.m', factor=1.0))
+    """
+    unit = unit_of(quantity, joint_type)
+    display = _DISPLAY.get(unit, {}) if unit.partition("/")[0] in ("rad", "m") else {}
+    return next((Shown(name, factor) for name, factor in display.items()), Shown(unit))
+
+
+class JointUnit(NamedTuple):
+    """Units of one type of joint, and the factor of positions from rad or m."""
+
     position: str
     factor: float
     torque: str
@@ -137,10 +154,29 @@ class JointUnit(NamedTuple):
 
 
 JOINT_UNITS = {
-    "revolute": JointUnit("revolute", "deg", _DEG, "N.m", "torque"),
-    "prismatic": JointUnit("prismatic", "mm", 1e3, "N", "force"),
+    kind: JointUnit(*shown_as("position", kind), unit_of("torque", kind), noun)
+    for kind, noun in (("revolute", "torque"), ("prismatic", "force"))
 }
-"""Type of a joint to how it is shown."""
+"""Type of a joint to its units."""
+
+
+def spaced(unit: str) -> str:
+    """Return a unit as papers print it: ``N m`` for ``N.m``, ``m/s²`` for ``m/s2``."""
+    return re.sub(r"(?<=[A-Za-z])-?\d+", lambda match: match[0].translate(_RAISED), unit.replace(".", " "))
+
+
+_INCHES = {"mm": 25.4, "cm": 2.54, "in": 1.0}
+_LENGTH = re.compile(r"(\d+\.?\d*)\s*(mm|cm|in)")
+
+
+def inches(option: str, text: str) -> float:
+    """Return a length such as ``85mm``, ``17cm`` or ``3.3in`` in inches; UsageError unless it is 20 mm to 2 m."""
+    match = _LENGTH.fullmatch(text.strip())
+    length = float(match[1]) / _INCHES[match[2]] if match else 0.0
+    if not 20.0 <= 25.4 * length <= 2000.0:
+        raise UsageError(f"{option} must be a length from 20mm to 2000mm, got {text}. Give 85mm, 17cm or 3.3in.")
+    return length
+
 
 _PREFIXED = re.compile(r"(?P<milli>m(?=m))?(?P<base>deg|rad|m|s|N|W|J|V|A|Hz)(?P<rest>(?![\w²³⁴]).*)")
 _PREFIXES = {6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n"}

@@ -24,14 +24,13 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
-from matplotlib.transforms import Bbox
 from PIL import Image
 
 from vdfmu.base import palette
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
-from vdfmu.base.measure import fitted
+from vdfmu.base.measure import fitted, spaced
 from vdfmu.base.thinning import extremes
 
 P = ParamSpec("P")
@@ -85,15 +84,47 @@ _RC: dict[str, Any] = {
 }
 
 
-def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+_PAPER: dict[str, Any] = _RC | {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "axes.linewidth": 0.6,
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.0,
+    "legend.handlelength": 1.6,
+    "legend.columnspacing": 1.0,
+    "legend.borderaxespad": 0.1,
+    "legend.labelspacing": 0.2,
+    "figure.constrained_layout.h_pad": 0.02,
+    "figure.constrained_layout.w_pad": 0.02,
+}
+
+
+def styled(draw: Callable[P, Figure], look: dict[str, Any] = _RC) -> Callable[P, Figure]:
     """Let a function draw its figure in the style of this module."""
 
     @functools.wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with matplotlib.style.context(["default", _RC]):
+        with matplotlib.style.context(["default", look]):
             return draw(*args, **kwargs)
 
     return wrapper
+
+
+def paper(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Let a function draw its figure with text of 8 pt and thin lines."""
+    return styled(draw, _PAPER)
+
+
+def blank(width: float, height: float) -> Figure:
+    """Return a figure of `width` by `height` [in] without title and caption, see `paper`."""
+    figure = _Picture(figsize=(width, height), dpi=2 * DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.look = _PAPER
+    return figure
 
 
 def new_figure(
@@ -123,7 +154,7 @@ def new_figure(
     lines = [line for text in caption.splitlines() for line in textwrap.wrap(text, round(_CAPTION_CHARACTERS * width))]
     figure.text(left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.2, color=_GREY, linespacing=1.3)
     below = _MARGIN + 0.16 * len(lines) + 0.02
-    figure.set_layout_engine(_MeasuredOnce(rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height)))
+    figure.set_layout_engine(ConstrainedLayoutEngine(rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height)))
     return figure
 
 
@@ -159,7 +190,7 @@ def fit_axis(axis: Axis, unit: str, largest: float) -> str:
         formatter.set_powerlimits((exponent, exponent))
     axis.set_major_formatter(formatter)
     axis.get_offset_text().set_visible(False)
-    return fit if fit or not exponent else rf"$10^{{{exponent}}}$ {unit}".strip()
+    return spaced(fit) if fit or not exponent else rf"$10^{{{exponent}}}$ {spaced(unit)}".strip()
 
 
 def label_time(panels: Sequence[Axes], columns: int) -> None:
@@ -168,12 +199,6 @@ def label_time(panels: Sequence[Axes], columns: int) -> None:
         axes.tick_params(labelbottom=False)
     for axes in panels[-columns:]:
         axes.set_xlabel("Time [s]")
-
-
-def grid_of(count: int) -> tuple[int, int]:
-    """Return rows and columns for `count` panels: one or two columns up to eight panels, then a square."""
-    columns = math.ceil(math.sqrt(count)) if count > 8 else 1 if count in (1, 3) else 2
-    return math.ceil(count / columns), columns
 
 
 def legend_beside(axes: Axes, handles: Sequence[Artist]) -> None:
@@ -215,37 +240,14 @@ def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Flo
     return time[rows], values[rows]
 
 
-class _MeasuredOnce(ConstrainedLayoutEngine):
-    """Constrained layout that measures a panel once, not in each of its two passes, unless its labels get longer."""
-
-    def execute(self, fig: Figure) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Place the panels."""
-        for axes in fig.axes:
-            axes.get_tightbbox = functools.partial(_beside, axes, axes.get_tightbbox, {})
-        try:
-            super().execute(fig)
-        finally:
-            for axes in fig.axes:
-                del axes.get_tightbbox
-
-
-def _beside(axes: Axes, measure: Callable[..., Bbox | None], kept: dict[int, Floats], *args: Any, **kwargs: Any) -> Any:
-    """Return the box of a panel and what belongs to it, from how far that stood out with labels as long as these."""
-    length = max((len(label.get_text()) for label in axes.get_yticklabels()), default=0)
-    if length not in kept:
-        box = measure(*args, **kwargs)
-        if box is None:
-            return None
-        kept[length] = np.subtract(box.extents, axes.bbox.extents)
-    return Bbox.from_extents(*np.add(axes.bbox.extents, kept[length]))
-
-
 class _Picture(Figure):
-    """A figure that a notebook shows, also without pyplot."""
+    """A figure that a notebook shows, also without pyplot. Ticks that it draws late have its `look`."""
+
+    look: dict[str, Any] = _RC
 
     def _repr_png_(self) -> bytes:
         stream = io.BytesIO()
-        with matplotlib.style.context(["default", _RC]):
+        with matplotlib.style.context(["default", self.look]):
             _png(self, stream)
         return stream.getvalue()
 
@@ -264,7 +266,7 @@ def save(figure: Figure, path: Path) -> Path:
     if write is None:
         raise UsageError(f"{path}: expected a picture {', '.join(_WRITERS)}, got {path.suffix or 'no suffix'}.")
     stream = io.BytesIO()
-    with matplotlib.style.context(["default", _RC]):
+    with matplotlib.style.context(["default", getattr(figure, "look", _RC)]):
         write(figure, stream)
     with contextlib.suppress(OSError):  # of which the writing then says more
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -289,6 +289,6 @@ def motion(
         from vdfmu.base.style import save
         from vdfmu.study.report.drawings import draw_motion
 
-        save(draw_motion(f"Motion: {path.stem}, {arm.name}", arm, t, q), target)
+        save(draw_motion(arm, t, q), target)
         if not as_json:
             say_written(target)

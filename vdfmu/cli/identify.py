@@ -156,8 +156,7 @@ def identify(
         from vdfmu.base.style import save
         from vdfmu.study.report.drawings import draw_torques
 
-        title = f"Identification of {arm.name} from {log.name}"
-        save(draw_torques(title, found.t, found.torque, found.torque_error, units), targets[plot])
+        save(draw_torques(found.t, found.torque, found.torque_error, units), targets[plot])
         written.append(plot)
     if residuals is not None:
         from vdfmu.base.style import save

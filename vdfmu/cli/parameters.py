@@ -26,7 +26,7 @@ _TASKS = {
     "Judgement": "reference measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
     "Browser": "live port pace open simulate",
-    "Output": "out overwrite format record pictures json",
+    "Output": "out overwrite format record pictures width json",
 }
 """Tasks, and their options in order. An option may name another; all others stand below "Options"."""
 

@@ -209,7 +209,11 @@ def report(
         ),
     ] = None,
     out: Annotated[
-        Path | None, Option("File (default report.html or comparison.html).", more="It goes into the run's folder.")
+        Path | None,
+        Option(
+            "Page, or FILE.tex for LaTeX (default report.html).",
+            more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.",
+        ),
     ] = None,
     simulate: Annotated[bool, Option("Let the page run them again, with sliders.")] = True,
     opened: OpenOption = False,
@@ -217,7 +221,9 @@ def report(
 ) -> None:
     """Write the page of a run, or compare several runs on one page."""
     from vdfmu.study.report.gallery import INDEX, is_gallery, write_gallery
+    from vdfmu.study.report.latex import SUFFIX, write_tables
     from vdfmu.study.report.page import NAME, write_report
+    from vdfmu.study.report.sheets import sheets
     from vdfmu.study.report.shown_run import newest_run, read_run, run_folder
 
     if folders and len(folders) == 1 and is_gallery(folders[0]):
@@ -234,6 +240,9 @@ def report(
         inside(folders[0] if len(runs) == 1 else page.parent, page)
     with replacing_foreign(overwrite):
         require_ours(page)
+    if page.suffix == SUFFIX:
+        say_written(write_tables((sheet for each in runs for sheet in sheets(each.summary)), page))
+        return
     write_report(runs, page, simulate=simulate)
     say_written(page)
     _say_page(page, opened)

@@ -127,7 +127,9 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 @app.command(example="vdfmu sweep report results/sweep_tracking")
 def report(
     study: StudyArgument,
-    out: Annotated[Path | None, Option("File (default report.html in the folder).")] = None,
+    out: Annotated[
+        Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).", more="FILE.tex has the measures.")
+    ] = None,
     simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,
 ) -> None:
@@ -135,21 +137,24 @@ def report(
 
     It has linked figures of the points, the measures, and failures by cause.
     """
+    from vdfmu.study.report.latex import SUFFIX, write_tables
     from vdfmu.study.report.page import NAME
     from vdfmu.study.sweeps.sweep import Sweep
 
     found = Sweep(study)
     with replacing_foreign(overwrite):
         require_ours(out or found.folder / NAME)
+    if out is not None and out.suffix == SUFFIX:
+        say_written(write_tables([found.sheet()], out))
+        return
     say_written(found.report(out, simulate=simulate))
 
 
 def _say_measures(found: Any) -> None:
     """Print the range of each measure, and the points that failed."""
-    shown = table("measure", "smallest", "median", "largest", "at point")
-    for row in found.ranges():
-        shown.add_row(*row)
-    tell(shown)
+    from vdfmu.study.report.tables import sheet_table
+
+    tell(sheet_table(found.sheet()))
     failed = found.failed
     for point, words in list(failed.items())[:_SHOWN]:
         say(f"point {point} failed: {words}")

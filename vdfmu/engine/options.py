@@ -182,6 +182,15 @@ class ResultOptions(ProgressOptions, total=False):
         metavar="|".join(suffix[1:] for suffix in FORMATS), typed=str)]
 
 
+class PictureOptions(TypedDict, total=False):
+    """Figures of a run in files."""
+
+    pictures: Annotated[Sequence[str], Option("Files of the figures, kinds separated by commas.", "sequence of str",
+        "Kinds are png, svg and pdf. Default none.", (), typed=str, choices=SUFFIXES)]
+    width: Annotated[str, Option("Width of the figures: 85mm, 17cm or 3.3in.", more="Their text has 8 pt.",
+        default="160mm", metavar="LENGTH")]
+
+
 class PackageOptions(RecordOptions, CouplingOptions, MemberOptions, ResultOptions, total=False):
     """Options of the run of a package, in one process or several."""
 
@@ -193,10 +202,7 @@ class PackageOptions(RecordOptions, CouplingOptions, MemberOptions, ResultOption
         metavar="SSD")]
 
 
-class SystemOptions(PackageOptions, LoadedOptions, FederationOptions, total=False):
+class SystemOptions(PackageOptions, PictureOptions, LoadedOptions, FederationOptions, total=False):
     """Options of `vdfmu.engine.package_run.run_system`."""
 
     master: Annotated[str | None, master_option]
-    pictures: Annotated[Sequence[str], Option("Draw the signals, kinds separated by commas.",
-        "sequence of str", "Files signals.png, signals.svg and signals.pdf; default none.", (), typed=str,
-        choices=SUFFIXES)]

@@ -59,7 +59,7 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
     if package.suffix.lower() != ".ssp":
         raise UsageError(f"{package}: expected a system package, NAME.ssp. 'vdfmu ssp' writes one.")
     known_formats(options["formats"])
-    known_pictures(options["pictures"])
+    width = known_pictures(options["pictures"], options["width"])
     tables = read_inputs(options["inputs"], bool(options["input_hold"]))
     system = load_ssp(package, options["variant"])
     folder = Path(options["out"]) if options["out"] is not None else default_folder(package)
@@ -87,19 +87,24 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
         done = results.summary
         done["real_time_factor"] = (done["stop"] - done["start"]) / done["wall_s"]
         write_summary(results.summary, partial)
+
+        def say(note: str) -> None:
+            done["notes"].append(note)
+            if options["log"] is not None:
+                options["log"](LogMessage("", float(results.time[-1]), "note", "", note))
+
         try:
             if options["pictures"]:
-                from vdfmu.engine.results.picture import signals_figure  # takes long to import
+                from vdfmu.engine.results.picture import write_signals  # takes long to import
 
                 with doing("picture"):
-                    signals_figure(results.thinned(DRAWN), partial, options["pictures"])
+                    left = write_signals(results.thinned(DRAWN), partial, options["pictures"], width)
+                if left:
+                    say(f"signals: not drawn: {', '.join(left)}; --record chooses others")
         except VdfmuError:
             raise
         except Exception as error:
             # foreign names and values may break the picture, not the results
-            note = f"the picture could not be drawn: {error}"
-            results.summary["notes"].append(note)
-            if options["log"] is not None:
-                options["log"](LogMessage("", float(results.time[-1]), "note", "", note))
+            say(f"the picture could not be drawn: {error}")
         write_summary(results.summary, partial)
     return results

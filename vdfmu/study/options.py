@@ -15,13 +15,13 @@ from vdfmu.engine.options import (
     InputOptions,
     LogOptions,
     ObserverOptions,
+    PictureOptions,
     ProgressOptions,
     ResultOptions,
     SpanOptions,
     master_option,
     settings_option,
 )
-from vdfmu.engine.results.formats import SUFFIXES
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -81,7 +81,7 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
 
 
-class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOptions, total=False):
+class ScenarioRunOptions(ScenarioOptions, ResultOptions, PictureOptions, LogOptions, ObserverOptions, total=False):
     """Options of `vdfmu.run`."""
 
     out: Annotated["str | os.PathLike[str] | Literal[False] | None", Option(
@@ -94,8 +94,6 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
         "sequence of str", "Outputs and inputs from outside are always recorded.", (), metavar="SIGNAL", typed=TEXTS)]
     fmi_version: Annotated[str, Option("Version of FMI; 3.0 needs native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
-    pictures: Annotated[Sequence[str], Option("Kinds of figures, separated by commas.",
-        "sequence of str", default=("png",), typed=str, choices=SUFFIXES)]
     simulate: Annotated[bool | None, Option("Let report.html run it again, with sliders.",
         more="The page gets the system as WebAssembly; default on the command line, but not in Python.",
         flag="--simulate/--no-simulate")]
@@ -112,6 +110,8 @@ class WorkerOptions(ProgressOptions, total=False):
 
     workers: Annotated[int | None, Option("Processes (default one a processor).")]
     time_limit: Annotated[float | None, Option("Longest run in s (default 600).", "float [s]")]
+    scheduler: Annotated[str | None, Option("Address of a Dask scheduler, for its workers.",
+        metavar="ADDRESS")]
     overwrite: Annotated[bool, Option("Replace another study in the folder.", default=False)]
 
 
@@ -142,8 +142,6 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
 class SweepOptions(PlanOptions, WorkerOptions, total=False):
     """Options of `vdfmu.sweep`."""
 
-    scheduler: Annotated[str | None, Option("Address of a Dask scheduler, for its workers.",
-        metavar="ADDRESS")]
     chunk: Annotated[int | None, Option("Points that a worker takes at a time.",
         more="A file has as many. Default: what takes some seconds, at most 50, or 56 that are run side by side.")]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/sweep_SCENARIO).", "path",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from itertools import chain
 from pathlib import Path
 from typing import Unpack
 
@@ -13,31 +11,17 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, with_progress
-from vdfmu.engine.results.folder import (
-    DRAWN,
-    SUFFIXES,
-    SYSTEM_OUTPUTS,
-    known_formats,
-    known_pictures,
-    replacing_results,
-    write_summary,
-)
+from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, known_formats, known_pictures, replacing_results, write_summary
 from vdfmu.engine.run import Interrupted, Results
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.page import NAME, write_failed, write_report
-from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
+from vdfmu.study.report.pictures import write_pictures
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import keep_program
 from vdfmu.study.run.scenario_run import ScenarioRun, prepare
-from vdfmu.study.run.summary import has_signals
 from vdfmu.system.scenario import Scenario
 
-RUN_OUTPUTS = (
-    *SYSTEM_OUTPUTS,
-    "system.ssp",
-    *(f"{name}.{suffix}" for name in sorted({*chain(*PICTURES.values())}) for suffix in SUFFIXES),
-    NAME,
-)
+RUN_OUTPUTS = (*SYSTEM_OUTPUTS, "system.ssp", NAME)
 """Files that the run of a scenario writes and replaces."""
 
 
@@ -68,7 +52,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     """
     scenario = prepare(scenario, **pick(ScenarioOptions, options))
     known_formats(options["formats"])
-    known_pictures(options["pictures"])
+    width = known_pictures(options["pictures"], options["width"])
     out, observer = options["out"], options["observer"]
     folder = Path(out or "") if out is not None else Path("results") / scenario.name
     place = (
@@ -91,20 +75,10 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         if out is False:
             return results
         with doing("figures"):
-            _draw(results, scenario, made, options["pictures"])
+            write_pictures(results, scenario.robot, made, options["pictures"], width)
         with doing("page"):
             shown = ShownRun(scenario.name, results, summary, job.package)
             write_report([shown], made / NAME, simulate=bool(options["simulate"]))
             getattr(observer, "page", lambda path: None)(made / NAME)
         write_summary(summary, made)
         return results
-
-
-def _draw(results: Results, scenario: Scenario, folder: Path, pictures: Sequence[str]) -> None:
-    """Draw the pictures of the paper's signals, of other systems their own signals."""
-    if scenario.robot is not None and has_signals(results, *SIGNALS):
-        write_pictures(results.thinned(DRAWN), scenario, folder, pictures)
-    else:
-        from vdfmu.engine.results.picture import signals_figure  # takes long to import
-
-        signals_figure(results.thinned(DRAWN), folder, pictures=pictures)

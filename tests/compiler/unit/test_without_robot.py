@@ -126,7 +126,7 @@ def command(*words):
 
 @pytest.fixture(scope="module")
 def ran(folder):
-    done = command("run", folder / "motor.toml", "--out", folder / "run", "--simulate")
+    done = command("run", folder / "motor.toml", "--out", folder / "run", "--simulate", "--pictures", "png")
     assert done.exit_code == 0, done.output
     return Results.read(folder / "run" / "results.csv"), json.loads((folder / "run" / "summary.json").read_text())
 
@@ -285,13 +285,13 @@ def test_a_robot_that_nothing_takes_is_noted(inside):
 @pytest.mark.heavy
 def test_components_with_robots_of_their_own_need_no_other(inside):
     (inside / "both.toml").write_text(f'robot = "ur5e_6dof"\n{REACH}')
-    alone = vdfmu.run("reach.toml", out=inside / "alone")
+    alone = vdfmu.run("reach.toml", out=inside / "alone", pictures=["png"])
     both = vdfmu.run("both.toml", out=False, reference=False)
     assert alone.names == both.names
     for name in alone.names:
         np.testing.assert_array_equal(alone[name], both[name])
     assert "robot" not in alone.summary
-    assert (inside / "alone" / "signals.png").is_file()
+    assert (inside / "alone" / "figure_tracking.png").is_file()
 
 
 def test_end_stops_are_those_of_the_component(inside):

@@ -1,6 +1,5 @@
-"""The pictures show the data: curves, units, legends; and the files depend on nothing else."""
+"""Figures are declared once: page and files show the same curves, whose units follow from their quantity."""
 
-import dataclasses
 import re
 import struct
 import subprocess
@@ -14,32 +13,36 @@ from matplotlib.figure import Figure
 
 import vdfmu
 from vdfmu.base import style
-from vdfmu.base.errors import VdfmuError
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.measure import _QUANTITIES, coherent, inches, shown_as, spaced, unit_of
+from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report import plots
-from vdfmu.study.report.captions import paper_table
-from vdfmu.study.report.pictures import PICTURES, SIGNALS, picture_key, write_pictures
-from vdfmu.system.scenario import load_scenario
+from vdfmu.study.report import content
+from vdfmu.study.report.content import run_figures
+from vdfmu.study.report.pictures import TOOL, tool_error, write_pictures
+from vdfmu.study.run.scene import arm_of
 
-ONE, TWO, MIXED, SIX = (("revolute",), ("revolute",) * 2, ("revolute", "prismatic", "revolute"), ("revolute",) * 6)
-
-
-def curves(axes) -> list[np.ndarray]:
-    return [np.asarray(line.get_ydata()) for line in axes.lines]
-
-
-def caption(figure: Figure) -> str:
-    return figure.texts[-1].get_text().replace("\n", " ")
+KEYS = ("position", "tracking", "torque", "compensation", "torsion")
+MIXED = ("revolute", "prismatic", "revolute")
+COLUMN = 85.0 / 25.4
+"""Width of a column of a paper [in]."""
 
 
-def every_figure(made, types: tuple[str, ...]) -> list[Figure]:
-    results, scenario = made.results(len(types)), made.scenario(types)
-    draws = (plots.draw_torques, plots.draw_errors, plots.draw_moving_positions, plots.draw_moving_torques)
-    return [draw(results, scenario) for draw in draws]
+def figures_of(made, types):
+    """Return results, robot, and the figures of the page by key."""
+    results, robot = made.results(len(types)), made.scenario(types).robot
+    return results, robot, {each.key: each for each in run_figures(results, {"arm": arm_of(robot, {})})}
+
+
+def every_picture(made, types, width=COLUMN) -> dict[str, Figure]:
+    results, robot, figures = figures_of(made, types)
+    pictures = {key: draw([figure], {"": results}, width) for key, figure in figures.items()}
+    return pictures | {"tool": draw([TOOL], {"": tool_error(robot, results)}, width)}
 
 
 def chunks(png: bytes) -> list[bytes]:
+    """Return the types of the chunks of a PNG file."""
     assert png.startswith(b"\x89PNG\r\n\x1a\n")
     found, place = [], 8
     while place < len(png):
@@ -49,140 +52,143 @@ def chunks(png: bytes) -> list[bytes]:
     return found
 
 
+# --- what they show --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("joint_type", ["revolute", "prismatic"])
+def test_the_unit_of_every_quantity_is_shown_with_its_factor(joint_type):
+    for quantity in _QUANTITIES:
+        unit, factor = shown_as(quantity, joint_type)
+        name, worth = coherent(unit)
+        assert name == unit_of(quantity, joint_type)
+        assert factor * worth == pytest.approx(1.0, rel=1e-15)  # one rounding of the quotient
+
+
+def test_a_new_figure_has_the_unit_of_its_quantity(made, monkeypatch):
+    """A figure is a row with its quantity and a row with its sum. A speed is in deg/s, never in deg."""
+    row = ("speed", "velocity", "Joint speeds", "Speed", {"speed": ""})
+    monkeypatch.setattr(content, "_FIGURES", (*content._FIGURES, row))
+    monkeypatch.setattr(content, "SUMS", {**content.SUMS, "speed": [(1.0, "plant.q_dot")]})
+    results, robot = made.results(3), made.scenario(MIXED).robot
+    results = results.renamed(lambda name: name.replace("plant.kappa", "plant.q_dot"))
+    shown = {each.key: each for each in run_figures(results, {"arm": arm_of(robot, {})})}
+    for kind, unit, joint in (("revolute", "deg/s", 1), ("prismatic", "mm/s", 2)):
+        figure = shown[f"speed.{kind}"]
+        assert figure.quantity.unit == unit
+        axes = draw([figure], {"": results}).axes[0]
+        assert axes.get_ylabel() == f"Joint speeds [{unit}]"
+        factor = 180.0 / np.pi if kind == "revolute" else 1e3
+        np.testing.assert_array_equal(axes.lines[0].get_ydata(), factor * results[f"plant.q_dot[{joint}]"])
+
+
 def test_torques_are_link_side_and_the_feedforward_is_dashed_on_top(made, types):
-    results, scenario = made.results(len(types)), made.scenario(types)
-    panels = plots.draw_torques(results, scenario).axes
-    assert len(panels) == len(types)
-    for i, axes in enumerate(panels):
-        control, feedforward = axes.lines
-        ell = scenario.robot.ell[i]
-        np.testing.assert_array_equal(control.get_ydata(), ell * results[f"controller.tau[{i + 1}]"])
-        np.testing.assert_array_equal(feedforward.get_ydata(), ell * results[f"feedforward.tau_m[{i + 1}]"])
-        assert feedforward.is_dashed() and not control.is_dashed()
-        assert feedforward.get_linewidth() < control.get_linewidth()
-        assert axes.get_ylabel() == ("Force [N]" if types[i] == "prismatic" else "Torque [N.m]")
-        assert f"Joint {i + 1}" in axes.get_title(loc="left")
+    results, robot, figures = figures_of(made, types)
+    for kind in set(types):
+        axes = draw([figures[f"torque.{kind}"]], {"": results}).axes[0]
+        joints = [i for i, each in enumerate(types) if each == kind]
+        for i, control, feedforward in zip(joints, axes.lines[: len(joints)], axes.lines[len(joints) :], strict=True):
+            np.testing.assert_array_equal(control.get_ydata(), robot.ell[i] * results[f"controller.tau[{i + 1}]"])
+            np.testing.assert_array_equal(
+                feedforward.get_ydata(), robot.ell[i] * results[f"feedforward.tau_m[{i + 1}]"]
+            )
+            assert feedforward.is_dashed() and not control.is_dashed()
+            assert feedforward.get_linewidth() < control.get_linewidth()
+        assert axes.get_ylabel() == ("Control forces [N]" if kind == "prismatic" else "Control torques [N m]")
 
 
-def test_errors_have_one_panel_a_unit(made, types):
-    results, scenario = made.results(len(types)), made.scenario(types)
-    panels = plots.draw_errors(results, scenario).axes
-    groups = [kind for kind in ("revolute", "prismatic") if kind in types]
-    assert len(panels) == 2 * len(groups)
+def test_errors_have_one_figure_a_unit(made, types):
+    results, robot, figures = figures_of(made, types)
     error = results["trajectory.q_d"] - results["plant.q"]
-    compensation = scenario.robot.ell * (results["controller.tau"] - results["feedforward.tau_m"])
-    for column, kind in enumerate(groups):
-        joints = [i for i, t in enumerate(types) if t == kind]
-        factor, unit, torque = (1e3, "mm", "N]") if kind == "prismatic" else (180.0 / np.pi, "deg", "N.m]")
-        positions, torques = panels[column], panels[len(groups) + column]
-        # one product of two doubles more or less: 2 units in the last place of values up to 0.1
-        np.testing.assert_allclose(curves(positions), factor * error[:, joints].T, rtol=0, atol=1e-15)
-        np.testing.assert_allclose(curves(torques), compensation[:, joints].T, rtol=0, atol=1e-13)
-        assert unit.lstrip("m") in positions.get_ylabel() and torques.get_ylabel().endswith(torque)
+    compensation = robot.ell * (results["controller.tau"] - results["feedforward.tau_m"])
+    for kind in set(types):
+        joints = [i for i, each in enumerate(types) if each == kind]
+        factor, unit = (1e3, "mm") if kind == "prismatic" else (180.0 / np.pi, "deg")
+        for key, expected, atol in (("tracking", factor * error, 1e-15), ("compensation", compensation, 1e-13)):
+            axes = draw([figures[f"{key}.{kind}"]], {"": results}).axes[0]
+            lines = [line.get_ydata() for line in axes.lines]
+            # one product of two doubles more or less: 2 units in the last place of values up to 0.1 and 10
+            np.testing.assert_allclose(lines, expected[:, joints].T, rtol=0, atol=atol)
+        assert figures[f"tracking.{kind}"].quantity.unit == unit
+    assert figures.keys() == {f"{key}.{kind}" for key in KEYS for kind in types}
 
 
-def test_a_joint_has_one_look_in_all_panels_and_many_joints_differ(made):
-    figure = plots.draw_errors(made.results(6), made.scenario(SIX))
-    looks = [[(line.get_color(), line.get_linestyle()) for line in axes.lines] for axes in figure.axes]
-    legend = figure.axes[0].get_legend()
-    entries = [(line.get_color(), line.get_linestyle()) for line in legend.get_lines()]
-    assert looks[0] == looks[1] == entries
-    assert len(set(entries)) == 6
-    assert [text.get_text() for text in legend.get_texts()] == [f"Joint {i}" for i in range(1, 7)]
+def test_torsion_and_the_error_of_the_tool_in_mm(made):
+    results, robot, figures = figures_of(made, MIXED)
+    torsion = [draw([figures[f"torsion.{kind}"]], {"": results}).axes[0] for kind in ("revolute", "prismatic")]
+    assert [axes.get_ylabel() for axes in torsion] == ["Torsion of the drives [mdeg]", "Torsion of the drives [mm]"]
+    # the torsions that the run was made with, 1e-4 times 1, 2, 3; the sum with q leaves their last four digits
+    np.testing.assert_allclose(torsion[0].lines[1].get_ydata(), np.rad2deg(3e-4), rtol=1e-11)
+    np.testing.assert_allclose(torsion[1].lines[0].get_ydata(), 0.2, rtol=1e-11)
+    tool = np.array([line.get_ydata() for line in draw([TOOL], {"": tool_error(robot, results)}).axes[0].lines])
+    jacobian = vdfmu.jacobian(robot, results["plant.q"])[:, :3]
+    moved = np.einsum("mij,mj->mi", jacobian, results["trajectory.q_d"] - results["plant.q"])
+    rotation = vdfmu.forward_kinematics(robot, results["plant.q"])[1]
+    # angles of 3e-5 and a reach of less than 1 m: the rest of second order is below 1e-9 m, 1e-6 mm
+    np.testing.assert_allclose(tool, 1e3 * np.einsum("mij,mj->im", rotation, moved), atol=1e-6)
+
+
+def test_a_joint_has_one_look_in_all_figures(made):
+    pictures = every_picture(made, ("revolute",) * 6)
+    looks = {key: [(line.get_color(), line.get_linestyle()) for line in pictures[f"{key}.revolute"].axes[0].lines[:6]]
+             for key in KEYS}  # fmt: skip
+    (legend,) = pictures["torque.revolute"].axes[0].findobj(matplotlib.legend.Legend)
+    entries = [(line.get_color(), line.get_linestyle()) for line in legend.get_lines()[:6]]
+    assert all(look == entries for look in looks.values()) and len(set(entries)) == 6
+    words = [text.get_text() for text in legend.get_texts()]
+    assert words == [*(f"joint {i}" for i in range(1, 7)), "ℓτ", "ℓτ_m"]
+
+
+def test_many_joints_still_differ():
     looks = {(style.joint_look(i)["color"], style.joint_look(i)["linestyle"]) for i in range(28)}
     assert len(looks) == 28
-    assert len(plots.draw_moving_torques(made.results(2, at_rest=True), made.scenario(TWO)).axes) == 3
 
 
-def test_two_joint_figures_show_the_joints_that_move(made):
-    results, scenario = made.results(3), made.scenario(MIXED)  # joint 3 rests; joint 2 is prismatic
-    angles, lengths, angle_errors, length_errors = plots.draw_moving_positions(results, scenario).axes
-    for axes, factor, i in ((angles, 180.0 / np.pi, 1), (lengths, 1e3, 2)):
-        actual, desired = axes.lines
-        np.testing.assert_array_equal(actual.get_ydata(), factor * results[f"plant.q[{i}]"])
-        np.testing.assert_array_equal(desired.get_ydata(), factor * results[f"trajectory.q_d[{i}]"])
-        assert desired.is_dashed()
-    assert [len(axes.lines) for axes in (angle_errors, length_errors)] == [1, 1]
-
-    *torques, torque_errors, force_errors = plots.draw_moving_torques(results, scenario).axes
-    assert [axes.get_title(loc="left") for axes in torques] == ["(a) Joint 1", "(b) Joint 2"]
-    ell = scenario.robot.ell
-    np.testing.assert_array_equal(curves(torques[1])[0], ell[1] * results["controller.tau[2]"])
-    expected = ell[0] * results["controller.tau[1]"] - ell[0] * results["feedforward.tau_m[1]"]
-    np.testing.assert_array_equal(curves(torque_errors)[0], expected)
-    assert len(force_errors.lines) == 1
+# --- that they can be read, and set in a paper -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("kinds", [SIX, TWO, MIXED])
-def test_no_letter_is_on_two_panels_of_a_figure(made, kinds):
-    for figure in every_figure(made, kinds):
-        titles = [axes.get_title(loc="left") for axes in figure.axes]
-        assert [title[:4] for title in titles] == [f"({'abcdefghi'[k]}) " for k in range(len(titles))]
-        for title in titles:  # a panel that speaks of another one speaks of one of its own unit
-            for letter in re.findall(r"of (\([a-z]\))", title):
-                (other,) = (t for t in titles if t.startswith(letter))
-                assert other.partition(",")[2] == title.partition(",")[2]
+@pytest.mark.parametrize("width", ["85mm", "16cm", "5in"])
+def test_a_figure_has_the_width_asked_for_8_pt_and_no_title_or_caption(made, tmp_path, width):
+    results, robot = made.results(3), made.scenario(MIXED).robot
+    results.summary["arm"] = arm_of(robot, {})
+    write_pictures(results, robot, tmp_path, ["pdf"], inches("width", width))
+    box = re.search(rb"/MediaBox \[ *0 0 ([\d.]+) [\d.]+ *\]", (tmp_path / "figure_torque.pdf").read_bytes())
+    assert box and float(box[1]) / 72.0 == pytest.approx(inches("width", width), abs=1e-3)  # digits of the file
+    for picture in every_picture(made, MIXED, inches("width", width)).values():
+        picture.canvas.draw()
+        (axes,) = picture.axes
+        assert not picture.texts and not picture._suptitle and axes.get_title(loc="left") == ""
+        texts = [text for text in picture.findobj(matplotlib.text.Text) if text.get_text() and text.get_visible()]
+        assert texts and {text.get_fontsize() for text in texts} == {8.0}
 
 
-def test_captions_say_which_run_it_is(made):
-    results, scenario = made.results(6), made.scenario(SIX, "Table 4; more")
-    scenario = dataclasses.replace(scenario, plant_factors={"mass": np.float64(1.02), "f_c": np.arange(6.0)})
-    results.summary = {"algorithm": "jacobi", "step": 0.002, "settings": {"controller.K_p[1]": "1500"}}
-    text = caption(plots.draw_torques(results, scenario))
-    for part in (
-        "As figure 10 of the paper",
-        "Scenario tracking",
-        "robot chain_6",
-        "master jacobi",
-        "step 2 ms",
-        "mass x 1.02, f_c joint by joint",
-        "controller.K_p[1] = 1500",
-    ):
-        assert part in text
-    assert "paper" not in caption(plots.draw_torques(results, made.scenario(SIX)))
-    assert "master gauss-seidel, step 1 ms" in caption(plots.draw_errors(made.results(6), scenario))
+def test_legends_are_inside_and_hide_no_data(made, types):
+    for key, picture in every_picture(made, types).items():
+        picture.canvas.draw()
+        (axes,) = picture.axes
+        panel = axes.get_window_extent()
+        for legend in axes.findobj(matplotlib.legend.Legend):
+            box = legend.get_window_extent()
+            assert panel.x0 <= box.x0 and box.x1 <= panel.x1 and panel.y0 <= box.y0 and box.y1 <= panel.y1, key
+            for line in axes.lines:
+                points = axes.transData.transform(line.get_xydata())
+                assert not any(box.contains(*point) for point in points), key
+        page = picture.bbox.padded(0.5)
+        for text in (axes.yaxis.label, axes.xaxis.label):
+            box = text.get_window_extent()
+            assert box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0 and box.y1 <= page.y1, key
 
 
 @pytest.mark.parametrize(
-    ("settings", "end"),
-    [
-        *(({"feedforward.mode": mode}, "feedforward vdc.") for mode in ("vdc", "1", 1.0)),
-        *(({"feedforward.mode": mode}, "feedforward inverse.") for mode in ("inverse", "0")),
-        ({f"controller.K_p[{i}]": str(i) for i in range(1, 5)}, "K_p[4] = 4."),
-        ({f"controller.K_p[{i}]": str(i) for i in range(1, 6)}, "K_p[4] = 4 and 1 more."),
-    ],
+    ("unit", "shown"), [("N.m", "N m"), ("m/s2", "m/s²"), ("kg.m2", "kg m²"), ("1/(N.m)", "1/(N m)"), ("deg", "deg")]
 )
-def test_captions_show_the_mode_and_a_few_settings(made, settings, end):
-    results, scenario = made.results(2), made.scenario(TWO)
-    assert "feedforward inverse." in caption(plots.draw_errors(results, scenario))
-    results.summary = {"settings": settings}
-    assert end in caption(plots.draw_errors(results, scenario))
+def test_units_are_as_papers_print_them(unit, shown):
+    assert spaced(unit) == shown
 
 
-@pytest.mark.heavy
-def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
-    results, scenario = made.results(2), made.scenario(TWO)
-    results.summary = {"settings": {f"plant.inertia[{i},1,1]": "0.123456789" for i in range(1, 105)}}
-    assert "and 100 more." in caption(plots.draw_torques(results, scenario))
-    assert len(write_pictures(results, scenario, tmp_path)) == 3
-
-
-@pytest.mark.heavy
-def test_nothing_hides_data_or_leaves_the_picture(made, types):
-    for figure in every_figure(made, types):
-        figure.canvas.draw()
-        page = figure.bbox.padded(1.0)
-        boxes = [axes.get_window_extent() for axes in figure.axes]
-        legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
-        assert legends
-        for item in [*legends, *figure.texts, *(axes.title for axes in figure.axes)]:
-            box = item.get_window_extent()
-            assert not any(box.overlaps(panel) for panel in boxes)
-            assert box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0 and box.y1 <= page.y1
-        for legend in figure.legends:
-            assert not any(legend.get_window_extent().overlaps(text.get_window_extent()) for text in figure.texts)
-        for axes in figure.axes:
-            assert "[" in axes.get_ylabel()
+@pytest.mark.parametrize("text", ["85", "85 km", "-85mm", "1mm", "3m", "", "nanmm"])
+def test_a_width_is_a_length(text):
+    with pytest.raises(UsageError, match=r"width must be a length from 20mm to 2000mm, got .*Give 85mm"):
+        inches("width", text)
 
 
 @pytest.mark.parametrize("exponent", range(-14, 8))
@@ -207,22 +213,22 @@ def test_tick_labels_in_the_unit_of_the_label_are_the_values(exponent):
     shown = [float(text.replace("\N{MINUS SIGN}", "-")) * power for _, text in ticks]
     # labels have the few digits that tell the ticks apart, which are multiples of 1, 2, 2.5 or 5
     np.testing.assert_allclose(shown, [tick for tick, _ in ticks], rtol=1e-9, atol=1e-9 * 10.0**exponent)
-    assert label.endswith("N.m]")
+    assert label.endswith("N m]")
     assert not axes.yaxis.get_offset_text().get_visible()
     assert max(len(text) for _, text in ticks) <= 7
 
 
 def test_a_constant_is_not_blown_up_to_its_rounding(made):
-    scenario, time = made.scenario(ONE), np.linspace(0.0, 2.0, 401)
-    constant = (21.0 + 1e-14 * np.sin(np.arange(401.0))[:, None]) / scenario.robot.ell
+    figure = figures_of(made, ("revolute",))[2]["torque.revolute"]
+    constant = (21.0 + 1e-14 * np.sin(np.arange(401.0))[:, None]) / made.scenario(("revolute",)).robot.ell
     signals = [Signal(f"{name}[1]", "real", "", 0) for name in ("controller.tau", "feedforward.tau_m")]
-    (axes,) = plots.draw_torques(Results(time, signals, {"real": constant}), scenario).axes
+    (axes,) = draw([figure], {"": Results(np.linspace(0.0, 2.0, 401), signals, {"real": constant})}).axes
     low, high = axes.get_ylim()
-    assert low == 0.0 and 21.0 < high < 25.0
+    assert low == 0.0 and 21.0 < high < 35.0  # with the legend above
 
 
 @pytest.mark.parametrize("m", [1, 2, 2000, 2001, 10001, 30001])
-def test_thinning_keeps_ends_and_peaks_and_goes_round_what_is_not_a_number(m):
+def test_thinning_keeps_ends_and_peaks(m):
     random = np.random.default_rng(5)
     time, values = np.arange(m) * 1e-3, random.normal(size=m)
     few_time, few = style.thin(time, values)
@@ -231,146 +237,69 @@ def test_thinning_keeps_ends_and_peaks_and_goes_round_what_is_not_a_number(m):
     assert few.max() == values.max() and few.min() == values.min()
     assert (np.diff(few_time) > 0).all()
     np.testing.assert_array_equal(values[np.searchsorted(time, few_time)], few)
-    values[m // 2 : m // 2 + m // 9] = np.nan
-    assert np.nanmax(style.thin(time, values)[1]) == np.nanmax(values)
+
+
+def test_thinning_goes_round_what_is_not_a_number():
+    values = np.sin(np.arange(9000.0))
+    values[4000:5000] = np.nan
+    _, few = style.thin(np.arange(9000.0), values)
+    assert np.nanmax(few) == np.nanmax(values)
+
+
+# --- files -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("types", [MIXED, SIX], ids=len)
-def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
-    paths = write_pictures(made.results(len(types)), made.scenario(types), tmp_path)
-    paths += write_pictures(made.results(len(types)), made.scenario(types, "Table 5"), tmp_path)
-    assert len({path.name for path in paths}) == 5
-    for path in paths:
-        png = path.read_bytes()
-        width, height = struct.unpack(">II", png[16:24])
-        assert 1200 <= width <= 1500 and 400 <= height <= 1800
-        assert 20_000 < len(png) < 500_000
-    for path in write_pictures(made.results(len(types), points=1), made.scenario(types), tmp_path):
-        assert path.stat().st_size > 10_000  # an unfinished run can be drawn
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("source", "names"),
-    [
-        ("", ["torques.png", "errors.png", "tool.png"]),
-        ("Table 4; the maximum is a bound", ["figure_10.png", "figure_11.png", "tool.png"]),
-        ("Table 5, joints 1 and 2", ["figure_13.png", "figure_14.png", "tool.png"]),
-    ],
-)
-def test_names_follow_from_the_table_compared_with(made, tmp_path: Path, source, names):
-    paths = write_pictures(made.results(2), made.scenario(TWO, source), tmp_path / "made" / "here")
-    assert paths == [tmp_path / "made" / "here" / name for name in names]
-    assert sorted(path.name for path in paths[0].parent.iterdir()) == sorted(names)
-
-
-def test_torsion_and_the_error_of_the_tool_in_mm(made):
-    results, scenario = made.results(3), made.scenario(MIXED)
-    figure = plots.draw_tool(results, scenario)
-    first, second, tool = figure.axes
-    assert [axes.get_ylabel() for axes in (first, second)] == [r"$\kappa - q$ [mdeg]", r"$\kappa - q$ [mm]"]
-    # the torsions that the run was made with, 1e-4 times 1, 2, 3; the sum with q leaves their last four digits
-    np.testing.assert_allclose(first.lines[1].get_ydata(), np.rad2deg(3e-4), rtol=1e-11)
-    np.testing.assert_allclose(second.lines[0].get_ydata(), 0.2, rtol=1e-11)
-    jacobian = vdfmu.jacobian(scenario.robot, results["plant.q"])[:, :3]
-    moved = np.einsum("mij,mj->mi", jacobian, results["trajectory.q_d"] - results["plant.q"])
-    rotation = vdfmu.forward_kinematics(scenario.robot, results["plant.q"])[1]
-    error = 1e3 * np.linalg.norm(np.einsum("mij,mj->mi", rotation, moved), axis=1)
-    # angles of 3e-5 and a reach of less than 1 m: the rest of second order is below 1e-9 m, 1e-6 mm
-    np.testing.assert_allclose(tool.lines[3].get_ydata(), error, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("name", "tables"), [("tracking", 4), ("tracking_split", 4), ("two_joint", 5), ("slider_tracking", 0)]
-)
-def test_shipped_scenarios_say_which_table(name, tables):
-    assert paper_table(load_scenario(name)) == tables
+def test_an_unfinished_run_can_be_drawn(made, tmp_path: Path):
+    results, robot = made.results(2, points=1), made.scenario(("revolute",) * 2).robot
+    results.summary["arm"] = arm_of(robot, {})
+    write_pictures(results, robot, tmp_path, ["png"], COLUMN)
+    assert {path.name for path in tmp_path.iterdir()} == {f"figure_{key}.png" for key in (*KEYS, "tool")}
 
 
 @pytest.mark.heavy
 def test_the_same_data_give_the_same_bytes(made, tmp_path: Path):
-    results, scenario = made.results(3), made.scenario(MIXED)
-    paths = [tmp_path / f"{name}.png" for name in PICTURES[0]]
+    results, robot = made.results(3), made.scenario(MIXED).robot
+    results.summary["arm"] = arm_of(robot, {})
 
-    def drawn() -> list[bytes]:
-        for path in paths:
-            plots.draw_picture(results, scenario, path)
-        return [path.read_bytes() for path in paths]
+    def drawn() -> dict[str, bytes]:
+        write_pictures(results, robot, tmp_path, ["png", "svg", "pdf"], COLUMN)
+        return {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 
     first = drawn()
+    names = {*KEYS, *(f"{key}.prismatic" for key in KEYS), "tool"}
+    assert first.keys() == {f"figure_{name}.{suffix}" for name in names for suffix in ("png", "svg", "pdf")}
     before = dict(matplotlib.rcParams)
     with matplotlib.rc_context({"font.size": 20.0, "lines.linewidth": 9.0, "savefig.dpi": 40, "axes.grid": False}):
-        second = drawn()
-    assert first == second
+        assert drawn() == first
     assert dict(matplotlib.rcParams) == before
-    for png in first:
-        assert set(chunks(png)) == {b"IHDR", b"pHYs", b"IDAT", b"IEND"}  # no text, no time
-
-
-def test_a_picture_of_the_same_numbers_is_not_drawn_again(made, tmp_path: Path, monkeypatch):
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
-    results, scenario = made.results(2), made.scenario(TWO)
-    first = write_pictures(results, scenario, tmp_path / "first", ("png", "svg"))
-    drawn: list[str] = []
-    monkeypatch.setattr(plots, "draw_picture", lambda results, scenario, path: drawn.append(path.name) or path.touch())
-    second = write_pictures(results, scenario, tmp_path / "second", ("png", "svg"))
-    assert not drawn and len(first) == 6
-    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
-    results.data["real"][400, 0] = np.nextafter(results.data["real"][400, 0], 1.0)
-    write_pictures(results, scenario, tmp_path / "second", ("png",))
-    assert drawn == ["torques.png", "errors.png", "tool.png"]
-
-
-def test_all_that_a_picture_shows_is_in_its_key(made):
-    results, scenario = made.results(2), made.scenario(TWO)
-    keys = [picture_key(results, scenario)]
-    for column in range(results.data["real"].shape[1]):
-        changed = results.data["real"].copy()
-        changed[-1, column] = np.nextafter(changed[-1, column], 9.0)
-        keys.append(picture_key(Results(results.time, results.signals, {"real": changed}), scenario))
-    keys.append(picture_key(Results(2.0 * results.time, results.signals, results.data), scenario))
-    arm = scenario.arm
-    for other in (
-        dataclasses.replace(scenario, robot=arm.with_parameters(ell=2.0 * arm.ell)),
-        dataclasses.replace(scenario, robot=dataclasses.replace(arm, joint_types=("revolute", "prismatic"))),
-        dataclasses.replace(scenario, paper={"source": "Table 4"}),
-        dataclasses.replace(scenario, plant_factors={"mass": 1.1}),
-    ):
-        keys.append(picture_key(results, other))
-    results.summary = {"settings": {"plant.mass[1]": "2"}}
-    keys.append(picture_key(results, scenario))
-    assert len(set(keys)) == len(keys)
-
-
-@pytest.mark.parametrize("name", ["figure_10", "figure_11", "figure_13", "figure_14", "tool"])
-def test_drawing_reads_only_what_is_in_the_key(made, tmp_path: Path, name):
-    results, scenario = made.results(2), made.scenario(TWO)
-    read: set[str] = set()
-
-    class Watched:
-        """Hands out what is in the key; the caption, which is in it too, is made of the rest."""
-
-        time, summary, arm = results.time, results.summary, scenario.arm
-
-        def __getitem__(self, signal: str) -> np.ndarray:
-            read.add(signal)
-            return results[signal]
-
-    both = Watched()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plots, "run_caption", lambda *_: "caption")
-        plots.draw_picture(both, both, tmp_path / f"{name}.svg")
-    assert read <= set(SIGNALS) and (tmp_path / f"{name}.svg").stat().st_size > 10_000
+    for name, picture in first.items():
+        if name.endswith(".png"):
+            assert set(chunks(picture)) == {b"IHDR", b"pHYs", b"IDAT", b"IEND"}  # no text, no time
+            width, height = struct.unpack(">II", picture[16:24])
+            assert width == int(300 * COLUMN) and height == int(0.62 * 300 * COLUMN)
 
 
 def test_a_file_in_the_way_is_reported(made, tmp_path: Path):
+    results, robot = made.results(1), made.scenario(("revolute",)).robot
+    results.summary["arm"] = arm_of(robot, {})
     (tmp_path / "taken").write_text("")
-    with pytest.raises(VdfmuError, match=r"cannot write .*torques\.png"):
-        write_pictures(made.results(1), made.scenario(ONE), tmp_path / "taken")
+    with pytest.raises(VdfmuError, match=r"cannot write .*figure_position\.png"):
+        write_pictures(results, robot, tmp_path / "taken", ["png"], COLUMN)
 
 
 @pytest.mark.heavy
-def test_pyplot_is_not_needed():
-    code = "import sys, vdfmu.study.report.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
+def test_a_run_draws_only_when_asked_and_replaces_its_figures(tmp_path: Path):
+    """Without pictures no run imports matplotlib, which takes longer than the run; pyplot is never needed."""
+    code = """
+import sys, vdfmu
+options = dict(stop=0.01, reference=False, out="out")
+vdfmu.run("planar_tracking", **options)
+assert "matplotlib" not in sys.modules
+vdfmu.run("planar_tracking", pictures=["svg"], **options)
+assert "matplotlib.pyplot" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+    assert {path.name for path in (tmp_path / "out").glob("figure_*")} == {f"figure_{k}.svg" for k in (*KEYS, "tool")}
+    vdfmu.run("planar_tracking", stop=0.01, reference=False, out=tmp_path / "out")
+    assert not list((tmp_path / "out").glob("figure_*"))

@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from vdfmu.study.report.sheets import facts, reference_sheet, sheets, tracking_sheet
+from vdfmu.study.report.latex import sheet_latex, write_tables
+from vdfmu.study.report.sheets import Sheet, facts, reference_sheet, sheets, tracking_sheet
 from vdfmu.study.report.tables import run_panel, sheet_table
 
 TRACKING: dict[str, Any] = {
@@ -134,3 +135,28 @@ def test_the_widest_numbers_fit_80_columns_and_facts_are_those_of_the_run():
     assert all(name in text and value in text for name, value in facts(TRACKING))
     sheets(TRACKING)
     assert before == TRACKING  # summaries are only read
+    why = ("No reference", "tool: an FMU has no equations to solve here")
+    assert why in facts({"no_reference": why[1]})
+
+
+def test_tables_are_latex_of_the_same_rows(tmp_path):
+    tables = sheets(TRACKING)
+    text = write_tables(tables, tmp_path / "t.tex").read_text()
+    assert text.count(r"\begin{tabular}") == len(tables) == text.count(r"\end{tabular}")
+    assert r"Position RMS [deg] & paper & \% &" in text and r"Torque RMS [N\,m]" in text
+    body = sheet_latex(tables[0]).partition("midrule\n")[2].partition("\n\\bottomrule")[0].splitlines()
+    assert len(body) == len(tables[0].rows)
+    for line, row in zip(body, tables[0].rows, strict=True):
+        cells = line.removesuffix(r" \\").split(" & ")
+        numbers = [cell.strip("$").replace(r"\cdot 10^{", "e").rstrip("}") for cell in cells]
+        assert len(cells) == len(row)
+        for shown, own in zip(numbers, row, strict=True):
+            assert shown == own or float(shown) == float(own)
+
+
+def test_words_of_a_table_are_no_commands_of_latex():
+    sheet = Sheet("T\n%", ("a_b", "c"), [("50 % & more", "-1.5"), ("\\x{y}^~#$", "1e-300")], ["two\nlines"])
+    text = sheet_latex(sheet)
+    assert text.startswith("% T %\n% two lines\n") and r"a\_b & c \\" in text
+    assert r"50 \% \& more & $-1.5$ \\" in text
+    assert r"\textbackslash{}x\{y\}\textasciicircum{}\textasciitilde{}\#\$ & $1\cdot 10^{-300}$ \\" in text

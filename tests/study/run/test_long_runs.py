@@ -8,8 +8,7 @@ import pytest
 import vdfmu
 from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.run import Results, Signal
-from vdfmu.study import runs
-from vdfmu.study.report import content
+from vdfmu.study.report import content, pictures
 from vdfmu.study.run import scenario_run as study
 from vdfmu.study.run import summary
 from vdfmu.system.package.description import SystemDescription
@@ -139,7 +138,7 @@ def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):
 def test_a_run_reads_no_array_as_a_whole(tmp_path, monkeypatch):
     """Its rows are on disk: what reads all of them at once would hold an hour of them in memory."""
     monkeypatch.setattr(content, "_BLOCK", BLOCK)
-    monkeypatch.setattr(runs, "DRAWN", BLOCK)
+    monkeypatch.setattr(pictures, "DRAWN", BLOCK)
     take, whole = Recorded.__getitem__, []
 
     def watched(self, name):
@@ -149,5 +148,6 @@ def test_a_run_reads_no_array_as_a_whole(tmp_path, monkeypatch):
         return found
 
     monkeypatch.setattr(Recorded, "__getitem__", watched)
-    assert len(vdfmu.run("planar_tracking", stop=2.0, out=tmp_path / "out", reference=False)) == 2001
+    run = vdfmu.run("planar_tracking", stop=2.0, out=tmp_path / "out", reference=False, pictures=["svg"])
+    assert len(run) == 2001
     assert whole == []

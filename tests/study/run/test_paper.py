@@ -18,7 +18,6 @@ def test_tracking_errors_stay_below_their_share_of_table_4(tmp_path, mode, posit
     assert rms.max() < position
     assert compensation.max() < torque
     assert max(summary["max_position_error_deg"]) < 0.04  # a tenth of the paper's bound
-    assert {"figure_10.png", "figure_11.png"} <= {p.name for p in tmp_path.iterdir()}
 
 
 def shares(summary, key):
@@ -78,4 +77,3 @@ def test_two_joint_run_moves_two_joints_and_holds_the_others(tmp_path):
     moved = np.ptp(results["trajectory.q_d"], axis=0)
     assert np.all(moved[:2] > 0.0)
     assert np.all(moved[2:] == 0.0)
-    assert {"figure_13.png", "figure_14.png"} <= {p.name for p in tmp_path.iterdir()}

@@ -19,7 +19,7 @@ def taken(chunks, parts, seconds):
 @pytest.mark.parametrize("together", [1, 8])
 @pytest.mark.parametrize("points", [3, 40, 1000])
 def test_no_worker_has_so_much_that_the_others_wait(points, together):
-    found = taken(Chunks(np.zeros(points, bool), lambda k: k, together=together), 4, 0.01)
+    found = taken(Chunks(np.arange(points), lambda k: k, together=together), 4, 0.01)
     assert [k for chunk in found for k in chunk] == list(range(points))
     left = points
     for chunk in found:
@@ -29,7 +29,7 @@ def test_no_worker_has_so_much_that_the_others_wait(points, together):
 
 
 def test_a_chunk_takes_some_seconds_and_its_size_can_be_given_and_points_that_are_done_are_left_out():
-    assert {len(c) for c in taken(Chunks(np.zeros(1000, bool), lambda k: k), 4, 5.0)} == {1, 2}
-    assert [len(c) for c in taken(Chunks(np.zeros(25, bool), lambda k: k, 10), 4, 5.0)] == [10, 10, 5]
-    done = np.isin(np.arange(9), [0, 3, 4])
-    assert taken(Chunks(done, lambda k: k, 4), 4, 5.0) == [[1, 2], [5, 6, 7, 8]]
+    assert {len(c) for c in taken(Chunks(np.arange(1000), lambda k: k), 4, 5.0)} == {1, 2}
+    assert [len(c) for c in taken(Chunks(np.arange(25), lambda k: k, 10), 4, 5.0)] == [10, 10, 5]
+    points = np.array([1, 2, 5, 6, 7, 8])
+    assert taken(Chunks(points, lambda k: k, 4), 4, 5.0) == [[1, 2], [5, 6, 7, 8]]

@@ -114,6 +114,19 @@ def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, 
 
 
 @pytest.mark.heavy
+def test_a_search_finds_there_what_it_finds_here(tmp_path, dask):
+    found = {
+        name: vdfmu.tune(
+            "planar_tracking", ["controller.K_p[1]"], "rms(trajectory.q_d - plant.q)", method="global", evaluations=9,
+            stop=0.05, out=tmp_path / name, **where,
+        )
+        for name, where in (("here", {"workers": 1}), ("there", {"scheduler": dask.address}))
+    }  # fmt: skip
+    assert table(Sweep(found["there"].folder)) == table(Sweep(found["here"].folder))
+    assert (found["there"].after.values == found["here"].after.values).all()
+
+
+@pytest.mark.heavy
 def test_a_fault_of_our_own_is_no_lost_scheduler(wild, tmp_path, dask, monkeypatch):
     """Not even while the connection ends: it would be waited for, and the points run again."""
 

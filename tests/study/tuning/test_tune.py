@@ -2,8 +2,14 @@
 
 import dataclasses
 import json
+import os
 import re
+import signal
+import subprocess
+import sys
+import time
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet
@@ -15,8 +21,10 @@ from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.study.analysis.loops import run_along
+from vdfmu.study.sweeps.job import Job, WiredSystem
 from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.worker import KILLED
+from vdfmu.study.tuning.evaluate import Evaluations
 from vdfmu.study.tuning.problem import make_problem
 
 ERRORS = "rms(trajectory.q_d - plant.q)"
@@ -94,30 +102,74 @@ def test_all_runs_are_kept(tuned):
     assert {row["name"] for row in comparison} >= {"cost[2]", "error[1]", "peak_torque[2]", "modulus[1]", "delay[2]"}
 
 
+SCRIPT = """
+import sys
+import vdfmu
+vdfmu.tune("planar_tracking", eval(sys.argv[1]), sys.argv[2], **eval(sys.argv[3]))
+"""
+
+
+def test_points_of_a_search_have_the_numbers_of_an_undisturbed_one():
+    """Rows of a ledger may have gaps, as chunks end in any order: what was lost gets its own number again."""
+
+    class Kept:
+        def __init__(self, rows):
+            self.rows = rows
+
+        def reopen(self):
+            return self.rows
+
+        def add(self, rows):
+            self.rows = self.rows + rows
+
+    class Workers:
+        def run(self, chunks, tell, advance):
+            while (chunk := chunks.take(1)) is not None:
+                tell([{"point": n, "failed": None, "failed_at": None, "wall_s": 0.0, "cost": own["x"]}
+                      for n, _, own in chunk])  # fmt: skip
+
+    spread, nothing = {"m": np.array([1.0, 2.0])}, np.zeros(0)
+    problem = SimpleNamespace(
+        names=["x"], robots=2, spread=spread, margin=nothing, rate=0.0, over="mean", limits={},
+        loops=lambda values: None,
+        plan=SimpleNamespace(job=Job((WiredSystem(b"", {}, {}, (), False, {}),), (), (), ()), facts={"measures": {}}),
+    )  # fmt: skip
+
+    def searched(rows):
+        ledger = Kept(rows)
+        search = Evaluations(problem, ledger, {"workers": 1, "time_limit": None, "evaluations": 9}, lambda done: None)
+        search._workers = Workers()
+        for values in ([3.0], [1.0, 4.0], [4.0, 2.0]):
+            search.scores_of([np.array([x]) for x in values])
+        return {row["point"]: (row["x"], row["m"], row["robot"], row["cost"]) for row in ledger.rows}, ledger.rows
+
+    whole, rows = searched([])
+    assert list(whole) == list(range(8)) and whole[5] == (4.0, 2.0, 1.0, 4.0)
+    for kept in ([0], [1, 2, 3], [0, 1, 5], [2, 4, 6, 7]):
+        again, _ = searched([row for row in rows if row["point"] in kept])
+        assert again == whole
+
+
 @pytest.mark.heavy
-def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, monkeypatch):
-    """Stopped after 11 evaluations: their runs are not run again, and the table is that of an undisturbed search."""
-    from vdfmu.study.tuning.evaluate import Evaluations
-
-    run = Evaluations._run
-
-    def stopping(self, keys):
-        run(self, keys)
-        if len(self.scores) >= 11:
-            raise KeyboardInterrupt
-
-    folder = tmp_path / "search"
-    options = {**SHORT, **SEARCH, "margin": MARGIN, "out": folder}
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(Evaluations, "_run", stopping)
-        vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
-    done = table(Sweep(folder))
+def test_a_search_that_is_killed_goes_on_to_the_same_result(tuned, tmp_path):
+    """By SIGKILL, four times: no run is lost or doubled, and table and result are those of an undisturbed search."""
+    folder, options = tmp_path / "search", {**SHORT, **SEARCH, "margin": MARGIN}
+    options["out"] = str(folder)
+    for runs in (2, 11, 24, 40):
+        process = subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, repr(GAINS), ERRORS, repr(options)], stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip
+        while process.poll() is None and len(list(folder.glob("parts/part_*.parquet"))) < runs:
+            time.sleep(0.01)
+        assert process.poll() is None, f"it ended before {runs} files of runs were there"
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait(60)
     found = vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
-    assert len(done["point"]) >= 22
-    whole = table(Sweep(folder))
-    assert {name: column[: len(done["point"])] for name, column in whole.items()} == done
-    assert whole == table(Sweep(tuned.folder))
+    assert table(Sweep(folder)) == table(Sweep(tuned.folder))
     np.testing.assert_array_equal(found.after.values, tuned.after.values)
+    for name in ("tuned.toml", "tune.json"):
+        assert (folder / name).read_bytes() == (tuned.folder / name).read_bytes()
 
 
 @pytest.mark.heavy

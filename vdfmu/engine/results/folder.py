@@ -15,12 +15,13 @@ from typing import Any
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats, format_of, result_files
+from vdfmu.base.measure import inches
+from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats, figure_files, format_of, result_files
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, Check, verdict_of
 from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES), "summary.json")
-"""Files that a run of a package writes, and replaces in the folder of an earlier one; packages are not among them."""
+"""Files that a run of a package writes and replaces, beside figures; packages are not among them."""
 PARTIAL = "partial"
 """Folder, in that of the results, of a run that failed or was stopped."""
 _TEMPORARY = re.compile(r"[0-9a-f]{16}\.tmp")
@@ -37,11 +38,12 @@ def known_formats(formats: Sequence[str]) -> None:
         FORMATS[f".{form}"]().needs()
 
 
-def known_pictures(pictures: Sequence[str]) -> None:
-    """Raise UsageError for an unknown kind of picture."""
+def known_pictures(pictures: Sequence[str], width: str) -> float:
+    """Return the width of pictures [in]; UsageError for an unknown kind of picture, or another width."""
     unknown = [kind for kind in pictures if kind not in SUFFIXES]
     if unknown:
         raise UsageError(f"pictures: expected some of {', '.join(SUFFIXES)}, got {', '.join(unknown)}.")
+    return inches("width", width)
 
 
 @contextmanager
@@ -133,7 +135,7 @@ def _remove_orphans(folder: Path, outputs: Sequence[str]) -> None:
         ours = re.fullmatch(rf"{PARTIAL}_\d+(_\d+)?", orphan.name) and not orphan.is_symlink()
         handle = _locked(orphan) if ours and orphan.is_dir() else None
         if handle is not None:
-            known = {*outputs, *result_files(orphan)}
+            known = {*outputs, *result_files(orphan), *figure_files(orphan)}
             if all(path.name in known or _TEMPORARY.fullmatch(path.name) for path in orphan.iterdir()):
                 with suppress(OSError):
                     for path in orphan.iterdir():
@@ -232,8 +234,9 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
 
 
 def written(folder: Path, outputs: Sequence[str]) -> list[str]:
-    """Return the names of the files that a run has written, with results in formats of other packages."""
-    return sorted(name for name in {*outputs, *result_files(folder)} if os.path.lexists(folder / name))
+    """Return the names of the files that a run has written, with figures and formats of other packages."""
+    names = {*outputs, *result_files(folder), *figure_files(folder)}
+    return sorted(name for name in names if os.path.lexists(folder / name))
 
 
 def write_summary(summary: dict[str, Any], folder: Path) -> None:

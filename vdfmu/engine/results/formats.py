@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +19,17 @@ if TYPE_CHECKING:
 
 SUFFIXES = ("png", "svg", "pdf")
 """Kinds of files of a picture."""
+_FIGURE = re.compile(rf"figure_.+\.({'|'.join(SUFFIXES)})")
+
+
+def figure_file(key: str, suffix: str) -> str:
+    """Return the name of the file of a figure."""
+    return f"figure_{re.sub(r'[^A-Za-z0-9_.-]', '_', key.removesuffix('.revolute'))}.{suffix}"
+
+
+def figure_files(folder: Path) -> list[str]:
+    """Return the names of the files of figures in the folder of a run."""
+    return [path.name for path in folder.glob("figure_*") if _FIGURE.fullmatch(path.name)]
 
 
 class Stream(NamedTuple):

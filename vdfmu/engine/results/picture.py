@@ -1,180 +1,177 @@
-"""The picture of any system's run, or of several: a panel for each variable, arrays as the curves of one panel."""
+"""Figures in files, by matplotlib: panels over time without titles or captions, with text of 8 pt, for papers."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from textwrap import wrap
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Picture
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from vdfmu.base import style
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.figure import Figure, signal_figures
+from vdfmu.engine.results.formats import figure_file
 from vdfmu.engine.results.recorded import Recorded
 
 PANELS = 12
-"""Panels of a picture; more would be too small to read."""
+"""Most panels of a picture."""
 _CURVES, _CURVES_ALONE = 8, 28
-"""Curves of a panel whose legend fits next to it, and of one that is alone; its curves differ in colour or dashes."""
-_TITLE, _TITLE_ALONE = 38, 80
-"""Characters of the title of a panel."""
-_NAMED = 8
-"""Names of panels that were left out, in the caption."""
+"""Most curves of a panel beside others, and of a panel alone: they differ in colour or dashes."""
+_WORDS = 38
+"""Characters of a title, of a label, of a unit."""
 _LEAST, _LARGEST = 1e-290, 1e290
 """Values that matplotlib can draw."""
+_DASHED: dict[str, Any] = {"linestyle": (0, (5, 3)), "linewidth": 0.7}
+_ON_TOP = _DASHED | {"color": "black"}
+"""Looks of dashed curves; the second of one that may lie on another of its joint."""
 
 
-class _Panel(NamedTuple):
-    component: str
-    title: str
-    unit: str
-    curves: list[tuple[int, str, str]]
-    """Place in its array from 0, which has its colour in all panels; label; name of the signal."""
-
-
-def signals_figure(results: Recorded, folder: Path, pictures: Sequence[str] = ("png",)) -> list[Path]:
-    """Write ``signals.png``, or of the suffixes `pictures`, unless nothing is recorded; see :func:`draw_signals`."""
-    if not results.names:
-        return []
-    figure = draw_signals(results)
-    return [style.save(figure, folder / f"signals.{suffix}") for suffix in pictures]
-
-
-def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], path: str | Path | None) -> Figure:
+def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], path: str | Path | None) -> Picture:
     """Draw chosen signals, and write the picture if there is a path; see `Results.plot`."""
     runs: list[Any] = list(over.values()) if hasattr(over, "values") else [None]
     if not all(isinstance(run, Recorded) for run in runs):
         raise UsageError(f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}.")
     wanted = [signal for name in names or results.names for signal in results.members(name)]
-    figure = draw_signals(results, set(results.names).difference(wanted), over, wanted)
+    place = {signal: k for k, signal in reversed([*enumerate(wanted)])}
+    figures = signal_figures(results, {*results.names} - {*wanted})
+    ordered = sorted(figures, key=lambda figure: min(place[curve.terms[0][1]] for curve in figure.curves))
+    picture = draw(chosen(ordered), {str(results.summary.get("scenario") or "this run"): results, **over})
     if path is not None:
-        style.save(figure, Path(path))
-    return figure
+        style.save(picture, Path(path))
+    return picture
 
 
-@style.styled
-def draw_signals(
-    results: Recorded, hidden: Collection[str] = (), over: Mapping[str, Recorded] | None = None,
-    order: Sequence[str] = (),
-) -> Figure:  # fmt: skip
-    """Draw the recorded variables over time.
+def write_figures(
+    figures: Iterable[Figure], results: Recorded, folder: Path, suffixes: Sequence[str], width: float
+) -> None:
+    """Write a file for each figure and kind of file; `width` in inches."""
+    for figure in figures:
+        picture = draw([figure], {"": results}, width)
+        for suffix in suffixes:
+            style.save(picture, folder / figure_file(figure.key, suffix))
 
-    With more than `PANELS` variables each component shows its first ones.
 
-    Parameters
-    ----------
-    results : Recorded
-    hidden : collection of str
-        Signals to leave out.
-    over : mapping of str to Recorded, optional
-        Other runs to draw over these, by what they are called.
-    order : sequence of str, optional
-        Signals in the order of their panels; by default the order of the results.
+def write_signals(results: Recorded, folder: Path, suffixes: Sequence[str], width: float) -> list[str]:
+    """Write ``signals.png`` and so on, unless nothing is recorded; return the titles of the figures left out."""
+    figures = list(signal_figures(results))
+    shown = chosen(figures)
+    if shown:
+        picture = draw(shown, {"": results}, width)
+        for suffix in suffixes:
+            style.save(picture, folder / f"signals.{suffix}")
+    return [figure.title for figure in figures if figure not in shown]
+
+
+@style.paper
+def draw(
+    figures: Sequence[Figure], runs: Mapping[str, Recorded], width: float = style.WIDTH, columns: int | None = None
+) -> Picture:
+    """Draw a panel for each figure. Of several `runs`, by name, the later ones are dashed.
+
+    Panels have their legends inside, above the curves. Titles tell several panels apart.
     """
-    panels = _panels(results, hidden, order)
-    shown = _chosen(panels)
-    facts = results.summary
-    runs = {str(facts.get("scenario") or "this run"): results, **(over or {})}
-    about = [Path(facts.get("package", "")).name, str(facts.get("algorithm", ""))]
-    about += [f"step {1e3 * facts['step']:g} ms"] if "step" in facts else []
-    caption = ", ".join(filter(None, about)) + "." if any(about) else ""
-    left = [panel.title for panel in panels if panel not in shown]
-    if left:
-        more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
-        caption += f" Not drawn: {', '.join(left[:_NAMED])}{more}; they are in the results, --record chooses others."
-    alone = len(shown) == 1
-    most = _CURVES_ALONE if alone else _CURVES
-    if any(len(p.curves) > most for p in shown):
-        caption += f" Of arrays the first {most} elements."
-    columns = 1 if alone else 2 if len(shown) <= 6 else 3
-    rows = -(-len(shown) // columns)
-    figure = style.new_figure(
-        _plain(f"Signals of {facts.get('scenario') or facts.get('system', 'a run')}", _TITLE_ALONE),
-        _plain(caption, 10 * _TITLE_ALONE),
-        width=3.9 * columns if columns > 1 else style.WIDTH,
-        height=1.0 + (3.2 if rows == 1 else 2.2) * rows,
-        legend=[Line2D([], [], label=name, color="black", **_run_look(k)) for k, name in enumerate(runs)]
-        if len(runs) > 1
-        else (),
-    )
-    grid: NDArray[Any] = figure.subplots(rows, columns, squeeze=False)
-    axes: list[Axes] = grid.ravel().tolist()
-    for spare in axes[len(shown) :]:
-        spare.remove()
-    for place, panel in zip(axes, shown, strict=False):
-        _draw(place, list(runs.values()), panel, most, _TITLE_ALONE if alone else _TITLE)
-    style.label_time(axes[: len(shown)], columns)
-    return figure
+    alone = len(figures) == 1
+    columns = columns or (1 if alone else min(int(width / 2.8) or 1, 3))
+    rows = -(-len(figures) // columns)
+    height = min(0.62 * width, 3.2) if alone else min(0.6 * width / columns, 2.4)
+    picture = style.blank(width, height * max(rows, 1))
+    panels = [picture.add_subplot(rows, columns, k + 1) for k in range(len(figures))]
+    room = width / columns, height - (0.4 if alone else 0.6)
+    for axes, figure in zip(panels, figures, strict=True):
+        lines = _curves(axes, figure, runs, alone)
+        _legend(axes, [*_handles(figure, lines), *(_runs(runs) if axes is panels[0] else [])], room)
+    style.label_time(panels, columns)
+    return picture
+
+
+def _curves(axes: Axes, figure: Figure, runs: Mapping[str, Recorded], alone: bool) -> list[Line2D]:
+    """Draw the curves of a figure; return the lines of the first run."""
+    (unit, factor), lines = figure.quantity, list[Line2D]()
+    for place, curve in enumerate(figure.curves[: _CURVES_ALONE if alone else _CURVES], 1):
+        for k, results in enumerate(runs.values()):
+            kinds = {results.kinds.get(name) for _, name in curve.terms if name}
+            if None in kinds:
+                continue
+            look = style.joint_look((curve.joint or place) - 1)
+            look |= ((_ON_TOP if ", " in curve.label else _DASHED) if curve.dashed else {}) | (
+                _run_look(k) if len(runs) > 1 else {}
+            )
+            look |= {"drawstyle": "steps-post"} if kinds - {"real"} else {}
+            values = curve.values(results, factor)
+            values[~(np.abs(values) <= _LARGEST)] = np.nan
+            values[np.abs(values) < _LEAST] = 0.0
+            label = curve.label.removeprefix(figure.title.rpartition(".")[2]) or curve.label  # [1] of q[1]
+            line = style.curve(axes, results.time, values, label=_plain(label), **look)
+            lines += [line] if k == 0 else []
+    words = "\n".join(wrap(_plain(re.split("[:,]", figure.title)[0]), 24)) if alone else ""
+    time = next(iter(runs.values())).time
+    style.dress(axes, "" if alone else _plain(figure.title), words, _plain(unit), time)
+    return lines
+
+
+def _handles(figure: Figure, lines: Sequence[Line2D]) -> list[Line2D]:
+    """Return the legend of several curves.
+
+    If some are dashed and all have labels ``JOINT, SIGNAL``, it has the colours of joints and the dashes of signals.
+    """
+    parts = [curve.label.partition(", ") for curve in figure.curves]
+    if len(lines) < 2 or not any(curve.dashed for curve in figure.curves) or not all(part[2] for part in parts):
+        return list(lines) if len(lines) > 1 else []
+    looks: dict[str, dict[str, Any]] = {}
+    for (joint, *_), line in zip(parts, lines, strict=False):
+        looks.setdefault(joint, {"color": line.get_color(), "linestyle": line.get_linestyle()})
+    for (*_, signal), curve in zip(parts, figure.curves, strict=True):
+        looks.setdefault(signal, _ON_TOP if curve.dashed else {"color": "black"})
+    return [Line2D([], [], label=_plain(name), **look) for name, look in looks.items()]
+
+
+def _runs(names: Iterable[str]) -> list[Line2D]:
+    """Return the legend of several runs."""
+    handles = [Line2D([], [], label=_plain(name), color="black", **_run_look(k)) for k, name in enumerate(names)]
+    return handles if len(handles) > 1 else []
+
+
+def _legend(axes: Axes, handles: Sequence[Line2D], room: tuple[float, float]) -> None:
+    """Put a legend into a panel of this width and height [in], and make room for it above the curves."""
+    if not handles:
+        return
+    entry = 0.36 + 0.065 * max(len(str(handle.get_label())) for handle in handles)  # in, of text of 8 pt
+    columns = min(max(int((room[0] - 0.75) / entry), 1), len(handles))
+    rows = -(-len(handles) // columns)
+    share = min((0.1 + 0.15 * rows) / room[1], 0.7)
+    axes.legend(handles=list(handles), loc="upper center", ncols=-(-len(handles) // rows))
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, low + (high - low) / (1.0 - share))
 
 
 def _run_look(k: int) -> dict[str, Any]:
     """Dashes and width of run `k`, from 0: runs drawn over another are dashed and thinner."""
-    return {"linestyle": style.DASHES[k % len(style.DASHES)], "linewidth": 1.6 if k == 0 else 1.2}
+    return {"linestyle": style.DASHES[k % len(style.DASHES)], "linewidth": 1.0 if k == 0 else 0.8}
 
 
-def _draw(axes: Axes, runs: Sequence[Recorded], panel: _Panel, most: int, length: int) -> None:
-    handles: list[Line2D] = []
-    for i, label, name in panel.curves[:most]:
-        for k, results in enumerate(runs):
-            if name not in results.kinds:
-                continue
-            look = style.joint_look(i) | (_run_look(k) if len(runs) > 1 else {})
-            if results.kinds[name] != "real":
-                look["drawstyle"] = "steps-post"
-            values = results[name].astype(float)
-            values[~(np.abs(values) <= _LARGEST)] = np.nan
-            values[np.abs(values) < _LEAST] = 0.0
-            line = style.curve(axes, results.time, values, label=label, **look)
-            if k == 0:
-                handles.append(line)
-    style.dress(axes, _plain(panel.title, length), "", _plain(panel.unit, length), runs[0].time)
-    if len(handles) > 1:
-        style.legend_beside(axes, handles)
-
-
-def _plain(text: str, length: int) -> str:
+def _plain(text: str, length: int = _WORDS) -> str:
     """Return a text that matplotlib does not take for a formula, shortened in its middle."""
     if len(text) > length:
         text = f"{text[: length // 2 - 1]}…{text[-(length - length // 2) :]}"
     return text.replace("$", r"\$")
 
 
-def _panels(results: Recorded, hidden: Collection[str], order: Sequence[str] = ()) -> list[_Panel]:
-    """Return the groups in the order of the results or of signals; elements with another unit get another panel.
-
-    Such panels say of which elements they are.
-    """
-    panels: dict[tuple[str, str], _Panel] = {}
-    for group, elements in results.groups.items():
-        units = {results.units[name] for name in elements.values()}
-        for place, (index, name) in enumerate(sorted(elements.items())):
-            if name in hidden:
-                continue
-            unit, label = results.units[name], name.removeprefix(group) or name
-            panel = panels.setdefault((group, unit), _Panel(group.rpartition(".")[0], group, unit, []))
-            panel.curves.append((index[0] - 1 if len(index) == 1 else place, label, name))
-        for unit in units if len(units) > 1 else ():
-            if (group, unit) in panels:
-                panel = panels[group, unit]
-                indices = ", ".join(label.strip("[]") for _, label, _ in panel.curves)
-                panels[group, unit] = panel._replace(title=f"{group}[{indices}]")
-    places = {name: place for place, name in reversed(list(enumerate(order)))}
-    return sorted(panels.values(), key=lambda panel: min(places.get(name, 0) for _, _, name in panel.curves))
-
-
-def _chosen(panels: list[_Panel]) -> list[_Panel]:
-    """Return the first panels of every component, as many as there is room for."""
-    for most in range(len(panels), 0, -1):
+def chosen(figures: Sequence[Figure]) -> list[Figure]:
+    """Return the first figures of every component, at most `PANELS`."""
+    for most in range(len(figures), 0, -1):
         seen: dict[str, int] = {}
-        chosen: list[_Panel] = []
-        for panel in panels:
-            seen[panel.component] = seen.get(panel.component, 0) + 1
-            if seen[panel.component] <= most:
-                chosen.append(panel)
-        if len(chosen) <= PANELS:
-            return chosen
-    return panels[:PANELS]
+        first: list[Figure] = []
+        for figure in figures:
+            component = figure.title.rpartition(".")[0]
+            seen[component] = seen.get(component, 0) + 1
+            if seen[component] <= most:
+                first.append(figure)
+        if len(first) <= PANELS:
+            return first
+    return list(figures[:PANELS])

@@ -16,12 +16,13 @@ import numpy as np
 
 from vdfmu.base.arrays import with_named
 from vdfmu.base.errors import VdfmuError
-from vdfmu.base.measure import JOINT_UNITS
+from vdfmu.base.measure import JOINT_UNITS, Shown, shown_as
 from vdfmu.base.thinning import extremes
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.curves import Curve, CurveTable, Figure, Terms, recipes_of, values_of
+from vdfmu.study.report.curves import CurveTable, recipes_of, values_of
 from vdfmu.study.report.shapes import FRAMES, ArmFrames
 from vdfmu.study.run.scene import BASE
 
@@ -51,13 +52,17 @@ MOTOR_SIDE = ("controller.tau", "feedforward.tau_m")
 _FRAMES = ("q", "error", "torque", "torsion", "power", "force")
 """Curves that the drawn arm shows."""
 _FIGURES = (
-    ("position", "Joint positions, desired dashed", "", {"q": "q", "q_d": "q_d"}),
-    ("tracking", "Position tracking errors: q_d − q", "Tracking error", {"error": ""}),
-    ("torque", "Control {}s, feedforward dashed, link side", "Control {}", {"torque": "ℓτ", "feedforward": "ℓτ_m"}),
-    ("compensation", "{} compensation errors: ℓ(τ − τ_m)", "{} compensation error", {"compensation": ""}),
-    ("torsion", "Torsion of the drives: κ − q", "Torsion", {"torsion": ""}),
+    ("position", "position", "Joint positions, desired dashed", "", {"q": "q", "q_d": "q_d"}),
+    ("tracking", "position", "Position tracking errors: q_d − q", "Tracking error", {"error": ""}),
+    ("torque", "torque", "Control {}s, feedforward dashed, link side", "Control {}",
+     {"torque": "ℓτ", "feedforward": "ℓτ_m"}),
+    ("compensation", "torque", "{} compensation errors: ℓ(τ − τ_m)", "{} compensation error", {"compensation": ""}),
+    ("torsion", "position", "Torsion of the drives: κ − q", "Torsion", {"torsion": ""}),
 )  # fmt: skip
-"""Key, title, name of the largest value, and what is drawn: solid, then dashed; {} becomes torque or force."""
+"""Key, quantity of the joint, title, name of the largest value, and sums: solid, then dashed.
+
+{} becomes torque or force. The unit follows from the quantity, see `vdfmu.base.measure.unit_of`.
+"""
 
 
 WRENCHES = {
@@ -83,17 +88,9 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     moving = [
         ArmFrames(name, arm, motion | ({} if k else turns), m) for k, (name, arm, motion, _) in enumerate(arms)
     ] or [ArmFrames("", None, {}, m)]
-    figures = itertools.chain(
-        *(
-            _figures(f"{name}." if k else "", f"{name}: " if len(arms) > 1 else "", arm, sums)
-            for k, (name, arm, _, sums) in enumerate(arms)
-        ),
-        _force_figures(results, summary),
-        _cutting_points(results),
-    )
     tables = {
-        "figures": [CurveTable(figure) for figure in figures],
-        "signals": [CurveTable(figure) for figure in _groups(results, n)],
+        "figures": [CurveTable(figure) for figure in run_figures(results, summary)],
+        "signals": [CurveTable(figure) for figure in signal_figures(results, (), n)],
     }
     for k, part in enumerate(results.blocks(_BLOCK)):
         for each in moving:
@@ -102,7 +99,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
         if k == parts - 1:
             even = np.unique(np.append(even, len(part) - 1))
         for table in itertools.chain(*tables.values()):
-            values = values_of(table.curves, part)
+            values = values_of(table.curves, part, table.factor)
             buckets = max(1, EXTREMES // (len(values) * parts))
             rows = [even, *(extremes(row, buckets) for row in values)]
             table.add(part.time, [values], np.unique(np.concatenate(rows)))
@@ -112,10 +109,19 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
         "more": more,
         "objects": objects,
         **{
-            kind: [table.packed(["values"]) | {"recipes": recipes_of(table.curves)} for table in found]
+            kind: [table.packed(["values"]) | {"recipes": recipes_of(table.curves, table.factor)} for table in found]
             for kind, found in tables.items()
         },
     }
+
+
+def run_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield the figures of a run: of each arm, of forces in the scene, and of cutting points."""
+    arms = _arms(results, summary)
+    for k, (name, arm, _, sums) in enumerate(arms):
+        yield from _figures(f"{name}." if k else "", f"{name}: " if len(arms) > 1 else "", arm, sums)
+    yield from _force_figures(results, summary)
+    yield from _cutting_points(results)
 
 
 def _arms(results: Results, summary: Mapping[str, Any]) -> list[tuple[str, Any, Any, Any]]:
@@ -175,25 +181,17 @@ def _figures(before: str, of: str, arm: Mapping[str, Any], sums: Mapping[str, Se
     for kind, unit in JOINT_UNITS.items():
         joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""
-        for key, title, peak, drawn in _FIGURES:
-            torques = key in ("torque", "compensation")
+        for key, quantity, title, peak, drawn in _FIGURES:
             noun = unit.noun.capitalize() if title.startswith("{}") else unit.noun
             curves = [
-                Curve(
-                    ", ".join(filter(None, (f"joint {i + 1}", label))),
-                    i + 1,
-                    sums[name][i],
-                    1.0 if torques else unit.factor,
-                    dashed=place > 0,
-                )
+                Curve(", ".join(filter(None, (f"joint {i + 1}", label))), i + 1, sums[name][i], dashed=place > 0)
                 for place, (name, label) in enumerate(drawn.items())
                 if name in sums
                 for i in joints
             ]
             if curves:
-                measure = unit.torque if torques else unit.position
                 words = [of + f"{text}{suffix}".format(noun) if text else "" for text in (title, peak)]
-                yield Figure(f"{before}{key}.{kind}", words[0], measure, curves, words[1])
+                yield Figure(f"{before}{key}.{kind}", words[0], shown_as(quantity, kind), curves, words[1])
 
 
 def _force_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
@@ -208,12 +206,12 @@ def _force_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Fig
                 if any(np.any(part[name]) for part in results.blocks(_BLOCK) for _, name in known):
                     curves = [Curve(axis, 0, [(1.0, name)]) for axis, name in known]
                     title = f"{arm['component']}: {what.lower()} {words}"
-                    yield Figure(f"{arm['component']}.{key}.{unit}", title, unit, curves, f"{what} {words}")
+                    yield Figure(f"{arm['component']}.{key}.{unit}", title, Shown(unit), curves, f"{what} {words}")
     for one in scene.get("objects", []):
         for name, words in one.get("forces", {}).items():
             if name in names:
                 title = f"{one['component']}: {words[:1].lower()}{words[1:]}"
-                yield Figure(name, title, results.units[name], [Curve(name, 0, [(1.0, name)])], words)
+                yield Figure(name, title, Shown(results.units[name]), [Curve(name, 0, [(1.0, name)])], words)
 
 
 def _cutting_points(results: Results) -> Iterator[Figure]:
@@ -227,26 +225,12 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
             if f"{name}.P_{side}" in results.names
         ]
         title = "Virtual power flow V′F towards the tip, on the side of the base {A} dashed"
-        yield Figure("power", title, "W", curves, "Virtual power flow")
+        yield Figure("power", title, Shown("W"), curves, "Virtual power flow")
     for unit, axis, noun in (("N.m", 6, "Moments about"), ("N", 3, "Forces along")):
         own = [(k, name) for k, name in enumerate(names, 1) if results.units.get(f"{name}.tau_s") == unit]
         curves = [Curve(name, k, [(1.0, signal)]) for k, name in own if (signal := f"{name}.F_B[{axis}]") in results]
         if curves:
-            yield Figure(f"force.{unit}", f"{noun} the axes between joint and link {{B}}", unit, curves)
-
-
-def _groups(results: Results, n: int) -> Iterator[Figure]:
-    """Yield the recorded variables, an array as the curves of one figure; `n` is the number of joints."""
-    for group, members in results.groups.items():
-        listed = [(k, name) for k, (_, name) in enumerate(sorted(members.items()))]
-        units = dict.fromkeys(results.units[name] for _, name in listed)
-        for unit in units:
-            curves = [
-                Curve(name.rpartition(".")[2], k + 1 if len(members) == n else 0, [(1.0, name)])
-                for k, name in listed
-                if results.units[name] == unit
-            ]
-            yield Figure(f"{group}, {unit}" if len(units) > 1 else group, group, unit, curves)
+            yield Figure(f"force.{unit}", f"{noun} the axes between joint and link {{B}}", Shown(unit), curves)
 
 
 _POWER = ".P_B"

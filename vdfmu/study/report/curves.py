@@ -1,60 +1,27 @@
-"""Curves over time: sums of signals, and their rows packed for a browser."""
+"""Rows of curves, packed for a browser."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Sequence
-from functools import reduce
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
+from vdfmu.engine.results.figure import Curve, Figure
 from vdfmu.engine.results.results import Results
-
-Terms = Sequence[tuple[float, str]]
-"""Factors, and names of signals; an empty name is 1."""
-
-
-class Curve(NamedTuple):
-    """A curve of a figure: `scale` times the sum of signals, each times its factor.
-
-    The page evaluates the same sums for a run that it has simulated.
-    """
-
-    label: str
-    joint: int
-    """From 1; 0 for none."""
-    terms: Terms
-    """At least one."""
-    scale: float = 1.0
-    dashed: bool = False
-
-    def values(self, results: Results) -> Floats:
-        """Return its values: (m,)."""
-        one = np.ones(len(results))
-        return self.scale * reduce(np.add, [factor * (results[name] if name else one) for factor, name in self.terms])
-
-
-class Figure(NamedTuple):
-    """Curves of one unit of measurement over time."""
-
-    key: str
-    title: str
-    unit: str
-    curves: Sequence[Curve]
-    peak: str = ""
-    """Name of its largest absolute value; empty if not of interest."""
 
 
 class CurveTable:
     """Rows of curves, gathered stretch by stretch."""
 
     def __init__(self, figure: Figure | None = None) -> None:
-        self._facts: dict[str, Any] = figure._asdict() if figure else {}
-        self.curves: Sequence[Curve] = self._facts.pop("curves", ())
+        self._facts: dict[str, Any] = {}
+        self.curves, self.factor = (figure.curves, figure.quantity.factor) if figure else ((), 1.0)
         if figure:
+            self._facts = {"key": figure.key, "title": figure.title, "unit": figure.quantity.unit, "peak": figure.peak}
             self._facts["curves"] = [[curve.label, curve.joint, int(curve.dashed)] for curve in self.curves]
         self._time: list[Floats] = []
         self._parts: list[list[Floats]] = []
@@ -74,14 +41,14 @@ class CurveTable:
         }
 
 
-def values_of(curves: Iterable[Curve], results: Results) -> Floats:
-    """Return the values of curves: (curves, m)."""
-    return np.array([curve.values(results) for curve in curves])
+def values_of(curves: Iterable[Curve], results: Results, factor: float = 1.0) -> Floats:
+    """Return the values of curves times a factor: (curves, m)."""
+    return np.array([curve.values(results, factor) for curve in curves])
 
 
-def recipes_of(curves: Iterable[Curve]) -> list[Any]:
-    """Return how curves come from signals, for the page: scale; factors and signals."""
-    return [[curve.scale, [*map(list, curve.terms)]] for curve in curves]
+def recipes_of(curves: Iterable[Curve], factor: float = 1.0) -> list[Any]:
+    """Return how curves come from signals, for the page: factor; factors and signals."""
+    return [[factor, [*map(list, curve.terms)]] for curve in curves]
 
 
 def packed(values: NDArray[Any], kind: str) -> str:

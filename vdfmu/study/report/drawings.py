@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Picture
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base import style
 from vdfmu.base.arrays import Floats
-from vdfmu.study.report.joints import group_joints
+from vdfmu.base.measure import Shown, shown_as
+from vdfmu.engine.results.figure import Curve, Figure
+from vdfmu.engine.results.picture import draw
+from vdfmu.engine.results.recorded import Recorded, Signal
 
 if TYPE_CHECKING:
     from vdfmu.study.identify.score import LogScore
 
-_ORDERS = ((0, "Position", ""), (1, "Speed", "/s"), (2, "Acceleration", "/s²"), (4, "Snap", "/s⁴"))
+_ORDERS = {"position": 0, "velocity": 1, "acceleration": 2, "snap": 4}
+"""Quantity of a motion to the number of its derivative."""
 _BEFORE, _AFTER = "#888888", style.COLORS[0]
 _BY_JOINT = {
     "error": ("RMS error", "", "rad or m"),
@@ -30,51 +35,49 @@ _BY_JOINT = {
 """Rows of a tuning's table that are drawn by joint: title, quantity, unit of measurement."""
 
 
-def _panels(figure: Figure, rows: int, columns: int) -> list[Axes]:
+def _panels(figure: Picture, rows: int, columns: int) -> list[Axes]:
     return [figure.add_subplot(rows, columns, k + 1) for k in range(rows * columns)]
 
 
-@style.styled
-def draw_motion(title: str, robot: Robot, t: Floats, q: Floats) -> Figure:
+def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
     """Draw a motion, a column for each type of joint.
 
     It has times `t`, (m,) [s], and positions and four derivatives `q`, (5, m, n) [rad or m, and per s .. s4].
     """
-    groups = group_joints(robot, range(robot.n))
-    figure = style.new_figure(title, "", height=7.0, legend=style.joint_handles(range(robot.n)))
-    panels = _panels(figure, len(_ORDERS), len(groups))
-    for k, axes in enumerate(panels):
-        (order, name, per), group = _ORDERS[k // len(groups)], groups[k % len(groups)]
-        for j in group.joints:
-            style.curve(axes, t, group.unit.factor * q[order, :, j], **style.joint_look(j))
-        style.dress(axes, f"{name}{group.suffix}", name.lower(), group.unit.position + per, t)
-    style.label_time(panels, len(groups))
-    return figure
+    names = [f"{order}[{i}]" for order in _ORDERS for i in range(1, robot.n + 1)]
+    values = np.hstack([q[k] for k in _ORDERS.values()])
+    results = Recorded(t, [Signal(name, "real", "", column) for column, name in enumerate(names)], {"real": values})
+    kinds = sorted(set(robot.joint_types), reverse=True)
+    figures: list[Figure] = []
+    for order, kind in itertools.product(_ORDERS, kinds):
+        joints = [i for i, own in enumerate(robot.joint_types, 1) if own == kind]
+        curves = [Curve(f"joint {i}", i, [(1.0, f"{order}[{i}]")]) for i in joints]
+        title = f"{order.capitalize()}, {kind}" if len(kinds) > 1 else order.capitalize()
+        figures.append(Figure(f"{order}.{kind}", title, shown_as(order, kind), curves))
+    return draw(figures, {"": results}, columns=len(kinds))
 
 
-@style.styled
-def draw_torques(title: str, t: Floats, torque: Floats, error: Floats, units: tuple[str, ...]) -> Figure:
+def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str]) -> Picture:
     """Draw measured torques (m, n) over time, link-side, with the model over them, and their differences."""
-    n = torque.shape[1]
-    words = "Motor torques times ell, in the band of the estimation; right: measured minus model."
-    handles = [Line2D([], [], label=name, **look) for name, look in (("measured", style.BACK), ("model", style.ON_TOP))]
-    figure = style.new_figure(title, words, height=1.8 * n + 1.3, legend=handles)
-    panels = _panels(figure, n, 2)
-    for joint in range(n):
-        left, right = panels[2 * joint : 2 * joint + 2]
-        style.curve(left, t, torque[:, joint], **style.BACK)
-        style.curve(left, t, torque[:, joint] - error[:, joint], **style.ON_TOP)
-        style.curve(right, t, error[:, joint], **style.joint_look(joint))
-        for axes, name in ((left, ""), (right, ", measured minus model")):
-            style.dress(axes, f"Joint {joint + 1}{name}", "torque", units[joint], t)
-    style.label_time(panels, 2)
-    return figure
+    kinds = {"measured": torque, "model": torque - error, "difference": error}
+    names = [f"{kind}[{i}]" for kind in kinds for i in range(1, len(units) + 1)]
+    signals = [Signal(name, "real", "", column) for column, name in enumerate(names)]
+    figures: list[Figure] = []
+    for i, unit in enumerate(units, 1):
+        both = [
+            Curve(f"joint {i}, {kind}", i, [(1.0, f"{kind}[{i}]")], dashed=kind == "model")
+            for kind in ("measured", "model")
+        ]
+        difference = Curve("difference", i, [(1.0, f"difference[{i}]")])
+        figures.append(Figure(f"torque.{i}", f"Joint {i}", Shown(unit), both))
+        figures.append(Figure(f"difference.{i}", f"Joint {i}, measured minus model", Shown(unit), [difference]))
+    return draw(figures, {"": Recorded(t, signals, {"real": np.hstack([*kinds.values()])})}, columns=2)
 
 
 @style.styled
 def draw_modes(
     title: str, times: Floats, panels: Mapping[str, Sequence[tuple[Floats, npt.NDArray[np.intp]]]]
-) -> Figure:
+) -> Picture:
     """Draw natural frequencies over `times`, (m,) [s], a panel by the state of the motors.
 
     A panel has m pairs: frequencies [Hz] of the modes at a time, and which joint's spring has most of the energy of
@@ -111,7 +114,7 @@ def draw_modes(
 def draw_bode(
     title: str, frequency: Floats, curves: Mapping[str, npt.NDArray[np.complex128]], unit: str, resonance: Floats,
     antiresonance: Floats,
-) -> Figure:  # fmt: skip
+) -> Picture:  # fmt: skip
     """Draw responses to one input over `frequency`, (m,) [Hz]: amplitudes in `unit`, above, and phases.
 
     `curves` has the response (m,) of each output by its name. `resonance` and `antiresonance` [Hz] are marked by
@@ -144,7 +147,7 @@ def draw_bode(
 
 
 @style.styled
-def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, float]]) -> Figure:
+def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, float]]) -> Picture:
     """Draw the cost over the evaluations, and the values of each joint in rows of name, before and after.
 
     `history` has the objective of each evaluation, 1 at the start; beyond 10 where a constraint is missed.
@@ -198,7 +201,7 @@ _ACROSS = ("speed", "load", "position", "spectrum", "autocorrelation")
 
 
 @style.styled
-def draw_residuals(title: str, score: LogScore, robot: Robot) -> Figure:
+def draw_residuals(title: str, score: LogScore, robot: Robot) -> Picture:
     """Draw residuals of torques, then of deformations, a row a joint.
 
     Over the rotor's speed, the load of the drive and the position, the share of their power by frequency, and how alike

@@ -16,8 +16,9 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.physical import principal
 from vdfmu.base.arrays import Floats
 from vdfmu.base.thinning import bends
+from vdfmu.engine.results.figure import Curve, Terms
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.curves import Curve, CurveTable, Terms, packed, recipes_of, values_of
+from vdfmu.study.report.curves import CurveTable, packed, recipes_of, values_of
 
 PAYLOAD = "#b07a2a"
 """Colour of a payload."""

@@ -1,4 +1,4 @@
-"""Chunks of a parameter study on the workers of a Dask scheduler."""
+"""Chunks of a study on the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -27,52 +27,63 @@ _TRIES = 10
 _own = threading.local()
 
 
-def run_there(
-    job: bytes, chunks: Chunks, address: str, time_limit: float | None, advance: Callable[[int], None]
-) -> Generator[list[Row]]:
-    """Yield the rows of chunks as they are done.
+class DaskWorkers:
+    """Workers of a Dask scheduler.
 
     The scheduler sends the chunks of a worker that is gone to another. If it is gone itself, this waits for another
     scheduler at its address, and sends out again the chunks that had not come back. UsageError if there is none, or no
-    Dask; VdfmuError if it or its workers are gone for longer than `_PATIENCE`, or a chunk kills all that run it.
+    Dask.
     """
-    try:
-        from distributed import Client
-        from distributed.comm.addressing import get_address_host_port
-    except ImportError as error:
-        raise UsageError(
-            f"scheduler: needs Dask, of which this is missing: {error}. Install it: pip install 'vdfmu[sweep]'."
-        ) from None
-    try:
-        get_address_host_port(address)  # a client of a bad address complains when Python ends
-        client = Client(address, timeout=_CONNECTING, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
-    waiting: list[tuple[list[Task], int]] = []
-    while client is not None:
-        try:
-            yield from _rounds(client, job, chunks, waiting, time_limit, advance)
-            return
-        except _LostError:
-            pass
-        finally:
-            client.close(timeout=1)
-        client = _connected(Client, address)
-    raise VdfmuError(
-        f"the scheduler at {address} is gone for {_PATIENCE:g} s. What was done is kept: start it, and give the same "
-        "command again."
-    )
 
-
-def _connected(kind: Any, address: str) -> Any:
-    """Return a client of the scheduler as soon as there is one; None if it takes too long."""
-    end = time.monotonic() + _PATIENCE
-    while (left := end - time.monotonic()) > 0.0:
+    def __init__(self, job: bytes, address: str, time_limit: float | None) -> None:
         try:
-            return kind(address, timeout=min(left, _CONNECTING), set_as_default=False)
-        except (OSError, TimeoutError):
-            time.sleep(_ASKED)
-    return None
+            from distributed import Client
+            from distributed.comm.addressing import get_address_host_port
+        except ImportError as error:
+            raise UsageError(
+                f"scheduler: needs Dask, of which this is missing: {error}. Install it: pip install 'vdfmu[sweep]'."
+            ) from None
+        self._kind, self._job, self._address, self._time_limit = Client, job, address, time_limit
+        try:
+            get_address_host_port(address)  # a client of a bad address complains when Python ends
+            self._client: Any = Client(address, timeout=_CONNECTING, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
+
+    def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
+        """Run chunks, and tell their rows as they are done; see `LocalWorkers.run`.
+
+        VdfmuError if the scheduler or its workers are gone for longer than `_PATIENCE`, or a chunk kills all that run
+        it.
+        """
+        waiting: list[tuple[list[Task], int]] = []
+        while True:
+            try:
+                for rows in _rounds(self._client, self._job, chunks, waiting, self._time_limit):
+                    tell(rows)
+                    advance(len(rows))
+                return
+            except _LostError:
+                self.close()
+            self._connect()
+
+    def _connect(self) -> None:
+        """Connect as soon as there is a scheduler."""
+        end = time.monotonic() + _PATIENCE
+        while (left := end - time.monotonic()) > 0.0:
+            try:
+                self._client = self._kind(self._address, timeout=min(left, _CONNECTING), set_as_default=False)
+                return
+            except (OSError, TimeoutError):
+                time.sleep(_ASKED)
+        raise VdfmuError(
+            f"the scheduler at {self._address} is gone for {_PATIENCE:g} s. What was done is kept: start it, and give "
+            "the same command again."
+        )
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._client.close(timeout=1)
 
 
 class _LostError(Exception):
@@ -84,14 +95,9 @@ _LOST = (OSError, futures.CancelledError, asyncio.CancelledError)
 
 
 def _rounds(
-    client: Any,
-    job: bytes,
-    chunks: Chunks,
-    waiting: list[tuple[list[Task], int]],
-    time_limit: float | None,
-    advance: Callable[[int], None],
+    client: Any, job: bytes, chunks: Chunks, waiting: list[tuple[list[Task], int]], time_limit: float | None
 ) -> Generator[list[Row]]:
-    """See `run_there`; uses one scheduler. `waiting` holds the chunks to send out, with the number of tries."""
+    """Yield the rows of chunks from one scheduler. `waiting` holds the chunks to send out, with the number of tries."""
     from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
 
@@ -146,7 +152,6 @@ def _rounds(
                 for row in rows:
                     chunks.note(row["wall_s"])
                 yield rows
-                advance(len(rows))
             elif not isinstance(error, (KilledWorker, CommClosedError)):
                 if isinstance(error, ImportError):
                     raise UsageError(f"scheduler: its workers cannot import what they need: {error}.")

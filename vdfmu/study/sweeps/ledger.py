@@ -49,7 +49,7 @@ class Ledger:
         self, folder: Path, facts: Mapping[str, Any], key: str, points: Points, overwrite: bool = False
     ) -> None:
         self._arrow, self._parquet = needed()
-        self._folder, self._parts, self._key, self._points = folder, folder / _PARTS, key, points
+        self.folder, self._parts, self._key, self._points = folder, folder / _PARTS, key, points
         self._facts: dict[str, Any] = {**facts, "key": key}
         self._facts["seal"] = seal(self._facts, str(folder.resolve()))
         self._overwrite = overwrite
@@ -58,10 +58,10 @@ class Ledger:
     def __enter__(self) -> Ledger:
         try:
             self._parts.mkdir(parents=True, exist_ok=True)
-            self._lock = _locked(self._folder / ".lock")
+            self._lock = _locked(self.folder / ".lock")
         except OSError as error:
             raise UsageError(
-                f"{self._folder}: cannot hold the study: {error.strerror or error}. Choose another folder with --out."
+                f"{self.folder}: cannot hold the study: {error.strerror or error}. Choose another folder with --out."
             ) from None
         try:
             self._check()
@@ -77,18 +77,18 @@ class Ledger:
 
     def _check(self) -> None:
         """Take the folder, if it is empty or has this study."""
-        place = self._folder / LEDGER
+        place = self.folder / LEDGER
         facts: dict[str, Any] = {}
         try:
             facts = json.loads(readable(place)) if place.exists() else {}
             known = facts.get("key")
         except (ValueError, RecursionError, AttributeError):
             facts, known = {}, ""
-        there = files_of(self._folder)
+        there = files_of(self.folder)
         if known != self._key and there:
             if not self._overwrite:
                 raise UsageError(
-                    f"{self._folder}: holds another study; expected this one, to go on with it, or none."
+                    f"{self.folder}: holds another study; expected this one, to go on with it, or none."
                     f"{self._difference(facts)} Choose another folder with --out, or replace it with --overwrite."
                 )
             for file in there:
@@ -136,7 +136,7 @@ class Ledger:
 
     def _files(self) -> list[Path]:
         """Return the files, after removing parts that are in the table: left by a kill just after it was made."""
-        files = files_of(self._folder)
+        files = files_of(self.folder)
         if len(files) > 1 and files[0].name == TABLE:
             known = set(table_of(files[0], ["point"])["point"].to_pylist())
             for file in files[1:]:
@@ -147,7 +147,7 @@ class Ledger:
 
     def _kept(self, again: str, n: int | None = None) -> Iterator[Any]:
         """Yield points, below `n`, and reasons of failure in the intact part of each file; see `done`."""
-        for file in files_of(self._folder):
+        for file in files_of(self.folder):
             try:
                 rows = table_of(file, ["point", "failed"])
                 _require_rows(file, rows, n)
@@ -206,7 +206,7 @@ class Ledger:
 
     def finish(self) -> Path:
         """Make one file of the parts, in the order of the points, and return it."""
-        place = self._folder / TABLE
+        place = self.folder / TABLE
         files = self._files()
         if not files or files == [place]:
             return place

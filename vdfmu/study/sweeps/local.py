@@ -1,17 +1,17 @@
-"""Chunks of a parameter study: the points that are run together, and their run on the processors of this machine."""
+"""Chunks of a study: points that are run together, and the workers of this machine that run them."""
 
 from __future__ import annotations
 
 import os
 import queue
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.errors import UsageError
-from vdfmu.study.options import WorkerOptions
+from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.study.sweeps.job import Row, Task
 from vdfmu.study.sweeps.worker import Worker
 
@@ -22,21 +22,19 @@ _SECONDS = 10.0
 
 
 class Chunks:
-    """Hands out consecutive points that are not `done`, (n,), as many as take some seconds, fewer towards the end.
+    """Hands out consecutive `points` in their order, as many as take some seconds, fewer towards the end.
 
     A chunk has the tasks of `size` points, by default by the time that they take, at most `LARGEST`; and a multiple of
     those that are run side by side, `together`.
     """
 
     def __init__(
-        self, done: NDArray[np.bool_], task: Callable[[int], Task], size: int | None = None, together: int = 1
+        self, points: NDArray[np.intp], task: Callable[[int], Task], size: int | None = None, together: int = 1
     ) -> None:
-        self._open = np.flatnonzero(~done)
+        self._open = points
         self._task, self._size, self._next, self._together = task, size, 0, together
         self._lock = threading.Lock()
         self._points, self._seconds = 0, 0.0
-        self.left: list[list[Row]] = []
-        """Rows that were done when the study was stopped."""
 
     def note(self, seconds: float) -> None:
         """Take into account how long a point took."""
@@ -76,73 +74,71 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def check_workers(options: WorkerOptions) -> None:
-    """Raise UsageError for options of workers out of their range."""
-    workers, time_limit = options["workers"], options["time_limit"]
-    if workers is not None and workers < 1:
-        raise UsageError(f"workers: expected at least 1, got {workers}.")
-    if time_limit is not None and not time_limit > 0.0:
-        raise UsageError(f"time_limit: expected a positive time, got {time_limit:g} s.")
+class LocalWorkers:
+    """Processes on this machine. They live from one set of chunks to the next."""
 
+    def __init__(self, job: bytes, count: int, time_limit: float | None) -> None:
+        self._team = [Worker(job, time_limit) for _ in range(count)]
+        # a thread waits for each process, which ends with the thread that started it
+        self._threads = ThreadPoolExecutor(count)
 
-def run_here(
-    job: bytes, chunks: Chunks, workers: int, time_limit: float | None, advance: Callable[[int], None]
-) -> Generator[list[Row]]:
-    """Yield the rows of chunks as they are done, even of an interrupted chunk.
+    def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
+        """Run chunks, and tell their rows as they are done, even of a chunk that is interrupted.
 
-    A thread for each worker waits for its process; all files are written by the thread that calls this. `advance` is
-    called with the number of points done since the last time.
-    """
-    done: queue.SimpleQueue[list[Row] | BaseException | int | None] = queue.SimpleQueue()
-    team = [Worker(job, time_limit) for _ in range(workers)]
+        `advance` is called with the number of points done since the last time.
+        """
+        done: queue.SimpleQueue[list[Row] | BaseException | int | None] = queue.SimpleQueue()
 
-    def work(worker: Worker) -> None:
-        rows: list[Row] = []
-        try:
-            while (chunk := chunks.take(2 * workers)) is not None:
-                rows = []
-                for row in worker.run(chunk):
-                    rows.append(row)
-                    chunks.note(row["wall_s"])
-                    done.put(1)
-                done.put(rows)
-                if len(rows) < len(chunk):
-                    break
-        except BaseException as error:
-            done.put(rows)
-            done.put(error)
-        finally:
-            worker.close()
-            done.put(None)
-
-    threads = [threading.Thread(target=work, args=(worker,), daemon=True) for worker in team]
-    for thread in threads:
-        thread.start()
-    busy, failure = len(team), None
-    try:
-        while busy:
+        def work(worker: Worker) -> None:
+            rows: list[Row] = []
             try:
-                message = done.get(timeout=_TICK)
-            except queue.Empty:
-                continue
-            if isinstance(message, list):
-                yield message
-            elif isinstance(message, int):
-                advance(message)
-            elif message is None:
-                busy -= 1
-            else:
-                failure = failure or message
-                chunks.stop()
-        if failure is not None:
-            raise failure
-    finally:
-        chunks.stop()
-        for worker in team:
-            worker.stop()
-        for thread in threads:
-            thread.join()
-        while not done.empty():
-            rows = done.get()
-            if isinstance(rows, list) and rows:
-                chunks.left.append(rows)
+                while (chunk := chunks.take(2 * len(self._team))) is not None:
+                    rows = []
+                    for row in worker.run(chunk):
+                        rows.append(row)
+                        chunks.note(row["wall_s"])
+                        done.put(1)
+                    done.put(rows)
+                    if len(rows) < len(chunk):
+                        break
+            except BaseException as error:
+                done.put(rows)
+                done.put(error)
+            finally:
+                done.put(None)
+
+        at_work = [self._threads.submit(work, worker) for worker in self._team]
+        busy, failure = len(self._team), None
+        try:
+            while busy:
+                try:
+                    message = done.get(timeout=_TICK)
+                except queue.Empty:
+                    continue
+                if isinstance(message, list):
+                    tell(message)
+                elif isinstance(message, int):
+                    advance(message)
+                elif message is None:
+                    busy -= 1
+                else:
+                    failure = failure or message
+                    chunks.stop()
+            if failure is not None:
+                raise failure
+        finally:
+            chunks.stop()
+            if busy:
+                for worker in self._team:
+                    worker.stop()
+            wait(at_work)
+            with InterruptGuard():
+                while not done.empty():
+                    if isinstance(rows := done.get(), list):
+                        tell(rows)
+
+    def close(self) -> None:
+        """Let the processes end."""
+        for closed in [self._threads.submit(worker.close) for worker in self._team]:
+            closed.result()
+        self._threads.shutdown()

@@ -291,7 +291,7 @@ def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]
     units = dict(given.pop("units", None) or {})
     units |= {axis.removeprefix("unit:"): value for axis, value in switched.items() if axis.startswith("unit:")}
     plain = {axis: value for axis, value in switched.items() if not axis.startswith("unit:")}
-    run(facts["source"], out=folder, reference=False, pictures=(), units=units or None, **given, **plain)
+    run(facts["source"], out=folder, reference=False, units=units or None, **given, **plain)
     return read_run(folder), {"names": names, "rows": rows, "values": packed(numbers, "<f8")}
 
 

@@ -7,18 +7,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
-from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.interrupt import InterruptGuard
+import numpy as np
+
+from vdfmu.base.errors import UsageError
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import report, with_progress
 from vdfmu.study.options import PlanOptions, SweepOptions
 from vdfmu.study.sweeps.indices import Indices, indices
 from vdfmu.study.sweeps.ledger import Ledger
-from vdfmu.study.sweeps.local import Chunks, check_workers, processors, run_here
 from vdfmu.study.sweeps.page import write_page
-from vdfmu.study.sweeps.plan import Plan, make_plan, name_of
+from vdfmu.study.sweeps.plan import make_plan, name_of
 from vdfmu.study.sweeps.plots import plot
+from vdfmu.study.sweeps.study import Study, check_workers
 from vdfmu.study.sweeps.table import StudyTable
 from vdfmu.study.sweeps.worker import KILLED
 
@@ -106,45 +107,23 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
         raise UsageError(f"chunk: expected a number of points of at least 1, got {chunk}.")
     check_workers(options)
     plan = make_plan(scenario, vary, **pick(PlanOptions, options))
-    study = run_plan(plan, default_folder(scenario) if options["out"] is None else Path(options["out"]), options)
-    study.notes += study.undefined()
-    return study
-
-
-def run_plan(plan: Plan, folder: Path, options: SweepOptions) -> Sweep:
-    """Run the points of a plan that the folder does not have yet; see :func:`sweep`."""
-    chunk, time_limit, scheduler = options.get("chunk"), options["time_limit"], options.get("scheduler")
-    job = plan.job.packed()
+    folder = default_folder(scenario) if options["out"] is None else Path(options["out"])
     with Ledger(folder, plan.facts, plan.key, plan.points, options["overwrite"]) as ledger:
-        done = ledger.done(again="" if options.get("retry") else KILLED)
+        done = ledger.done(again="" if options["retry"] else KILLED)
         finished, total = int(done.sum()), len(plan)
-        missing = total - finished
 
         def advance(points: int) -> None:
             nonlocal finished
             finished += points
             report("points", finished, total)
 
-        chunks = Chunks(done, plan.task, chunk, max(plan.job.together))
-        report("points", finished, total)
-        if scheduler is None:
-            runs = run_here(job, chunks, min(options["workers"] or processors(), missing), time_limit, advance)
-        else:
-            from vdfmu.study.sweeps.cluster import run_there
-
-            runs = run_there(job, chunks, scheduler, time_limit, advance)
-        try:
-            for rows in runs:
-                ledger.add(rows)
-                missing -= len(rows)
-        finally:
-            runs.close()
-            with InterruptGuard():
-                for rows in chunks.left:
-                    ledger.add(rows)
-        if missing:
-            raise VdfmuError(f"{folder}: {missing} points are missing: give the same command again to run them.")
-        return Sweep(ledger.finish(), notes=ledger.notes)
+        advance(0)
+        if finished < total:
+            with Study(plan.job, ledger, options, total - finished, chunk) as study:
+                study.ask(np.flatnonzero(~done), plan.task, advance)
+        found = Sweep(ledger.finish(), notes=ledger.notes)
+    found.notes += found.undefined()
+    return found
 
 
 def default_folder(scenario: Any) -> Path:

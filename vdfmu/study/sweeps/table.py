@@ -17,6 +17,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.seal import is_own
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
+from vdfmu.study.report.sheets import Sheet
 from vdfmu.study.run.summary_keys import ANY, TEXT, WHOLE, Keyed, List, Record, typed
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
@@ -122,6 +123,13 @@ class StudyTable:
         """Return a column, or the largest element of a measure, at each point, (n,); NaN where it failed."""
         table = self.table(self.elements(by))
         return np.max([column.to_numpy().astype(float) for column in table.columns], axis=0)
+
+    def sheet(self) -> Sheet:
+        """Return the range of each measure as a table."""
+        units = self.facts["units"]
+        rows = [(*row, units.get(row[0].partition("[")[0], "")) for row in self.ranges()]
+        columns = ("measure", "smallest", "median", "largest", "at point", "unit")
+        return Sheet(f"Measures of {self.facts['scenario']}", columns, rows, [])
 
     def ranges(self) -> list[list[str]]:
         """Return for each column of a measure: name, smallest, median, largest, and the point of the largest."""

@@ -1,28 +1,23 @@
-"""Costs of values: runs of all robots on workers that live as long as the search, each run kept."""
+"""Costs of values: a study of the runs of all robots."""
 
 from __future__ import annotations
 
-import queue
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import chain
-from time import monotonic
-from typing import Any
+from itertools import count
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.study.options import TuneOptions
 from vdfmu.study.sweeps.job import Row
 from vdfmu.study.sweeps.ledger import Ledger
-from vdfmu.study.sweeps.worker import Worker
+from vdfmu.study.sweeps.study import Study
 from vdfmu.study.tuning.problem import Problem
 
 _STEEP = 0.1
 """Excess for each 1/s of a growth, where margins are 0."""
-_SECONDS = 5.0
-"""Time [s] between two files of runs: the most that is lost when all is killed."""
+Values = tuple[float, ...]
 
 
 class SpentError(Exception):
@@ -54,46 +49,28 @@ class Score:
         return self.number is not None and not self.failed and not (self.excess > 0.0).any()
 
 
-class Evaluations:
-    """Costs of values, including costs `known` from a search that was stopped; a `budget` of evaluations may be run.
+class Evaluations(Study):
+    """Costs of values. A search asks for them, and `budget` of them may be run.
 
-    A run has the time `time_limit` [s]; `report` is called with the number of evaluations.
+    Runs that the ledger has are not run again. Points have the numbers that an undisturbed search gives them. `report`
+    is called with the number of evaluations.
     """
 
-    def __init__(
-        self, problem: Problem, ledger: Ledger, known: Sequence[Row], workers: int, budget: int,
-        time_limit: float | None, report: Callable[[int], None],
-    ) -> None:  # fmt: skip
-        self.problem, self.budget = problem, budget
+    def __init__(self, problem: Problem, ledger: Ledger, options: TuneOptions, report: Callable[[int], None]) -> None:
+        known = ledger.reopen()
+        super().__init__(problem.plan.job, ledger, options, max(problem.robots, 2))
+        self.problem, self.budget = problem, options["evaluations"]
         self.scores: list[Score] = []
         """Scores of all evaluations that were run, in order."""
         self.missed = 0
         """Values that were not run, since they miss the margin."""
-        self._ledger, self._report = ledger, report
-        self._by_values: dict[tuple[float, ...], Score] = {}
-        self._margins: dict[tuple[float, ...], tuple[Floats, float]] = {}
+        self._report = report
+        self._by_values: dict[Values, Score] = {}
+        self._margins: dict[Values, tuple[Floats, float]] = {}
         self._rows = {(tuple(row[n] for n in problem.names), int(row["robot"])): row for row in known}
-        self._next = 1 + max((row["point"] for row in known), default=-1)
-        self._fresh: list[Row] = []
-        self._kept_at = monotonic()
-        self._team = [Worker(problem.plan.job.packed(), time_limit) for _ in range(workers)]
-        self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
-        for worker in self._team:
-            self._idle.put(worker)
-        # a process ends with the thread that started it, and these live as long as the search
-        self._pool = ThreadPoolExecutor(workers)
-
-    def __enter__(self) -> Evaluations:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        with InterruptGuard():
-            self._keep()
-            for worker in self._team:
-                worker.stop()
-            self._pool.shutdown(cancel_futures=True)
-            for worker in self._team:
-                worker.close()
+        taken = {row["point"] for row in known}
+        self._free = (point for point in count() if point not in taken)
+        self._asked: dict[int, tuple[Values, int]] = {}
 
     def scores_of(self, several: Sequence[Floats], always: bool = False) -> list[Score]:
         """Return the scores of values; values that miss the margin are not run, unless `always` and stable.
@@ -101,7 +78,7 @@ class Evaluations:
         SpentError when the budget does not suffice for all new ones; as many as it allows are run and kept first.
         """
         keys = [tuple(map(float, values)) for values in several]
-        new: list[tuple[float, ...]] = []
+        new: list[Values] = []
         for key in dict.fromkeys(keys):
             if key in self._by_values and not (always and self._by_values[key].number is None):
                 continue
@@ -121,46 +98,31 @@ class Evaluations:
             raise SpentError
         return [self._by_values[key] for key in keys]
 
-    def _run(self, keys: Sequence[tuple[float, ...]]) -> None:
-        robots = self.problem.robots
-        spread = {target: column.tolist() for target, column in self.problem.spread.items()}
-        wanted = [(key, robot) for key in keys for robot in range(robots) if (key, robot) not in self._rows]
-        columns = [
-            {target: column[robot] for target, column in spread.items()}
-            | dict(zip(self.problem.names, key, strict=True))
-            for key, robot in wanted
-        ]
-        tasks = [(point, 0, own) for point, own in enumerate(columns, self._next)]
-        self._next += len(tasks)
-        together = self.problem.plan.job.together[0]
-        groups = [tasks[first : first + together] for first in range(0, len(tasks), together)]
-        rows = chain.from_iterable(self._pool.map(self._some, groups))
-        for (key, robot), own, row in zip(wanted, columns, rows, strict=True):
-            self._rows[key, robot] = row = {**row, **own, "robot": float(robot)}
-            self._fresh.append(row)
-        if monotonic() - self._kept_at > _SECONDS:
-            self._keep()
+    def _run(self, keys: Sequence[Values]) -> None:
+        robots = range(self.problem.robots)
+        wanted = [(key, robot) for key in keys for robot in robots if (key, robot) not in self._rows]
+        self._asked = {next(self._free): each for each in wanted}
+        self.ask([*self._asked], lambda point: (point, 0, self._columns(*self._asked[point])))
         for key in keys:
-            score = self._score(key, len(self.scores), [self._rows[key, robot] for robot in range(robots)])
+            score = self._score(key, len(self.scores), [self._rows[key, robot] for robot in robots])
             self.scores.append(score)
             self._by_values[key] = score
         self._report(len(self.scores))
 
-    def _some(self, tasks: Sequence[Any]) -> list[Row]:
-        worker = self._idle.get()
-        try:
-            rows = list(worker.run(tasks))
-            stopped = {"failed": "stopped", "failed_at": None, "wall_s": 0.0}
-            return rows + [{"point": task[0], **stopped} for task in tasks[len(rows) :]]
-        finally:
-            self._idle.put(worker)
+    def _columns(self, key: Values, robot: int) -> dict[str, float]:
+        """Return the values of the axes for a robot."""
+        spread = {target: column[robot].item() for target, column in self.problem.spread.items()}
+        return spread | dict(zip(self.problem.names, key, strict=True))
 
-    def _keep(self) -> None:
-        rows, self._fresh = self._fresh, []
-        self._ledger.add(rows)
-        self._kept_at = monotonic()
+    def tell(self, rows: list[Row]) -> None:
+        """Keep rows, with the values and the robot that they are of."""
+        for row in rows:
+            key, robot = self._asked[row["point"]]
+            row |= self._columns(key, robot) | {"robot": float(robot)}
+            self._rows[key, robot] = row
+        super().tell(rows)
 
-    def _score(self, key: tuple[float, ...], number: int | None, rows: Sequence[Row]) -> Score:
+    def _score(self, key: Values, number: int | None, rows: Sequence[Row]) -> Score:
         problem, (modulus, rate) = self.problem, self._margins[key]
         failed = sum(row["failed"] is not None for row in rows)
         names = list(dict.fromkeys(name for row in rows if row["failed"] is None for name in row))

@@ -24,7 +24,7 @@ from vdfmu.study.analysis.loops import told
 from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOptions
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger
-from vdfmu.study.sweeps.local import check_workers, processors
+from vdfmu.study.sweeps.study import check_workers
 from vdfmu.study.tuning.evaluate import Evaluations, Score, SpentError
 from vdfmu.study.tuning.problem import make_problem
 from vdfmu.system.scenario.values import group_value
@@ -208,8 +208,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
     VdfmuError
         If the runs of the start fail, or nothing can be written.
     """
-    method, budget = options["method"], options["evaluations"]
-    workers, time_limit, out = options["workers"], options["time_limit"], options["out"]
+    method, budget, out = options["method"], options["evaluations"], options["out"]
     if method not in METHODS:
         raise UsageError(f"method: expected {', '.join(METHODS)}, got {method}.")
     for name, value in (("evaluations", budget), ("spread_points", options["spread_points"])):
@@ -223,11 +222,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
     plan.facts["search"] = {"method": method, "budget": budget, "scipy": scipy.__version__}
     folder = Path("results") / f"tune_{plan.facts['scenario']}" if out is None else Path(out)
     with Ledger(folder, plan.facts, plan.key, {}, options["overwrite"]) as ledger:
-        known = ledger.reopen()
-        with Evaluations(
-            problem, ledger, known, min(workers or processors(), max(problem.robots, 2)), budget, time_limit,
-            lambda done: report("evaluations", done, budget),
-        ) as evaluations:  # fmt: skip
+        with Evaluations(problem, ledger, options, lambda done: report("evaluations", done, budget)) as evaluations:
             before, after = search(evaluations, method, options["seed"])
         ledger.finish()
         loaded = prepare(scenario, **pick(ScenarioOptions, options))
