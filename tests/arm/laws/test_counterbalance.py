@@ -55,7 +55,7 @@ def test_the_law_is_that_of_a_public_robot():
     assert (found[lean] < 0.0).all() and (found[~lean][:-1] > 0.0).all()  # back to where it is neutral
 
 
-def test_torque_is_minus_the_slope_of_the_energy():
+def test_torque_is_minus_the_slope_of_the_energy_and_an_upright_arm_needs_less():
     for q in np.linspace(-4.0, 4.0, 41):
         for i in range(2):
             step = np.full(2, q) + 1e-30j * np.eye(2)[i]
@@ -69,10 +69,7 @@ def test_torque_is_minus_the_slope_of_the_energy():
     assert (counterbalance_energy(BOTH, dead + 2.0) > 1.0).all()
     longest, _ = stroke(BOTH, 0, np.pi - 0.4)
     assert longest == pytest.approx(0.2, abs=4 * EPS)  # 2 r
-
-
-def test_an_arm_that_stands_upright_needs_less_torque():
-    """A crank at dead centre with the arm upright helps on either side; inertia and the other joint know nothing."""
+    # A crank at dead centre with the arm upright helps on either side; inertia and the other joint know nothing.
     bare = load_robot("planar_2dof")
     # at q = 0 the arm lies along x
     helped = balanced("planar_2dof", CYLINDER | {"F_cb": 80.0, "delta_cb": -np.pi / 2.0})

@@ -38,16 +38,13 @@ def test_tables_1_and_2(i):
     assert tuple(getattr(ARM, key)[i] for key in ("f_c", "f_s", "f_v", "v_s", "f_ck")) == TABLE_2[i]
 
 
-def test_lengths_ratio_and_rotor():
+def test_lengths_ratio_rotor_equations_34_to_36_and_drives_that_are_fitted_to_the_catalogue():
     l1, l2, l3, l4 = 0.3, 0.3, 0.303, 0.5
     offsets = [[0, 0, 0], [0, 0, l1], [l2, 0, 0], [0, 0, 0], [0, 0, l3], [0, l4, 0]]
     np.testing.assert_array_equal(ARM.offset, offsets)
     np.testing.assert_array_equal(ARM.ell, np.full(6, 100.0))
     np.testing.assert_array_equal(ARM.I_m, np.full(6, 0.00114))
     np.testing.assert_array_equal(ARM.gravity, [0, 0, 9.81])
-
-
-def test_equations_34_to_36():
     q = np.array([0.3, -0.7, 1.1, 0.4, -1.3, 2.0])
     c1, c2, c3, c4, c5, c6 = np.cos(q)
     s1, s2, s3, s4, s5, s6 = np.sin(q)
@@ -64,9 +61,6 @@ def test_equations_34_to_36():
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         # Products with 0 and 1 are exact.
         np.testing.assert_array_equal(ARM.rotation[i] @ turn, printed[i])
-
-
-def test_drives_are_fitted_to_the_catalogue():
     # Fitted to catalogue stiffness, sizes 20, 17, 14 for joints 1-2, 3-4, 5-6; not from the paper.
     np.testing.assert_array_equal(ARM.K_f0, np.repeat([28433, 15727, 6957], 2))
     np.testing.assert_array_equal(ARM.c_f, np.repeat([2.955e-3, 4.518e-3, 8.784e-3], 2))

@@ -93,7 +93,7 @@ def output(environment: dict[str, str], *arguments: str) -> str:
 
 
 @pytest.mark.heavy
-def test_a_new_parameter_is_one_line(extended):
+def test_a_new_parameter_is_one_line_and_is_shown_on_the_command_line(extended):
     seen = json.loads(output(extended, "-c", PROGRAM))
     assert seen["file"].startswith(extended["PYTHONPATH"])
     assert seen["default"] == [2.0, 2.0, 2.0]
@@ -114,10 +114,6 @@ def test_a_new_parameter_is_one_line(extended):
     ]
     assert seen["doc"] == ["k_new : (n,) [N.m/rad or N/m]", "    New stiffness, Eq. (99)."]
     assert seen["factor"]
-
-
-@pytest.mark.heavy
-def test_a_new_parameter_is_shown_on_the_command_line(extended):
     shown = output(extended, "-m", "vdfmu.cli", "robot", "show", "planar_2dof")
     assert re.search(r"theta_err_phase +k_new", shown)
     assert "k_new: no source" in shown

@@ -91,7 +91,7 @@ def test_noise_has_the_same_bits_in_every_fmu(planar, tmp_path, form):
     assert np.array_equal(found[1:], expected)
 
 
-def test_an_encoder_reads_in_steps_and_late(planar):
+def test_an_encoder_reads_in_steps_and_late_and_with_whole_samples_of_delay_has_the_samples(planar):
     w, late, span = 7.0, 2.25e-3, [2.0 * np.pi, 0.5]
     q = lambda t: np.array([np.sin(w * t), 0.3 * np.cos(w * t)])  # noqa: E731
     unit = find_unit("encoder")(planar, q=q(0.0), bits=14.0, T_d=late, span=span, T_v=[0.0, 4e-3])
@@ -116,9 +116,6 @@ def test_an_encoder_reads_in_steps_and_late(planar):
             v = a * v + (1.0 - a) * (now - before) / H
             velocity.append(v)
         np.testing.assert_allclose(found["q_dot_m"][1:, i], velocity[1:], rtol=0, atol=1e-11)  # 1 / h of 1, rounded
-
-
-def test_an_encoder_with_whole_samples_of_delay_has_the_samples(planar):
     x = np.random.default_rng(0).normal(size=(50, 2))
     unit = find_unit("encoder")(planar, T_d=3e-3, bits=48.0)
     found = sampled(unit, 50, q=lambda t: x[round(t / H)])["q_m"]

@@ -75,7 +75,7 @@ def test_start_values_lie_within_their_limits_and_only_what_each_step_reads_is_t
     )
 
 
-def test_units_are_coherent_with_their_names(root):
+def test_units_and_display_units_are_as_their_names_say(root):
     """Exponents of each unit follow from its name by reading it as a product of named units."""
     base = {
         "kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {"rad": 1}, "1": {},
@@ -91,9 +91,6 @@ def test_units_are_coherent_with_their_names(root):
                     total[name] = total.get(name, 0) + sign * power * exponent
         expected = {name: str(exponent) for name, exponent in total.items() if exponent}
         assert dict(unit.find("BaseUnit").attrib) == expected, unit.get("name")
-
-
-def test_display_units_convert_as_their_names_say(root):
     factors = {"deg": 180.0 / math.pi, "mm": 1e3, "ms": 1e3, "g": 1e3}
     for unit in root.findall("UnitDefinitions/Unit"):
         for display in unit.findall("DisplayUnit"):

@@ -20,12 +20,13 @@ def change(folder: Path, **values: Any) -> Path:
 
 
 def test_an_fmu_of_another_version_or_of_other_sources_is_refused_before_its_content_is_read(copy_of, words_of_refusal):
-    words = words_of_refusal(change(copy_of("plant"), version="9.9.9"))
+    folder = change(copy_of("plant"), version="9.9.9")
+    words = words_of_refusal(folder)
     assert words.endswith(
         f"unit: instantiate failed: Plant.fmu was built with vdfmu 9.9.9, but this Python has vdfmu {__version__}. "
         "Build the FMU again with `vdfmu build`, or install vdfmu 9.9.9."
     )
-    folder = change(copy_of("plant"), version="9.9.9", robot={"arms": 2}, start_values=None, tool=None)
+    folder = change(folder, robot={"arms": 2}, start_values=None, tool=None)
     assert "was built with vdfmu 9.9.9" in words_of_refusal(folder)
     words = words_of_refusal(change(copy_of("controller"), digest="0123456789abcdef"))
     assert f"PDController.fmu was built with vdfmu {__version__} of other sources" in words

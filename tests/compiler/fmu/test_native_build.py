@@ -146,13 +146,16 @@ def test_backends_and_versions_replace_each_other(planar, tmp_path):
     assert sorted(tmp_path.iterdir()) == [tmp_path / "PDController.fmu"]
 
 
-def test_a_second_build_compiles_nothing_or_the_tables_alone(planar, tmp_path, monkeypatch):
+def test_a_second_build_compiles_nothing(planar, tmp_path, monkeypatch):
     first = build_fmus(planar, tmp_path / "1", units=FAST, backend="native")
     monkeypatch.setattr(compile, "zig", lambda: "/nowhere/zig")
     second = build_fmus(planar, tmp_path / "2", units=FAST, backend="native")
     for unit, path in first.items():
         assert second[unit].read_bytes() == path.read_bytes()
-    # The traced equations are the same for all values of parameters and for both versions of FMI.
+
+
+def test_other_start_values_compile_the_tables_alone(planar, tmp_path, monkeypatch):
+    """The traced equations are the same for all values of parameters and for both versions of FMI."""
     build_fmus(planar, tmp_path, units=FAST, backend="native")
     compiled: list[str] = []
     run = compile._Workshop._object
@@ -258,13 +261,16 @@ def test_unknown_names_are_refused_with_the_known_ones(planar, tmp_path, options
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_machine_without_native_fmus_is_told(monkeypatch, tmp_path):
+def test_a_machine_without_native_fmus_is_told(monkeypatch):
     monkeypatch.setattr(platforms.machine, "machine", lambda: "riscv64")
     with pytest.raises(FmuError, match=r"for this machine, riscv64-linux. There are: x86_64-linux"):
         platforms.chosen_platforms(None)
     assert not native_available()
     assert platforms.chosen_platforms("all") == platforms.ALL
     assert platforms.chosen_platforms(["wasm32", "all"]) == tuple(PLATFORMS)
+
+
+def test_a_cache_that_cannot_be_written_costs_time_alone(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "file" / "cache"))
     assert compile_library(SMALL, this_platform(), name="Small")

@@ -161,16 +161,13 @@ def test_arrays_of_fmi_3_are_those_of_the_layout(interface, root3):
         assert element.get("intermediateUpdate") == ("true" if continuous else None)
 
 
-def test_derivatives_of_fmi_3_name_their_states(interface, root3):
+def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements_and_derivatives_name_their_states(interface, root3):
     description = read(root3)
     derivatives = [u.variable for u in description.derivatives]
     assert [v.name for v in derivatives] == [f"der({v.derivative.name})" for v in derivatives]
     assert [v.shape for v in derivatives] == [v.derivative.shape for v in derivatives]
     positions = [v.derivative.valueReference + k for v in derivatives for k in range(int(np.prod(v.shape)))]
     assert positions == list(range(interface.states.start, interface.states.stop))
-
-
-def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements_and_time_is_independent(interface, root3):
     of_position = {i: array.first for array in interface.arrays for i in range(array.first, array.first + array.size)}
     calculated = {i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")}
     for tag, kinds, dependencies in (

@@ -102,7 +102,7 @@ def at(unit: Instance, time: float) -> Instance:
     return unit.continuous().do("SetTime", time).do("EnterEventMode")
 
 
-def test_a_sample_is_taken_once_however_often_events_are_iterated_and_a_saved_state_knows(unit):
+def test_a_sample_is_taken_once_however_often_events_are_iterated(unit):
     """The times are multiples of the period from the start time on, exactly as they are calculated."""
     assert unit.get("count") == 0.0
     for _ in range(3):
@@ -115,6 +115,9 @@ def test_a_sample_is_taken_once_however_often_events_are_iterated_and_a_saved_st
     assert unit.get("count") == 2.0 and unit.get("s") == 2.0 * K
     at(unit, 0.25 + 5.5 * PERIOD)  # samples that the importer passed over are one
     assert samples(unit) == 0.25 + 6 * PERIOD and unit.get("count") == 3.0
+
+
+def test_a_saved_state_knows_which_samples_were_taken(unit):
     samples(at(unit, 0.25 + PERIOD))
     data = unit.complete()
     samples(at(unit, 0.25 + 3 * PERIOD))

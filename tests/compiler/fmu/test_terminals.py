@@ -41,11 +41,8 @@ def members(interface: Interface, fmi: FmiVersion) -> dict[str, dict[str, str]]:
     }
 
 
-def test_it_obeys_the_schema_of_the_standard(interface, fmi):
+def test_it_obeys_the_schema_of_the_standard_and_members_are_inputs_and_outputs_of_the_unit(interface, fmi):
     assert SCHEMA.validate(read(interface, fmi)), SCHEMA.error_log
-
-
-def test_members_are_inputs_and_outputs_of_the_unit(interface, fmi):
     if fmi is FMI_2:
         causality = {v.name: v.causality for v in interface}
     else:

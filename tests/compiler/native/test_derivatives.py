@@ -228,7 +228,7 @@ def without_choices(unit: Instance, found: set[tuple[str, str]]) -> set[tuple[st
     return {(a, b) for a, b in found if unit.model.references[b][0].type == "Real"}
 
 
-def test_dependencies_of_elements_are_those_of_the_model_structure(native, unit_name, robot_name):
+def test_dependencies_of_elements_and_arrays_are_those_of_the_model_structure(native, unit_name, robot_name):
     """Those of FMI 3 also name the time, and what it moves is what depends on it: the trajectory."""
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
@@ -241,10 +241,7 @@ def test_dependencies_of_elements_are_those_of_the_model_structure(native, unit_
         timed = {name for name, knowns in found.items() if "time" in knowns}
         assert timed == (set(found) if unit_name == "trajectory" else set())
         assert {name: knowns - {"time"} for name, knowns in found.items()} == structure(two, tag), phase
-
-
-def test_dependencies_of_arrays_are_those_of_their_elements(native, unit_name, robot_name):
-    """The ModelStructure of FMI 3 names whole arrays."""
+    # The ModelStructure of FMI 3 names whole arrays.
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
     owner = {positions[v.reference + i]: v.reference for v in three.model.variables for i in range(len(v.names))}

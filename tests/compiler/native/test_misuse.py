@@ -205,7 +205,7 @@ def test_an_instance_without_a_name_or_of_another_kind_is_refused(model, version
     assert words in instance.messages[-1].text
 
 
-def test_null_pointers_at_instantiation_of_fmi_2_are_refused(model):
+def test_instantiations_without_what_they_need_are_refused(model):
     said = []
     log = LOG_2(lambda *a: said.append(a[4].decode()))
     two, talking = model("plant", "2.0"), ct.byref(Callbacks(log))
@@ -221,9 +221,6 @@ def test_null_pointers_at_instantiation_of_fmi_2_are_refused(model):
     two.function("FreeInstance")(None)
     assert make(b"unit", 7, guid, None, talking, 0, 0) is None
     assert "expected an instance for model exchange (0) or co-simulation (1)" in said[-1]
-
-
-def test_instantiations_of_fmi_3_without_what_they_need_are_refused(model):
     three = model("plant", "3.0")
     start, token, unknown = three.function("InstantiateCoSimulation"), three.guid.encode(), references([9999])
     for name, guid, event_mode, intermediate in (

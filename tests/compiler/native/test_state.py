@@ -198,7 +198,7 @@ def test_a_state_of_another_kind_of_instance_unit_or_robot_is_refused(native, ve
     assert unit.complete() == before
 
 
-def test_a_pointer_that_is_no_state_of_the_instance_is_refused(native, version):
+def test_a_pointer_that_is_no_state_of_the_instance_and_room_of_the_wrong_size_are_refused(native, version):
     unit, other = (started(native, "CoSimulation", version) for _ in range(2))
     foreign, freed, size = other.save(), unit.save(), ct.c_size_t()
     gone = ct.c_void_p(freed.value)
@@ -217,9 +217,6 @@ def test_a_pointer_that_is_no_state_of_the_instance_is_refused(native, version):
                 no(f"Get{unit._state}", ct.byref(pointer))
     assert unit.complete() == before
     other.forget(foreign)
-
-
-def test_room_of_the_wrong_size_is_refused_and_not_written(native, version):
     unit = started(native, "CoSimulation", version)
     pointer = unit.save()
     whole = len(unit.serialize(pointer))

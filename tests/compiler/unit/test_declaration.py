@@ -58,7 +58,7 @@ def many():
     return Interface(Many, SLIDER)
 
 
-def test_variables_stand_in_the_order_of_inputs_states_sampled_outputs_parameters_robot(many):
+def test_variables_stand_in_the_order_of_their_kinds_with_shapes_and_units_of_measurement_of_the_joints(many):
     assert list(many.groups) == [
         "u", "q", "s", "y", "k", "period", "mode", "on", "M", "g", "s_0", "q_0", "tolerance", "solver", "ell",
     ]  # fmt: skip
@@ -69,9 +69,6 @@ def test_variables_stand_in_the_order_of_inputs_states_sampled_outputs_parameter
     # behind the variables the derivatives of the continuous states, and the time
     assert [v.name for v in many.memory[len(many) :]] == ["der(q[1])", "der(q[2])", "der(q[3])", "time"]
     assert many.states == many.groups["q"] and many.size == len(many) + 4
-
-
-def test_shapes_count_joints_or_are_fixed_and_units_of_measurement_follow_their_type(many):
     sizes = {group: where.stop - where.start for group, where in many.groups.items()}
     assert sizes["q"] == sizes["y"] == sizes["g"] == sizes["ell"] == 3
     assert (sizes["u"], sizes["k"], sizes["M"]) == (2, 1, 4)
@@ -85,7 +82,7 @@ def test_shapes_count_joints_or_are_fixed_and_units_of_measurement_follow_their_
     assert units["mode"] is None and units["on"] is None  # not real
 
 
-def test_descriptions_name_the_joint_or_the_indices(many):
+def test_descriptions_name_the_joint_or_the_indices_and_start_values_are_broadcast_or_come_from_the_robot(many):
     texts = {v.name: v.description for v in many.memory}
     assert texts["q[2]"] == "Joint 2: position"
     assert texts["q_0[2]"] == "Joint 2: start of position"
@@ -100,9 +97,6 @@ def test_descriptions_name_the_joint_or_the_indices(many):
     assert (texts["der(x[2])"], texts["der(v)"]) == ("Derivative of x 2", "Derivative of the speed")
     assert general_description(texts["x[1]"]) == ""
     assert many.description == "One of each kind. The rest of the docstring is for the page"
-
-
-def test_start_values_are_broadcast_or_come_from_the_robot_and_kinds_have_their_type(many):
     starts = {v.name: v.start for v in many}
     assert [starts[f"q_0[{i}]"] for i in (1, 2, 3)] == [0.0, 0.1, 0.2]
     assert [starts[f"s_0[{i}]"] for i in (1, 2, 3)] == [0.5] * 3

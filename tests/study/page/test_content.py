@@ -97,7 +97,7 @@ def test_elements_of_an_array_in_two_units_are_two_figures():
     assert [curves(one)[1].tolist() for one in found] == [[[0.0, 2.0, 4.0]], [[1.0, 3.0, 5.0]]]
 
 
-def test_the_page_of_a_long_run_is_quick_and_memory_does_not_grow_with_the_rows(monkeypatch, calls):
+def test_memory_does_not_grow_with_the_rows(monkeypatch):
     monkeypatch.setattr(content, "_BLOCK", 1000)
     results = noise(200_000, 1)
     tracemalloc.start()
@@ -106,6 +106,9 @@ def test_the_page_of_a_long_run_is_quick_and_memory_does_not_grow_with_the_rows(
     tracemalloc.stop()
     # a column of all rows takes 1.6 MB; those that are kept, 24 bytes each and their text, 0.3 MB
     assert peak < 8 * 200_000
+
+
+def test_the_page_of_a_long_run_is_quick(calls):
     results = noise(10_001, 100)  # as many numbers as the tracking run has
     run = ShownRun("run", results, {"scenario": "noise", "joints": 100}, Path("none.ssp"))
     report_page([run])
@@ -244,7 +247,7 @@ def test_the_command_writes_one_page_of_its_folders_and_says_which_has_no_run(pl
         newest_run(tmp_path)
 
 
-def test_checks_pass_and_fail_by_their_limits():
+def test_checks_pass_and_fail_by_their_limits_and_a_chaotic_loop_by_statistics():
     summary = {
         "reference": {"sampled": {"name": "sampled", "max_position_difference_rad": 1e-8}},
         "max_position_error_deg": [1e-3], "position_units": ["deg"],
@@ -261,9 +264,6 @@ def test_checks_pass_and_fail_by_their_limits():
         summary["reference"]["sampled"]["max_position_difference_rad"] = apart
         (check,) = run_checks(summary)
         assert check.state == state and "limit 1e-11, the absolute tolerance" in check.text
-
-
-def test_a_chaotic_loop_is_held_against_statistics():
     sampled = {"name": "sampled", "max_position_difference_rad": 1.0, "rms_position_difference": 0.01,
                "rms_torque_difference": 0.02}  # fmt: skip
     summary = {"reference": {"sampled": sampled}, "separation": {}, "max_position_error_deg": [1.0],

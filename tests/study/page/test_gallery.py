@@ -68,7 +68,7 @@ def test_broken_folders_are_named_and_deleted_ones_are_gone(results):
     assert rows(gallery_page(results)).keys() == {"first run"}
 
 
-def test_nothing_but_the_summary_is_opened_whose_names_and_verdicts_are_text_and_counted(results):
+def test_nothing_but_the_summary_is_opened_whose_names_and_verdicts_are_text(results):
     """Results, package and page may be anything, even pipes that never end."""
     whole = rows(gallery_page(results))
     for name in ("results.csv", "system.ssp"):
@@ -82,6 +82,9 @@ def test_nothing_but_the_summary_is_opened_whose_names_and_verdicts_are_text_and
     page = gallery_page(results).decode()
     assert "&lt;i&gt;x&lt;/i&gt;" in page and "&lt;u&gt;w&lt;/u&gt;" in page and "&lt;b&gt;" in page
     assert not re.search("<[biu]>", page) and 'href="%3Cb%3E%26%27%FF"' in page
+
+
+def test_a_verdict_is_seen_and_counted(results):
     for state in ("doubtful", "failed"):
         changed(results / "first run", verdict={"state": state, "words": "off its path", "checks": []})
         page = gallery_page(results)

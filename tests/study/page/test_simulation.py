@@ -80,15 +80,15 @@ def test_recorded_rows_are_those_of_the_run_and_separate_solutions_are_judged_by
 
 def test_knobs_are_parameters_of_the_run_and_friction_that_of_the_rotors_too(planar):
     found = found_in(planar)[0]
-    knobs = {knob["key"]: knob for knob in found["knobs"]}
-    assert list(knobs) == ["controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0", "plant.f_c", "trajectory.T"]
-    gains = knobs["controller.K_p"]
+    shown = {knob["key"]: knob for knob in found["knobs"]}
+    assert list(shown) == ["controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0", "plant.f_c", "trajectory.T"]
+    gains = shown["controller.K_p"]
     assert (gains["values"], gains["units"]) == ([1500.0, 1500.0], ["N.m/rad", "N.m/rad"])
-    assert knobs["plant.mass"]["known"] == [
+    assert shown["plant.mass"]["known"] == [
         {"unit": "feedforward", "name": "mass"}, {"unit": "feedforward", "name": "inertia"},
     ]  # fmt: skip
     parameters = {unit["name"]: unit["parameters"] for unit in found["units"]}
-    for knob in knobs.values():
+    for knob in shown.values():
         for target in (*knob["targets"], *knob["known"]):
             own = [name.partition("[")[0] for name in parameters[target["unit"]]]
             assert target["name"] in own

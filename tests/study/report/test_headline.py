@@ -132,7 +132,7 @@ def test_a_check_that_failed_is_quoted_and_numbers_that_are_not_known_have_no_ti
     ]
 
 
-def test_the_line_in_the_terminal_has_a_colour_and_a_torque_is_a_share_of_its_limit():
+def test_the_line_in_the_terminal_has_a_colour_and_key_figures_are_those_of_the_results(planar):
     checks = [CHECK["good"], Check("a", "doubtful", "b", "saturated")]
     with Console(file=io.StringIO(), width=80, color_system="standard", force_terminal=True) as console:
         with console.capture() as shown:
@@ -142,15 +142,6 @@ def test_the_line_in_the_terminal_has_a_colour_and_a_torque_is_a_share_of_its_li
     assert "Doubtful: saturated; 1 of 2 checks pass, 1 doubtful" in shown.get()
     (tile,) = tiles_of({"key_figures": {"torque": FIGURES["torque"] | {"limit": 71.0}}})
     assert tile[1:3] == ("50 %", "of its limit, 35.5 N.m, joint 2 at 0.941 s")
-
-
-@pytest.fixture(scope="module")
-def planar(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("headline")
-    return vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False), folder
-
-
-def test_key_figures_are_those_of_the_results(planar):
     results, _ = planar
     found = results.summary["key_figures"]
     row = round(found["tool_error"]["at_s"] / results.summary["step"])
@@ -167,6 +158,12 @@ def test_key_figures_are_those_of_the_results(planar):
     # the arm has moved by less than a degree in 0.2 s
     assert found["mode"]["value"] == pytest.approx(modes.frequency[0], rel=0.01)
     assert 0.0 < found["margin"]["value"] <= 1.0
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("headline")
+    return vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False), folder
 
 
 def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is_another(planar):

@@ -40,11 +40,8 @@ def problems(tmp_path):
     return say
 
 
-def test_a_description_without_faults_has_none(problems):
-    assert problems(local("a", 3, '<Real declaredType="Angle" start="0.5"/>', 'initial="exact"')) == []
-
-
 def test_references_that_lead_nowhere_hide_no_other_fault(problems):
+    assert problems(local("a", 3, '<Real declaredType="Angle" start="0.5"/>', 'initial="exact"')) == []
     found = problems(
         local("u", 3, '<Real unit="furlong" displayUnit="mile"/>'),
         local("d", 4, '<Real derivative="99"/>'),
@@ -93,7 +90,7 @@ def test_ranges_initial_and_aliases(problems):
     ]
 
 
-def test_source_files_and_terminals_that_name_what_is_not_there(problems):
+def test_source_files_and_terminals_that_name_what_is_not_there_and_an_alias_that_needs_no_entry(problems):
     sources = '<SourceFiles><File name="a.c"/><File name="b.c"/></SourceFiles>'
     terminals = (
         '<fmiTerminalsAndIcons fmiVersion="3.0"><Terminals><Terminal name="t" matchingRule="bus">'
@@ -109,6 +106,11 @@ def test_source_files_and_terminals_that_name_what_is_not_there(problems):
     stripped = {"binaries/plan9/m.so": b"\x7fELF"}
     assert problems(sources=sources, members=stripped) == []
     assert any("by its binaries only" in n for n in problems(sources=sources, members=stripped, notes=True))
+    assert problems(text=ALIAS.format(name="z", of="")) == []
+    assert problems(text=ALIAS.format(name="time", of="7")) == [
+        "modelDescription.xml, line 5: Output: dependencies: 7: no variable has that value reference",
+        'The variable name "time" (line 4) is not unique.',
+    ]
 
 
 ALIAS = """<fmiModelDescription fmiVersion="3.0" modelName="m" instantiationToken="1">
@@ -117,14 +119,6 @@ ALIAS = """<fmiModelDescription fmiVersion="3.0" modelName="m" instantiationToke
 <Float64 name="y" valueReference="1" causality="output"><Alias name="{name}"/></Float64></ModelVariables>
 <ModelStructure><Output valueReference="1" dependencies="{of}"/><InitialUnknown valueReference="1"/></ModelStructure>
 </fmiModelDescription>"""
-
-
-def test_an_alias_of_fmi_3_needs_no_entry_of_the_model_structure(problems):
-    assert problems(text=ALIAS.format(name="z", of="")) == []
-    assert problems(text=ALIAS.format(name="time", of="7")) == [
-        "modelDescription.xml, line 5: Output: dependencies: 7: no variable has that value reference",
-        'The variable name "time" (line 4) is not unique.',
-    ]
 
 
 def test_a_library_for_another_processor_or_none_is_named_and_not_loaded(problems, tmp_path):

@@ -231,7 +231,7 @@ def test_runs_that_fail_cost_infinity_and_limits_hold_for_every_robot(tmp_path):
     assert found.after.feasible and found.after.cost[0] <= found.before.cost[0]
     found = vdfmu.tune(
         "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
-        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "search", **SHORT,
+        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "limited", **SHORT,
     )  # fmt: skip
     assert not found.after.feasible  # no feedback torque at all
     assert any("no values within the limits" in note for note in found.notes)
