@@ -21,7 +21,7 @@ from pathlib import Path
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.arm.units import shipped_units
-from vdfmu.base.once import one_job
+from vdfmu.base.cache import one_job
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import PLATFORMS

@@ -21,7 +21,7 @@ from benchmarks.measured_logs import panda, ur10e
 from benchmarks.report import Report, Table
 from vdfmu.arm.robot import Robot, robot_from_dict
 from vdfmu.base.arrays import Floats
-from vdfmu.base.toml_text import toml_text
+from vdfmu.base.toml_file import toml_text
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "robot_r3"
 """The units of a robot of the Modelica Standard Library, with dampers parallel to the springs."""

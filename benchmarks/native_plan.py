@@ -23,7 +23,7 @@ from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.exchange import Call, Exchange
 from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.package.system import Component, System
+from vdfmu.engine.package.system import Component, FlatSystem
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run.isolated import Limits
 from vdfmu.engine.run.session import Session
@@ -69,12 +69,12 @@ def ready(path: Path, algorithm: str, stop: float) -> Generator[Exchange]:
             yield session.exchange
 
 
-def _alone(fmu: Path, folder: Path) -> System:
+def _alone(fmu: Path, folder: Path) -> FlatSystem:
     """Return a system of one FMU."""
     member = f"resources/{fmu.name}"
     package = folder / f"{fmu.stem}.ssp"
     pack_zip(package, {member: fmu.read_bytes()})
-    return System(package, fmu.stem, (Component(fmu.stem, member, "CoSimulation", {}),), (), {})
+    return FlatSystem(package, fmu.stem, (Component(fmu.stem, member, "CoSimulation", {}),), (), {})
 
 
 @dataclass

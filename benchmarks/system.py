@@ -16,11 +16,10 @@ import numpy as np
 from vdfmu.base.files import pack_zip
 from vdfmu.compiler.c.compile import compile_library
 from vdfmu.compiler.c.platforms import this_platform
-from vdfmu.engine.package.system import Component, System
+from vdfmu.engine.package.system import Component, FlatSystem
 from vdfmu.engine.run import LogMessage, Results, simulate
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.parts import build_parts
 
 
 @contextmanager
@@ -136,7 +135,7 @@ def container_run(
         pack_zip(package, {member: container.read_bytes()})
         only = Component("container", member, "CoSimulation", {})
         results = simulate(
-            System(package, "container", (only,), (), {}), start=0.0, stop=stop, step=step, algorithm="jacobi",
+            FlatSystem(package, "container", (only,), (), {}), start=0.0, stop=stop, step=step, algorithm="jacobi",
             progress=progress, log=quiet, isolate=False,
         )  # fmt: skip
     return results.renamed(lambda name: name.removeprefix("container."))

@@ -2,6 +2,10 @@
 
 Python API
 ----------
+``build``
+    One FMU: of a class of Unit, a file with one, or a unit of this package.
+``connect``, ``load``
+    A system of FMUs as one object, of FMUs and connections, or of a package, an FMU or a scenario.
 ``load_robot``, ``load_scenario``
     A shipped robot or scenario by name, or a file by path.
 ``load_motion``
@@ -50,7 +54,7 @@ if TYPE_CHECKING:
         jacobian,
         mass_matrix,
     )
-    from vdfmu.arm.fmus import build_fmus
+    from vdfmu.arm.fmus import build, build_fmus
     from vdfmu.arm.imports import robot_from_mjcf, robot_from_urdf
     from vdfmu.arm.motion.read import load_motion
     from vdfmu.arm.robot import Robot, load_robot, robot_names
@@ -63,6 +67,7 @@ if TYPE_CHECKING:
     from vdfmu.engine.run import Results, Simulator, simulate
     from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.modes import Modes, natural_modes
+    from vdfmu.study.connected import System, connect, load
     from vdfmu.study.environment.arm import ArmEnv, ArmVectorEnv
     from vdfmu.study.report.animation import Animation, animate
     from vdfmu.study.runs import run
@@ -87,7 +92,8 @@ _NAMES = {
     "vdfmu.engine.package": ("load_ssp",),
     "vdfmu.engine.package.limits": ("package_limit",),
     "vdfmu.base.errors": ("VdfmuError",),
-    "vdfmu.arm.fmus": ("build_fmus",),
+    "vdfmu.arm.fmus": ("build", "build_fmus"),
+    "vdfmu.study.connected": ("System", "connect", "load"),
     "vdfmu.arm.robot": ("Robot", "load_robot", "robot_names"),
     "vdfmu.arm.motion.read": ("load_motion",),
     "vdfmu.study.report.animation": ("Animation", "animate"),
@@ -104,9 +110,9 @@ _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
     "Animation", "ArmEnv", "ArmVectorEnv", "LiveView", "Modes", "Results", "Robot", "RobotView", "Scenario",
-    "Simulator", "StateSpace", "Sweep", "VdfmuError", "__version__", "animate", "build_fmus",
-    "federate", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian",
-    "linearize", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
+    "Simulator", "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build", "build_fmus",
+    "connect", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian",
+    "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
     "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",
     "tune", "write_container", "write_ssp",
 ]  # fmt: skip

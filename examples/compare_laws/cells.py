@@ -13,7 +13,7 @@ from laws import Law
 import vdfmu
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.motion.read import KINDS
-from vdfmu.base.toml_text import toml_text
+from vdfmu.base.toml_file import toml_text
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import system_values

@@ -13,7 +13,7 @@ import pytest
 
 from tests.warm import command
 from vdfmu import __version__
-from vdfmu.base.json_text import to_json
+from vdfmu.base.text import to_json
 from vdfmu.engine.algorithms import ALGORITHMS
 
 ROOT = Path(__file__).parents[2]

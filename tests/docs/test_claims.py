@@ -17,9 +17,8 @@ from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix, veloc
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.compiler.functions.rodas import GAMMA
 from vdfmu.compiler.scalar.elimination import factorize, solve, sparse_of
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.values import group_value, system_values
 
 ROOT = Path(__file__).resolve().parents[2]

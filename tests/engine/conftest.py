@@ -15,9 +15,8 @@ from tests.engine.files import hard_results
 from tests.engine.reference import models
 from tests.engine.texts import connection, connector_list
 from vdfmu.engine.run import Results, session
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 
 # Variables and dependencies come from SPEC. The body has do_step(), and calc(), which computes the outputs
 # from the inputs in initialization mode.

@@ -6,8 +6,8 @@ import re
 import pytest
 
 from tests.engine.files import check_file, edited
+from vdfmu.base.cache import one_job
 from vdfmu.base.errors import SspError
-from vdfmu.base.once import one_job
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.read import read_system

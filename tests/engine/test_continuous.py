@@ -13,10 +13,9 @@ from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.run import Simulator, simulate
 from vdfmu.study.run.power_bond import PowerBond
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.values import system_values
 
 # A plant x' = u under u = G r + K (r - x), r = 0.3 t. No unit takes derivatives of its inputs, so the plant gets the

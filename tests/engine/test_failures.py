@@ -13,8 +13,8 @@ from pythonfmu.builder import FmuBuilder
 
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.run import Interrupted, simulate
+from vdfmu.system.package.write import cached_fmus
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 
 MADE = """
 import os

@@ -361,7 +361,7 @@ def test_a_signal_ends_a_run_whose_process_hangs_with_a_child_that_fled(package,
 
 
 def test_a_process_whose_parent_is_gone_ends_in_silence():
-    code = "from vdfmu.base.child import Parent; parent = Parent(); parent.read(1); parent.reply(1); print('alive')"
+    code = "from vdfmu.base.process import Parent; parent = Parent(); parent.read(1); parent.reply(1); print('alive')"
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", code], **pipes) as process:
         process.stdout.close()

@@ -7,8 +7,7 @@ import pytest
 
 import vdfmu
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option import declared
-from vdfmu.base.option_types import type_problem
+from vdfmu.base.option import declared, type_problem
 from vdfmu.engine import options as of_systems
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.study import options as of_studies

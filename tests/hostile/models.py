@@ -14,10 +14,9 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.files import data_path
 from vdfmu.compiler.fmu.build import build_notes
 from vdfmu.engine.run import simulate
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.values import system_values
 
 _NUMBER = re.compile(r"(?<![\w.\"])-?\d+\.?\d*(?:e-?\d+)?(?![\w.\"])")

@@ -11,9 +11,8 @@ import numpy as np
 
 from tests.hostile.table import Corpus
 from vdfmu.engine.run import Results, simulate
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 
 THREADS = 8
 STOP = 0.02

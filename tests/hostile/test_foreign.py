@@ -8,7 +8,7 @@ import pytest
 from tests.hostile import foreign, unpacked
 from tests.hostile.results import arm_run
 from tests.hostile.studies import done_study
-from vdfmu.base import seal, unpack
+from vdfmu.base import cache, unpack
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.report.simulation import NOT_MADE, simulation_of
@@ -41,7 +41,7 @@ def test_a_run_and_a_study_of_this_user_run_again(tmp_path, monkeypatch):
         moved.options(0)
     assert moved.options(0, trust=True)["settings"] == study.options(0)["settings"]
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(seal, "_NEW", b"key of another process")
+    monkeypatch.setattr(cache, "_NEW_KEY", b"key of another process")
     assert "not made with this cache" in simulation_of(run.results, run.summary, run.package, None)["reason"]
     with pytest.raises(UsageError, match="--trust"):
         study.options(0)

@@ -19,10 +19,9 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import package_units
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.decomposed import decomposed
-from vdfmu.system.scenario.parts import build_parts
 from vdfmu.system.scenario.system_file import Part
 
 pytestmark = pytest.mark.heavy  # the FMUs are compiled

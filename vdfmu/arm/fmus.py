@@ -5,15 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from vdfmu.arm.robot import Robot, check_robot
+from vdfmu.arm.robot import Robot, check_robot, load_robot
 from vdfmu.arm.units import find_unit, shipped_units
-from vdfmu.base.once import one_job
+from vdfmu.base.cache import one_job
+from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import Shown, with_progress
 from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.fmu.build import build_units
 from vdfmu.compiler.targets import FMI
+from vdfmu.compiler.unit.base import unit_name
+from vdfmu.compiler.unit.interface import interface_of
 from vdfmu.compiler.unit.unit import Unit
+from vdfmu.engine.package.system import spread
 
 _One = str | os.PathLike[str] | type[Unit]
 Units = _One | Sequence[_One]
@@ -96,3 +101,79 @@ def build_fmus(
         robot, out_dir, chosen, start_values=start_values or {}, backend=backend, fmi_version=fmi_version,
         platforms=platforms, sources=sources, target=target, precision=precision, step=step,
     )  # fmt: skip
+
+
+@with_progress
+@one_job()
+def build(
+    unit: str | os.PathLike[str] | type[Unit],
+    path: str | os.PathLike[str] | None = None,
+    *,
+    robot: Robot | str | None = None,
+    fmi: str = FMI_2.name,
+    platform: Sequence[str] | str | None = None,
+    backend: str | None = None,
+    values: Mapping[str, Any] | None = None,
+    progress: Shown = None,
+    **start: Any,
+) -> Path:
+    """Build one FMU.
+
+    Parameters
+    ----------
+    unit : type of Unit, path or str
+        A class, a file ``my_unit.py`` or ``my_units.py:Name``, or the name of a unit of the package.
+    path : path, optional
+        The FMU to write, default ``<Class>.fmu`` in this folder.
+    robot : Robot, str, optional
+        Robot, its name or its file, for units of an arm.
+    fmi : "2.0" or "3.0", optional
+        Version of FMI.
+    platform : str, sequence of str or "all", optional
+        Platforms of a native FMU, default that of this machine.
+    backend : "python" or "native", optional
+        Default native if its compiler is installed.
+    values : mapping of variable to value, optional
+        Start values whose names are no words of Python.
+    **start
+        Start values by name: ``T=0.2``, a vector as a sequence or as one number for all elements.
+
+    Returns
+    -------
+    Path
+        The FMU.
+
+    Raises
+    ------
+    UsageError, UnitError, ModelError, FmuError
+        See :func:`build_fmus`.
+
+    Examples
+    --------
+    >>> vdfmu.build(LowPass, "low_pass.fmu", T=0.2)
+    """
+    chosen = find_unit(unit)
+    target = Path(path) if path is not None else Path(f"{chosen.__name__}.fmu")
+    if target.suffix.lower() != ".fmu":
+        raise UsageError(f"path must end in .fmu, got {target}. Write {target.with_suffix('.fmu')}.")
+    arm = load_robot(robot) if isinstance(robot, str | os.PathLike) else robot
+    if arm is not None:
+        check_robot(arm)
+    elif chosen.needs_robot():
+        raise UsageError(
+            f"robot must be given for {chosen.__name__}, got none. Add robot='ur5e_6dof', or your own file."
+        )
+    name = unit_name(chosen)
+    starts: dict[str, float] = {}
+    table = interface_of(chosen, arm if chosen.needs_robot() else None)
+    for key, value in {**(values or {}), **start}.items():
+        names = [v.name for v in table if key in (v.name, v.group)] or [key]
+        try:
+            starts |= dict(zip(names, spread(value, names), strict=True))
+        except ValueError as error:
+            raise UsageError(f"{key}: {error}.") from None
+    built = build_units(
+        arm, target.parent, [chosen], start_values={name: starts} if starts else {}, backend=backend, fmi_version=fmi,
+        platforms=platform, sources=True, target=FMI, precision="double", step=1e-3, files={name: target.name},
+    )  # fmt: skip
+    return built[name]

@@ -1,4 +1,4 @@
-"""Progress bars, on a terminal and in a notebook, and the one place through which text goes there."""
+"""Output on a terminal or in a notebook: escaped text, progress bars and tables."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from vdfmu.base.text import shown
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+    from rich.table import Table
 
 
 class EscapedTerminal(Console):
-    """Text to the terminal: what it would act on is shown, except for rich's own, and ``:x:`` stays as it is."""
+    """Console that escapes control characters in text, except sequences of rich, and leaves ``:x:`` as it is."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, emoji=False, **options)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does; to a pipe or file without the blanks that end the lines of tables."""
+        """Print as rich does; to a pipe or file without trailing blanks in the lines of tables."""
         items = [shown(item) if isinstance(item, str) else item for item in objects]
         if self.is_terminal or self.is_jupyter:
             super().print(*items, **options)
@@ -42,15 +43,15 @@ class EscapedTerminal(Console):
 
 
 errors = EscapedTerminal(stderr=True)
-"""All but results; ``errors.quiet`` lets nothing through."""
+"""Console of all but results; ``errors.quiet`` silences it."""
 _SOON = 0.5
-"""Time [s] after which a line that moves appears, and a rate."""
+"""Time [s] after which the moving line and a rate appear."""
 
 
 class Bars:
-    """Progress bars, one a stage, and above them a line that moves whatever else does not.
+    """Progress bars, one per stage. With a title, a moving line above them appears after half a second.
 
-    The line has a title, is shown after half a second and removed at the end; without a title there is none.
+    The line is removed at the end.
     """
 
     def __init__(self, title: str = "") -> None:
@@ -80,7 +81,7 @@ class Bars:
                 progress.stop()
 
     def rest(self) -> None:
-        """Leave the terminal to what else is printed there; what takes long after it begins new bars."""
+        """Leave the terminal to other output; later stages begin new bars."""
         self.__exit__()
         self.__enter__()
 
@@ -113,42 +114,48 @@ def _seen() -> bool:
 
 
 def _progress() -> Progress:
-    """Return bars with as many columns as the terminal has room for, which are shown only if it is one."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        ProgressColumn,
-        Task,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    """Return bars with as many columns as fit the terminal."""
+    from rich import progress
     from rich.text import Text
 
-    class Rate(ProgressColumn):
-        """Steps in a second, once a stage is long enough to tell."""
+    class Rate(progress.ProgressColumn):
+        """Steps per second, once a stage is long enough for a measurement."""
 
-        def render(self, task: Task) -> Text:
+        def render(self, task: progress.Task) -> Text:
             if (task.elapsed or 0.0) < _SOON:
                 return Text("")
             rate = task.finished_speed or task.speed
             return Text(f"{rate:.3g}/s" if rate and task.total != 1 else "")
 
-    class Count(MofNCompleteColumn):
-        """Steps, where there are several."""
+    class Count(progress.MofNCompleteColumn):
+        """Steps, if there are several."""
 
-        def render(self, task: Task) -> Text:
+        def render(self, task: progress.Task) -> Text:
             return super().render(task) if (task.total or 1) > 1 else Text("")
 
     wide = errors.width >= 80
     room = max(errors.width - (60 if wide else 26), 1)
-    elapsed = TimeElapsedColumn()
-    return Progress(
-        TextColumn(f"{{task.description:{min(20, room)}.{room}}}", markup=False),
-        BarColumn(20 if wide else 8, complete_style="cyan", finished_style="green", pulse_style="cyan"),
-        TaskProgressColumn("{task.percentage:3.0f} %"),
-        *((Count(), Rate(), elapsed, TimeRemainingColumn()) if wide else (elapsed,)),
+    elapsed = progress.TimeElapsedColumn()
+    return progress.Progress(
+        progress.TextColumn(f"{{task.description:{min(20, room)}.{room}}}", markup=False),
+        progress.BarColumn(20 if wide else 8, complete_style="cyan", finished_style="green", pulse_style="cyan"),
+        progress.TaskProgressColumn("{task.percentage:3.0f} %"),
+        *((Count(), Rate(), elapsed, progress.TimeRemainingColumn()) if wide else (elapsed,)),
         console=errors, transient=False, redirect_stdout=False,
     )  # fmt: skip
+
+
+def plain_table(*headings: str, title: str = "", show_header: bool = True) -> Table:
+    """Return a table with a line below its headings; long cells wrap."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(
+        title=Text(title, style="bold") if title else None, title_justify="left", caption_justify="left",
+        box=SIMPLE_HEAD if show_header else None, show_header=show_header, show_edge=False, padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )  # fmt: skip
+    for heading in headings:
+        table.add_column(Text(heading), overflow="fold")
+    return table

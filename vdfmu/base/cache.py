@@ -1,90 +1,94 @@
-"""The user's cache: files behind the digest of name and content, the least recently used removed beyond a total size.
+"""The user's cache on disk, seals with its key, and a cache in memory for one job.
 
-What is loaded from it runs: only what belongs to the user, and nobody else may write, is taken.
+Entries are executed when they are loaded, so only files are trusted that the user alone may write. Each starts with a
+digest of its name and content. Beyond a total size the least recently used entries are removed.
 
-What depends on the structure of a robot alone, such as traced functions and their objects, has a key of that structure
-and serves all values. An FMU and its library state the values of their robot, so each value makes new ones.
+Traced functions and their objects depend on the structure of a robot alone: their keys hold the structure, and an entry
+serves all parameter values. An FMU and its library contain the values, so each value makes new entries.
 """
 
 from __future__ import annotations
 
-import logging
+import hashlib
+import hmac
+import json
 import os
 import re
+import secrets
 import stat
 import tempfile
-from contextlib import suppress
-from functools import lru_cache
+from collections.abc import Callable, Generator, Hashable
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from functools import lru_cache, wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar, TypeVarTuple
 
 from platformdirs import user_cache_path
 
 from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.base.progress import warn_once
 
 _LINE = 65
-"""Length of the digest and its end of line, which come before the content."""
+"""Length of the digest and its newline before the content."""
 _HEAD = re.compile(rb"[0-9a-f]{64}\n")
 COMPILER = "zig"
-"""Folder of the cache that the compiler keeps itself, with locks of its own."""
+"""Folder of the cache that the compiler manages, with its own locks."""
+_NEW_KEY = secrets.token_bytes(32)
+"""Key that this process stores if the cache has no key, and uses if it cannot be stored."""
+_made: ContextVar[dict[Hashable, Any] | None] = ContextVar("_made", default=None)
+Arguments = TypeVarTuple("Arguments")
+Made = TypeVar("Made")
 
 
 def cache_folder() -> Path:
-    """Folder of the cache: ``VDFMU_CACHE_DIR``, else ``vdfmu`` in the user's cache folder.
+    """Return the folder of the cache: ``VDFMU_CACHE_DIR``, else ``vdfmu`` in the user's cache folder.
 
-    One that others may write to is not used: the next is, at last a temporary one of this process.
-
-    Raises
-    ------
-    UsageError
-        See :func:`limit`.
+    A folder is skipped if other users may write to it. The last resort is a temporary folder of this process.
+    UsageError: see :func:`limit`.
     """
-    limit()  # one that is wrong is said before any work
+    limit()  # a wrong limit is an error before any work
     chosen = os.environ.get("VDFMU_CACHE_DIR")
-    own = user_cache_path("vdfmu", appauthor=False)
-    for folder in (Path(chosen), own) if chosen else (own,):
+    for folder in [*([Path(chosen)] if chosen else []), user_cache_path("vdfmu", appauthor=False)]:
         if trusted(folder):
             return folder
     return Path(_private().name)
 
 
 def limit() -> float:
-    """Bytes that the entries of a cache may have together: ``VDFMU_CACHE_MB``, else 512 MB, some 200 values of a robot.
+    """Return the size [byte] of all entries: ``VDFMU_CACHE_MB``, else 512 MB, some 200 values of a robot.
 
-    Raises
-    ------
-    UsageError
-        If the variable is not a number of at least 0.
+    UsageError if the variable is not a number of at least 0.
     """
-    given = os.environ.get("VDFMU_CACHE_MB") or "512"
+    text = os.environ.get("VDFMU_CACHE_MB") or "512"
     with suppress(ValueError):
-        if float(given) >= 0.0:
-            return float(given) * 2**20
-    raise UsageError(f"VDFMU_CACHE_MB: expected the most that the cache may hold, a number >= 0 in MB, got {given!r}.")
+        if float(text) >= 0.0:
+            return float(text) * 2**20
+    raise UsageError(f"VDFMU_CACHE_MB: expected the most that the cache may hold, a number >= 0 in MB, got {text!r}.")
 
 
 def trusted(folder: Path) -> bool:
-    """Whether a folder belongs to the user and nobody else may write to it; if not, a message says so, once.
+    """Whether a folder belongs to the user and nobody else may write to it; if not, warn once.
 
-    One that does not exist is trusted: it is made for the user alone. Windows has no such modes; there the user's
-    profile is closed to others.
+    A missing folder is trusted: `store` makes it for the user alone. Windows has no such modes, but the profile is
+    closed to other users.
     """
     try:
         fault = _fault(folder.stat())
-    except OSError:  # what cannot be read is not loaded from
+    except OSError:  # an unreadable folder is not loaded from
         return True
     if fault:
-        _say(
-            f"the cache {str(folder)!r} is not used: {fault}, and what is in it would be run; expected a folder of the "
-            "user that nobody else may write to. Remove it and what is in it, or choose another with VDFMU_CACHE_DIR"
+        warn_once(
+            f"the cache {str(folder)!r} is not used: {fault}, and its files would be executed; expected a folder of "
+            "the user that nobody else may write to. Remove it, or choose another with VDFMU_CACHE_DIR"
         )
     return not fault
 
 
 def _fault(status: os.stat_result) -> str:
-    """Return why a file or folder may hold what somebody else wrote; empty if it may not."""
+    """Return why another user may have written a file or folder, else an empty text."""
     if os.name != "posix":
         return ""
     if status.st_uid != os.geteuid():
@@ -95,11 +99,6 @@ def _fault(status: os.stat_result) -> str:
 
 
 @lru_cache
-def _say(text: str) -> None:
-    logging.getLogger("vdfmu.cache").warning("%s", text)
-
-
-@lru_cache
 def _private() -> tempfile.TemporaryDirectory[str]:
     """Return a cache for this process alone, removed at its end."""
     with InterruptGuard():
@@ -107,7 +106,7 @@ def _private() -> tempfile.TemporaryDirectory[str]:
 
 
 def load(path: Path) -> bytes | None:
-    """Content of a file of the cache; None if there is none, or not the one that the user wrote under this name."""
+    """Return the content of an entry; None if it is missing, untrusted, damaged or stored under another name."""
     try:
         with path.open("rb") as file:
             if _fault(os.fstat(file.fileno())):
@@ -116,22 +115,17 @@ def load(path: Path) -> bytes | None:
     except OSError:
         return None
     LOG.info("from the cache: %s/%s", path.parent.name, path.name[:16])
-    digest, content = data[:_LINE], data[_LINE:]
-    if digest != _digest(path, content):
+    if data[:_LINE] != _digest(path, data[_LINE:]):
         return None
     with suppress(OSError):  # another process may have removed it
         os.utime(path)
-    return content
+    return data[_LINE:]
 
 
 def store(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name and rename it: nobody reads half a file. A full disk only costs time.
+    """Write an entry ``cache / kind / name`` atomically, and keep the cache below its size.
 
-    Parameters
-    ----------
-    path : Path
-        ``cache / kind / name``: the folder above the file's is the cache that is kept below its size.
-    content : bytes
+    Errors of the disk are ignored: without the entry later work only takes longer.
     """
     temporary = None
     try:
@@ -150,15 +144,15 @@ def store(path: Path, content: bytes) -> None:
             Path(temporary).unlink(missing_ok=True)
 
 
-class CachedFile(NamedTuple):
-    """A file of the cache: when it was last used [s], and its size [bytes]."""
+class _CachedFile(NamedTuple):
+    """An entry: time of its last use [s], size [byte] and path."""
 
     used: float
     size: int
     path: Path
 
     def remove(self) -> bool:
-        """Remove the file, and its folder if that is empty then; return whether it is gone."""
+        """Remove the file, and its folder if empty; return whether the file is gone."""
         with suppress(OSError):
             self.path.unlink()
             with suppress(OSError):  # not empty
@@ -167,50 +161,95 @@ class CachedFile(NamedTuple):
         return False
 
 
-def entries(cache: Path) -> list[CachedFile]:
-    """Return the entries of a cache; what is not, in a folder that is used for more, is none."""
-    found: list[CachedFile] = []
+def entries(cache: Path) -> list[_CachedFile]:
+    """Return the entries of a cache, without other files in its folders."""
+    listed: list[_CachedFile] = []
     for path in cache.glob("*/*"):
         with suppress(OSError):  # removed by another process
             if path.parent.name != COMPILER and path.is_file():
                 with path.open("rb") as file:
                     head, status = file.read(_LINE), os.fstat(file.fileno())
                 if _HEAD.fullmatch(head):
-                    found.append(CachedFile(status.st_mtime, status.st_size, path))
-    return found
-
-
-def clear(cache: Path) -> list[CachedFile]:
-    """Remove the entries of a cache, and return them."""
-    return [entry for entry in entries(cache) if entry.remove()]
+                    listed.append(_CachedFile(status.st_mtime, status.st_size, path))
+    return listed
 
 
 def _evict(cache: Path, new: Path) -> None:
-    """Remove the entries that were not used for longest, until `new` and the rest have three quarters of the limit.
+    """Remove the least recently used entries except `new` until three quarters of the limit are left.
 
-    Any process may do so at any time: a reader has the whole file open or makes its content anew.
+    Safe while other processes read: a reader has the whole file open, or makes its content anew.
     """
     most = limit()
-    if sum(_size(path) for path in cache.glob("*/*")) <= most:  # without a look into them
-        return
-    found = entries(cache)
-    total = sum(entry.size for entry in found)
-    if total <= most:
-        return
-    for entry in sorted(found):
+    with suppress(OSError):  # another process removes files
+        if sum(path.stat().st_size for path in cache.glob("*/*")) <= most:  # without opening them
+            return
+    listed = sorted(entries(cache))
+    total = sum(entry.size for entry in listed)
+    for entry in listed if total > most else ():
         if total <= 0.75 * most:
             break
         if entry.path != new and entry.remove():
             total -= entry.size
 
 
-def _size(path: Path) -> int:
-    """Return the size of a file; 0 of one that another process has removed."""
-    with suppress(OSError):
-        return path.stat().st_size
-    return 0
-
-
 def _digest(path: Path, content: bytes) -> bytes:
-    """Return the first line of a file: it holds for this name alone, so that no entry can stand for another."""
+    """Return the first line of an entry. It covers the name, so that no entry can replace another."""
     return sha256(f"{path.parent.name}/{path.name}\n".encode() + content).hexdigest().encode() + b"\n"
+
+
+def seal(*content: Any) -> str:
+    """Return an HMAC of JSON, and of the files whose paths are in it, with the key in the user's cache."""
+    return _sealed(_keys()[0], content)
+
+
+def is_own(text: object, *content: Any) -> bool:
+    """Whether a text is the `seal` of some content by this user, on this machine and with this cache."""
+    return any(hmac.compare_digest(_sealed(key, content).encode(), str(text).encode()) for key in _keys())
+
+
+def _sealed(key: bytes, content: Any) -> str:
+    return hmac.new(key, json.dumps(content, sort_keys=True, default=_file_digest).encode(), "sha256").hexdigest()
+
+
+def _file_digest(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _keys() -> list[bytes]:
+    """Return the keys. There are several if processes with an empty cache began at once."""
+    folder = cache_folder() / "seals"
+    stored = [key for path in sorted(folder.glob("*")) if (key := load(path))]
+    if not stored:
+        store(folder / secrets.token_hex(8), _NEW_KEY)
+    return [*stored, _NEW_KEY]
+
+
+@contextmanager
+def one_job() -> Generator[None]:
+    """Begin a job or continue the current one: a command, or a call such as :func:`vdfmu.run`.
+
+    Results of `cached_per_command` end with the job, since files and classes may change before the next.
+    """
+    made = _made.get()
+    token = _made.set({} if made is None else made)
+    try:
+        yield
+    finally:
+        _made.reset(token)
+
+
+def cached_per_command(make: Callable[[*Arguments], Made]) -> Callable[[*Arguments], Made]:
+    """Cache a function by its arguments during a job; outside of a job call it each time."""
+
+    @wraps(make)
+    def cached(*arguments: *Arguments) -> Made:
+        made = _made.get()
+        if made is None:
+            return make(*arguments)
+        key = (make, *arguments)
+        if key not in made:
+            made[key] = make(*arguments)
+        return made[key]
+
+    return cached

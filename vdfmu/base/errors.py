@@ -1,4 +1,4 @@
-"""The errors of the package, one base class and a few kinds, and its log."""
+"""Exceptions of the package, and its logger."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from collections.abc import Sequence
 from typing import Any
 
 LOG = logging.getLogger("vdfmu")
-"""Details of the work: ``--verbose`` of a command shows it; warnings are shown without it too."""
+"""Details of the work, shown by ``--verbose``; warnings are always shown."""
+_SHOWN = 20
+"""Most problems in the text of an error; `problems` has all."""
+_DISK = (errno.EIO, errno.EACCES, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENFILE)
 
 
 class VdfmuError(Exception):
@@ -16,13 +19,7 @@ class VdfmuError(Exception):
 
 
 class _ProblemsError(VdfmuError):
-    """An error that carries every problem found, not only the first.
-
-    Parameters
-    ----------
-    problems : sequence of str, or str
-        One sentence or more for each problem, with its place.
-    """
+    """An error with all problems: each a text of one or more sentences, with its place."""
 
     def __init__(self, problems: Sequence[str] | str) -> None:
         self.problems: list[str] = [problems] if isinstance(problems, str) else list(problems)
@@ -33,16 +30,12 @@ class _ProblemsError(VdfmuError):
         return "\n".join([*self.problems[:_SHOWN], *([f"and {more} more"] if more > 0 else [])])
 
 
-_SHOWN = 20
-"""Most problems that the text of an error has in full; `problems` has all."""
-
-
 class ModelError(_ProblemsError):
     """A robot or scenario file that cannot be used; `problems` lists all of its faults."""
 
 
 class SspError(_ProblemsError):
-    """A system description that cannot be run; `problems` lists all of its faults, `notes` what else is to be said."""
+    """A system description that cannot be run; `problems` lists all of its faults, `notes` the remarks."""
 
     problems: list[Any]
     """Each is a `vdfmu.engine.rules.Finding`, as are the notes."""
@@ -66,13 +59,10 @@ class StorageError(FmuError):
 
 
 def disk_error(error: BaseException | None) -> OSError | None:
-    """Return the error of the disk, or of too many open files, behind an error: no fault of a file."""
+    """Return the cause of an error if it is the disk or too many open files, not a fault in a file."""
     while error is not None and not (isinstance(error, OSError) and error.errno in _DISK):
         error = error.__cause__ or error.__context__
     return error
-
-
-_DISK = (errno.EIO, errno.EACCES, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENFILE)
 
 
 class UsageError(VdfmuError):
@@ -82,26 +72,12 @@ class UsageError(VdfmuError):
 class CosimError(VdfmuError):
     """A co-simulation that a unit ended.
 
-    Parameters
-    ----------
-    unit : str
-        Name of the component in the system.
-    call : str
-        The FMI call that failed, such as ``doStep``.
-    time : float
-        Simulated time of the call [s].
-    reason : str
-        Message of the unit.
-    results : object, optional
-        Results recorded before the failure.
+    Attributes: the component `unit`, the failed FMI `call` such as ``doStep``, its simulated `time` [s], the `reason`
+    (a message of the unit), and `results` recorded before the failure.
     """
 
     def __init__(self, unit: str, call: str, time: float, reason: str, results: Any = None) -> None:
-        self.unit = unit
-        self.call = call
-        self.time = time
-        self.reason = reason
-        self.results = results
+        self.unit, self.call, self.time, self.reason, self.results = unit, call, time, reason, results
         super().__init__(unit, call, time, reason, results)
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Files that take their place when they are whole, zip files that only their members decide, temporary folders."""
+"""Atomic file writes, reproducible zip files, temporary folders, data files of the package."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from vdfmu.base.interrupt import InterruptGuard
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 MARK = b'generationTool="vdfmu'
-"""In the first kilobytes of what is written for other tools."""
+"""Marker of files for other tools that vdfmu wrote."""
 PAGE_MARK = b'<meta name="generator" content="vdfmu">'
-"""In the first kilobytes of a page."""
+"""Marker of its pages."""
 _HEAD = 8192
-_PACKED = (".fmu", ".ssp", ".png")
+"""Bytes in which a marker is searched."""
 
 
 def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
-    """Write a zip file whose bytes depend on its members alone: sorted names, one time stamp, one mode."""
+    """Write a zip file whose bytes depend on its members alone: sorted names, fixed time stamp and mode."""
     with replacing(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(members):
             entry = zipfile.ZipInfo(name, _EPOCH)
-            packed = name.endswith(_PACKED)  # already: to pack it again would take time and save nothing
+            packed = name.endswith((".fmu", ".ssp", ".png"))  # already compressed
             entry.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
             entry.create_system = 3
             entry.external_attr = 0o644 << 16
@@ -40,10 +40,10 @@ def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Generator[BinaryIO]:
-    """Open a new file that takes the place of `path` once it is whole; nothing is left of one that fails.
+    """Write to a temporary file and rename it to `path` on success; on an error delete it and leave `path` unchanged.
 
-    A link stays, and what it leads to is replaced. The file has the mode that any new file gets. StorageError if `path`
-    is not a regular file, OSError if it cannot be written.
+    Follows symbolic links. The file gets the default mode. StorageError if `path` is not a regular file, OSError if it
+    cannot be written.
     """
     target = regular_target(path)
     temporary = target.with_name(f"{secrets.token_hex(8)}.tmp")
@@ -59,7 +59,7 @@ def replacing(path: Path) -> Generator[BinaryIO]:
 
 
 def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
-    """Write a file of results, which appears under its name once it is whole.
+    """Write a file atomically.
 
     UsageError if its folder or the right to write is missing, VdfmuError for another reason.
     """
@@ -73,7 +73,7 @@ def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
 
 @contextmanager
 def storing(path: Path) -> Generator[None]:
-    """Make a StorageError of what keeps `path` from being written in the block."""
+    """Turn an OSError in the block into a StorageError for `path`."""
     try:
         yield
     except OSError as error:
@@ -81,7 +81,7 @@ def storing(path: Path) -> Generator[None]:
 
 
 def regular_target(path: Path) -> Path:
-    """Return the file that writing to `path` makes or replaces; StorageError if that is not a regular file."""
+    """Return the target of `path` after its links; StorageError if it exists and is not a regular file."""
     try:
         target = path.resolve()
         if not os.path.lexists(target):
@@ -103,7 +103,7 @@ _REPLACING = ContextVar("_REPLACING", default=False)
 
 @contextmanager
 def replacing_foreign(wanted: bool) -> Generator[None]:
-    """Let `require_ours` accept in the block what vdfmu did not write, if that is wanted."""
+    """Let `require_ours` accept foreign files in the block, if wanted."""
     token = _REPLACING.set(wanted)
     try:
         yield
@@ -112,7 +112,7 @@ def replacing_foreign(wanted: bool) -> Generator[None]:
 
 
 def require_ours(*paths: Path) -> None:
-    """Raise UsageError for files that are there and that vdfmu did not write; FMUs and packages say what did."""
+    """Raise UsageError for existing files that vdfmu did not write."""
     foreign = [] if _REPLACING.get() else [str(path) for path in paths if path.is_file() and not _is_ours(path)]
     if foreign:
         raise UsageError(
@@ -122,7 +122,7 @@ def require_ours(*paths: Path) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether the generation tool that a file names is vdfmu; nothing is lost with an empty file."""
+    """Whether a file is empty or names vdfmu as its generation tool."""
     described = (read_member(path, name) for name in ("modelDescription.xml", "SystemStructure.ssd"))
     try:
         with path.open("rb") as file:
@@ -133,7 +133,7 @@ def _is_ours(path: Path) -> bool:
 
 
 def inside(folder: Path, file: Path) -> Path:
-    """Return a file to write in a folder that is looked at; UsageError if its name, or a link, leads out of it."""
+    """Return a file to write in a folder; UsageError if its name, or a link, leads out of the folder."""
     place = Path(os.path.realpath(file))
     if not place.is_relative_to(os.path.realpath(folder)):
         raise UsageError(f"{file} must be in {folder}, got {place}. Choose the place with --out.")
@@ -141,14 +141,14 @@ def inside(folder: Path, file: Path) -> Path:
 
 
 def read_text(path: Path) -> str:
-    """Content of a file or pipe in UTF-8; OSError if it cannot be read, or is a device, which may have no end."""
+    """Return the content of a file or pipe in UTF-8; OSError if it is unreadable or a device without end."""
     if path.is_char_device():
         raise OSError("a device")
     return path.read_bytes().decode("utf-8-sig")
 
 
 def read_member(path: Path, name: str) -> bytes | None:
-    """Content of one member; None if there is none that can be read."""
+    """Return the content of a member of a zip file; None if it is missing or unreadable."""
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(name)
@@ -158,10 +158,10 @@ def read_member(path: Path, name: str) -> bytes | None:
 
 @contextmanager
 def temporary_folder(prefix: str) -> Generator[str]:
-    """Make a temporary folder, and remove it in the end, whenever Ctrl-C comes: what cannot be removed stays.
+    """Make a temporary folder and remove it at the end, also after Ctrl-C at any moment; ignore errors of removal.
 
-    Python's own leaves a folder after an interrupt between its making and the note to remove it, and by one during
-    the removal; and its first search for a place leaves a trial file. OSError if there is no place.
+    Python's own leaves a folder if Ctrl-C comes before it has noted the folder, or during the removal. Its first search
+    for a place may leave a trial file. OSError if no place is writable.
     """
     made = None
     try:
@@ -179,7 +179,7 @@ def temporary_folder(prefix: str) -> Generator[str]:
 
 
 def _remove(folder: tempfile.TemporaryDirectory[str]) -> None:
-    """Remove a folder; twice, since a passing error, which ends the first try, leaves the rest."""
+    """Remove a folder; twice, because a transient error ends the first try."""
     for _ in range(2):
         with suppress(OSError):
             folder.cleanup()
@@ -189,9 +189,9 @@ PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
-    """Return the folder of one kind of data file; VdfmuError if there is none.
+    """Return the folder of a kind of data file; VdfmuError if it is missing.
 
-    A wheel carries the folders in ``vdfmu/_data``. A source tree, which an editable install uses, has them at its root.
+    A wheel has the folders in ``vdfmu/_data``, a source tree (also of an editable install) at its root.
     """
     places = (PACKAGE / "_data" / kind, PACKAGE.parent / kind)
     for place in places:
@@ -202,5 +202,5 @@ def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
 
 
 def source_bytes(file: Path) -> bytes:
-    """Return the content of a file of source, with the ends of lines of Unix on every system."""
+    """Return the content of a source file with newlines of Unix."""
     return file.read_bytes().replace(b"\r\n", b"\n")

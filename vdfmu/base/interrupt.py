@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP: how they end a command, and what holds them back until it is complete."""
+"""Ctrl-C, SIGTERM and SIGHUP: end a command, or wait for a guarded step."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from typing import Any
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _RETRY = 0.005
-"""Time [s] after which a signal that came while CasADi was called, or that a library dropped, comes again."""
+"""Time [s] after which a signal is sent again if it came during a call of CasADi or a library dropped it."""
 _PATIENCE = 1.0
-"""Time [s] after a signal in which others do not disturb the end of the command."""
+"""Time [s] after a signal in which further signals are ignored, so that the command can end."""
 _last = -math.inf
 _command, _ended = False, False
 _guards: list[InterruptGuard] = []
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal stopped the command; `number` is that of the signal."""
+    """A signal of this `number` stopped the command."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
         self.number = number
 
     def __del__(self) -> None:
-        """Come again if a library has dropped it, as a bare ``except`` does, while a command runs."""
+        """Send the signal again if a library drops it, as a bare ``except`` does, while a command runs."""
         global _last
         if _command:
             _last = -math.inf
@@ -40,9 +40,9 @@ class Stopped(KeyboardInterrupt):
 
 @contextmanager
 def listening(*signals: int) -> Generator[None]:
-    """Let signals raise `Stopped`, by default Ctrl-C, SIGTERM and SIGHUP; each that is not ignored or taken already.
+    """Let signals raise `Stopped`, by default Ctrl-C, SIGTERM and SIGHUP, unless ignored or handled already.
 
-    Does nothing outside the main thread, where Python does not allow it.
+    Does nothing outside the main thread: Python does not allow it there.
     """
     taken = _listen(*signals)
     try:
@@ -52,7 +52,7 @@ def listening(*signals: int) -> Generator[None]:
 
 
 def _listen(*signals: int) -> list[tuple[int, Any]]:
-    """Take signals as `listening` does, without giving them back; return each number and its former handler."""
+    """Handle signals as `listening` does; return each number and its former handler."""
     taken: list[tuple[int, Any]] = []
     if threading.current_thread() is threading.main_thread():
         for number in signals or _SIGNALS:
@@ -69,30 +69,25 @@ def _give_back(taken: list[tuple[int, Any]]) -> None:
 
 
 def command_begins() -> None:
-    """Let signals end the command that the process is for, even if a library drops what they raise."""
+    """Let signals end the command of this process, even if a library drops the exception."""
     global _command
     taken = _listen()
     _command = True
-    atexit.register(_ignore, taken)
-
-
-def _ignore(taken: list[tuple[int, Any]]) -> None:
-    """Ignore signals from here on: while Python frees its modules, their defaults would end it without a word."""
-    for number, _ in taken:
-        signal.signal(number, signal.SIG_IGN)
+    # while Python frees its modules, the default handlers would end it without a message
+    atexit.register(_give_back, [(number, signal.SIG_IGN) for number, _ in taken])
 
 
 def command_ended() -> None:
-    """Let signals change nothing while Python ends, except for one after a second, which ends the process at once."""
+    """Ignore signals while Python ends; after a second a signal ends the process at once."""
     global _last, _command, _ended
     _last, _command, _ended = time.monotonic(), False, True
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    """Raise `Stopped`, or let a guard do so, or come again.
+    """Raise `Stopped`, delegate it to guards, or send the signal again.
 
-    CasADi calls Python to find the types of its arguments and drops what that raises, as Python does of what the end of
-    a dropped `Stopped` raises: a signal that comes then would be lost, and the command go on.
+    CasADi calls Python to find the types of its arguments and drops exceptions of these calls. Python drops exceptions
+    of ``Stopped.__del__`` and of the callback of an import that frees its lock. Such a signal would be lost.
     """
     global _last
     if _guards and not _guards[0].number:
@@ -100,8 +95,9 @@ def _stop(number: int, frame: FrameType | None) -> None:
             guard.number = number
         return
     while frame is not None:
-        within = frame.f_globals.get("__name__", "")
-        if within.startswith("casadi") or frame.f_code is Stopped.__del__.__code__ or _frees_lock(frame):
+        within, code = frame.f_globals.get("__name__", ""), frame.f_code
+        frees_lock = (code.co_filename, code.co_name) == ("<frozen importlib._bootstrap>", "cb")
+        if within.startswith("casadi") or code is Stopped.__del__.__code__ or frees_lock:
             _come_again(number)
             return
         frame = frame.f_back
@@ -112,12 +108,6 @@ def _stop(number: int, frame: FrameType | None) -> None:
         raise Stopped(number)
 
 
-def _frees_lock(frame: FrameType) -> bool:
-    """Whether an import frees the lock of a module: Python prints what a callback of a weak reference raises."""
-    code = frame.f_code
-    return code.co_filename == "<frozen importlib._bootstrap>" and code.co_name == "cb"
-
-
 def _come_again(number: int) -> None:
     started = threading.Event()
     threading.Thread(target=_send, args=(number, started), daemon=True).start()
@@ -125,7 +115,7 @@ def _come_again(number: int) -> None:
 
 
 def _send(number: int, started: threading.Event) -> None:
-    """Send a signal to the main thread, which may wait for something: it is to wake up."""
+    """Send a signal to the main thread, to wake it up."""
     started.wait()
     time.sleep(_RETRY)
     if hasattr(signal, "pthread_kill"):
@@ -137,25 +127,24 @@ def _send(number: int, started: threading.Event) -> None:
 
 
 class InterruptGuard:
-    """Holds back signals until a step is complete, of which units written in Python would die, or a file.
+    """Defers a signal until a file, or a step of units in Python, is complete, and raises it at the exit.
 
-    Leaving it raises what it held back. A second signal acts at once. Does nothing outside the main thread or under
-    another signal handler.
+    A second signal acts at once. Does nothing outside the main thread or under another signal handler.
     """
 
     def __init__(self) -> None:
         self.number = 0
-        """The signal that is held back; 0 if none is."""
+        """Deferred signal, else 0."""
         self._taken: list[tuple[int, Any]] = []
 
     def __enter__(self) -> InterruptGuard:
-        self._taken = [] if _command else _listen(signal.SIGINT)  # a command has taken it
+        self._taken = [] if _command else _listen(signal.SIGINT)  # a command handles it already
         if threading.current_thread() is threading.main_thread():
             _guards.append(self)
         return self
 
     def refuse(self) -> None:
-        """Raise what is held back."""
+        """Raise the deferred signal."""
         if self.number:
             raise Stopped(self.number)
 

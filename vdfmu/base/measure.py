@@ -1,4 +1,4 @@
-"""Units of measurement: what tools need of them, the one of a quantity of a joint, and the one that fits a number."""
+"""Units of measurement: SI exponents, units of joint quantities, and prefixes that fit a number."""
 
 from __future__ import annotations
 
@@ -13,48 +13,33 @@ from vdfmu.base.errors import UsageError
 
 @dataclass(frozen=True)
 class UnitOfMeasurement:
-    """A unit of measurement of FMI and SSP; all are coherent SI, so factor 1 and offset 0."""
+    """A unit of FMI and SSP. All are coherent SI units: factor 1, offset 0."""
 
     name: str
     exponents: dict[str, int]
-    """Exponents of the base units kg, m, s, A, K, mol, cd, rad; those that are 0 are left out."""
+    """Exponents of the base units kg, m, s, A, K, mol, cd, rad, except zeros."""
     display: dict[str, float]
     """Display unit to its factor, ``value in display unit = factor * value``."""
 
 
 POSITIVE = 1e-12
-"""Smallest value of what must be positive, in SI units: smaller ones underflow in products."""
+"""Smallest positive value in SI units: smaller values underflow in products."""
 LARGEST_NUMBER = 1e12
-"""Largest absolute value of a number that has no bound of its own."""
+"""Default bound of the absolute value of a number."""
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _DERIVED = {
-    "N": {"kg": 1, "m": 1, "s": -2},
-    "J": {"kg": 1, "m": 2, "s": -2},
-    "W": {"kg": 1, "m": 2, "s": -3},
-    "Pa": {"kg": 1, "m": -1, "s": -2},
-    "Hz": {"s": -1},
-    "C": {"A": 1, "s": 1},
-    "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
-    "Ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
-    "F": {"kg": -1, "m": -2, "s": 4, "A": 2},
-    "H": {"kg": 1, "m": 2, "s": -2, "A": -2},
-    "Wb": {"kg": 1, "m": 2, "s": -2, "A": -1},
-    "T": {"kg": 1, "s": -2, "A": -1},
-}
+    "N": {"kg": 1, "m": 1, "s": -2}, "J": {"kg": 1, "m": 2, "s": -2}, "W": {"kg": 1, "m": 2, "s": -3},
+    "Pa": {"kg": 1, "m": -1, "s": -2}, "Hz": {"s": -1}, "C": {"A": 1, "s": 1},
+    "V": {"kg": 1, "m": 2, "s": -3, "A": -1}, "Ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
+    "F": {"kg": -1, "m": -2, "s": 4, "A": 2}, "H": {"kg": 1, "m": 2, "s": -2, "A": -2},
+    "Wb": {"kg": 1, "m": 2, "s": -2, "A": -1}, "T": {"kg": 1, "s": -2, "A": -1},
+}  # fmt: skip
 _DEG = 180.0 / math.pi
 _DISPLAY = {
-    "s": {"ms": 1e3},
-    "kg": {"g": 1e3},
-    "rad": {"deg": _DEG},
-    "rad/s": {"deg/s": _DEG},
-    "rad/s2": {"deg/s2": _DEG},
-    "rad/s3": {"deg/s3": _DEG},
-    "rad/s4": {"deg/s4": _DEG},
-    "m": {"mm": 1e3},
-    "m/s": {"mm/s": 1e3},
-    "N/m": {"N/mm": 1e-3},
-    "N.m": {"N.mm": 1e3},
-}
+    "s": {"ms": 1e3}, "kg": {"g": 1e3}, "m": {"mm": 1e3}, "m/s": {"mm/s": 1e3}, "N/m": {"N/mm": 1e-3},
+    "N.m": {"N.mm": 1e3}, "rad": {"deg": _DEG}, "rad/s": {"deg/s": _DEG},
+    **{f"rad/s{k}": {f"deg/s{k}": _DEG} for k in (2, 3, 4)},
+}  # fmt: skip
 # Quantity to unit, for a revolute and for a prismatic joint. "_m" is motor-side, else link-side.
 _QUANTITIES = {
     "position": ("rad", "m"),
@@ -72,7 +57,7 @@ _QUANTITIES = {
     "damping_m": ("N.m.s/rad", "N.m.s/m"),
 }
 WIDE_ANGLE = 4.0 * math.pi
-"""Two turns [rad]: more than the joints of common arms make, less than 13 degrees."""
+"""Two turns [rad]: more than joints of common arms move, and less than 13 if degrees were meant."""
 _FACTOR = re.compile(r"([A-Za-z]+)(-?\d*)")
 
 
@@ -94,12 +79,12 @@ def measure(name: str) -> UnitOfMeasurement:
                 )
             for symbol, exponent in base.items():
                 exponents[symbol] = exponents.get(symbol, 0) + sign * exponent * int(match[2] or 1)
-    found = {symbol: exponents[symbol] for symbol in _BASE if exponents.get(symbol)}
-    return UnitOfMeasurement(name, found, _DISPLAY.get(name, {}))
+    ordered = {symbol: exponents[symbol] for symbol in _BASE if exponents.get(symbol)}
+    return UnitOfMeasurement(name, ordered, _DISPLAY.get(name, {}))
 
 
 def coherent(name: str) -> tuple[str, float]:
-    """Return the unit of the SI for a display unit, and what one is worth in it: ``("rad", pi / 180)`` for ``deg``."""
+    """Return the SI unit of a display unit and the conversion factor: ``("rad", pi / 180)`` for ``deg``."""
     return next(((unit, 1.0 / shown[name]) for unit, shown in _DISPLAY.items() if name in shown), (name, 1.0))
 
 
@@ -117,10 +102,7 @@ def derivative_of(name: str) -> str:
 
 
 def unit_of(quantity: str, joint_type: str) -> str:
-    """Return the unit of a joint's quantity: ``unit_of("torque", "prismatic")`` is ``"N"``.
-
-    The name of a unit of measurement stands for itself.
-    """
+    """Return the unit of a joint's quantity, or a unit itself: ``unit_of("torque", "prismatic")`` is ``"N"``."""
     if quantity in _QUANTITIES:
         return _QUANTITIES[quantity][joint_type == "prismatic"]
     return measure(quantity).name
@@ -145,7 +127,7 @@ def shown_as(quantity: str, joint_type: str = "revolute") -> Shown:
 
 
 class JointUnit(NamedTuple):
-    """Units of one type of joint, and the factor of positions from rad or m."""
+    """Display of a type of joint: units, the factor from rad or m, and the noun of its torque."""
 
     position: str
     factor: float
@@ -157,7 +139,7 @@ JOINT_UNITS = {
     kind: JointUnit(*shown_as("position", kind), unit_of("torque", kind), noun)
     for kind, noun in (("revolute", "torque"), ("prismatic", "force"))
 }
-"""Type of a joint to its units."""
+"""Type of joint to its display."""
 
 
 def spaced(unit: str) -> str:
@@ -179,33 +161,34 @@ def inches(option: str, text: str) -> float:
 
 
 _PREFIXED = re.compile(r"(?P<milli>m(?=m))?(?P<base>deg|rad|m|s|N|W|J|V|A|Hz)(?P<rest>(?![\w²³⁴]).*)")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXES = {6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n"}
 NONE = 1e-9
-"""Share of a peak below which a number is rounding: 0."""
+"""Share of a peak below which a number is rounding noise."""
 
 
 def fitted(unit: str, largest: float) -> tuple[str, int]:
-    """Return the unit in which a largest value has at most three digits before its point, and the power of ten.
+    """Return a prefixed unit and a power of ten that give a largest value at most three digits before its point.
 
-    Values are divided by ten to that power. From 0.1 to 10,000 they stay as they are. The unit is empty where no
-    prefix fits.
+    Values are divided by ten to that power. From 0.1 to 10,000 they stay unchanged. The unit is empty if no prefix
+    fits.
 
     >>> fitted("deg", 2e-5), fitted("mm", 0.004), fitted("N.m", 3e5), fitted("rad", 1e-13)
     (('µdeg', -6), ('µm', -3), ('kN.m', 3), ('', -15))
     """
     if not largest or not math.isfinite(largest) or 0.1 <= largest < 1e4:
         return unit, 0
-    exponent, found = 3 * math.floor(math.log10(largest) / 3 + 1e-12), _PREFIXED.fullmatch(unit)
-    prefix = _PREFIXES.get(exponent - (3 if found and found["milli"] else 0))
-    if found and prefix is not None and (prefix not in ("k", "M") or found["base"] in ("N", "W", "J", "V", "A", "Hz")):
-        return prefix + found["base"] + found["rest"], exponent
+    exponent, match = 3 * math.floor(math.log10(largest) / 3 + 1e-12), _PREFIXED.fullmatch(unit)
+    prefix = _PREFIXES.get(exponent - (3 if match and match["milli"] else 0))
+    if match and prefix is not None and (prefix not in ("k", "M") or match["base"] in ("N", "W", "J", "V", "A", "Hz")):
+        return prefix + match["base"] + match["rest"], exponent
     return (unit, 0) if 0.01 <= largest < 1e5 else ("", exponent)
 
 
 def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
-    """Return a number with three digits and the unit that fits it: ``2.89e-6, "m"`` is ``2.89 µm``.
+    """Return a number with three digits and a fitting unit: ``2.89e-6, "m"`` is ``2.89 µm``.
 
-    Numbers below `NONE` of the `peak`, in the same unit, are 0.
+    Numbers below `NONE` times the `peak`, in the same unit, are 0.
     """
     if not math.isfinite(value):
         return "–"
@@ -225,6 +208,3 @@ def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
 def number(value: float) -> str:
     """Return a number with three significant digits."""
     return f"{value:.3g}"
-
-
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

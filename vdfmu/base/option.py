@@ -1,21 +1,22 @@
-"""Options that are declared once: as fields of a TypedDict, for functions, their help, the command line and the docs.
+"""Options declared once, as fields of a TypedDict, for functions, their help, the command line and the docs.
 
-A field is ``step: Annotated[float | None, Option("Communication step in seconds.", "float [s]")]``. A function takes
-``**options: Unpack[...]`` and reads them as ``options["step"]``; `with_options` does the rest.
+A field is ``step: Annotated[float | None, Option("Communication step in seconds.", "float [s]")]``. A function with
+``**options: Unpack[...]`` and `with_options` reads ``options["step"]``.
 """
 
 from __future__ import annotations
 
 import inspect
+import os
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import wraps
+from numbers import Integral, Real
 from typing import Any, ForwardRef, ParamSpec, TypeVar, cast, get_args
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option_types import type_problem
 from vdfmu.base.text import close_to
 
 _P = ParamSpec("_P")
@@ -26,26 +27,26 @@ _WIDTH = 110
 
 @dataclass(frozen=True)
 class Option:
-    """Declaration of an option besides its name and type."""
+    """Declaration of an option, without name and type."""
 
     text: str
-    """Its meaning, in plain sentences for ``--help`` and ``help()``."""
+    """Meaning, in sentences for ``--help`` and ``help()``."""
     kind: str = ""
-    """Its type in words, with its unit of measurement; default that of Python."""
+    """Type in words, with its unit of measurement; default: the type in Python."""
     more: str = ""
     """Text that ``help()`` adds to `text`."""
     default: Any = None
     flag: str | None = ""
-    """Its name on the command line, ``--set``; default that of the field; None where the command line lacks it."""
+    """Name on the command line, ``--set``; default: the name of the field; None hides it there."""
     metavar: str | None = None
     typed: Any = None
-    """Type on the command line, where it is another."""
+    """Type on the command line, if different."""
     read: Callable[[Any], Any] | None = None
-    """Makes its value of what the command line has."""
+    """Converts the value of the command line."""
     names: Callable[[], Iterable[str]] | None = None
     """Returns names that the shell completes."""
     choices: tuple[str, ...] = ()
-    """Values that there are, which ``--help`` shows and the shell completes."""
+    """Valid values, for ``--help`` and completion."""
     group: str = ""
     """Heading in ``--help``; default by :mod:`vdfmu.cli.parameters`."""
 
@@ -56,12 +57,12 @@ class DeclaredOption:
 
     name: str
     type: Any
-    """Type in Python; a text where its parts are not imported."""
+    """Type in Python; a text if its parts are not imported."""
     option: Option
 
     @property
     def annotation(self) -> str:
-        """Its type as a text."""
+        """Type as a text."""
         return re.sub(r"\b(?:[a-z]+\.)+(?=[A-Z])", "", inspect.formatannotation(self.type).strip("'"))
 
     def entry(self) -> str:
@@ -72,12 +73,12 @@ class DeclaredOption:
 
 
 def declared(options: Any) -> list[DeclaredOption]:
-    """Return the fields of a TypedDict of options, those of its bases first."""
-    found: list[DeclaredOption] = []
+    """Return the fields of a TypedDict of options, inherited fields first."""
+    fields: list[DeclaredOption] = []
     for name, annotation in options.__annotations__.items():
         kind, option = get_args(annotation)
-        found.append(DeclaredOption(name, kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind, option))
-    return found
+        fields.append(DeclaredOption(name, kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind, option))
+    return fields
 
 
 def option_of(options: Any, name: str, text: str = "") -> Option:
@@ -96,13 +97,13 @@ def taken_options(function: Callable[..., Any]) -> Any:
 
 
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Give the options of a function their defaults, and name each in its signature and docstring.
+    """Give the options of a function their defaults, and add them to its signature and docstring.
 
-    A value of another type than the declared one is a UsageError, with all of them.
+    The function raises UsageError for all values of a wrong type.
     """
     own = inspect.signature(function)
     listed = declared(taken_options(function))
-    parameters = [one for one in own.parameters.values() if one.kind is not one.VAR_KEYWORD]
+    parameters = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
     parameters += [
         inspect.Parameter(
             each.name, inspect.Parameter.KEYWORD_ONLY, default=each.option.default, annotation=each.annotation
@@ -121,12 +122,9 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
             bound = signature.bind(*args, **kwargs)
         except TypeError as error:
             raise TypeError(f"{name}() {error}") from None
-        found = [
-            type_problem(each.name, each.annotation, bound.arguments[each.name], each.option.kind, each.option.choices)
-            for each in listed
-            if each.name in bound.arguments
-        ]
-        if problems := [problem for problem in found if problem]:
+        passed = [(each, bound.arguments[each.name]) for each in listed if each.name in bound.arguments]
+        checked = (type_problem(o.name, o.annotation, value, o.option.kind, o.option.choices) for o, value in passed)
+        if problems := [*filter(None, checked)]:
             raise UsageError("\n".join(problems))
         bound.apply_defaults()
         return function(*bound.args, **bound.kwargs)
@@ -137,19 +135,19 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def lists_options(kind: type[_T]) -> type[_T]:
-    """Name in the docstring of a class each option that its constructor takes."""
+    """Add the options of its constructor to the docstring of a class."""
     kind.__doc__ = _listing(kind.__doc__, declared(taken_options(kind.__init__)))
     return kind
 
 
 def _listing(docstring: str | None, options: list[DeclaredOption]) -> str | None:
-    """Put options in the place of ``**options`` in a docstring."""
+    """Replace ``**options`` in a docstring by the options."""
     entries = "".join(each.entry() for each in options)
-    return docstring and _ENTRY.sub(lambda found: textwrap.indent(entries, found[1]), docstring)
+    return docstring and _ENTRY.sub(lambda match: textwrap.indent(entries, match[1]), docstring)
 
 
 def pick(kind: type[_T], options: Mapping[str, Any]) -> _T:
-    """Return those of some options that a TypedDict has, to pass them on."""
+    """Return the options that a TypedDict declares, to pass them on."""
     names = kind.__annotations__
     return cast("_T", {name: value for name, value in options.items() if name in names})
 
@@ -167,3 +165,61 @@ def read_settings(
             raise UsageError(f"{option} {item}: expected {form}.")
         settings[key.strip()] = value.strip()
     return settings
+
+
+def _number(value: Any) -> bool:
+    kind = "" if getattr(value, "shape", None) != () else value.dtype.kind  # an array of no dimension is a number too
+    return not isinstance(value, bool) and isinstance(value, Real) or bool(kind) and kind in "iuf"
+
+
+def _switch(value: Any) -> bool:
+    return isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b" and not value.shape
+
+
+def _texts(value: Any) -> bool:
+    if isinstance(value, (str, Iterator)):
+        return not isinstance(value, str)  # checking would exhaust an iterator
+    return isinstance(value, Iterable) and all(isinstance(each, str) for each in value)
+
+
+_MAPPING = ("a mapping with texts as keys", lambda value: isinstance(value, Mapping) and _texts(value))
+_TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    "float": ("a number", _number),
+    "int": ("a whole number", lambda value: not isinstance(value, bool) and isinstance(value, Integral)),
+    "bool": ("True or False", _switch),
+    "str": ("a text", lambda value: isinstance(value, str)),
+    "PathLike[str]": ("a path", lambda value: isinstance(value, os.PathLike)),
+    "Path": ("a pathlib.Path", lambda value: isinstance(value, os.PathLike)),
+    "Sequence[Path]": ("a sequence of them", lambda value: isinstance(value, Iterable) and not isinstance(value, str)),
+    "Mapping[str, Any]": _MAPPING,
+    "Mapping[str, Value]": _MAPPING,
+    "Sequence[str]": ("a sequence of texts", _texts),
+    "Literal[False]": ("False", lambda value: value is False),
+    "Robot": ("a Robot", lambda value: any(kind.__name__ == "Robot" for kind in type(value).__mro__)),
+    "Callable[[LogMessage], None]": ("a function", callable),
+    "None": ("None", lambda value: value is None),
+}
+"""Annotation to type in words and its check. Types without a row are not checked."""
+
+
+def type_problem(name: str, annotation: str, value: Any, kind: str = "", choices: tuple[str, ...] = ()) -> str | None:
+    """Return the problem of a value that has not the type of its annotation, ``float | None``; else None.
+
+    `kind` is the type in words with a unit of measurement, ``float [s]``, `choices` are the valid texts.
+    """
+    rows = [_TYPES.get(part) for part in annotation.split(" | ")]
+    checks = [row for row in rows if row is not None]
+    if len(checks) < len(rows) or any(fits(value) for _, fits in checks):
+        return None
+    unit = re.search(r"\[(.+)\]", kind)
+    more = {"a number": f" in {unit[1]}" if unit else "", "a text": f", one of {', '.join(choices)}" if choices else ""}
+    words = [text + more.get(text, "") for text, _ in checks if text != "None"]
+    listed = isinstance(value, str) and "Sequence[str]" in annotation
+    way = f" Put it into a list: [{value!r:.60}]." if listed else ""
+    return f"{name}: expected {' or '.join(dict.fromkeys(words))}, got {value!r:.60}.{way}"
+
+
+def check_type(name: str, annotation: str, value: Any) -> None:
+    """Raise UsageError for a value of another type; see :func:`type_problem`."""
+    if problem := type_problem(name, annotation, value):
+        raise UsageError(problem)

@@ -1,6 +1,6 @@
-"""What other packages add, by entry points of the groups ``vdfmu.units``, ``.robots``, ``.logs`` and so on.
+"""Plugins of other packages: entry points of the groups ``vdfmu.units``, ``.robots``, ``.logs`` and so on.
 
-Reading them takes some 10 ms. Only a name that is not shipped, and a list of all names, does.
+Reading them takes some 10 ms, only for a name that is not shipped and for a list of all names.
 """
 
 from __future__ import annotations
@@ -25,21 +25,18 @@ class Plugins:
     """A group of entry points."""
 
     group: str
-    """Its name behind ``vdfmu.``."""
+    """Name after ``vdfmu.``."""
     one: str
-    """Name of a member in messages."""
+    """Noun of a plugin in messages."""
     expected: str
-    """What its entry points name, in messages."""
+    """Expected object of an entry point, in messages."""
     fits: Callable[[Any], bool]
-    """Whether an object is one."""
+    """Whether an object is a valid plugin."""
 
     def get(self, name: str) -> Any:
-        """Return the object of a name, None if no package adds one.
+        """Return the plugin of a name, None if no package adds it.
 
-        Raises
-        ------
-        UsageError
-            If it cannot be used, or several packages add one of this name; with the packages.
+        UsageError if it is invalid, or several packages add it.
         """
         points = _points(self.group).get(name, [])
         if len(points) > 1:
@@ -50,28 +47,27 @@ class Plugins:
         return self._load(points[0]) if points else None
 
     def all(self, shipped: Container[str]) -> dict[str, Any]:
-        """Return what can be used, by name, without names that are shipped; a warning says what is left out."""
-        found: dict[str, Any] = {}
+        """Return valid plugins by name; warn of invalid ones and of shipped names, and leave them out."""
+        valid: dict[str, Any] = {}
         for name, points in sorted(_points(self.group).items()):
             if name in shipped:
                 packages = " and ".join(map(_package, points))
                 warn_once(f"{self.one} {name!r} of {packages} is left out: vdfmu itself has one of this name.")
                 continue
             try:
-                found[name] = self.get(name)
+                valid[name] = self.get(name)
             except UsageError as error:
                 warn_once(f"left out: {error}")
-        return found
+        return valid
 
     def _load(self, point: EntryPoint) -> Any:
         try:
-            found = point.load()
-            got = f"{point.value}, which is {type(found).__name__}"
-            good = self.fits(found)
-        except (Exception, SystemExit) as error:  # whatever code of others raises
-            got, good, found = f"{point.value}: {kind_text(error)}", False, None
-        if good:
-            return found
+            plugin = point.load()
+            if self.fits(plugin):
+                return plugin
+            got = f"{point.value}, which is {type(plugin).__name__}"
+        except (Exception, SystemExit) as error:  # foreign code may raise anything
+            got = f"{point.value}: {kind_text(error)}"
         raise UsageError(
             f"{self.one} {point.name!r} of {_package(point)} cannot be used: expected {self.expected}, got {got}. "
             "Mend or uninstall that package."
@@ -79,14 +75,14 @@ class Plugins:
 
 
 def added(group: str, name: str) -> bool:
-    """Whether a package adds something of a name to a group, even if it cannot be used; nothing is loaded."""
+    """Whether a package adds a name to a group, even if invalid; loads nothing."""
     return name in _points(group)
 
 
 class PluginTable(dict[str, _T]):
-    """A table whose rows are shipped, or added by other packages: these are found by ``in`` and by ``[]``.
+    """Table of shipped rows that ``in`` and ``[]`` extend by plugins.
 
-    Iteration gives the shipped rows and those that were used; `names` gives all.
+    Iteration gives shipped rows and plugins in use; `names` gives all.
     """
 
     def __init__(self, plugins: Plugins, shipped: Mapping[str, _T], prefix: str = "") -> None:
@@ -103,14 +99,14 @@ class PluginTable(dict[str, _T]):
 
     def __missing__(self, key: str) -> _T:
         name = key.removeprefix(self._prefix)
-        found = self._plugins.get(name) if key == self._prefix + name and name else None
-        if found is None:
+        plugin = self._plugins.get(name) if key == self._prefix + name and name else None
+        if plugin is None:
             raise KeyError(key)
-        self[key] = found
-        return found
+        self[key] = plugin
+        return plugin
 
     def names(self, unless: object = None) -> list[str]:
-        """Return all names; where `unless` is one that is shipped, those are enough and no other is looked for."""
+        """Return all names; if `unless` is a shipped name, only the names in use."""
         if not isinstance(unless, str) or unless not in self._shipped:
             own = {key.removeprefix(self._prefix) for key in self._shipped}
             self.update({self._prefix + name: row for name, row in self._plugins.all(own).items()})
@@ -121,10 +117,10 @@ class PluginTable(dict[str, _T]):
 def _points(group: str) -> dict[str, list[EntryPoint]]:
     from importlib.metadata import entry_points
 
-    found: dict[str, list[EntryPoint]] = {}
-    for each in entry_points(group=f"vdfmu.{group}"):
-        found.setdefault(each.name, []).append(each)
-    return found
+    points: dict[str, list[EntryPoint]] = {}
+    for point in entry_points(group=f"vdfmu.{group}"):
+        points.setdefault(point.name, []).append(point)
+    return points
 
 
 def _package(point: EntryPoint) -> str:

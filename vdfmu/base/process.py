@@ -1,37 +1,56 @@
-"""Processes that may do anything: how they end with those that they started, and what is kept of their output."""
+"""Processes for code that may crash, exit or hang: start, limits, output, messages and end.
+
+Each message follows its length. Requests are pickled. Replies are JSON, because foreign code may have written them.
+"""
 
 from __future__ import annotations
 
 import codecs
 import io
+import json
+import math
 import os
+import pickle
+import select
 import signal
+import struct
 import subprocess
 import sys
 import threading
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ctypes import CDLL
-from typing import IO, BinaryIO
+from time import monotonic
+from typing import IO, Any
 
 from vdfmu.base.text import shown
 
 KEPT = 4096
-"""Bytes of a process's output that are kept: the last."""
+"""Last bytes of the output that are kept."""
 SHOWN = 2**16
-"""Bytes of it that are shown as they come: the first."""
+"""First bytes of the output that are shown as they come."""
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
-"""Environment of numpy and scipy for our small matrices, for which their threads only wait for each other."""
-_BLOCK = 2**16
+"""Environment of numpy and scipy: with small matrices several threads only wait for each other."""
+SIZE = struct.Struct("<I")
+"""Length of the message that follows; 0 for an empty message."""
+_BLOCK, _OUTPUT_BLOCK = 2**20, 2**16
+"""Most bytes per read of replies and of output."""
+_LARGEST = 2**30
+"""Largest reply that is read [byte]."""
 _PDEATHSIG = 1
-"""Code of prctl for the signal sent when the thread that started the process has ended, however that was."""
+"""Code of prctl for the signal that is sent when the starting thread ends."""
 _JOIN = 1.0
-"""Time [s] that the output has to end after the process: a child that fled may hold it open."""
+"""Time limit [s] of the output after the process: a fled child may hold the pipe open."""
+_TICK = 0.1
+"""Interval of the watching thread [s]."""
+_FAREWELL = 5.0
+"""Time limit [s] of the end of the process after its pipe is closed."""
 
 
 def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Popen[bytes]:
-    """Start a module of this package in a process and a session of its own, with pipes to it.
+    """Start a module of this package in a new process and session, with pipes.
 
-    Without `talks` there is a pipe of its error output only.
+    Without `talks` only the error output has a pipe.
     """
     way = subprocess.PIPE if talks else subprocess.DEVNULL
     return subprocess.Popen(
@@ -45,36 +64,21 @@ def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Pope
 
 
 def limit(kind: str, size: int) -> None:
-    """Limit what this process may take, where the system knows the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``."""
+    """Limit a resource of this process, if the system supports the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``."""
     if sys.platform != "win32":
         import resource
 
         number = getattr(resource, f"RLIMIT_{kind}")
         _, most = resource.getrlimit(number)
         size = size if most == resource.RLIM_INFINITY else min(size, most)
-        with suppress(OSError, ValueError):  # macOS has no limit of the address space
+        with suppress(OSError, ValueError):  # macOS does not limit the address space
             resource.setrlimit(number, (size, size))
 
 
-def private_pipes() -> tuple[BinaryIO, int]:
-    """Take the pipes of a process that was `started`: a file of requests, and a descriptor for the replies.
-
-    What any code prints goes to the error output then, and it reads nothing. On Linux the process ends with the thread
-    that started it.
-    """
-    requests, replies = os.fdopen(os.dup(0), "rb"), os.dup(1)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.dup2(2, 1)
-    if sys.platform == "linux":
-        CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
-    return requests, replies
-
-
 def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:
-    """End a process that was started with ``start_new_session``, and those that it has started and left behind.
+    """End a process of `started` and its children, even if it has ended already.
 
-    It may have ended. `patience` is the time [s] that it has to end those that it started in sessions of their own.
+    `patience` is the time [s] in which it may end children in other sessions.
     """
     with suppress(OSError, subprocess.TimeoutExpired):
         if patience and process.poll() is None:
@@ -88,10 +92,10 @@ def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:
 
 
 class Listener:
-    """Reads what a process prints, in a thread, so that the process never waits for it; closes the pipe at its end.
+    """Thread that reads the output of a process, so that the process never waits, and closes the pipe at its end.
 
-    `show`: pass the first `SHOWN` bytes on to the error output, and at the end the last `KEPT` of more, with what a
-    terminal would act on written out.
+    `show`: copy the first `SHOWN` bytes to the error output, at the end also the last `KEPT` bytes of a longer output.
+    Control characters are escaped.
     """
 
     def __init__(self, stream: IO[bytes], show: bool = False) -> None:
@@ -103,7 +107,7 @@ class Listener:
 
     def _listen(self, stream: IO[bytes]) -> None:
         with stream:
-            while block := os.read(stream.fileno(), _BLOCK):
+            while block := os.read(stream.fileno(), _OUTPUT_BLOCK):
                 first = block[: max(0, SHOWN - self._count)]
                 self._count += len(block)
                 self._tail += block
@@ -126,3 +130,159 @@ class Listener:
             self._pass_on(f"\n... ({left_out} bytes left out)\n{words}" if left_out else words)
         self._show = False
         return self._tail.decode(errors="replace")
+
+
+class Child:
+    """Process of a module that uses :class:`Parent`, seen from the starting process.
+
+    A thread kills the process if a reply takes longer than `limit` [s], or if `stop`, called every tenth of a second,
+    returns True. It calls `gone` if the process ends before `end`. `show` copies the output.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        *arguments: str,
+        limit: float,
+        show: bool = False,
+        stop: Callable[[], bool] = lambda: False,
+        gone: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._process = process = started(module, *arguments)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        self._requests, self._replies = process.stdin, process.stdout
+        self._listener = Listener(process.stderr, show)
+        if hasattr(select, "poll"):
+            self._poll = select.poll()
+            self._poll.register(process.stdout, select.POLLIN)
+        self.limit, self.late, self.since = limit, False, monotonic()
+        """`since`: time of the last request, infinite after its reply."""
+        self._stop, self._report = stop, gone
+        self._done, self._gone = threading.Event(), threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def send(self, message: Any) -> None:
+        """Send a message."""
+        content = pickle.dumps(message)
+        self.post(SIZE.pack(len(content)) + content)
+
+    def post(self, request: bytes) -> None:
+        """Send bytes; if the process has ended, `take` reports it."""
+        self.since = monotonic()
+        with suppress(OSError):
+            self._requests.write(request)
+            self._requests.flush()
+
+    def take(self) -> Any:
+        """Wait for a reply, None if empty; EOFError if the process has ended or its reply is not JSON."""
+        head = self._read(SIZE.size)
+        size = SIZE.unpack(head)[0] if len(head) == SIZE.size else _LARGEST + 1
+        try:
+            message = json.loads(self._read(size) if size <= _LARGEST else b"") if size else None
+        except ValueError:
+            raise EOFError from None
+        self.since = math.inf
+        return message
+
+    def _read(self, size: int) -> bytes | bytearray:
+        """Read bytes, fewer if the process has ended; a child of it may hold the pipe open."""
+        descriptor, content = self._replies.fileno(), bytearray()
+        while len(content) < size:
+            if hasattr(select, "poll"):
+                gone = self._gone.is_set()  # asked before the poll: output before the end is read
+                if not self._poll.poll(0.0 if gone else 1e3 * _TICK):
+                    if gone:
+                        break
+                    continue
+            block = os.read(descriptor, min(size - len(content), _BLOCK))
+            if not block:
+                break
+            content += block
+        return content
+
+    def _watch(self) -> None:
+        """Kill the process if it is late or to stop; if it has ended, kill children that hold its pipes."""
+        while not self._done.wait(_TICK):
+            stopped = self._stop()
+            self.late = self.late or monotonic() - self.since > self.limit
+            if self.late or stopped or self._has_ended():
+                self.kill()
+                self._gone.set()
+                self._report()
+                return
+
+    def _has_ended(self) -> bool:
+        """Whether the process has ended, without collecting its exit code; False if the system cannot tell."""
+        if not hasattr(os, "waitid"):  # Windows, and macOS before Python 3.13
+            return not hasattr(os, "wait4") and self._process.poll() is not None
+        with suppress(ChildProcessError):  # its exit code has just been collected
+            return os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+        return True
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process still runs."""
+        return not (self._done.is_set() or self._gone.is_set() or self._has_ended())
+
+    def kill(self) -> None:
+        """Kill the process and its children, from any thread."""
+        end_group(self._process)
+
+    def end(self) -> tuple[int, float, str]:
+        """Let the process end and kill its children.
+
+        Return its exit code, its peak memory [MB], 0 if unknown, and the end of its output.
+        """
+        self._done.set()
+        process, peak = self._process, 0.0
+        for pipe in (self._requests, self._replies):
+            with suppress(OSError):
+                pipe.close()
+        timer = threading.Timer(_FAREWELL, end_group, [process])
+        timer.start()
+        try:
+            if hasattr(os, "wait4"):
+                _, status, usage = os.wait4(process.pid, 0)
+                process.returncode, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024
+            code = process.wait()
+        finally:
+            timer.cancel()
+            end_group(process)
+            output = self._listener.finish()
+        return code, peak, output
+
+
+class Parent:
+    """The starting process, seen from the process of a :class:`Child`.
+
+    Takes over the pipes: prints go to the error output, and input is empty. On Linux this process ends with the thread
+    that started it.
+    """
+
+    def __init__(self) -> None:
+        self._requests, self._replies = os.fdopen(os.dup(0), "rb"), os.dup(1)
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        os.dup2(2, 1)
+        if sys.platform == "linux":
+            CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+
+    def read(self, size: int) -> bytes:
+        """Read bytes; fewer at the end."""
+        return self._requests.read(size)
+
+    def requests(self) -> Iterator[bytes]:
+        """Yield the pickled messages until the end, an empty text for an empty message."""
+        while len(head := self.read(SIZE.size)) == SIZE.size:
+            yield self.read(SIZE.unpack(head)[0])
+
+    def reply(self, message: Any = None) -> None:
+        """Send a reply; arrays and numbers of numpy become lists and numbers. Exit if the parent is gone."""
+        content = b"" if message is None else json.dumps(message, default=lambda x: x.tolist()).encode()
+        content = SIZE.pack(len(content)) + content
+        try:
+            while content:
+                content = content[os.write(self._replies, content) :]
+        except BrokenPipeError:
+            raise SystemExit from None

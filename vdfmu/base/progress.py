@@ -1,4 +1,4 @@
-"""Progress of what takes long far below the caller that can show it, and the option `progress`: a function, or bars."""
+"""Progress reports from deep calls to the caller that shows them, and the option `progress`: a function, or bars."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _show: ContextVar[Progress | None] = ContextVar("progress", default=None)
 
 @cache
 def warn_once(text: str) -> None:
-    """Warn of what holds for the whole process."""
+    """Log a warning, once per process."""
     LOG.warning("%s", text)
 
 
 @contextmanager
 def showing(progress: Progress | None) -> Generator[None]:
-    """Let a callable have the progress of what this thread does in the block."""
+    """Pass progress of this thread in the block to a callback."""
     before = _show.set(progress)
     try:
         yield
@@ -33,7 +33,7 @@ def showing(progress: Progress | None) -> Generator[None]:
 
 
 def report(stage: str, done: int, total: int) -> None:
-    """Say how far a stage is, to what this thread shows progress with."""
+    """Report how far a stage is to the callback of this thread."""
     progress = _show.get()
     if progress is not None:
         progress(stage, done, total)
@@ -41,14 +41,14 @@ def report(stage: str, done: int, total: int) -> None:
 
 @contextmanager
 def doing(stage: str) -> Generator[None]:
-    """Report a stage that has no steps: it moves while the block runs."""
+    """Report a stage without steps: its bar moves while the block runs."""
     report(stage, 0, 1)
     yield
     report(stage, 1, 1)
 
 
 def counted(stage: str, items: Iterable[_T], total: int) -> Generator[_T]:
-    """Yield items, and report how many are dealt with."""
+    """Yield items, and report the number of finished items."""
     if total:
         report(stage, 0, total)
     for done, item in enumerate(items, 1):
@@ -59,13 +59,13 @@ def counted(stage: str, items: Iterable[_T], total: int) -> Generator[_T]:
 Steps = Callable[[int, int], None]
 """Called with the number of finished steps and their total."""
 Shown = Progress | bool | None
-"""How a user wants progress: a function to call, True for bars on the terminal or in the notebook, or nothing."""
+"""Option `progress`: a callback, True for bars on the terminal or in the notebook, or nothing."""
 _P = ParamSpec("_P")
 
 
 @contextmanager
 def shown_steps(progress: Steps | bool | None, stage: str) -> Generator[Steps | None]:
-    """Yield what to call with the steps of a stage; True shows them as a bar."""
+    """Yield a callback for the steps of a stage; True shows them as a bar."""
     if progress is not True:
         yield progress or None
         return
@@ -76,7 +76,7 @@ def shown_steps(progress: Steps | bool | None, stage: str) -> Generator[Steps | 
 
 
 def with_progress(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Let the option `progress` of a function have what is reported while it runs; True shows bars."""
+    """Pass progress of a function to its option `progress`; True shows bars."""
 
     @wraps(function)
     def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _T:

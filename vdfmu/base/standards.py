@@ -1,4 +1,4 @@
-"""Versions of the standards FMI and SSP, and what differs between them."""
+"""Versions of the standards FMI and SSP, and their differences."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ class FmiVersion:
     """A version of FMI that FMUs are built for. A new one is a row of `FMI_VERSIONS`."""
 
     name: str
-    """Version as a model description states it."""
+    """Version in a model description."""
     prefix: str
-    """With which functions, headers and the C file of an FMU begin, ``fmi2``."""
+    """Prefix of functions, headers and the C file of an FMU, ``fmi2``."""
     token: str
     """Attribute of a model description that names the content of the FMU."""
     arrays: bool
-    """Whether a variable can be an array, and is read and written so; else its elements are the variables."""
+    """Whether a variable can be an array; else its elements are the variables."""
     platform_tuples: bool
-    """Whether folders of ``binaries`` have the names of platform tuples."""
+    """Whether folders of ``binaries`` are named by platform tuples."""
     build_description: bool
     """Whether ``sources/buildDescription.xml`` lists the C files; else the model description does."""
     picture: bool
-    """Whether there is a picture ``model.png``."""
+    """Whether an FMU has a picture ``model.png``."""
     time_variable: bool
     """Whether the time is a variable."""
     adjoints: bool
-    """Whether there are adjoint derivatives in addition to directional ones."""
+    """Whether an FMU has adjoint derivatives in addition to directional ones."""
     input_derivatives: bool
-    """Whether inputs of co-simulation can change at a rate that is set."""
+    """Whether inputs of co-simulation can have derivatives."""
     enumeration: str
     """Type in the names of the functions that read and write an enumeration."""
 
@@ -40,25 +40,25 @@ FMI_VERSIONS = {version.name: version for version in (FMI_2, FMI_3)}
 PYTHON_FMI = FMI_2
 """Version of FMUs in Python."""
 WITHOUT_NATIVE = "FMUs are in Python: a run takes some 20 times as long, and they run only where vdfmu is installed"
-"""What is not there without a C compiler, the extra ``native``."""
+"""Consequence of a missing C compiler, the extra ``native``."""
 
 
 @dataclass(frozen=True)
 class SspFormat:
-    """A version of SSP that packages are written and read in. A new one is a row of `SSP_FORMATS`."""
+    """A version of SSP of packages. A new one is a row of `SSP_FORMATS`."""
 
     name: str
-    """Version as the files of a package state it."""
+    """Version in the files of a package."""
     fmi: FmiVersion
-    """FMI version of the FMUs in packages written here; connectors and parameters are its variables."""
+    """FMI version of FMUs in packages written here. Its variables are connectors and parameters."""
     schemas: tuple[str, str]
-    """Python package that has the XML schemas, and their folder in it."""
+    """Python package with the XML schemas, and their folder in it."""
     always_validated: bool
-    """Whether that package is always installed: then files are validated when they are written too."""
+    """Whether that package is always installed: then written files are validated too."""
     binary_parameters: bool
     """Whether parameters can be binary."""
     more_connections: bool
-    """Whether connectors can be constants, local or of no kind, as the table "Allowed connections" of 2.0 has it."""
+    """Whether connectors can be constants, local or without a kind (table "Allowed connections" of 2.0)."""
 
 
 SSP_1 = SspFormat("1.0", FMI_2, ("fmpy", "ssp/schema"), True, False, False)

@@ -1,4 +1,4 @@
-"""A linear system with names and units."""
+"""Linear systems: discretisation, and matrices with names and units."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from vdfmu.base.errors import UsageError
 Signal = tuple[str, str, float]
 """Name, unit and value."""
 _PADE = [float(math.comb(13, k) * math.factorial(26 - k) // math.factorial(13)) for k in range(14)]
-"""Coefficients of the approximant's numerator, those of Eq. (10.33) of Higham: (26 - k)! / ((13 - k)! k!)."""
+"""Coefficients of the numerator, Eq. (10.33) of Higham: (26 - k)! / ((13 - k)! k!)."""
 _PADE_NORM = 5.371920351148152
-"""Norm up to which its backward error is below the rounding of doubles."""
+"""Largest norm whose backward error is below the rounding of doubles."""
 
 
 class Linear(NamedTuple):
@@ -39,7 +39,7 @@ def expm(A: Floats) -> Floats:
     """Return the exponential of a matrix: Pade's approximant of degree 13, scaled and squared.
 
     Higham, "The Scaling and Squaring Method for the Matrix Exponential Revisited", SIAM J. Matrix Anal. Appl. 26(4),
-    2005. Not scipy's, which takes 0.2 s to import.
+    2005. scipy's takes 0.2 s to import.
     """
     squarings = max(0, math.frexp(np.abs(A).sum(axis=0).max(initial=0.0) / _PADE_NORM)[1])
     A = A / 2.0**squarings
@@ -49,10 +49,10 @@ def expm(A: Floats) -> Floats:
     b = _PADE
     odd = A @ (A6 @ (b[13] * A6 + b[11] * A4 + b[9] * A2) + b[7] * A6 + b[5] * A4 + b[3] * A2 + b[1] * one)
     even = A6 @ (b[12] * A6 + b[10] * A4 + b[8] * A2) + b[6] * A6 + b[4] * A4 + b[2] * A2 + b[0] * one
-    found: Any = np.linalg.solve(even - odd, even + odd)
+    power: Any = np.linalg.solve(even - odd, even + odd)
     for _ in range(squarings):
-        found = found @ found
-    return found
+        power = power @ power
+    return power
 
 
 @dataclass(frozen=True)
@@ -107,28 +107,22 @@ class StateSpace:
         return self.C @ np.linalg.solve(s[:, None, None] * np.eye(len(self.A)) - self.A, self.B) + self.D
 
     def to_scipy(self) -> Any:
-        """Return a ``scipy.signal.StateSpace``, which has no names."""
+        """Return a ``scipy.signal.StateSpace``, without the names."""
         from scipy.signal import StateSpace as ScipyStateSpace
 
         time = {} if self.step is None else {"dt": self.step}
         return ScipyStateSpace(self.A, self.B, self.C, self.D, **time)
 
     def to_control(self) -> Any:
-        """Return a ``control.StateSpace`` of python-control, with the names, whose dots become ``_``.
+        """Return a ``control.StateSpace`` of python-control. Dots in the names become ``_``.
 
-        Raises
-        ------
-        UsageError
-            If python-control is not installed.
+        UsageError if python-control is not installed.
         """
         try:
             control = import_module("control")
         except ImportError:
-            raise UsageError(
-                "to_control: expected python-control, which is not installed: pip install control."
-            ) from None
+            raise UsageError("to_control needs python-control. Install it with 'pip install control'.") from None
         time = () if self.step is None else (self.step,)
-        names = {
-            kind: [name.replace(".", "_") for name in getattr(self, kind)] for kind in ("states", "inputs", "outputs")
-        }
+        kinds = ("states", "inputs", "outputs")
+        names = {kind: [name.replace(".", "_") for name in getattr(self, kind)] for kind in kinds}
         return control.ss(self.A, self.B, self.C, self.D, *time, **names)

@@ -1,4 +1,4 @@
-"""One look for all pictures: size, colours, panels, and files that do not depend on when they are made.
+"""Style of all pictures: size, colours, panels, and reproducible files.
 
 Figures are drawn with matplotlib's objects on an Agg canvas: no pyplot, no display, no settings of the user.
 """
@@ -26,62 +26,38 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 from PIL import Image
 
-from vdfmu.base import palette
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, extremes
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
 from vdfmu.base.measure import fitted, spaced
-from vdfmu.base.thinning import extremes
+from vdfmu.base.page import LIGHT
 
 P = ParamSpec("P")
-
 DPI = 150
 WIDTH = 8.0
 """Width of a figure [in]."""
-
-COLORS = palette.LIGHT
-
+COLORS = LIGHT
 DASHES = ("-", "--", "-.", ":")
 BACK: dict[str, Any] = {"color": COLORS[5], "linewidth": 3.2}
 ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
-"""Looks of two curves that may lie on each other: a broad one, and a dashed one over it."""
+"""Looks of two curves that may coincide: broad, and dashed on top."""
 _GREY = "#555555"
 _MARGIN = 0.1
 _CAPTION_CHARACTERS = 15.6  # that fit into an inch
 _RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
-    "font.size": 10.0,
-    "axes.titlesize": 10.0,
-    "axes.labelsize": 10.0,
-    "axes.titlelocation": "left",
-    "axes.titleweight": "bold",
-    "axes.titley": 1.0,  # else matplotlib measures all that a title might lie on
-    "axes.edgecolor": _GREY,
-    "axes.linewidth": 0.8,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.xmargin": 0.0,
-    "axes.ymargin": 0.08,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.7,
-    "lines.linewidth": 1.6,
-    "lines.solid_capstyle": "round",
-    "legend.frameon": False,
-    "legend.fontsize": 10.0,
-    "xtick.labelsize": 9.0,
-    "ytick.labelsize": 9.0,
-    "xtick.color": _GREY,
-    "ytick.color": _GREY,
-    "xtick.labelcolor": "black",
-    "ytick.labelcolor": "black",
-    "svg.hashsalt": "vdfmu",
-    "figure.constrained_layout.h_pad": 0.06,
-    "figure.constrained_layout.w_pad": 0.06,
-    "figure.constrained_layout.hspace": 0.03,
-    "figure.constrained_layout.wspace": 0.03,
-}
+    "font.size": 10.0, "axes.titlesize": 10.0, "axes.labelsize": 10.0, "legend.fontsize": 10.0,
+    "axes.titlelocation": "left", "axes.titleweight": "bold",
+    "axes.titley": 1.0,  # otherwise matplotlib measures everything below a title
+    "axes.edgecolor": _GREY, "axes.linewidth": 0.8, "axes.grid": True, "axes.axisbelow": True,
+    "axes.xmargin": 0.0, "axes.ymargin": 0.08, "axes.spines.top": False, "axes.spines.right": False,
+    "grid.color": "#DDDDDD", "grid.linewidth": 0.7, "lines.linewidth": 1.6, "lines.solid_capstyle": "round",
+    "legend.frameon": False, "svg.hashsalt": "vdfmu",
+    **{f"{axis}tick.labelsize": 9.0 for axis in "xy"}, **{f"{axis}tick.color": _GREY for axis in "xy"},
+    **{f"{axis}tick.labelcolor": "black" for axis in "xy"},
+    **{f"figure.constrained_layout.{axis}_pad": 0.06 for axis in "hw"},
+    **{f"figure.constrained_layout.{axis}space": 0.03 for axis in "hw"},
+}  # fmt: skip
 
 
 _PAPER: dict[str, Any] = _RC | {
@@ -132,8 +108,7 @@ def new_figure(
 ) -> Figure:
     """Return a figure of `width` by `height` [in] with empty space for panels.
 
-    Title and, in a line of its own, a legend stand above that space, the caption below: neither hides
-    data.
+    Title and legend lines stand above that space, the caption below, so that they hide no data.
     """
     figure = _Picture(figsize=(width, height), dpi=DPI)
     FigureCanvasAgg(figure)
@@ -142,14 +117,9 @@ def new_figure(
     above = _MARGIN + 0.25
     if legend:
         figure.legend(
-            handles=list(legend),
-            loc="upper left",
-            bbox_to_anchor=(left, 1.0 - above / height),
-            ncols=len(legend),
-            borderaxespad=0.0,
-            borderpad=0.2,
-            handlelength=3.0,
-        )
+            handles=list(legend), loc="upper left", bbox_to_anchor=(left, 1.0 - above / height), ncols=len(legend),
+            borderaxespad=0.0, borderpad=0.2, handlelength=3.0,
+        )  # fmt: skip
         above += 0.3
     lines = [line for text in caption.splitlines() for line in textwrap.wrap(text, round(_CAPTION_CHARACTERS * width))]
     figure.text(left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.2, color=_GREY, linespacing=1.3)
@@ -161,9 +131,8 @@ def new_figure(
 def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None = None) -> None:
     """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
 
-    Very small or large values get a unit that fits, or a power of ten in the label, never a factor above the axis.
-    Values that are constant except for rounding are drawn from 0. A logarithmic axis shows whole decades, three to
-    nine.
+    Very small or large values get a fitting unit, or a power of ten in the label. Constant values are drawn from 0. A
+    logarithmic axis shows three to nine whole decades.
     """
     axes.set_title(title)
     low, high = axes.dataLim.intervaly
@@ -182,7 +151,7 @@ def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None 
 
 
 def fit_axis(axis: Axis, unit: str, largest: float) -> str:
-    """Let a linear axis show values up to `largest` in the unit that fits them; return it."""
+    """Scale a linear axis to a fitting unit for values up to `largest`, and return the unit."""
     fit, exponent = fitted(unit, largest)
     formatter = ScalarFormatter(useOffset=False)
     formatter.set_scientific(exponent != 0)
@@ -202,19 +171,15 @@ def label_time(panels: Sequence[Axes], columns: int) -> None:
 
 
 def legend_beside(axes: Axes, handles: Sequence[Artist]) -> None:
-    """Put a legend right of a panel, where it hides no data; it wraps into columns of 14."""
+    """Put a legend right of a panel, in columns of 14."""
     axes.legend(
-        handles=list(handles),
-        loc="upper left",
-        bbox_to_anchor=(1.01, 1.0),
-        ncols=math.ceil(len(handles) / 14),
-        borderaxespad=0.0,
-        handlelength=1.8,
-    )
+        handles=list(handles), loc="upper left", bbox_to_anchor=(1.01, 1.0), ncols=math.ceil(len(handles) / 14),
+        borderaxespad=0.0, handlelength=1.8,
+    )  # fmt: skip
 
 
 def joint_look(i: int) -> dict[str, Any]:
-    """Return colour and dashes of joint `i`, from 0: a joint looks the same in every panel."""
+    """Return colour and dashes of joint `i`, from 0, the same in every panel."""
     return {"color": COLORS[i % len(COLORS)], "linestyle": DASHES[i // len(COLORS) % len(DASHES)]}
 
 
@@ -229,10 +194,9 @@ def curve(axes: Axes, time: Floats, values: Floats, **look: Any) -> Line2D:
 
 
 def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Floats]:
-    """Keep the first, the last, and of each of `buckets` equal stretches the smallest and the largest value.
+    """Thin more than ``2 * buckets`` points to the first, the last, and the extremes of equal intervals.
 
-    So no peak is lost, and a curve of many points looks the same at the resolution of the picture.
-    Up to ``2 * buckets`` points all are kept.
+    No peak is lost, and the curve looks the same at the resolution of the picture.
     """
     if len(values) <= 2 * buckets:
         return time, values
@@ -253,14 +217,9 @@ class _Picture(Figure):
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG, SVG or PDF, by the suffix; the same figure gives the same bytes.
+    """Write a figure as PNG, SVG or PDF, by the suffix, and make its folder; the same figure gives the same bytes.
 
-    The folder is made if it is missing.
-
-    Raises
-    ------
-    UsageError, VdfmuError
-        The suffix is another one, or the file cannot be written.
+    UsageError for another suffix, UsageError or VdfmuError if the file cannot be written.
     """
     write = _WRITERS.get(path.suffix.lower())
     if write is None:
@@ -268,14 +227,14 @@ def save(figure: Figure, path: Path) -> Path:
     stream = io.BytesIO()
     with matplotlib.style.context(["default", getattr(figure, "look", _RC)]):
         write(figure, stream)
-    with contextlib.suppress(OSError):  # of which the writing then says more
+    with contextlib.suppress(OSError):  # the writing reports it
         path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, [stream.getvalue()])
     return path
 
 
 def _png(figure: Figure, stream: io.BytesIO) -> None:
-    # not by savefig, which draws all twice, for the layout first; without transparency, of which there is none
+    # savefig would draw everything twice; RGB, since figures are opaque
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba()))

@@ -1,17 +1,19 @@
-"""Text of others, such as messages of units and names in files, made safe to show."""
+"""Foreign text, such as messages of units and names in files, made safe to show, and portable JSON."""
 
 from __future__ import annotations
 
 import difflib
+import json
+import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, cast
 
-_ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Characters that a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
+_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Characters that a terminal obeys: controls except tab and newline, directions of writing, and half characters."""
 FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
-"""Characters that XML does not have or a terminal obeys."""
-
+"""Characters that XML excludes or a terminal obeys."""
 FEW = 20
 """Most messages of a rule that are printed."""
 _LONGEST_NAME, _LONGEST_LINE, _MOST_LINES = 200, 2000, 100
@@ -19,19 +21,19 @@ _LONGEST_NAME, _LONGEST_LINE, _MOST_LINES = 200, 2000, 100
 _LONG_NAME = re.compile(rf"\S{{{_LONGEST_NAME + 1},}}")
 
 
-def shown(text: str, acting: re.Pattern[str] = _ACTING) -> str:
-    r"""Return a text with what a terminal would act on, or what `acting` finds, written out: an escape as ``\x1b``."""
-    return acting.sub(lambda found: ascii(found[0])[1:-1], text)
+def shown(text: str, escaped: re.Pattern[str] = _CONTROLS) -> str:
+    r"""Return a text with control characters, or matches of `escaped`, as escapes such as ``\x1b``."""
+    return escaped.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 def error_text(error: object) -> str:
-    """Return what an error says, with what was added to it on its way; see `elided`."""
+    """Return the message of an error with its notes, shortened by `elided`."""
     notes, text = getattr(error, "__notes__", []), message_of(error)
     return elided(". ".join([*filter(None, [text.removesuffix(".")]), *notes]) if notes else text)
 
 
 def message_of(error: object) -> str:
-    """Return the message of an error of any code, whose ``__str__`` may fail."""
+    """Return the message of an error; foreign ``__str__`` may fail."""
     try:
         return str(error)
     except (Exception, SystemExit) as other:
@@ -39,12 +41,12 @@ def message_of(error: object) -> str:
 
 
 def kind_text(error: BaseException) -> str:
-    """Return the kind of an error of any code, and its message."""
+    """Return type and message of an error of foreign code."""
     return f"{type(error).__name__}: {message_of(error)}"
 
 
 def elided(text: str) -> str:
-    """Return a message of bounded length: long names, lines and texts without their middle."""
+    """Return a message of bounded length: long names, lines and texts lose their middle."""
     if len(text) <= _LONGEST_NAME:
         return text
     text = _LONG_NAME.sub(lambda name: _without_middle(name[0], _LONGEST_NAME), text)
@@ -55,13 +57,12 @@ def elided(text: str) -> str:
 
 
 def _without_middle(text: str, most: int) -> str:
-    """Return a text, or its two ends and the size of what is left out if it is longer than `most`."""
     half = most // 2
     return text if len(text) <= most else f"{text[:half]}...({len(text) - 2 * half:,} characters)...{text[-half:]}"
 
 
 def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text: "") -> list[str]:
-    """Return at most `FEW` of the texts of a rule, then how many more of it there are."""
+    """Return at most `FEW` texts of each rule, then the number of further texts of each rule."""
     counts: Counter[str] = Counter()
     kept: list[str] = []
     for text in texts:
@@ -73,27 +74,42 @@ def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text:
 
 
 def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
-    """Return the names that one of the patterns, with ``*`` for any text, fits."""
+    """Return the names that match any pattern; ``*`` stands for any text."""
     whole = [re.compile(".*".join(map(re.escape, pattern.split("*")))) for pattern in patterns]
     return [name for name in names if any(pattern.fullmatch(name) for pattern in whole)]
 
 
 def close_to(name: str, known: Iterable[str]) -> str:
-    """Return known names that are close to a wrong one, as the end of a message."""
+    """Return the end of a message on a wrong name: known names that are close to it."""
     close = difflib.get_close_matches(name, list(known), n=3)
     return f"; did you mean {', '.join(close)}?" if close else ""
 
 
 def printable(text: str) -> str:
-    """Return a text of a file as it goes into a message: shortened, and control characters written out."""
+    """Return a text of a file for a message: shortened, with control characters as escapes."""
     text = text if len(text) <= 70 else text[:66] + " ..."
     return shown(text, FORBIDDEN)
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
-    """Return the way out for a wrong name: the nearest known one, and all of them."""
+    """Return the way out for a wrong name: the nearest known name, and all known names."""
     lower = [k.lower() for k in known]
     match = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
     match = match or [k for k in lower if len(name) > 1 and k.startswith(name.lower())]
     hint = next((f'Did you mean "{k}"? ' for k in known if match and k.lower() == match[0]), "")
     return f"{hint}There are: {', '.join(known)}."
+
+
+def to_json(summary: Mapping[str, Any], indent: int | None = 2) -> str:
+    """Return a summary as JSON. NaN and infinity become the texts "nan", "inf" and "-inf"."""
+    return json.dumps(_portable(summary), indent=indent, allow_nan=False)
+
+
+def _portable(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _portable(entry) for key, entry in cast("Mapping[Any, Any]", value).items()}
+    if isinstance(value, list | tuple):
+        return [_portable(entry) for entry in cast("list[Any]", value)]
+    if getattr(value, "ndim", None) == 0:  # a number of numpy
+        value = value.item()
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value

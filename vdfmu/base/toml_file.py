@@ -1,10 +1,12 @@
-"""Finding and reading of the TOML files of robots, scenarios and systems."""
+"""TOML files of robots, scenarios and systems: find, read, write."""
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import tomllib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,9 +19,9 @@ from vdfmu.base.version import format_problem
 _DEEPEST = 50
 """Levels of lists and tables in a file; a robot has 7."""
 _TOO_DEEP = "expected TOML, got lists or tables that are nested too deeply. Correct the brackets."
-
-
-ROBOTS = Plugins("robots", "robot", "the path of a TOML file", lambda found: Path(found).is_file())
+_LARGEST = 2**20
+"""Largest file [byte]; a robot of 100 joints has 80 kB."""
+ROBOTS = Plugins("robots", "robot", "the path of a TOML file", lambda file: Path(file).is_file())
 
 
 def _folder(kind: str) -> Path:
@@ -27,18 +29,18 @@ def _folder(kind: str) -> Path:
 
 
 def shipped_names(kind: str) -> list[str]:
-    """Return the names of the files of a kind, robots, scenarios or systems, that travel with the package."""
+    """Return the names of the shipped files of a kind: robots, scenarios or systems."""
     return sorted(path.stem for path in _folder(kind).glob("*.toml"))
 
 
 def toml_names(kind: str) -> list[str]:
-    """Return the names of files of a kind, robots, scenarios or systems: shipped ones, then those that others add."""
+    """Return the names of the files of a kind: shipped ones, then additions by plugins."""
     shipped = shipped_names(kind)
     return [*shipped, *ROBOTS.all(shipped)] if kind == "robots" else shipped
 
 
 def locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None = None) -> Path:
-    """Return the path of a file by its name or path; UsageError if no shipped or added one has the name."""
+    """Return the path of a file by its name or path; UsageError for an unknown name."""
     text = os.fspath(path_or_name)
     path = (start or Path()) / text
     separators = tuple(s for s in (os.sep, os.altsep, "/") if s)
@@ -72,34 +74,29 @@ def read_toml(path: Path) -> dict[str, Any]:
         problem = f"expected UTF-8 text, got {byte}. Save the file as UTF-8."
     except tomllib.TOMLDecodeError as error:
         problem = f"expected TOML, got a syntax error: {error}. Correct that place; strings need quotes."
-    except ValueError as error:  # of a number of more digits than Python reads
-        problem = f"expected TOML, got what cannot be read: {error}. Correct it."
+    except ValueError as error:  # a number with more digits than Python reads
+        problem = f"expected TOML, got unreadable content: {error}. Correct it."
     raise ModelError(f"{path}: {problem}")
 
 
-_LARGEST = 2**20
-"""Bytes of a file; a robot of 100 joints has 80 kB."""
+def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
+    """Return the content of a regular file of at most `largest` bytes, else raise ModelError with the `expected` kind.
 
-
-def read_bytes(path: Path, what: str, largest: int = _LARGEST) -> bytes:
-    """Return the content of a file; ModelError if it cannot be read.
-
-    No regular file, which may never end, is refused, as is one of more than `largest` bytes; `what` it should be goes
-    into the messages.
+    A device or pipe is refused, since it may never end.
     """
     try:
         return _content(path, largest)
     except FileNotFoundError:
-        problem = f"expected {what}, got nothing: it does not exist. Check the path."
+        problem = f"expected {expected}, got nothing: it does not exist. Check the path."
     except (IsADirectoryError, PermissionError) as error:
         if path.is_dir():
-            problem = f"expected {what}, got a directory. Name a file in it."
+            problem = f"expected {expected}, got a directory. Name a file in it."
         else:
             problem = f"expected a file that can be read, got: {error.strerror}. Check its permissions."
     except OSError as error:
         problem = f"expected a file that can be read, got: {error.strerror}. Check the path."
-    except ValueError as error:  # of a path that no file has
-        problem = f"expected {what}, got what cannot be read: {error}. Correct it."
+    except ValueError as error:  # an impossible path
+        problem = f"expected {expected}, got unreadable content: {error}. Correct it."
     raise ModelError(f"{path}: {problem}")
 
 
@@ -120,11 +117,53 @@ def _content(path: Path, largest: int) -> bytes:
 def _too_deep(data: object) -> bool:
     level = [data]
     for _ in range(_DEEPEST):
-        level = [inner for value in level for inner in _entries(value)]
+        level = [inner for value in level for inner in _children(value)]
     return bool(level)
 
 
-def _entries(value: object) -> list[object]:
+def _children(value: object) -> list[object]:
     if isinstance(value, dict):
         return list(cast("dict[str, object]", value).values())
     return cast("list[object]", value) if isinstance(value, list) else []
+
+
+def toml_text(table: Mapping[str, Any], rounding: float = 0.0) -> str:
+    """Return the content of a file, the values of each table before its tables; `rounding`: see `toml_value`."""
+    return "\n".join(_lines(table, "", rounding)).lstrip("\n") + "\n"
+
+
+def toml_value(value: Any, rounding: float = 0.0) -> str:
+    """Return a value in TOML. Numbers of a list become zero if they are at most `rounding` of its largest."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if not hasattr(value, "__len__"):
+        return repr(int(value)) if isinstance(value, int) else repr(float(value))
+    import numpy as np  # not for a list of names
+
+    whole = np.asarray(value)
+    if whole.dtype.kind == "U":
+        return f"[{', '.join(map(toml_value, whole.tolist()))}]"
+    if whole.dtype.kind == "i":
+        return str(whole.tolist())
+    array = np.asarray(value, dtype=float)
+    clean = np.where(np.abs(array) <= rounding * np.abs(array).max(initial=0.0), 0.0, array)
+    return f"[{', '.join(toml_value(entry, rounding) for entry in clean)}]"
+
+
+def _lines(table: Mapping[str, Any], path: str, rounding: float) -> Iterator[str]:
+    inner = {key: value for key, value in table.items() if _is_table(value)}
+    for key, value in table.items():
+        if key not in inner:
+            yield f"{key if key.isidentifier() else toml_value(key)} = {toml_value(value, rounding)}"
+    for key, value in inner.items():
+        name = f"{path}.{key}" if path else key
+        for each in value if isinstance(value, list) else [value]:
+            yield ""
+            yield f"[[{name}]]" if isinstance(value, list) else f"[{name}]"
+            yield from _lines(each, name, rounding)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))

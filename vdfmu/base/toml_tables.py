@@ -1,7 +1,7 @@
-"""Reading of TOML tables that collects every problem.
+"""Reader of TOML tables that collects every problem.
 
-A problem is one line: file, key, what was expected, what was got, and the way out. Joints count from 1 in
-keys, as in the paper and in FMI names.
+A problem is a line: file, key, expected value, value and way out. Joints count from 1, as in the paper and in FMI
+names.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from functools import reduce
+from operator import getitem
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -19,34 +21,39 @@ from vdfmu.base.errors import ModelError, VdfmuError
 from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE
 from vdfmu.base.text import FORBIDDEN, nearest, printable
 
+_LONGEST_NAME = 100
+"""Characters of a name: with prefix and suffix it must fit into the 255 bytes of a file name."""
+_LONGEST_TEXT = 4000
+"""Characters of any other text."""
+
 
 class Problems:
-    """The problems of one file, or of what else holds the data, named `where`."""
+    """Problems of a file or another source of data, named `where`."""
 
     def __init__(self, where: str) -> None:
         self.where = where
         self.lines: list[str] = []
 
     def add(self, key: str, expected: str, got: str, way_out: str) -> None:
-        """Note that `key` holds something else than expected."""
+        """Note an unexpected value of `key`."""
         key = printable(key)
         self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}".rstrip())
 
     def take(self, error: VdfmuError, key: str = "") -> None:
-        """Note what an error says, for a key where there is one; problems of another file have their place already."""
+        """Note an error, with a key if given; problems of another file have their place already."""
         if isinstance(error, ModelError):
             self.lines += error.problems
         else:
             self.lines += [f"{self.where}: {f'{key}: ' if key else ''}{line}" for line in str(error).splitlines()]
 
     def raise_any(self) -> None:
-        """Raise `ModelError` with all that was noted, if anything was."""
+        """Raise `ModelError` with all problems, if any."""
         if self.lines:
             raise ModelError(self.lines)
 
 
 def value_text(value: object) -> str:
-    """Return a value as it goes into a message, shortened."""
+    """Return a value for a message, shortened."""
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, str):
@@ -55,19 +62,13 @@ def value_text(value: object) -> str:
         value = "true" if value else "false"
     try:
         text = str(value)
-    except ValueError:  # of integers with more than 4300 digits
+    except ValueError:  # integers with more than 4300 digits
         return "a number of thousands of digits"
     return printable(text)
 
 
-_LONGEST_NAME = 100
-"""Characters of a name: with what is added to it, it must fit into the 255 bytes of a file's name."""
-_LONGEST_TEXT = 4000
-"""Characters of any other text."""
-
-
 def as_number(value: object) -> float | None:
-    """Return a TOML number as float (infinity where it is too large), None for anything else."""
+    """Return a TOML number as float (infinity if too large), None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -77,9 +78,9 @@ def as_number(value: object) -> float | None:
 
 
 class Table:
-    """A TOML table that is being read. Wrong values are noted in `problems` and read as NaN, so that reading goes on.
+    """A TOML table. Wrong values are noted in `problems` and read as NaN, so that reading continues.
 
-    `path` is its key in the file, "" for the whole file; any key that is not `known` is a problem, unless that is None.
+    `path` is its key in the file, "" for the whole file. Keys that are not `known` are problems, unless that is None.
     """
 
     def __init__(self, problems: Problems, data: object, path: str, known: Sequence[str] | None) -> None:
@@ -107,16 +108,16 @@ class Table:
         return default
 
     def table(self, key: str, known: Sequence[str]) -> Table:
-        """Return an entry that must be a table."""
+        """Return a table; a missing entry is a problem."""
         value = self.value(key, "a table")
         if value is None:
-            table = Table(self.problems, {}, self.key(key), known)
+            table = self.optional_table(key, known)
             table.usable = False
             return table
         return Table(self.problems, value, self.key(key), known)
 
     def optional_table(self, key: str, known: Sequence[str] | None = None) -> Table:
-        """Return an entry that is a table, an empty one if it is missing."""
+        """Return a table, empty if the entry is missing."""
         return Table(self.problems, self.data.get(key, {}), self.key(key), known)
 
     def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
@@ -137,14 +138,13 @@ class Table:
         return value
 
     def check_text(self, place: str, value: str) -> None:
-        """Note characters of a text that XML does not have or a terminal obeys, and a text that is too long."""
-        found = FORBIDDEN.search(value.replace("\n", " ").replace("\t", " "))
-        if found:
-            expected = "a text without control characters"
-            self.problems.add(place, expected, value_text(value[max(0, found.start() - 20) :]), "Remove them.")
+        """Note `FORBIDDEN` characters and a text that is too long."""
+        match = FORBIDDEN.search(value.replace("\n", " ").replace("\t", " "))
+        if match:
+            got = value_text(value[max(0, match.start() - 20) :])
+            self.problems.add(place, "a text without control characters", got, "Remove them.")
         if len(value) > _LONGEST_TEXT:
-            expected = f"at most {_LONGEST_TEXT} characters"
-            self.problems.add(place, expected, str(len(value)), "Shorten it.")
+            self.problems.add(place, f"at most {_LONGEST_TEXT} characters", str(len(value)), "Shorten it.")
 
     def flag(self, key: str, default: bool) -> bool:
         """Return true or false."""
@@ -155,65 +155,45 @@ class Table:
         return value
 
     def name(self, key: str) -> str:
-        """Return a string that can name a file: results of a scenario go into a folder of its name."""
+        """Return a string that can name a file, such as the folder of results of a scenario."""
         value = self.label(key)
         if value:
             self.check_name(self.key(key), value)
         return value
 
     def check_name(self, place: str, name: str, dots: bool = True) -> None:
-        """Note what cannot name a file."""
+        """Note a name that cannot name a file."""
         if not re.fullmatch(r"\w[\w .+-]*" if dots else r"\w[\w +-]*", name) or len(name) > _LONGEST_NAME:
-            signs = f"spaces and {'. ' * dots}_ + -"
-            expected = f"a name of letters, digits, {signs}, a letter, digit or _ first"
+            expected = f"a name of letters, digits, spaces and {'. ' * dots}_ + -, a letter, digit or _ first"
             self.problems.add(place, expected, value_text(name), "It names files and folders.")
 
     def label(self, key: str) -> str:
-        """Return a string of one short line."""
+        """Return a short string of a single line."""
         value = self.text(key)
         if len(value) > _LONGEST_NAME:
-            expected = f"at most {_LONGEST_NAME} characters"
-            self.problems.add(self.key(key), expected, str(len(value)), "It names files and folders.")
+            most = f"at most {_LONGEST_NAME} characters"
+            self.problems.add(self.key(key), most, str(len(value)), "It names files and folders.")
         elif "\n" in value or "\t" in value:
             self.problems.add(self.key(key), "one line without tabs", value_text(value), "Write one line.")
         return value
 
     def number(
-        self,
-        key: str,
-        unit: str,
-        default: float | None = None,
-        *,
-        above: float | None = None,
-        at_least: float | None = None,
-        at_most: float = LARGEST_NUMBER,
-        way_out: str = "",
-    ) -> float:
-        """Return one number, NaN where it is wrong; `at_most` bounds its absolute value."""
+        self, key: str, unit: str, default: float | None = None, *, above: float | None = None,
+        at_least: float | None = None, at_most: float = LARGEST_NUMBER, way_out: str = "",
+    ) -> float:  # fmt: skip
+        """Return a number, NaN if it is wrong; `at_most` bounds its absolute value."""
         bounds = _Bounds(unit, above, at_least, at_most)
-        expected = bounds.expected("a finite number")
-        value = self.value(key, expected, default)
-        if value is None:
-            return math.nan
-        return self._checked(value, self.key(key), bounds, way_out)
+        value = self.value(key, bounds.expected("a finite number"), default)
+        return math.nan if value is None else self._checked(value, self.key(key), bounds, way_out)
 
     def numbers(
-        self,
-        key: str,
-        shape: tuple[int, ...],
-        unit: str,
-        default: npt.ArrayLike | None = None,
-        *,
-        scalar: bool = False,
-        above: float | None = None,
-        at_least: float | None = None,
-        at_most: float = LARGEST_NUMBER,
-        infinite: bool = False,
-        way_out: str = "",
-    ) -> Floats:
-        """Return an array of numbers, NaN where they are wrong.
+        self, key: str, shape: tuple[int, ...], unit: str, default: npt.ArrayLike | None = None, *,
+        scalar: bool = False, above: float | None = None, at_least: float | None = None,
+        at_most: float = LARGEST_NUMBER, infinite: bool = False, way_out: str = "",
+    ) -> Floats:  # fmt: skip
+        """Return an array of numbers; wrong entries are NaN.
 
-        `scalar` allows one number for all entries, `infinite` allows plus infinity.
+        `scalar` allows a single number for all entries, `infinite` allows plus infinity.
         """
         size = " x ".join(str(k) for k in shape)
         bounds = _Bounds(unit, above, at_least, at_most, infinite)
@@ -223,19 +203,16 @@ class Table:
             return np.full(shape, math.nan)
         if scalar and as_number(value) is not None:
             return np.full(shape, self._checked(value, self.key(key), bounds, way_out))
-        found = shape_of(value)
-        if found != shape:
-            got = value_text(value) if found is None else f"{' x '.join(str(k) for k in found) or 'one number'}"
+        given = shape_of(value)
+        if given != shape:
+            got = value_text(value) if given is None else f"{' x '.join(str(k) for k in given) or 'one number'}"
             rows = "" if len(shape) < 2 else " as a list of rows"
             self.problems.add(self.key(key), expected, got, f"Write {size} numbers{rows}. {way_out}".strip())
             return np.full(shape, math.nan)
         result = np.empty(shape)
         for index in np.ndindex(shape):
-            entry = value
-            for k in index:
-                entry = entry[k]
             place = self.key(key) + "".join(f"[{k + 1}]" for k in index)
-            result[index] = self._checked(entry, place, bounds, way_out)
+            result[index] = self._checked(reduce(getitem, index, value), place, bounds, way_out)
         return result
 
     def _checked(self, value: object, place: str, bounds: _Bounds, way_out: str) -> float:
@@ -252,7 +229,7 @@ class Table:
 
 
 class _Bounds(NamedTuple):
-    """Range of a number: above a number or at least one, and finite; `at_most` bounds its absolute value."""
+    """Range of a finite number; `at_most` bounds its absolute value."""
 
     unit: str
     above: float | None
@@ -260,31 +237,31 @@ class _Bounds(NamedTuple):
     at_most: float
     infinite: bool = False
 
-    def expected(self, what: str, bound: str | None = None) -> str:
-        """Return what is expected, with its bound and unit."""
+    def expected(self, noun: str, bound: str | None = None) -> str:
+        """Return the expected value with its bound and unit."""
         if bound is None:
             low = f" >= {self.at_least:g}" if self.at_least is not None else ""
             bound = f" > {self.above:g}" if self.above is not None else low
-        return f"{what}{bound}{' in ' + self.unit if self.unit else ''}"
+        return f"{noun}{bound}{' in ' + self.unit if self.unit else ''}"
 
     def broken(self, number: float) -> str | None:
-        """Return what was expected of a number that is out of bounds; None for one that is not."""
-        what = "a finite number"
+        """Return the expected value for a number out of bounds, else None."""
+        noun = "a finite number"
         if self.infinite and number == math.inf:
             return None
         if not math.isfinite(number) or (self.above is not None and not number > self.above):
-            return self.expected(what)
+            return self.expected(noun)
         if self.at_least is not None and not number >= self.at_least:
-            return self.expected(what, f" >= {self.at_least:g}")
+            return self.expected(noun, f" >= {self.at_least:g}")
         if self.above == 0 and number < POSITIVE:
-            return self.expected(what, f" >= {POSITIVE:g}")
+            return self.expected(noun, f" >= {POSITIVE:g}")
         if abs(number) > self.at_most:
             return self.expected("a number", f" of at most {self.at_most:g}")
         return None
 
 
 def shape_of(value: object) -> tuple[int, ...] | None:
-    """Return the shape of nested lists, () for anything else, None where rows differ in shape."""
+    """Return the shape of nested lists, () for anything else, None if rows differ in shape."""
     if not isinstance(value, list):
         return ()
     rows = cast("list[object]", value)

@@ -2,14 +2,14 @@
 
 __version__ = "0.1.0"
 FORMAT = 1
-"""Layout of robot, scenario and system files and of ``summary.json``: their key ``format``, 1 where it is missing.
+"""Layout of robot, scenario and system files and of ``summary.json``: their key ``format``, by default 1.
 
-A layout that an older vdfmu would read wrongly, or not at all, gets the next number, and what reads older ones.
+A layout that an older vdfmu would misread, or refuse, gets the next number and readers of the older ones.
 """
 
 
 def format_problem(found: object) -> str:
-    """Return what is wrong with the key ``format`` of a file, "" if it can be read."""
+    """Return the problem with the key ``format`` of a file, else an empty text."""
     if isinstance(found, int) and not isinstance(found, bool) and 1 <= found <= FORMAT:
         return ""
     known = "1" if FORMAT == 1 else f"1 to {FORMAT}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
@@ -24,6 +25,7 @@ from vdfmu.cli.terminal import (
     table,
     target_file,
 )
+from vdfmu.engine.options import master_option, settings_option
 from vdfmu.study.options import LoopOptions
 
 if TYPE_CHECKING:
@@ -229,6 +231,54 @@ def margins(
         raise SystemExit(1)
     if not as_json:
         say(f"{words[:1].upper()}{words[1:]}.")
+
+
+def judge(
+    system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO")],
+    wanted: Annotated[
+        float, Option("Largest error wanted, in % of a signal's peak.", metavar="PERCENT", more="Default 1.")
+    ] = 1.0,
+    step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
+    stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
+    master: Annotated[str | None, master_option] = None,
+    settings: Annotated[Mapping[str, Any] | None, settings_option] = None,
+    meant: Annotated[
+        str | None,
+        Option(
+            "Meaning of discrete outputs without a declared period.",
+            choices=("sampled", "continuous"),
+            more="Sampled components keep the step as their period. By default both readings are printed.",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Judge the error by communication of a system of FMUs.
+
+    Three runs with the step, its half and its quarter give the error of each connected signal.
+    The exit code is 0 if the system is right, 1 if not, 3 if this is not decided.
+    """
+    from vdfmu.study.connected import load as load_system
+    from vdfmu.study.referee import RIGHT, WRONG
+
+    judged = load_system(system).judge(
+        wanted / 100.0, stop=stop, step=step, values=settings, algorithm=master, meant=meant
+    )
+    if as_json:
+        say_json(judged.to_dict())
+    else:
+        shown = table(
+            "signal", "error", "half / whole", "at", title=f"Stepped by {judged.step:g} s, {judged.algorithm}"
+        )
+        for signal in judged.signals[:_MOST_SIGNALS]:
+            shown.add_row(signal.name, f"{100.0 * signal.error:.2g} %", f"{signal.q:.2g}", f"{signal.time:.4g} s")
+        if judged.signals:
+            console.print(shown)
+        (say if judged.verdict == RIGHT else say_error)(str(judged))
+    if judged.verdict != RIGHT:
+        raise SystemExit(1 if judged.verdict == WRONG else 3)
+
+
+_MOST_SIGNALS = 8
 
 
 def motion(

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from vdfmu.cli.app import App
 from vdfmu.cli.terminal import say
-
-if TYPE_CHECKING:
-    from vdfmu.base.cache import CachedFile
 
 
 def say_cache() -> None:
@@ -16,10 +13,10 @@ def say_cache() -> None:
     from vdfmu.base.cache import COMPILER, cache_folder, entries, limit
 
     folder = cache_folder()
-    found = entries(folder)
+    listed = entries(folder)
     say(f"Folder   {folder}")
-    say(f"Entries  {len(found)}")
-    say(f"Size     {_size(found)}, at most {limit() / 2**20:g} MB")
+    say(f"Entries  {len(listed)}")
+    say(f"Size     {_size(entry.size for entry in listed)}, at most {limit() / 2**20:g} MB")
     say(f"What the compiler keeps for itself, in {folder / COMPILER}, is not counted.")
 
 
@@ -29,11 +26,11 @@ app = App("cache", default=say_cache, help="Show the cache of what was built, or
 @app.command("clear", example="vdfmu cache clear")
 def clear_cache() -> None:
     """Remove all entries; what the compiler keeps for itself stays."""
-    from vdfmu.base.cache import cache_folder, clear
+    from vdfmu.base.cache import cache_folder, entries
 
-    removed = clear(cache_folder())
+    removed = [entry.size for entry in entries(cache_folder()) if entry.remove()]
     say(f"Removed {len(removed)} entries, {_size(removed)}.")
 
 
-def _size(found: list[CachedFile]) -> str:
-    return f"{sum(entry.size for entry in found) / 2**20:.1f} MB"
+def _size(sizes: Iterable[int]) -> str:
+    return f"{sum(sizes) / 2**20:.1f} MB"

@@ -12,8 +12,8 @@ from typing import Any
 import click
 from rich.markup import escape
 
+from vdfmu.base.cache import one_job
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
-from vdfmu.base.once import one_job
 from vdfmu.base.version import __version__
 from vdfmu.cli import analysis, cache, doctor, files, identify, robots, runs, scenarios, studies, units, view
 from vdfmu.cli.app import COMPLETE, App
@@ -39,6 +39,7 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Analyse": (
         (analysis.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
         (analysis.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
+        (analysis.judge, "vdfmu judge tracking.ssp --wanted 0.5 --stop 1"),
         (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
     ),
     "Exchange": (

@@ -75,7 +75,7 @@ def build(
     from vdfmu.arm.units import find_unit
     from vdfmu.compiler.unit.base import unit_name
     from vdfmu.study.run.scenario_run import prepare
-    from vdfmu.system.scenario.parts import build_parts, left_out
+    from vdfmu.system.package.write import build_parts, left_out
     from vdfmu.system.scenario.values import start_values
 
     asked: Any = {"backend": backend, "fmi_version": fmi, "platforms": platform, "sources": sources, "target": target,
@@ -132,8 +132,7 @@ def container(
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.container import write_container
     from vdfmu.study.run.scenario_run import prepare
-    from vdfmu.system.package.write import write_ssp
-    from vdfmu.system.scenario.parts import cached_fmus
+    from vdfmu.system.package.write import cached_fmus, write_ssp
 
     chosen = prepare(chosen, step=step)
     values = _values(chosen, "native", settings)
@@ -164,8 +163,7 @@ def ssp(
     """
     chosen = load(scenario, robot, settings)
     from vdfmu.base.files import temporary_folder
-    from vdfmu.system.package.write import fmi_of_format, write_ssp
-    from vdfmu.system.scenario.parts import build_parts
+    from vdfmu.system.package.write import build_parts, fmi_of_format, write_ssp
 
     fmi_version = fmi_of_format(form, backend)
     name = f"{chosen.name}{'_decomposed' * apart}{f'_{form}' * (form != SSP_1.name)}"

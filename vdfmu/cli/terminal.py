@@ -16,9 +16,9 @@ import click
 from rich.markup import escape
 
 from vdfmu.base.bars import Bars, EscapedTerminal, errors
+from vdfmu.base.bars import plain_table as table
 from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.option import Option, option_of
-from vdfmu.base.table import plain_table as table
 from vdfmu.base.text import elided, error_text, first_few
 from vdfmu.cli.parameters import Positional
 from vdfmu.study.options import RobotOptions, ScenarioRunOptions, known_robots
@@ -58,7 +58,7 @@ console = _StandardOutput()
 
 def known_scenarios() -> list[str]:
     """Return the names of scenarios."""
-    from vdfmu.system.scenario.scenario_file import scenario_names
+    from vdfmu.system.scenario import scenario_names
 
     return [*scenario_names(), "reach"]
 
@@ -101,7 +101,7 @@ def say_written(*paths: Path, more: str = "") -> None:
 
 def say_json(content: Mapping[str, Any]) -> None:
     """Print JSON, and nothing in addition to it; an output that takes none is an error."""
-    from vdfmu.base.json_text import to_json
+    from vdfmu.base.text import to_json
 
     if sys.stdout is None:
         fail("the findings cannot be written: the standard output is closed", 2)
@@ -165,8 +165,8 @@ def load(scenario: str, robot: str | None, settings: Mapping[str, str] | None = 
     locate(scenario, "scenarios")
     if robot is not None:
         locate(robot, "robots")
+    from vdfmu.system.scenario import load_scenario
     from vdfmu.system.scenario.replace import with_payload
-    from vdfmu.system.scenario.scenario_file import load_scenario
 
     return with_payload(load_scenario(scenario, robot), settings or {})
 

@@ -41,6 +41,11 @@ class Algorithm:
         """The reference of `vdfmu.system.reference` with the same schedule, in `substeps`. A run must match it."""
         return ("sampled" if self.ordered else "sampled-delayed") if self.substeps else ""
 
+    @property
+    def order(self) -> int:
+        """Order of the error by communication: 1 if inputs hold, 2 if they run along lines, 0 if it is not declared."""
+        return 1 if self.substeps else 2 if self.continuous else 0
+
     def load(self) -> Callable[..., Any]:
         """Return the function that makes the stepper."""
         module, _, name = self.stepper.partition(":")

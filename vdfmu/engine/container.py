@@ -30,18 +30,18 @@ from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.package.system import System
+from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import cycles, topological
 
 
-def write_container(system: System | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float) -> Path:
+def write_container(system: FlatSystem | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float) -> Path:
     """Write the container FMU of a system.
 
     Parameters
     ----------
-    system : System or path
+    system : FlatSystem or path
         An SSP of FMI 2.0 units with native binaries; Python FMUs do not run inside a container.
     path : path
         The FMU to write.
@@ -64,7 +64,7 @@ def write_container(system: System | str | os.PathLike[str], path: str | os.Path
     """
     if not 0.0 < step < math.inf:
         raise UsageError(f"step: expected a positive finite time, got {step:g} s.")
-    checked = check_system(system if isinstance(system, System) else load_ssp(Path(system)), algorithm=DELAYED)
+    checked = check_system(system if isinstance(system, FlatSystem) else load_ssp(Path(system)), algorithm=DELAYED)
     if slow := [component.name for component in checked.system.components if component.step is not None]:
         raise UsageError(
             f"{', '.join(slow)}: has a step of its own; a container FMU steps all together. Remove the annotation."

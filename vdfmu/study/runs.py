@@ -6,9 +6,9 @@ import os
 from pathlib import Path
 from typing import Unpack
 
+from vdfmu.base.cache import one_job
 from vdfmu.base.errors import CosimError
 from vdfmu.base.files import temporary_folder
-from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, with_progress
 from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, known_formats, known_pictures, replacing_results, write_summary

@@ -1,4 +1,4 @@
-"""Check of what users write for the arm: robot, scenario and system files, and units of their own."""
+"""Check of users' robot, scenario and system files, and of their units."""
 
 from __future__ import annotations
 
@@ -19,18 +19,17 @@ from vdfmu.engine.inspect.trial import run_apart, serve
 from vdfmu.engine.rules import Finding, Findings, finding
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.resolved import resolve
+from vdfmu.system.scenario.scenario import resolve
 from vdfmu.system.scenario.scenario_file import load_scenario, load_system
 
 _KINDS = {"joints": "robot", "units": "system", "extends": "system", "connections": "system"}
-"""Keys of TOML, and the kind of file that has them; others are scenarios."""
+"""Key of TOML to the kind of file; other files are scenarios."""
 
 
 def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None) -> Report:
-    """Check a TOML file, or the units of a Python file; `robot` is for units and systems, which are for any.
+    """Check a TOML file, or the units of a Python file; `robot` is for units and systems.
 
-    What names no Python file is read here. One that does is code: it is run in a process of its own, of which `say` is
-    told before, and only if `run`.
+    Files without Python are read here. Python runs in another process, only if `run`; `say` gets its path before.
     """
     default, kind = load_robot(robot), "unit" if path.suffix.lower() == ".py" else "TOML"
     findings = Findings()
@@ -48,22 +47,22 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
             arm = str(Path(robot).resolve()) if Path(robot).exists() else robot
             findings.add(run_apart(path, f"{kind} {arm}", "vdfmu.system.inspect_source", f"the check of {path.name}"))
         else:
-            text = f"{code.file} is code and was not run (--no-run): its syntax was read, not what it declares"
+            text = f"{code.file} is code and was not run (--no-run): only its syntax was read"
             if code.file != path:
-                text += f"; of {path.name}, what depends on that was not checked"
+                text += f"; the parts of {path.name} that depend on it were not checked"
             findings.notes.append(finding("RUN006", text, (str(path), 0)))
     return Report.of(findings, path, kind)
 
 
 def _findings(rule: str, lines: Iterable[str], path: Path) -> list[Finding]:
-    """Return lines as findings, with the line of the file where they name it."""
+    """Return texts as findings, with the line of the file if they name it."""
     pattern = re.compile(rf"^{re.escape(str(path))}, line (\d+)")
     places = ((text, pattern.match(text)) for text in lines)
     return [finding(rule, text, (str(path), int(place[1]) if place else 0)) for text, place in places]
 
 
 def _run(words: str, path: Path, *_: Any) -> Findings:
-    """Check a file whose code is run in this process; `words` are its kind and the robot."""
+    """Check a file in this process, with its code; `words` are its kind and the robot."""
     kind, robot = words.split(" ", 1)
     try:
         return Findings(notes=[*_findings("SRC002", _CHECKS[kind](path, load_robot(robot)), path)])

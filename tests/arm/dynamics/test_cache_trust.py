@@ -18,7 +18,7 @@ from vdfmu.base.files import pack_zip
 def fresh(monkeypatch, tmp_path):
     """No message said yet, and a user's cache folder that is empty."""
     monkeypatch.setattr(cache, "user_cache_path", lambda *_, **__: tmp_path / "own")
-    cache._say.cache_clear()
+    cache.warn_once.cache_clear()
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777, 0o1777])

@@ -11,9 +11,8 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.replace import with_units
+from vdfmu.system.scenario.replace import with_starts, with_units
 from vdfmu.system.scenario.scenario_file import load_system
-from vdfmu.system.scenario.start import with_starts
 from vdfmu.system.scenario.values import system_values
 
 SYSTEM = """
@@ -81,7 +80,7 @@ def test_plant_factors_reach_a_plant_of_any_name_or_are_noted(mine):
     assert re.match(r"plant_factors: no component takes it: .* Write numbers of the plant in its own section", note)
     two = own.replace("pd = ", 'other = "plant"\npd = ')
     (note,) = model_notes(mine("[plant_factors]\nmass = 2.0\n", two))
-    assert note == "plant_factors: arm has a robot of its own, which this does not reach."
+    assert note == "plant_factors: arm has its own robot, so this does not reach it."
 
 
 def test_plants_start_where_their_motion_begins_unless_a_file_says_otherwise(mine):

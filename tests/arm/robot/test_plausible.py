@@ -9,8 +9,7 @@ import vdfmu
 from vdfmu.arm.robot import load_robot, robot_from_dict, robot_names
 from vdfmu.arm.robot.catalogue import catalogue
 from vdfmu.arm.robot.plausible import robot_notes
-from vdfmu.base.toml_file import shipped_names
-from vdfmu.base.toml_text import toml_text
+from vdfmu.base.toml_file import shipped_names, toml_text
 from vdfmu.system.inspect_source import inspect_source
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes

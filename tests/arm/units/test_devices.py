@@ -13,7 +13,7 @@ from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.engine.linear.loops import system_loop
-from vdfmu.system.scenario.parts import cached_fmus
+from vdfmu.system.package.write import cached_fmus
 from vdfmu.unit import seeded, uniform
 
 H = 1e-3

@@ -12,8 +12,8 @@ from fmpy.fmi2 import FMU2Slave
 from tests.compiler.efmi.efmu import Efmu, Rows
 from vdfmu import simulate, write_ssp
 from vdfmu.compiler.unit.trace import argument_name
+from vdfmu.system.package.write import build_parts
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import build_parts
 from vdfmu.system.scenario.values import system_values
 
 STEP = 1e-3

@@ -10,8 +10,7 @@ import vdfmu
 from vdfmu.arm.units import find_unit
 from vdfmu.cli.commands import app
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.write import write_ssp
-from vdfmu.system.scenario.parts import build_parts
+from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario.values import system_values
 
 

@@ -241,7 +241,7 @@ TAKES_ONE = "no component of which takes one"
         ("sweep run motor.toml --vary robot=planar_2dof --measure top=peak(motor.w)", TAKES_ONE),
         (
             "tune motor.toml --vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --margin 0.5",
-            "nothing is connected to an input tau",
+            "no connected input lies on a loop",
         ),
     ],
 )

@@ -14,8 +14,7 @@ from tests.conftest import heavy
 from tests.study.batch.scenarios import POSITION, REST, switched_file
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.program.module import write_module
-from vdfmu.system.program.program import SystemProgram
+from vdfmu.system.program import SystemProgram, write_module
 from vdfmu.system.scenario.values import system_values
 
 

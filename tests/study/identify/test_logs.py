@@ -103,7 +103,7 @@ def test_matlab_files_of_both_versions(robot, data, tmp_path):
         same(log, data)
         assert log.notes == ("times are those of rec.t, in s",)
     (tmp_path / "5.mat").write_bytes((tmp_path / "5.mat").read_bytes()[:400])
-    with pytest.raises(UsageError, match="expected a MATLAB file, got what cannot be read"):
+    with pytest.raises(UsageError, match="expected a MATLAB file, got unreadable content"):
         read_log(tmp_path / "5.mat", robot)
 
 

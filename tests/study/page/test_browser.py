@@ -11,7 +11,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import centre, number, pixels, show
 from vdfmu.arm.dynamics import forward_kinematics
-from vdfmu.base import palette
+from vdfmu.base import page
 from vdfmu.base.measure import fitted
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.results import Results
@@ -133,10 +133,7 @@ def test_names_stand_at_the_ends_of_curves_without_overlaps(run, browser):
         assert all(np.diff([one["end"] for one in ends]) >= 0.0)  # no two lines to names cross
     centre(browser, "#figures .chart:nth-child(6)")
     strokes = [browser.run(f"report.charts[{k}].strokeOf(report.charts[{k}].unpacked[0])") for k in (1, 5)]
-    assert strokes == [
-        palette.LIGHT[0],
-        browser.run("getComputedStyle(document.body).getPropertyValue('--ink').trim()"),
-    ]
+    assert strokes == [page.LIGHT[0], browser.run("getComputedStyle(document.body).getPropertyValue('--ink').trim()")]
 
 
 def test_pointing_to_a_joint_fades_the_others_and_alt_shows_it_alone(run, browser):

@@ -14,8 +14,8 @@ from rich.console import Console
 
 import vdfmu
 from tests.study.page.shown import numbers
+from vdfmu.base.arrays import extremes
 from vdfmu.base.errors import UsageError
-from vdfmu.base.thinning import extremes
 from vdfmu.cli.commands import app
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results

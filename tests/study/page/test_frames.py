@@ -7,9 +7,9 @@ import pytest
 
 import vdfmu
 from tests.study.page.shown import numbers, still_and_quick
+from vdfmu.base.arrays import bends
 from vdfmu.base.errors import UsageError
-from vdfmu.base.json_text import to_json
-from vdfmu.base.thinning import bends
+from vdfmu.base.text import to_json
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report import content

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from vdfmu.base import palette, style
+from vdfmu.base import page, style
 from vdfmu.study.report.scripts import look
 
 NORMAL = np.eye(3)
@@ -40,7 +40,7 @@ def lab(rgb: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("vision", [NORMAL, PROTANOPIA, DEUTERANOPIA], ids=["normal", "protanopia", "deuteranopia"])
-@pytest.mark.parametrize("colours", [palette.LIGHT, palette.DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("colours", [page.LIGHT, page.DARK], ids=["light", "dark"])
 def test_each_two_colours_can_be_told_apart(colours, vision):
     seen = {colour: lab(vision @ linear(colour)) for colour in colours}
     for one, other in itertools.combinations(colours, 2):
@@ -48,7 +48,7 @@ def test_each_two_colours_can_be_told_apart(colours, vision):
         assert np.linalg.norm((seen[one] - seen[other]) / NOTICED) > 1.0, (one, other)
 
 
-@pytest.mark.parametrize(("colours", "scheme"), [(palette.LIGHT, 0), (palette.DARK, 1)], ids=["light", "dark"])
+@pytest.mark.parametrize(("colours", "scheme"), [(page.LIGHT, 0), (page.DARK, 1)], ids=["light", "dark"])
 def test_each_colour_stands_out_from_the_page(colours, scheme):
     card = re.findall(r"--card: (#\w{6})", look())[scheme]
     luminance = [float(XYZ[1] @ linear(colour)) for colour in (card, *colours)]
@@ -58,7 +58,7 @@ def test_each_colour_stands_out_from_the_page(colours, scheme):
 
 
 def test_pictures_and_pages_have_these_colours():
-    assert style.COLORS == palette.LIGHT
+    assert style.COLORS == page.LIGHT
     light, dark = (look().split(":root{")[k] for k in (1, 2))
-    for i, (one, other) in enumerate(zip(palette.LIGHT, palette.DARK, strict=True), 1):
+    for i, (one, other) in enumerate(zip(page.LIGHT, page.DARK, strict=True), 1):
         assert f"--joint-{i}:{one}" in light and f"--joint-{i}:{other}" in dark

@@ -8,10 +8,11 @@ import pytest
 import scipy.integrate
 
 import vdfmu
+from vdfmu.base.arrays import scipy_part
 from vdfmu.base.errors import VdfmuError
-from vdfmu.base.scipy_parts import scipy_part
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference import compiled, solution
+from vdfmu.system.reference import reference as compiled
+from vdfmu.system.reference import solution
 from vdfmu.system.reference.reference import reference, reference_blocks
 from vdfmu.system.reference.solution import ContinuousReference, SampledReference
 from vdfmu.system.reference.wired import AtNewTime, Evaluate, WiredUnits

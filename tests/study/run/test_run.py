@@ -17,10 +17,9 @@ from vdfmu.engine.package import read as reading
 from vdfmu.engine.plan import checker
 from vdfmu.engine.run import Results
 from vdfmu.study.report.sheets import reference_sheet, sheets
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 
 
 def test_a_run_writes_results_summary_package_and_every_connected_output_with_its_unit(planar_run):

@@ -10,11 +10,10 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.errors import CosimError, ModelError, UsageError
 from vdfmu.engine.run import simulate
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
-from vdfmu.system.scenario.resolved import resolve
+from vdfmu.system.scenario.scenario import resolve
 from vdfmu.system.scenario.scenario_file import load_system
 from vdfmu.system.scenario.values import system_values
 

@@ -2,8 +2,8 @@
 
 import pytest
 
+from vdfmu.system.package.write import build_parts
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import build_parts
 
 
 @pytest.fixture(scope="session")

@@ -7,9 +7,8 @@ from xml.etree import ElementTree
 
 import vdfmu
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, SSP_1, SSP_FORMATS
-from vdfmu.system.package.write import fmi_of_format, write_ssp
+from vdfmu.system.package.write import build_parts, fmi_of_format, write_ssp
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import build_parts
 
 UNIT = """from vdfmu.unit import Input, Output, Unit
 

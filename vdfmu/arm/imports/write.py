@@ -14,7 +14,7 @@ from vdfmu.arm.imports.drives import PARTS, DriveNumbers
 from vdfmu.arm.imports.tree import MOVING, Body, few
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.visual import Visual
-from vdfmu.base.toml_text import toml_value
+from vdfmu.base.toml_file import toml_value
 
 ROUNDING = 1e-16
 """Largest rest of a zero that turning frames leaves, as a share of the largest number of a list."""

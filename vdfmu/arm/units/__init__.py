@@ -52,7 +52,7 @@ def known_units() -> dict[str, type[Unit]]:
 
 
 def find_unit(name: object) -> type[Unit]:
-    """Return a unit: a class of one, ``plant`` of this or another package, ``my_unit.py``, or ``my_units.py:Name``.
+    """Return a unit: a class, a shipped name (``plant``, ``Plant``), ``my_unit.py``, or ``my_units.py:Name``.
 
     Raises
     ------
@@ -67,6 +67,7 @@ def find_unit(name: object) -> type[Unit]:
         raise UsageError(f"units: expected the name of a unit, a file or a class of Unit, got {name!r}.")
     text = str(os.fspath(name))
     shipped = package_units()
+    shipped = {unit.__name__: unit for unit in shipped.values()} | shipped
     if text in shipped:
         return shipped[text]
     of_file = re.fullmatch(r"(.*\.py)(?::(.*))?", text)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 
 import casadi as ca
 
-from vdfmu.base.once import cached_per_command
+from vdfmu.base.cache import cached_per_command
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.loop_text import c_loops

@@ -71,8 +71,9 @@ def build_units(
     target: str,
     precision: str,
     step: float,
+    files: Mapping[str, str] | None = None,
 ) -> dict[str, Path]:
-    """Build FMUs of units, each ``<Name>.fmu``; see :func:`vdfmu.build_fmus`."""
+    """Build FMUs of units, each ``<Name>.fmu`` or as `files` names it; see :func:`vdfmu.build_fmus`."""
     further = _checked_target(target, precision, step, backend, units)
     asked = fmi_version != PYTHON_FMI.name or platforms is not None or not sources or further is not None
     if backend is None and asked:
@@ -89,7 +90,7 @@ def build_units(
             )
     out = Path(out_dir)
     contents = {
-        out / f"{unit.__name__}.fmu": Content(
+        out / (files or {}).get(name, f"{unit.__name__}.fmu"): Content(
             unit,
             robot if unit.needs_robot() else None,
             dict(start_values.get(name, {})),

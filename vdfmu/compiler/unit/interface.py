@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.base.once import cached_per_command
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration_check import check_unit
 from vdfmu.compiler.unit.dependencies import Rows, patterns

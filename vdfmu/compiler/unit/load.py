@@ -13,8 +13,8 @@ from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.base.once import cached_per_command
 from vdfmu.base.text import kind_text
 from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.place import declarations

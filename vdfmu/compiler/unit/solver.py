@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
-from vdfmu.base.scipy_parts import odeint
+from vdfmu.base.arrays import Floats, odeint
 from vdfmu.compiler.unit.evaluate import Evaluation
 
 TOLERANCE = 1e-12

@@ -14,9 +14,8 @@ import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.files import temporary_folder
-from vdfmu.base.mat import mat_variables
 from vdfmu.base.text import kind_text
-from vdfmu.base.unpack import UnpackBudget
+from vdfmu.base.unpack import UnpackBudget, mat_variables
 from vdfmu.compiler.unit.factories import casadi_unit, linear_unit, table_unit
 from vdfmu.compiler.unit.new import class_and_file, write_new
 

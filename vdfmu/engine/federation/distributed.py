@@ -17,7 +17,7 @@ from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.federation.federated import Federated
 from vdfmu.engine.federation.plan import FederationPlan, levels, sent_values, share
 from vdfmu.engine.options import FederateOptions
-from vdfmu.engine.package.system import System
+from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import SOURCE
 from vdfmu.engine.results.results import Results
@@ -111,7 +111,7 @@ class Federation:
 
 @with_options
 def federate(
-    system: System | str | Path,
+    system: FlatSystem | str | Path,
     split: Sequence[str],
     *,
     only: str | None = None,
@@ -126,7 +126,7 @@ def federate(
 
     Parameters
     ----------
-    system : System, str or Path
+    system : FlatSystem, str or Path
         See :func:`vdfmu.simulate`.
     split : sequence of str
         The components of each federate, such as ``["plant", "feedforward,controller"]``; components that are not named

@@ -32,7 +32,7 @@ from vdfmu.engine.inspect.abilities import try_abilities
 from vdfmu.engine.inspect.reference import compare
 from vdfmu.engine.package.limits import package_limit, unpack_limit
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.package.system import System
+from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.rules import Finding, Findings, finding
 
 STEPS = 10
@@ -234,7 +234,7 @@ def _not_finite(results: npt.NDArray[Any]) -> list[Finding]:
     return notes
 
 
-def master_of(system: System) -> str:
+def master_of(system: FlatSystem) -> str:
     """Return the master algorithm of a system, else the one that steps any system, even with loops."""
     return system.experiment.algorithm or DELAYED
 

@@ -27,7 +27,7 @@ from vdfmu.engine.linear.loops import (
     opened_at,
     with_tied,
 )
-from vdfmu.engine.linear.system import LinearSystem, Places
+from vdfmu.engine.linear.system import LinearSystem, Places, cut
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.system import Value
@@ -299,7 +299,7 @@ class Poses(Tap):
     Parameters
     ----------
     group : str
-        Loops are opened at connected inputs of this name, at any component.
+        Loops are opened at connected inputs of this name, at any component; if there are none, where `cut` says.
     tied : sequence of Tied
         See :func:`~vdfmu.engine.linear.loops.with_tied`.
     without : mapping
@@ -385,11 +385,11 @@ class Poses(Tap):
 
     def _begin(self, system: LinearSystem) -> Along:
         """Return what may lie on loops; UsageError if they are not known."""
-        opened, self.notes = [*self._opened] or opened_at(system, self._group), system.parts.notes
+        opened, self.notes = [*self._opened] or opened_at(system, self._group) or cut(system), system.parts.notes
         if self.notes and not self._noted:
             raise UsageError("; ".join(self.notes))
         if not opened:
-            raise UsageError(f"nothing is connected to an input {self._group}")
+            raise UsageError("no connected input lies on a loop")
         loops = system.around(opened)
         moving(loops)
         if loops.how.continuous and loops.samples.signals:

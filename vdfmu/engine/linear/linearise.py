@@ -22,14 +22,14 @@ from vdfmu.engine.linear.system import LinearSystem, Samples, reached
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.interface import jacobian_of
 from vdfmu.engine.masters.multirate import periods
-from vdfmu.engine.package.system import System, Value
+from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import Port
 from vdfmu.engine.run.simulator import Simulator
 
 
 def linear_system(
-    system: System | str | Path, at: float | None = None, *, step: float | None = None, **options: Any
+    system: FlatSystem | str | Path, at: float | None = None, *, step: float | None = None, **options: Any
 ) -> LinearSystem:
     """Run a system to a time and linearise its components there.
 

@@ -122,21 +122,27 @@ class LinearSystem:
 
     def on(self, opened: Sequence[str]) -> Places:
         """Return the places of :meth:`around`."""
-        p, samples = self.parts, self.samples
-        (n, m), r, k = p.B.shape, len(p.C), len(samples.signals)
-        ends = np.cumsum([n, m, r])
-        acts = np.zeros((n + m + r + k,) * 2, bool)  # of columns on rows: states, inputs, outputs, sampled states
-        knows = np.r_[: n + m, n + m + r : n + m + r + k]
-        acts[np.ix_(range(n), knows)] = np.hstack([p.A, p.B, samples.E]) != 0.0
-        acts[np.ix_(range(n + m, n + m + r), knows)] = np.hstack([p.C, p.D, samples.G]) != 0.0
-        acts[n + m + r :, knows] = samples.F != 0.0
-        acts[n : n + m, n + m : n + m + r] = self.links != 0.0
+        (n, m), r = self.parts.B.shape, len(self.parts.C)
+        ends, acts = np.cumsum([n, m, r]), self.acts
         cut = n + np.array(self.places(opened), np.intp)
         on = reached(acts, cut) & reached(acts.T, cut)
         on[cut] = True
         on[n + m + np.flatnonzero(self.links[cut - n].any(axis=0))] = True  # also where nothing comes back at this time
         x, u, y, s = (np.flatnonzero(part) for part in np.split(on, ends))
         return x, u, y, s
+
+    @property
+    def acts(self) -> npt.NDArray[np.bool_]:
+        """Whether columns act on rows: states, inputs, outputs and sampled states."""
+        p, samples = self.parts, self.samples
+        (n, m), r, k = p.B.shape, len(p.C), len(samples.signals)
+        acts = np.zeros((n + m + r + k,) * 2, bool)
+        knows = np.r_[: n + m, n + m + r : n + m + r + k]
+        acts[np.ix_(range(n), knows)] = np.hstack([p.A, p.B, samples.E]) != 0.0
+        acts[np.ix_(range(n + m, n + m + r), knows)] = np.hstack([p.C, p.D, samples.G]) != 0.0
+        acts[n + m + r :, knows] = samples.F != 0.0
+        acts[n : n + m, n + m : n + m + r] = self.links != 0.0
+        return acts
 
     def part(self, places: Places) -> LinearSystem:
         """Return a part of the system: some of its states, inputs, outputs and sampled states."""
@@ -307,6 +313,31 @@ def _product(steps: Sequence[StateSpace], of: Any = np.asarray) -> dict[str, Flo
     for step in steps[1:]:
         A, B = of(step.A) @ A, of(step.A) @ B + of(step.B)
     return {"A": A, "B": B}
+
+
+def cut(system: LinearSystem) -> list[str]:
+    """Return connected inputs, as vectors, whose opening cuts all loops of a system; few, chosen one by one.
+
+    Each is the input whose opening leaves the fewest inputs on loops, of several the one with the fewest elements.
+    """
+    n, names, acts = len(system.parts.A), system.parts.inputs, system.acts.copy()
+    groups: dict[str, list[int]] = {}
+    for i in np.flatnonzero(system.links.any(axis=1)).tolist():
+        groups.setdefault(names[i].partition("[")[0], []).append(n + i)
+
+    def on_loops(acts: npt.NDArray[np.bool_]) -> list[str]:
+        return [name for name, places in groups.items() if any(reached(acts, np.array([i]))[i] for i in places)]
+
+    def without(name: str) -> npt.NDArray[np.bool_]:
+        left = acts.copy()
+        left[groups[name]] = False
+        return left
+
+    opened: list[str] = []
+    while looped := on_loops(acts):
+        opened.append(min(looped, key=lambda name: (len(on_loops(without(name))), len(groups[name]))))
+        acts = without(opened[-1])
+    return opened
 
 
 def reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""`load_ssp` and `read_system`: from the file to a flattened `System`; and rules that do not keep it from being run."""
+"""`load_ssp` and `read_system`: a package as a `FlatSystem`, and rules that do not keep it from running."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import SspError
-from vdfmu.base.once import cached_per_command
 from vdfmu.engine.package import limits, parse
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.bindings import Bindings
 from vdfmu.engine.package.elements import Document, Scope, read_units
 from vdfmu.engine.package.experiment import read_experiment
 from vdfmu.engine.package.parse import NAMESPACES, version_of
-from vdfmu.engine.package.system import Component, System
+from vdfmu.engine.package.system import Component, FlatSystem
 from vdfmu.engine.package.tree import TreeReader
 from vdfmu.engine.package.wiring import Wiring
 from vdfmu.engine.rules import Finding, breach, finding, place_of
@@ -24,7 +24,7 @@ DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
 
 
-def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
+def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
     Nested systems, system connectors, signal dictionaries, packages inside the package and components that
@@ -41,7 +41,7 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
 
     Returns
     -------
-    System
+    FlatSystem
         Faults of the wiring, such as two sources for one connector, are in its `problems`, so that
         `vdfmu.engine.run.check_system` can report them together with faults that only the FMUs show.
 
@@ -56,7 +56,7 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
 
 
 @cached_per_command
-def _loaded(path: Path, variant: str, *_: Hashable) -> System:
+def _loaded(path: Path, variant: str, *_: Hashable) -> FlatSystem:
     """Read a package once in a job, unless it changes."""
     system, problems = read_system(path, variant)
     if system is None or problems:
@@ -64,7 +64,7 @@ def _loaded(path: Path, variant: str, *_: Hashable) -> System:
     return system
 
 
-def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None, list[Finding]]:
+def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[FlatSystem | None, list[Finding]]:
     """Read as much of a package as can be read, with all problems, none for a package that `load_ssp` takes.
 
     The system is None when there is no SSD to speak of: the package or its SSD cannot be parsed, or is over a limit.
@@ -79,7 +79,7 @@ def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None
         return None, error.problems
 
 
-def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[Finding]]:
+def _read(archive: Archive, path: Path, variant: str) -> tuple[FlatSystem, list[Finding]]:
     scope = Scope(archive, "", "", variant, path.name)
     try:
         root = _structure(scope)
@@ -92,7 +92,7 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[Find
         raise breach("SSP003", text) from None  # what a schema would refuse, where there is none
 
 
-def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[Finding]]:
+def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Finding]]:
     scope.define(root)
     reader = TreeReader(_structure)
     top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
@@ -105,7 +105,7 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[Findin
     notes = [*wiring.notes, *bindings.notes]
     if parse.schema_of("ssd", scope.version) is None:
         notes.insert(0, finding("SSP009", _NO_SCHEMA))
-    system = System(
+    system = FlatSystem(
         path=path,
         name=root.get("name"),
         components=tuple(

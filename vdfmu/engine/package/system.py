@@ -194,7 +194,7 @@ class Component:
 
 
 @dataclass(frozen=True)
-class System:
+class FlatSystem:
     """A flattened system."""
 
     path: Path

@@ -9,7 +9,7 @@ from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.algorithms import ALGORITHMS, Algorithm, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable
-from vdfmu.engine.package.system import System, Value
+from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.checker import Checker, overrides
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.feed import Feed, feed_inputs
@@ -22,7 +22,7 @@ from vdfmu.engine.rules import finding
 class Checked:
     """A system that can be run."""
 
-    system: System
+    system: FlatSystem
     descriptions: Mapping[str, Description]
     """Each component by its name, in the order of the SSD."""
     links: tuple[Link, ...]
@@ -59,7 +59,7 @@ class Checked:
 
 
 def check_system(
-    system: System,
+    system: FlatSystem,
     parameters: Mapping[str, Value] | None = None,
     *,
     inputs: Sequence[InputTable] = (),
@@ -72,7 +72,7 @@ def check_system(
 
     Parameters
     ----------
-    system : System
+    system : FlatSystem
     parameters : mapping of str to value, optional
         Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
         one value, or a list or array with one for each. They win over the package's values.

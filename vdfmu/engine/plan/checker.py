@@ -16,9 +16,9 @@ from vdfmu.engine.package.system import (
     Component,
     Connection,
     Connector,
+    FlatSystem,
     Index,
     Shape,
-    System,
     UnitFactor,
     Value,
     spread,
@@ -81,7 +81,9 @@ class Checker:
     For parameters see `vdfmu.engine.plan.check.check_system`.
     """
 
-    def __init__(self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]) -> None:
+    def __init__(
+        self, system: FlatSystem, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
+    ) -> None:
         self.system, self.parameters = system, parameters
         self.strict = strict
         self.problems = list(system.problems)
@@ -257,6 +259,11 @@ class Checker:
                 )
             except MisfitError as error:
                 fault(_OF_CONNECTION[error.what], str(error))
+            unit, target = self.port_unit(connection.start, source), self.port_unit(connection.end, sink)
+            suppressed = any(hop.suppress_unit_conversion for hop in connection.hops) and source.type == "Real"
+            if suppressed and unit is not None and target is not None and not unit.same_as(target):
+                text = f"connection {connection}: passes {unit.name!r} as {target.name!r}, without a conversion"
+                self.notes.append(finding("SSP034", text, connection.hops[-1].place))
             if shape != other:
                 fault("SSP035", f"dimension mismatch, {show_shape(shape)} to {show_shape(other)}")
             links += [

@@ -14,10 +14,9 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, scipy_part
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
-from vdfmu.base.scipy_parts import scipy_part
 from vdfmu.engine.results.formats import Format, Stream
 from vdfmu.engine.results.joined import joined
 from vdfmu.engine.results.recorded import KINDS, TYPES, Recorded, Signal

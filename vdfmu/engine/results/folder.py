@@ -14,8 +14,8 @@ from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.json_text import to_json
 from vdfmu.base.measure import inches
+from vdfmu.base.text import to_json
 from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats, figure_files, format_of, result_files
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, Check, verdict_of
 from vdfmu.engine.run import Interrupted

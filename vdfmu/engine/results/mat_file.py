@@ -14,7 +14,7 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
-from vdfmu.base.mat import mat_variables
+from vdfmu.base.unpack import mat_variables
 from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.recorded import Recorded, from_arrays, from_facts, grouped, legal_names, no_rows, to_facts
 

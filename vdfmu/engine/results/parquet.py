@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
-from vdfmu.base.json_text import to_json
+from vdfmu.base.text import to_json
 from vdfmu.base.unpack import UnpackBudget, imported
 from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.joined import joined

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.json_text import to_json
-from vdfmu.base.text import close_to
+from vdfmu.base.text import close_to, to_json
 
 TYPES = {"real": np.float64, "integer": np.int32, "boolean": np.int32}
 KINDS = (*TYPES,)

@@ -22,8 +22,8 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.child import SIZE, Child
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
 from vdfmu.engine.masters.sampled import Stepper

@@ -13,9 +13,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from vdfmu.base.child import Parent
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
-from vdfmu.base.process import limit
+from vdfmu.base.process import Parent, limit
 from vdfmu.base.text import kind_text
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components

@@ -10,8 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option import lists_options, pick, with_options
-from vdfmu.base.option_types import check_type
+from vdfmu.base.option import check_type, lists_options, pick, with_options
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
@@ -20,7 +19,7 @@ from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.package.system import System, Value
+from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.check import Checked, check_system, with_parameters
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
@@ -33,7 +32,7 @@ from vdfmu.engine.run.session import Session
 
 
 @with_options
-def simulate(system: System | str | Path, **options: Unpack[SimulateOptions]) -> Results:
+def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]) -> Results:
     """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
 
     Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. How the algorithms pass values on
@@ -41,7 +40,7 @@ def simulate(system: System | str | Path, **options: Unpack[SimulateOptions]) ->
 
     Parameters
     ----------
-    system : System, str or Path
+    system : FlatSystem, str or Path
         An SSP 1.0 or 2.0, or the result of `vdfmu.load_ssp`.
     **options
         :class:`vdfmu.engine.options.SimulateOptions`.
@@ -82,7 +81,7 @@ class Simulator:
 
     Parameters
     ----------
-    system : System, str or Path
+    system : FlatSystem, str or Path
         See :func:`vdfmu.simulate`.
     **options
         :class:`vdfmu.engine.options.SimulatorOptions`, the options of :func:`vdfmu.simulate` except for `run`.
@@ -104,8 +103,8 @@ class Simulator:
     """
 
     @with_options
-    def __init__(self, system: System | str | Path, **options: Unpack[SimulatorOptions]) -> None:
-        self._system = system if isinstance(system, System) else load_ssp(system)
+    def __init__(self, system: FlatSystem | str | Path, **options: Unpack[SimulatorOptions]) -> None:
+        self._system = system if isinstance(system, FlatSystem) else load_ssp(system)
         experiment, tolerance = self._system.experiment, options["tolerance"]
         if options["federation"] is not None:
             options["algorithm"] = options["federation"].algorithm(options["algorithm"])

@@ -16,7 +16,7 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option_types import check_type
+from vdfmu.base.option import check_type
 from vdfmu.base.state_space import StateSpace
 from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
 from vdfmu.compiler.unit.interface import interface_of

@@ -171,6 +171,9 @@ class SystemMargins(NamedTuple):
     step: float
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        return ": ".join(words_of(self.judged))
+
     def least(self, loop: int) -> int:
         """Return which of the times has the least modulus margin of a loop; without any, the fastest growth."""
         return min(range(len(self.times)), key=lambda k: (self.margins[k].modulus[loop], -self.margins[k].rate))

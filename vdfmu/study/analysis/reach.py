@@ -16,8 +16,7 @@ from vdfmu.arm.robot import Robot, load_robot, robot_names
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder, write_whole
-from vdfmu.base.toml_file import locate
-from vdfmu.base.toml_text import toml_value
+from vdfmu.base.toml_file import locate, toml_value
 from vdfmu.study.analysis.gains import Gains, arm_gains
 from vdfmu.study.analysis.loops import SystemMargins, margins_along
 from vdfmu.system.scenario import Scenario, load_scenario

@@ -12,9 +12,8 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.engine.linear.system import LinearSystem
 from vdfmu.engine.options import CouplingOptions
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.values import system_values
 
 

@@ -19,8 +19,8 @@ from vdfmu.compiler.unit.evaluate import Evaluation, Traced
 from vdfmu.compiler.unit.program import Call
 from vdfmu.study.batch.engine import BatchProgram
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.program.program import MovingUnit, SystemProgram
-from vdfmu.system.reference.compiled import Code
+from vdfmu.system.program import MovingUnit, SystemProgram
+from vdfmu.system.reference.reference import Code
 
 _DIVISION = re.compile(r" / (w\d+);")
 """End of a line of C that divides: as a product, so that a compiler reuses reciprocals."""

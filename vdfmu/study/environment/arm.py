@@ -12,14 +12,13 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option_types import check_type
+from vdfmu.base.option import check_type
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.system import packaged
 from vdfmu.study.batch.engine import SteppedLanes
 from vdfmu.study.batch.make import make_program
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import override
 
 LIMITS = {"rad": 2.0 * math.pi, "rad/s": 50.0, "m": 5.0, "m/s": 10.0, "N.m": 1e3, "N": 1e4, "1": 1e6}
@@ -174,7 +173,7 @@ def _check_number(name: str, value: Any, least: float, among: bool = False) -> N
 
 def opened(scenario: Scenario, action: str, seen: Sequence[str]) -> Scenario:
     """Return a scenario without what feeds an input, and without components that reach neither it nor what is seen."""
-    system: SystemFile = scenario.system
+    system = scenario.system
     links = {key: [end for end in ends if end != action] for key, ends in system.connections.items()}
     kept: set[str] = set()
     new = {signal.partition(".")[0] for signal in (action, *seen)}

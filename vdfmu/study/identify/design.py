@@ -26,7 +26,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import counted
-from vdfmu.base.toml_text import toml_text
+from vdfmu.base.toml_file import toml_text
 from vdfmu.study.identify.fit import PRIOR, Identified, check_settings, identify
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.regressor import link_covariance, regressor

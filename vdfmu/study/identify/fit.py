@@ -28,7 +28,7 @@ from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.toml_text import toml_text
+from vdfmu.base.toml_file import toml_text
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.problem import DRIVES, SPRINGS
 from vdfmu.study.identify.regressor import BaseParameters, link_covariance, link_errors

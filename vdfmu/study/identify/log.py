@@ -13,8 +13,8 @@ import numpy as np
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.base.mat import mat_variables
 from vdfmu.base.measure import WIDE_ANGLE
+from vdfmu.base.unpack import mat_variables
 from vdfmu.study.identify.faults import check_motion, check_torques, even_times, unwrapped
 from vdfmu.study.identify.log_files import LogColumn, read_columns, split_unit
 

@@ -13,8 +13,8 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_text
-from vdfmu.base.mat import mat_variables
 from vdfmu.base.plugins import Plugins, PluginTable
+from vdfmu.base.unpack import mat_variables
 from vdfmu.engine.results import parquet
 from vdfmu.engine.results.results import Results
 

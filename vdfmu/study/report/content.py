@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.base.arrays import with_named
+from vdfmu.base.arrays import extremes, with_named
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.measure import JOINT_UNITS, Shown, shown_as
-from vdfmu.base.thinning import extremes
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures

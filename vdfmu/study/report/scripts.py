@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from vdfmu.base.json_text import to_json
-from vdfmu.base.palette import style_sheet
+from vdfmu.base.page import style_sheet
+from vdfmu.base.text import to_json
 from vdfmu.compiler.fmu.native import THIRD_PARTY
-from vdfmu.system.program.module import compressed
+from vdfmu.system.program import compressed
 
 _WEB = Path(__file__).parent / "web"
 MODULES = (

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from vdfmu.arm.equations.kinematics import joint_placements, poses
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.physical import principal
-from vdfmu.base.arrays import Floats
-from vdfmu.base.thinning import bends
+from vdfmu.base.arrays import Floats, bends
 from vdfmu.engine.results.figure import Curve, Terms
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.curves import CurveTable, packed, recipes_of, values_of

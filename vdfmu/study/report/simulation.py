@@ -22,8 +22,7 @@ from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.tracks import GOOD, POOR, tracks
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.program.module import compressed, page_program
-from vdfmu.system.program.program import SystemProgram
+from vdfmu.system.program import SystemProgram, compressed, page_program
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""

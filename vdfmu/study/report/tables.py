@@ -10,7 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from vdfmu.base.table import plain_table
+from vdfmu.base.bars import plain_table
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, SIGNS, checks_line, checks_of, line_of, state_of
 from vdfmu.study.report.sheets import Sheet, facts
 from vdfmu.study.run.summary_keys import Summary

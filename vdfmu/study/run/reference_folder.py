@@ -13,9 +13,8 @@ from vdfmu.engine.algorithms import DEFAULT, DELAYED
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Results
 from vdfmu.engine.run.simulator import simulate
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.parts import build_parts
 
 ROWS = 1001
 """Most rows of a table of results: some 2 MB for six joints."""

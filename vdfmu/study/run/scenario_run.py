@@ -47,12 +47,11 @@ from vdfmu.study.run.summary import (
 )
 from vdfmu.study.run.verdict import VISIBLE, verdict
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
 from vdfmu.system.reference.witness import Witness
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.replace import with_payload, with_units
 from vdfmu.system.scenario.values import robot_with, system_values
 

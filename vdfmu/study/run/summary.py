@@ -18,7 +18,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.study.run.at_limits import ArmLimits
 from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.start import leaders
+from vdfmu.system.scenario.replace import leaders
 
 _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _APART = 1e-6

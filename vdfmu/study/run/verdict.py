@@ -14,7 +14,7 @@ from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check, verdict_
 from vdfmu.study.analysis.loops import since
 from vdfmu.study.run.key_figures import STANDING, off_from
 from vdfmu.study.run.summary_keys import Summary, energies
-from vdfmu.system.reference.solution import SHORT
+from vdfmu.system.reference.reference import RESOLUTION
 
 VISIBLE = 1e-3
 """Share of the largest position error from which a difference to the reference shows in tables of three digits."""
@@ -115,8 +115,8 @@ def _reference(summary: Summary) -> Iterator[Check]:
     limit = VISIBLE * max(si[unit] * error for error, unit in zip(errors, units, strict=True))
     apart = found["max_position_difference_rad"]
     what = "what three digits show"
-    if limit < SHORT["atol"]:  # an arm that has hardly moved: the reference knows no more
-        limit, what = SHORT["atol"], "the absolute tolerance of the reference's solver"
+    if limit < RESOLUTION:  # an arm that has hardly moved: the reference knows no more
+        limit, what = RESOLUTION, "the absolute tolerance of the reference's solver"
     text = f"positions differ by {number(apart)} rad at most; limit {number(limit)}, {what}"
     if apart > limit and summary.get("tolerance"):
         text += f"; a --tolerance below {summary['tolerance']:g} shows whether the solvers of the units do this"

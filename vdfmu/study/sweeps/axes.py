@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option_types import check_type
+from vdfmu.base.option import check_type
 from vdfmu.study.options import SAMPLES
 
 _FORMS = {

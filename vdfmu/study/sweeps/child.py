@@ -9,8 +9,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from vdfmu.base.child import Parent
 from vdfmu.base.errors import StorageError
+from vdfmu.base.process import Parent
 
 
 def _main() -> None:

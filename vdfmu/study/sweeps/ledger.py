@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.base.cache import seal
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.seal import seal
 from vdfmu.base.text import elided
 from vdfmu.engine.results.parquet import checked, needed
 from vdfmu.study.sweeps.axes import Points

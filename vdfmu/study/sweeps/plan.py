@@ -193,8 +193,7 @@ def of_scenario(
 ) -> WiredSystem:
     """Build and pack a scenario with a combination of options."""
     from vdfmu.study.run.scenario_run import prepare
-    from vdfmu.system.package.write import write_ssp
-    from vdfmu.system.scenario.parts import cached_fmus
+    from vdfmu.system.package.write import cached_fmus, write_ssp
     from vdfmu.system.scenario.values import system_values
 
     units = dict(options.get("units") or {})

@@ -9,8 +9,8 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError
-from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import report, with_progress
 from vdfmu.study.options import PlanOptions, SweepOptions

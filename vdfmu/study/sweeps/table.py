@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.cache import is_own
 from vdfmu.base.errors import UsageError
-from vdfmu.base.seal import is_own
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
 from vdfmu.study.report.sheets import Sheet

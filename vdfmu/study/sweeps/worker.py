@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.base.child import SIZE, Child
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import temporary_folder
+from vdfmu.base.process import SIZE, Child
 from vdfmu.base.text import elided, shown
 from vdfmu.study.sweeps.job import Row, Task
 

@@ -13,12 +13,12 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
-from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report, with_progress
-from vdfmu.base.toml_text import toml_text
+from vdfmu.base.toml_file import toml_text
 from vdfmu.engine.linear.loops import Margins
 from vdfmu.study.analysis.loops import told
 from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOptions

@@ -15,10 +15,10 @@ from typing import Any, Self
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.child import Child
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.base.process import Child
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped
 from vdfmu.study.view.server import PERIOD

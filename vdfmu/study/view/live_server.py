@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.child import Parent
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.page import page
+from vdfmu.base.process import Parent
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped

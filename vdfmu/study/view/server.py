@@ -23,7 +23,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.json_text import to_json
+from vdfmu.base.text import to_json
 
 HOST = "127.0.0.1"
 PERIOD = 1.0 / 30.0

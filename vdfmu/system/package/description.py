@@ -1,4 +1,4 @@
-"""The system of a scenario as all formats write it: signals, connections and parameter sets of its units."""
+"""The system of a scenario for all formats: signals, connections and parameter sets of its units."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from vdfmu.compiler.fmu.description3 import FMI_3_TYPES
 from vdfmu.compiler.unit.interface import Interface, general_description
 from vdfmu.compiler.unit.variable import Variable
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.resolved import Variables
+from vdfmu.system.scenario.scenario import Variables
 from vdfmu.system.scenario.system_file import Box, SystemFile
 from vdfmu.system.scenario.values import system_values
 
 
 @dataclass(frozen=True)
 class PackageSignal:
-    """One variable as a tool sees it: a scalar, or an array of FMI 3."""
+    """A variable for tools: a scalar, or an array of FMI 3."""
 
     name: str
     """Name in the FMU."""
     variables: tuple[Variable, ...]
-    """Its elements, row by row."""
+    """Elements, row by row."""
     shape: tuple[int, ...]
     """Empty for a scalar."""
     type: str
@@ -50,14 +50,14 @@ class PackageSignal:
 
     @property
     def description(self) -> str:
-        """Description; of an array without what tells one element from the next."""
+        """Description, without the index for an array."""
         text = self.variables[0].description
         return general_description(text) if self.shape else text
 
 
 @dataclass(frozen=True)
 class ElementConnection:
-    """One connection; an end that is one element of an array has an index, counted from 1."""
+    """A connection; an element of an array has an index, counted from 1."""
 
     start: tuple[str, PackageSignal]
     end: tuple[str, PackageSignal]
@@ -71,7 +71,7 @@ Entry = tuple[PackageSignal, tuple[Any, ...]]
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """Parameters of one file."""
+    """Parameters of a file."""
 
     name: str
     entries: tuple[Entry, ...]
@@ -79,24 +79,19 @@ class ParameterSet:
 
 @dataclass(frozen=True)
 class Binding:
-    """A parameter set that a component takes."""
+    """Binding of a parameter set to a component."""
 
     file: str
     """Name of the set's file."""
     mapping: tuple[tuple[str, str], ...] = ()
-    """Name in the set and name in the component; empty where they are the same."""
+    """Names in the set and in the component; empty if equal."""
 
 
 class SystemDescription:
-    """A system file of ``ssp/`` with the variables of a robot and the values of a scenario.
+    """The system of a scenario with its variables, and with values by component and variable.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    values : mapping of component to mapping of variable to value, optional
-        Default :func:`vdfmu.system.scenario.values.system_values`.
-    version : "1.0" or "2.0"
-        Version of SSP: with 2.0, groups of signals are the arrays of the FMI 3.0 units.
+    `values` default to :func:`vdfmu.system.scenario.values.system_values`. With `version` "2.0" of SSP, groups of
+    signals are the arrays of the FMI 3.0 units.
     """
 
     def __init__(
@@ -116,9 +111,9 @@ class SystemDescription:
         self._signals = {component: self._signals_of(table) for component, table in self.tables.items()}
 
     def fmu_name(self, component: str) -> str:
-        """File of a component's FMU in a package: components of one unit have the names of the components.
+        """Return the file of a component's FMU in a package, with the component's name if its unit repeats.
 
-        Links and joints have one file for all of a kind.
+        Links and joints of a kind share a file.
         """
         table = self.tables[component]
         model = table.model_name
@@ -129,23 +124,22 @@ class SystemDescription:
     def _signals_of(self, table: Variables) -> tuple[PackageSignal, ...]:
         if not self.arrays or not isinstance(table, Interface):
             return tuple(PackageSignal(v.name, (v,), (), v.type) for v in table)
-        found: list[PackageSignal] = []
-        for array in table.arrays:
-            variables = table.memory[array.positions]
-            if variables[0].causality in ("input", "output", "parameter"):
-                kind = FMI_3_TYPES[variables[0].type]
-                found.append(PackageSignal(array.name, variables, array.shape, kind))
-        return tuple(found)
+        arrays = ((array, table.memory[array.positions]) for array in table.arrays)
+        return tuple(
+            PackageSignal(array.name, variables, array.shape, FMI_3_TYPES[variables[0].type])
+            for array, variables in arrays
+            if variables[0].causality in ("input", "output", "parameter")
+        )
 
     def signals(self, component: str, kind: str) -> tuple[PackageSignal, ...]:
-        """Signals of a component with a causality, in the order of its table."""
+        """Return the signals of a component with a causality, in the order of its table."""
         return tuple(s for s in self._signals[component] if s.kind == kind)
 
     @cached_property
     def tolerance(self) -> float:
-        """Tolerance of the units' solvers: that of the first plant, or else of the first component with a solver."""
-        found = (self.values.get(name, {}).get("tolerance") for name in (*self.resolved.plants, *self.values))
-        return float(next((one for one in found if one is not None), self.scenario.tolerance))
+        """Tolerance of the first plant's solver, else of the first solver."""
+        tolerances = (self.values.get(name, {}).get("tolerance") for name in (*self.resolved.plants, *self.values))
+        return float(next((value for value in tolerances if value is not None), self.scenario.tolerance))
 
     @cached_property
     def links(self) -> tuple[ElementConnection, ...]:
@@ -158,7 +152,7 @@ class SystemDescription:
         )
 
     def _links(self, source: str, target: str) -> list[ElementConnection]:
-        """Return a connection of whole arrays as one, others element by element."""
+        """Return a connection of whole arrays, or a connection for each element."""
         start, end = (name.partition(".")[0] for name in (source, target))
         joined = self.resolved.joined(source, target)
         pairs = [(self._signal_of[start, a.name], self._signal_of[end, b.name]) for a, b in joined]
@@ -172,7 +166,7 @@ class SystemDescription:
 
     @cached_property
     def _signal_of(self) -> dict[tuple[str, str], PackageSignal]:
-        """Component and name of a variable to the signal that has it."""
+        """Component and name of a variable to its signal."""
         return {(name, v.name): s for name, signals in self._signals.items() for s in signals for v in s.variables}
 
     @cached_property
@@ -188,10 +182,10 @@ class SystemDescription:
 
     @cached_property
     def bindings(self) -> dict[str, list[Binding]]:
-        """Component to the sets that it takes, in the order in which they are applied.
+        """Component to its sets, in the order of application; a value is in a single set.
 
-        A value is in one of them only. The scenario's comes first: importers that apply one set of a component apply
-        the first, or the one that they are told; the robot is in the start values of the FMUs as well.
+        The scenario's set comes first, because some importers apply the first set only. The start values of the FMUs
+        have the robot too.
         """
         return self._sets[1]
 
@@ -202,8 +196,8 @@ class SystemDescription:
         left = {component: self._entries(component) for component in self.tables}
         shared = self._take_shared(left)
         robots: dict[str, dict[str, Entry]] = {}
-        known = self.scenario.robot
-        nominal = {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)} if known else {}
+        arm = self.scenario.robot
+        nominal = {p.name: float(getattr(arm, p.field)[p.index]) for p in parameters(arm)} if arm else {}
         for component, entries in left.items():
             robots[component] = robot = {
                 name: (signal, values)
@@ -216,7 +210,7 @@ class SystemDescription:
                 bindings[component].append(Binding(f"{component}.scenario.ssv"))
         for component, robot in robots.items():
             if robot:
-                # components that know the whole robot share one file
+                # components with all parameters of the robot share a file
                 whole = {v.name for signal, _ in robot.values() for v in signal.variables} == nominal.keys()
                 file = "robot.ssv" if whole else f"{component}.robot.ssv"
                 files[file] = ParameterSet("robot", tuple(robot.values()))
@@ -228,7 +222,7 @@ class SystemDescription:
         return files, bindings
 
     def _entries(self, component: str) -> dict[str, Entry]:
-        """Return the parameters of a component that have a value; an array has one with any of its elements."""
+        """Return the parameters of a component with a value of any element."""
         values = self.values[component]
         return {
             s.name: (s, tuple(values.get(v.name, v.start) for v in s.variables))
@@ -237,8 +231,8 @@ class SystemDescription:
         }
 
     def _take_shared(self, left: dict[str, dict[str, Entry]]) -> dict[str, Any]:
-        """Take what components share out of `left`, unless it differs: name to entries, and component to mapping."""
-        found: dict[str, Any] = {}
+        """Move equal shared parameters out of `left`: name to entries, and component to mapping."""
+        taken: dict[str, Any] = {}
         for name, groups in self._shared.items():
             members = {
                 component: [entry for entry in left[component].values() if entry[0].group == group]
@@ -254,20 +248,20 @@ class SystemDescription:
                 mappings[component] = pairs if any(a != b for a, b in pairs) else ()
                 for _, key in pairs:
                     del left[component][key]
-            found[name] = (tuple(first), mappings)
-        return found
+            taken[name] = (tuple(first), mappings)
+        return taken
 
 
 def _counted(signal: PackageSignal, variable: Variable) -> tuple[int, ...]:
-    """Index of an element of an array, counted from 1."""
+    """Return the index of an element of an array, counted from 1."""
     return tuple(i + 1 for i in variable.index) if signal.shape else ()
 
 
 def _corners(system: SystemFile) -> dict[str, Box]:
-    """Corners of every component in the diagram; those without a place get a column each, behind the others."""
-    given = [part.box for part in system.parts.values() if part.box is not None]
-    x = max((box[2] for box in given), default=-60.0) + 60.0
-    bottom = min((box[1] for box in given), default=0.0)
+    """Return the corners of every component in the diagram; components without a box get columns at the right."""
+    boxes = [part.box for part in system.parts.values() if part.box is not None]
+    x = max((box[2] for box in boxes), default=-60.0) + 60.0
+    bottom = min((box[1] for box in boxes), default=0.0)
     corners: dict[str, Box] = {}
     for name, part in system.parts.items():
         corners[name] = part.box or (x, bottom, x + 70.0, bottom + 100.0)
@@ -276,18 +270,18 @@ def _corners(system: SystemFile) -> dict[str, Box]:
 
 
 def _key(entry: Entry) -> tuple[Any, ...]:
-    """Return what two entries that share a value have in common: indices, type, unit and values."""
+    """Return the properties that entries with a shared value have in common."""
     signal, values = entry
     return signal.shape, signal.type, signal.unit, tuple(v.index for v in signal.variables), tuple(values)
 
 
 def positions(signals: Sequence[PackageSignal]) -> list[float]:
-    """Height of each connector on its side of the box, from 0 to 1: evenly, with a gap before each group."""
+    """Return the heights of connectors on a side of the box, from 0 to 1: evenly, with a gap before each group."""
     begins = [k == 0 or signal.group != signals[k - 1].group for k, signal in enumerate(signals)]
     slots = np.arange(len(signals)) + np.cumsum(begins)
     return np.round(1.0 - slots / (len(signals) + sum(begins) + 1.0), 6).tolist()
 
 
 def icon_source(component: str) -> str:
-    """Name of a component's icon in a package."""
+    """Return the name of a component's icon in a package."""
     return f"resources/icons/{component}.svg"

@@ -1,7 +1,7 @@
-"""Places of cards and wires in the diagram of a system: columns of cards, a wire for each vector.
+"""Layout of the diagram of a system: columns of cards, a wire for each vector.
 
-A wire goes from the vector of a source to its sinks by horizontal and vertical lines: to the next column straight, past
-a column between its cards, and back below all cards. All lengths are pixels, y downwards.
+A wire runs from the vector of a source to its sinks by horizontal and vertical lines: straight to the next column,
+between the cards of a column, and back below all cards. All lengths are pixels, y downwards.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ Port = tuple[str, str]
 Point = tuple[float, float]
 
 HEAD, ROW = 50.0, 24.0
-"""Heights of the head of a card, and of a connector, or a wire that passes a column."""
+"""Heights of the head of a card, and of a connector or a wire between cards."""
 STUB, LANE, EDGE = 124.0, 9.0, 14.0
-"""Lengths: of a wire in front of its lane, with room for its width and value; from lane to lane; and of margins."""
+"""Lengths of a wire before its lane, with room for its width and value, between lanes, and of margins."""
 _GAP = 30.0
-"""Between two cards of a column."""
+"""Distance of cards in a column."""
 LETTER = 0.62
-"""Width of a letter over its size, of a wide sans-serif."""
+"""Width of a letter of a wide sans-serif over its size."""
 
 
 class Net(NamedTuple):
-    """The vector of a source and the ports that get it, or elements of it."""
+    """The vector of a source and the ports that read it or elements of it."""
 
     start: Port
     ends: Sequence[Port]
@@ -36,14 +36,14 @@ class Net(NamedTuple):
 
 @dataclass
 class Card:
-    """A component with its connected vectors, and where it stands."""
+    """A component with its connected vectors and its place."""
 
     name: str
     words: str = ""
     inputs: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
     free: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Names of vectors that are not connected, by their kind."""
+    """Names of free vectors by their kind."""
     icon: bytes | None = None
     x: float = 0.0
     y: float = 0.0
@@ -61,13 +61,13 @@ class Card:
 
 
 class Wire(NamedTuple):
-    """A net as it is drawn."""
+    """A drawn net."""
 
     net: Net
     source: str
     lines: list[list[Point]]
     dots: list[Point]
-    """Where lines of it branch."""
+    """Branches of its lines."""
 
 
 class PlacedSystem(NamedTuple):
@@ -79,7 +79,7 @@ class PlacedSystem(NamedTuple):
 
 
 def arrange(cards: Sequence[Card], nets: Sequence[Net], ordered: bool = False) -> PlacedSystem:
-    """Give every card its place, and return the wires between them; `ordered`: the cards stand from left to right."""
+    """Place every card and return the wires; `ordered`: the cards stand from left to right."""
     by_name = {card.name: card for card in cards}
     order = list(by_name) if ordered else _order(list(by_name), nets)
     for name in order:
@@ -87,16 +87,15 @@ def arrange(cards: Sequence[Card], nets: Sequence[Net], ordered: bool = False) -
             net.start[0] for net in nets for end, _ in net.ends
             if end == name and order.index(net.start[0]) < order.index(name)
         ]  # fmt: skip
-        by_name[name].column = 1 + max((by_name[one].column for one in before), default=-1)
+        by_name[name].column = 1 + max((by_name[source].column for source in before), default=-1)
     columns: list[list[Card]] = [[] for _ in range(1 + max((card.column for card in cards), default=0))]
     for name in order:
         columns[by_name[name].column].append(by_name[name])
-    passes, bottom = _stack(columns, nets, by_name)
-    return _route(columns, nets, by_name, passes, bottom)
+    return _DiagramLayout(columns, nets).placed()
 
 
 def _order(names: Sequence[str], nets: Sequence[Net]) -> list[str]:
-    """Return components so that few vectors go back: as declared, or by Eades, Lin and Smyth (1993) if that is less."""
+    """Return an order with few backward vectors: as declared, or by Eades, Lin and Smyth (1993) if fewer."""
     edges = [(net.start[0], end) for net in nets for end in {end for end, _ in net.ends} if end != net.start[0]]
 
     def backward(order: Sequence[str]) -> int:
@@ -118,99 +117,138 @@ def _order(names: Sequence[str], nets: Sequence[Net]) -> list[str]:
     return min(list(names), first + last, key=backward)
 
 
-def _stack(
-    columns: Sequence[Sequence[Card]], nets: Sequence[Net], cards: Mapping[str, Card]
-) -> tuple[dict[tuple[int, int], float], float]:
-    """Place cards one below the other, near what they get; heights at which a net passes a column; the lowest edge."""
-    passes: dict[tuple[int, int], float] = {}
-    bottom = 0.0
-    for k, column in enumerate(columns):
-        crossing = [i for i, net in enumerate(nets) if cards[net.start[0]].column < k < _last_column(net, cards)]
-        wanted: list[tuple[float, int, Card | int]] = []
-        for place, card in enumerate(column):
-            heights = [
-                _leaves(i, k, nets, cards, passes) - card.port("input", port)
-                for i, net in enumerate(nets) for end, port in net.ends
-                if end == card.name and cards[net.start[0]].column < k
-            ]  # fmt: skip
-            wanted.append((sorted(heights)[len(heights) // 2] if heights else -1e9, place, card))
-        wanted += [(_leaves(i, k, nets, cards, passes) - ROW / 2.0, len(column) + i, i) for i in crossing]
-        y, below = 0.0, 0.0  # `below`: distance that a wire keeps from a card above it
-        for height, _, item in sorted(wanted, key=lambda one: one[:2]):
-            if isinstance(item, Card):
-                item.y = max(y + (_GAP if y else 0.0), height)
-                y, below = item.y + item.height, ROW / 3.0
-            else:
-                passes[item, k] = max(y + below, height) + ROW / 2.0
-                y, below = passes[item, k] + ROW / 2.0, 0.0
-        bottom = max(bottom, y)
-    return passes, bottom
+class _DiagramLayout:
+    """Heights, lanes and lines of nets between columns of cards. Gap k is right of column k."""
 
+    def __init__(self, columns: Sequence[Sequence[Card]], nets: Sequence[Net]) -> None:
+        self.columns, self.nets = columns, nets
+        self.cards = cards = {card.name: card for column in columns for card in column}
+        self.first = [cards[net.start[0]].column for net in nets]
+        self.last = [max(cards[end].column for end, _ in net.ends) for net in nets]
+        self.backs = [
+            [(end, port) for end, port in net.ends if cards[end].column <= first]
+            for net, first in zip(nets, self.first, strict=True)
+        ]
+        self.passes: dict[tuple[int, int], float] = {}
+        """Net and column to the height of the net between its cards."""
+        self.leaving: dict[tuple[int, int], tuple[float, list[float]]] = {}
+        """Net and gap to the height of the start, and heights of the ends."""
+        self.lanes: dict[tuple[int, int], float] = {}
+        self.entries: dict[tuple[int, int], float] = {}
 
-def _last_column(net: Net, cards: Mapping[str, Card]) -> int:
-    return max(cards[end].column for end, _ in net.ends)
+    def placed(self) -> PlacedSystem:
+        """Place the cards and return the wires."""
+        bottom = self._stack()
+        width = self._spread()
+        tracks = self._tracks(bottom)
+        wires = [self._wire(i, tracks) for i in range(len(self.nets))]
+        return PlacedSystem(wires, width, max([bottom, *tracks.values()]) + EDGE)
 
+    def _stack(self) -> float:
+        """Stack cards near the height of their inputs, and wires between them; return the lowest edge."""
+        bottom = 0.0
+        for k, column in enumerate(self.columns):
+            wanted: list[tuple[float, int, Card | int]] = []
+            for place, card in enumerate(column):
+                heights = [
+                    self._leaves(i, k) - card.port("input", port)
+                    for i, net in enumerate(self.nets) for end, port in net.ends
+                    if end == card.name and self.first[i] < k
+                ]  # fmt: skip
+                wanted.append((sorted(heights)[len(heights) // 2] if heights else -1e9, place, card))
+            crossing = [i for i in range(len(self.nets)) if self.first[i] < k < self.last[i]]
+            wanted += [(self._leaves(i, k) - ROW / 2.0, len(column) + i, i) for i in crossing]
+            y, below = 0.0, 0.0  # `below`: distance of a wire to a card above it
+            for height, _, item in sorted(wanted, key=lambda item: item[:2]):
+                if isinstance(item, Card):
+                    item.y = max(y + (_GAP if y else 0.0), height)
+                    y, below = item.y + item.height, ROW / 3.0
+                else:
+                    self.passes[item, k] = max(y + below, height) + ROW / 2.0
+                    y, below = self.passes[item, k] + ROW / 2.0, 0.0
+            bottom = max(bottom, y)
+        return bottom
 
-def _leaves(
-    i: int, column: int, nets: Sequence[Net], cards: Mapping[str, Card], passes: Mapping[tuple[int, int], float]
-) -> float:
-    """Return the height at which a net comes to a column: from its source, or where it passes the column before."""
-    card, port = cards[nets[i].start[0]], nets[i].start[1]
-    return card.y + card.port("output", port) if card.column == column - 1 else passes[i, column - 1]
+    def _leaves(self, i: int, column: int) -> float:
+        """Return the height of a net before a column: from its source, or in the column before."""
+        card, port = self.cards[self.nets[i].start[0]], self.nets[i].start[1]
+        return card.y + card.port("output", port) if card.column == column - 1 else self.passes[i, column - 1]
 
+    def _spread(self) -> float:
+        """Place the columns of cards with gaps as wide as their lanes; return the width."""
+        for i, net in enumerate(self.nets):
+            for gap in range(self.first[i], max(self.first[i] + 1, self.last[i])):
+                goals = [self._goal(end) for end in net.ends if self.cards[end[0]].column == gap + 1]
+                goals += [self.passes[i, gap + 1]] if (i, gap + 1) in self.passes else []
+                goals += [1e9] if gap == self.first[i] and self.backs[i] else []
+                self.leaving[i, gap] = (self._leaves(i, gap + 1), goals)
+        x = EDGE
+        for gap in range(-1, len(self.columns)):
+            if gap >= 0:
+                width = max((card_width(card) for card in self.columns[gap]), default=0.0)
+                for card in self.columns[gap]:
+                    card.x, card.width = x, width
+                x += width
+            own = {i: self.leaving[i, g] for i, g in self.leaving if g == gap}
+            turned = [i for i, (y, goals) in own.items() if any(abs(goal - y) > 0.5 for goal in goals)]
+            down = sorted((i for i in turned if max(own[i][1]) > own[i][0]), key=lambda i: -own[i][0])
+            up = sorted((i for i in turned if i not in down), key=lambda i: own[i][0])
+            x += STUB if own else 0.0
+            for i in _lane_order([*up, *down], own):
+                self.lanes[i, gap] = x
+                x += LANE
+            for i, ends in enumerate(self.backs):
+                if any(self.cards[end].column == gap + 1 for end, _ in ends):
+                    self.entries[i, gap] = x = x + LANE
+            x += EDGE
+        return x
 
-def _route(
-    columns: Sequence[Sequence[Card]], nets: Sequence[Net], cards: Mapping[str, Card],
-    passes: Mapping[tuple[int, int], float], bottom: float,
-) -> PlacedSystem:  # fmt: skip
-    """Return the wires, and give the cards their columns: each gap is as broad as its lanes need."""
-    backs = [[(end, port) for end, port in net.ends if cards[end].column <= cards[net.start[0]].column] for net in nets]
-    leaving: dict[tuple[int, int], tuple[float, list[float]]] = {}
-    """Net and gap to the height from which it comes, and those to which it goes; a gap is right of its column."""
-    for i, net in enumerate(nets):
-        first = cards[net.start[0]].column
-        for gap in range(first, max(first + 1, _last_column(net, cards))):
-            goals = [cards[end].y + cards[end].port("input", p) for end, p in net.ends if cards[end].column == gap + 1]
-            goals += [passes[i, gap + 1]] if (i, gap + 1) in passes else []
-            goals += [1e9] if gap == first and backs[i] else []
-            leaving[i, gap] = (_leaves(i, gap + 1, nets, cards, passes), goals)
-    lanes: dict[tuple[int, int], float] = {}
-    entries: dict[tuple[int, int], float] = {}
-    x = EDGE
-    for gap in range(-1, len(columns)):
-        if gap >= 0:
-            width = max((card_width(card) for card in columns[gap]), default=0.0)
-            for card in columns[gap]:
-                card.x, card.width = x, width
-            x += width
-        own = {i: leaving[i, g] for i, g in leaving if g == gap}
-        turned = [i for i, (y, goals) in own.items() if any(abs(goal - y) > 0.5 for goal in goals)]
-        down = sorted((i for i in turned if max(own[i][1]) > own[i][0]), key=lambda i: -own[i][0])
-        up = sorted((i for i in turned if i not in down), key=lambda i: own[i][0])
-        x += STUB if own else 0.0
-        for i in _lane_order([*up, *down], own):
-            lanes[i, gap] = x
-            x += LANE
-        for i, ends in enumerate(backs):
-            if any(cards[end].column == gap + 1 for end, _ in ends):
-                entries[i, gap] = x = x + LANE
-        x += EDGE
-    tracks = _tracks(nets, cards, backs, lanes, entries, bottom)
-    wires: list[Wire] = []
-    for i, net in enumerate(nets):
-        card = cards[net.start[0]]
+    def _goal(self, end: Port) -> float:
+        card = self.cards[end[0]]
+        return card.y + card.port("input", end[1])
+
+    def _tracks(self, bottom: float) -> dict[int, float]:
+        """Return the height of each backward path: short paths above, overlapping paths below each other."""
+        spans: dict[int, tuple[float, float]] = {}
+        for i, ends in enumerate(self.backs):
+            if ends:
+                xs = [self.lanes[i, self.first[i]]]
+                xs += [self.entries[i, self.cards[end].column - 1] for end, _ in ends]
+                spans[i] = (min(xs), max(xs))
+        taken: list[list[tuple[float, float]]] = []
+        tracks: dict[int, float] = {}
+        for i in sorted(spans, key=lambda k: spans[k][1] - spans[k][0]):
+            low, high = spans[i]
+            free = (k for k, own in enumerate(taken) if all(high + 4 < a or b + 4 < low for a, b in own))
+            level = next(free, len(taken))
+            if level == len(taken):
+                taken.append([])
+            taken[level].append((low, high))
+            tracks[i] = bottom + 1.6 * EDGE + 12.0 * level
+        return tracks
+
+    def _wire(self, i: int, tracks: Mapping[int, float]) -> Wire:
+        """Return the lines of a net from the source to every sink."""
+        net, card, lines = self.nets[i], self.cards[self.nets[i].start[0]], list[list[Point]]()
         start = (card.x + card.width, card.y + card.port("output", net.start[1]))
-        wires.append(_wire(net, i, start, cards, passes, leaving, lanes, entries, tracks, backs[i]))
-    low = max([bottom, *tracks.values()])
-    return PlacedSystem(wires, x, low + EDGE)
+        for end in net.ends:
+            card, goal, path = self.cards[end[0]], self._goal(end), [start]
+            if end in self.backs[i]:
+                x, low, entry = self.lanes[i, self.first[i]], tracks[i], self.entries[i, card.column - 1]
+                path += [(x, start[1]), (x, low), (entry, low), (entry, goal)]
+            else:
+                for gap in range(self.first[i], card.column):
+                    y = self.leaving[i, gap][0]
+                    to = goal if gap + 1 == card.column else self.passes[i, gap + 1]
+                    if abs(to - y) > 0.5:
+                        path += [(self.lanes[i, gap], y), (self.lanes[i, gap], to)]
+            lines.append([*path, (card.x, goal)])
+        return Wire(net, net.start[0], lines, _branches(lines))
 
 
-def _lane_order(found: Sequence[int], own: Mapping[int, tuple[float, list[float]]]) -> Iterator[int]:
-    """Yield nets so that one which comes at a height stands before one that goes at it, and both share no line.
-
-    In a ring of such nets the first is first.
-    """
-    left = list(found)
+def _lane_order(nets: Sequence[int], own: Mapping[int, tuple[float, list[float]]]) -> Iterator[int]:
+    """Yield nets so that a net that starts at a height precedes nets that end there; a cycle starts with its first."""
+    left = list(nets)
     while left:
         free = (i for i in left if not any(abs(own[j][0] - y) < 0.5 for j in left if j != i for y in own[i][1]))
         chosen = next(free, left[0])
@@ -219,7 +257,7 @@ def _lane_order(found: Sequence[int], own: Mapping[int, tuple[float, list[float]
 
 
 def card_width(card: Card) -> float:
-    """Return the room that a card needs: its name beside an icon, and its connectors on both sides."""
+    """Return the width of a card: its name beside an icon, and its connectors on both sides."""
     longest = [max((len(name) for name in names), default=0) for names in (card.inputs, card.outputs)]
     free = len(free_words(card))
     return max(120.0, 58.0 + LETTER * 14.0 * len(card.name), 58.0 + LETTER * 12.0 * len(card.words),
@@ -227,69 +265,21 @@ def card_width(card: Card) -> float:
 
 
 def free_words(card: Card) -> str:
-    """Return how many vectors of a card are not connected, in words."""
+    """Return the number of free vectors of a card as a text."""
     counts = ((len(names), kind) for kind, names in card.free.items() if names)
     words = ", ".join(f"{count} {kind}{'s' if count > 1 else ''}" for count, kind in counts)
     return f"{words} free" if words else ""
 
 
-def _tracks(
-    nets: Sequence[Net], cards: Mapping[str, Card], backs: Sequence[Sequence[Port]],
-    lanes: Mapping[tuple[int, int], float], entries: Mapping[tuple[int, int], float], bottom: float,
-) -> dict[int, float]:  # fmt: skip
-    """Return the height of each net's way back: short ways above, and one below the other where they overlap."""
-    spans: dict[int, tuple[float, float]] = {}
-    for i, ends in enumerate(backs):
-        if ends:
-            first = lanes[i, cards[nets[i].start[0]].column]
-            xs = [entries[i, cards[end].column - 1] for end, _ in ends]
-            spans[i] = (min(first, *xs), max(first, *xs))
-    taken: list[list[tuple[float, float]]] = []
-    found: dict[int, float] = {}
-    for i in sorted(spans, key=lambda one: spans[one][1] - spans[one][0]):
-        low, high = spans[i]
-        level = next((k for k, own in enumerate(taken) if all(high + 4 < a or b + 4 < low for a, b in own)), len(taken))
-        if level == len(taken):
-            taken.append([])
-        taken[level].append((low, high))
-        found[i] = bottom + 1.6 * EDGE + 12.0 * level
-    return found
-
-
-def _wire(
-    net: Net, i: int, start: Point, cards: Mapping[str, Card], passes: Mapping[tuple[int, int], float],
-    leaving: Mapping[tuple[int, int], tuple[float, list[float]]], lanes: Mapping[tuple[int, int], float],
-    entries: Mapping[tuple[int, int], float], tracks: Mapping[int, float], backs: Sequence[Port],
-) -> Wire:  # fmt: skip
-    """Return the lines of a net: to every sink from where it branches, the first from the source."""
-    first = cards[net.start[0]].column
-    lines: list[list[Point]] = []
-    for end, port in net.ends:
-        card = cards[end]
-        goal = (card.x, card.y + card.port("input", port))
-        path = [start]
-        if (end, port) in backs:
-            x, low, entry = lanes[i, first], tracks[i], entries[i, card.column - 1]
-            path += [(x, start[1]), (x, low), (entry, low), (entry, goal[1])]
-        else:
-            for gap in range(first, card.column):
-                y = leaving[i, gap][0]
-                to = goal[1] if gap + 1 == card.column else passes[i, gap + 1]
-                if abs(to - y) > 0.5:
-                    path += [(lanes[i, gap], y), (lanes[i, gap], to)]
-        lines.append([*path, (goal[0], goal[1])])
-    return Wire(net, net.start[0], lines, _branches(lines))
-
-
 def _branches(lines: Sequence[Sequence[Point]]) -> list[Point]:
-    """Return the points at which lines from one source part: three directions or more meet there."""
+    """Return the branches of lines: at least three directions meet there."""
     ways: dict[Point, set[tuple[int, int]]] = {}
     pieces = {(a, b) for line in lines for a, b in pairwise(line) if a != b}
     for corner in {point for piece in pieces for point in piece}:
         for a, b in pieces:
             if _on(corner, a, b):
                 ways.setdefault(corner, set()).update(_direction(corner, end) for end in (a, b) if end != corner)
-    return sorted(point for point, found in ways.items() if len(found) > 2)
+    return sorted(point for point, directions in ways.items() if len(directions) > 2)
 
 
 def _on(point: Point, a: Point, b: Point) -> bool:
@@ -302,8 +292,8 @@ def _direction(start: Point, end: Point) -> tuple[int, int]:
 
 
 def vectors(names: Iterable[str]) -> dict[str, list[str]]:
-    """Return the names of scalars and of elements of arrays by the name without indices."""
-    found: dict[str, list[str]] = {}
+    """Return the names of scalars and elements of arrays by the name without indices."""
+    groups: dict[str, list[str]] = {}
     for name in names:
-        found.setdefault(name.partition("[")[0], []).append(name)
-    return found
+        groups.setdefault(name.partition("[")[0], []).append(name)
+    return groups

@@ -1,4 +1,4 @@
-"""The diagram of a system as SVG: a card a component, a wire a vector, for light and dark schemes."""
+"""The diagram of a system as SVG: a card for a component, a wire for a vector, in light and dark schemes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.package.diagram import HEAD, LETTER, Card, Net, Point, Port, Wire, arrange, free_words, vectors
 
 _COLOURS = 4
-"""Colours of wires, by their source."""
+"""Number of colours of wires, by their source."""
 _STYLE = """
 svg.system { font: 13px system-ui, "DejaVu Sans", Arial, sans-serif; color: #24292f; --back: #fff; --card: #f2f5f9;
   --soft: #57606a; --w0: #0b5cad; --w1: #b8500c; --w2: #1a7f37; --w3: #8e3b8c; }
@@ -43,9 +43,9 @@ _POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 
 
 def system_diagram(package: Path, held: Container[str] = ()) -> str:
-    """Return the picture of the system in a package, of any tool; empty where it has no components or cannot be read.
+    """Return the picture of the system in a package of any tool; empty if unreadable or without components.
 
-    `held` has the inputs, ``component.name``, that take in each step what their source had at its beginning.
+    `held` has the inputs, ``component.name``, that read the value of the last step.
     """
     if not package.is_file():
         return ""
@@ -67,7 +67,7 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
 
 
 def _places(ssd: Any) -> dict[str, tuple[float, float, str]]:
-    """Return where components of an SSD have their left and upper edge, and the source of their icon."""
+    """Return the left and upper edge of components of an SSD, and the source of their icon."""
     components = ssd.iterfind("ssd:System/ssd:Elements/ssd:Component", NAMESPACES)
     geometry = {c.get("name"): c.find("ssd:ElementGeometry", NAMESPACES) for c in components}
     return {
@@ -87,7 +87,7 @@ def _sizes(system: Any) -> dict[Port, str]:
 
 
 def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> str:
-    """Return the picture of the system of a scenario; `icons`: SVG files by their sources in its package."""
+    """Return the picture of the system of a scenario; `icons` are SVG files by their sources in its package."""
     signals = {
         name: {kind: description.signals(name, kind) for kind in ("input", "output")} for name in description.tables
     }
@@ -107,9 +107,9 @@ def _draw(
     sizes: Mapping[Port, str], places: Mapping[str, tuple[float, float, str]], icons: Mapping[str, bytes | None],
     held: Container[str] = (),
 ) -> str:  # fmt: skip
-    """Draw components with connectors by their kind, and what is connected, element by element or as arrays.
+    """Draw components with connectors by their kind, and links of elements or arrays.
 
-    If all have a place, they stand in its order from left to right.
+    If all components have a place, it gives their order from left to right.
     """
     if not kinds:
         return ""
@@ -127,14 +127,13 @@ def _draw(
     for name in sorted(kinds, key=places.__getitem__) if ordered else kinds:
         own = kinds[name]
         used = {
-            "input": dict.fromkeys(port for found in ends.values() for component, port in found if component == name),
+            "input": dict.fromkeys(port for sinks in ends.values() for component, port in sinks if component == name),
             "output": dict.fromkeys(port for component, port in ends if component == name),
         }
-        known = {kind: vectors(own.get(kind, ())) for kind in used}
-        connected = {
-            kind: [n for n in {**known[kind], **names} if n in names] for kind, names in used.items()
-        }  # in the order in which they are declared, and without a declaration where they are connected
-        free = {kind: [n for n in names if n not in used[kind]] for kind, names in known.items()}
+        declared = {kind: vectors(own.get(kind, ())) for kind in used}
+        # in the order of declaration, then connected names without a declaration
+        connected = {kind: [n for n in {**declared[kind], **names} if n in names] for kind, names in used.items()}
+        free = {kind: [n for n in names if n not in used[kind]] for kind, names in declared.items()}
         same = "" if words[name].lower() == name.lower() else words[name]
         *_, icon = places.get(name, ("",))
         cards[name] = Card(name, same, connected["input"], connected["output"], free, icons.get(icon))
@@ -158,8 +157,9 @@ def _draw(
 
 
 def _shape(names: Iterable[str]) -> str:
-    """Return the size of a vector of which these elements are connected; empty for a scalar."""
-    indices = [[int(i) for i in found.group(1).split(",")] for n in names if (found := re.search(r"\[([\d,]+)\]$", n))]
+    """Return the size of a vector from its connected elements; empty for a scalar."""
+    matches = (re.search(r"\[([\d,]+)\]$", name) for name in names)
+    indices = [[int(i) for i in match[1].split(",")] for match in matches if match]
     return " × ".join(str(max(index)) for index in zip(*indices, strict=False)) if indices else ""
 
 
@@ -194,14 +194,12 @@ def _card(card: Card) -> str:
     left = x + 10
     if card.icon is not None:
         data = base64.b64encode(card.icon).decode()
-        parts.append(
-            f'<image x="{left:g}" y="{y + 8:g}" width="34" height="34" href="data:image/svg+xml;base64,{data}"/>'
-        )
+        href = f"data:image/svg+xml;base64,{data}"
+        parts.append(f'<image x="{left:g}" y="{y + 8:g}" width="34" height="34" href="{href}"/>')
         left += 42
     middle = y + (HEAD - 10) / 2 + 8
-    parts.append(
-        f'<text class="name" x="{left:g}" y="{middle - (4 if card.words else 0):g}">{escape(card.name)}</text>'
-    )
+    line = middle - (4 if card.words else 0)
+    parts.append(f'<text class="name" x="{left:g}" y="{line:g}">{escape(card.name)}</text>')
     if card.words:
         parts.append(f'<text class="soft" x="{left:g}" y="{middle + 13:g}">{escape(card.words)}</text>')
     for kind, at, style in (("input", x + 10, ""), ("output", x + card.width - 10, "end")):
@@ -209,15 +207,13 @@ def _card(card: Card) -> str:
             parts.append(_label((at, y + card.port(kind, name) + 4), name, style))
     if words := free_words(card):
         names = "; ".join(f"{kind}s {', '.join(own)}" for kind, own in card.free.items() if own)
-        end = y + card.height - 6
-        parts.append(
-            f'<text class="free" x="{x + 10:g}" y="{end:g}"><title>Not connected: {escape(names)}</title>{words}</text>'
-        )
+        title = f"<title>Not connected: {escape(names)}</title>"
+        parts.append(f'<text class="free" x="{x + 10:g}" y="{y + card.height - 6:g}">{title}{words}</text>')
     return "\n".join(parts)
 
 
 def _label(place: Point, name: str, style: str) -> str:
-    """Text of a variable as the paper writes it: ``kappa_dot_d`` as κ̇ with the index d; other names as they are."""
+    """Return the label of a variable as in the paper: ``kappa_dot_d`` as κ̇ with the index d; other names unchanged."""
     first, *rest = name.split("_")
     text = f'<text class="{style}" x="{place[0]:g}" y="{place[1]:g}"><title>{escape(name)}</title>'
     if not (len(first) == 1 or first in _GREEK):

@@ -1,25 +1,26 @@
-"""The files of a system package: its structure (SSD) with a diagram, parameter sets (SSV) and mappings (SSM)."""
+"""Files of a system package: structure (SSD) with a diagram, parameter sets (SSV), mappings (SSM) and a page."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from typing import Any
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.base.measure import measure
+from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.description import number
 from vdfmu.engine.package.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
 from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
+from vdfmu.system.package.drawing import draw_system
 
 META = {
     "generationTool": f"vdfmu {__version__}",
     "generationDateAndTime": "2026-01-01T00:00:00Z",  # a constant: the same system gives the same bytes
 }
-
-
 _SPACES = NAMESPACES | FOREIGN
 
 
@@ -29,19 +30,18 @@ def _tag(name: str) -> str:
 
 
 def root(name: str, attributes: Mapping[str, str], prefixes: Iterable[str]) -> Any:
-    """Root element ``prefix:name`` that declares the namespaces of the prefixes."""
+    """Return a root element ``prefix:name`` with the namespaces of the prefixes."""
     return etree.Element(_tag(name), dict(attributes), nsmap={p: _SPACES[p] for p in prefixes})
 
 
 def add(parent: Any, name: str, /, **attributes: Any) -> Any:
-    """Append an element ``prefix:name``; attributes that are None are left out."""
-    return etree.SubElement(
-        parent, _tag(name), {key: _text(value) for key, value in attributes.items() if value is not None}
-    )
+    """Append an element ``prefix:name`` with the attributes except None."""
+    texts = {key: _text(value) for key, value in attributes.items() if value is not None}
+    return etree.SubElement(parent, _tag(name), texts)
 
 
 def add_units(parent: Any, name: str, units: Iterable[str]) -> None:
-    """Append ``prefix:Units`` with the definitions, unless there are none."""
+    """Append ``prefix:Units`` with the definitions, if any."""
     wanted = sorted(units)
     if wanted:
         element = add(parent, name)
@@ -50,14 +50,14 @@ def add_units(parent: Any, name: str, units: Iterable[str]) -> None:
 
 
 def value_text(kind: str, value: Any) -> str:
-    """Text of a parameter's value, of a type of SSP."""
+    """Return a parameter's value of a type of SSP as text."""
     if kind == "Boolean":
         return str(bool(value)).lower()
     return str(int(value)) if kind in ("Integer", "Int32") else number(value)
 
 
 def to_bytes(element: Any) -> bytes:
-    """Whole file."""
+    """Return the content of a file."""
     return etree.tostring(element, xml_declaration=True, encoding="UTF-8", pretty_print=True)
 
 
@@ -67,11 +67,11 @@ def _text(value: Any) -> str:
 
 _SIDES = {"input": 0.0, "output": 1.0}
 _MARGIN = 12.0
-"""Distance of the edge of the canvas from the boxes [mm]; twice of it above, for the note."""
+"""Margin around the boxes [mm], doubled above for the note."""
 
 
 def structure_file(description: SystemDescription) -> Any:
-    """Root element of the SSD."""
+    """Return the root element of the SSD."""
     scenario = description.scenario
     attributes = {
         "version": description.version,
@@ -88,15 +88,11 @@ def structure_file(description: SystemDescription) -> Any:
     for link in description.links:
         (start_unit, start), (end_unit, end) = link.start, link.end
         add(
-            connections,
-            "ssd:Connection",
-            startElement=start_unit,
-            startConnector=start.name,
+            connections, "ssd:Connection",
+            startElement=start_unit, startConnector=start.name,
             startIndices=" ".join(map(str, link.start_index)) or None,
-            endElement=end_unit,
-            endConnector=end.name,
-            endIndices=" ".join(map(str, link.end_index)) or None,
-        )
+            endElement=end_unit, endConnector=end.name, endIndices=" ".join(map(str, link.end_index)) or None,
+        )  # fmt: skip
     left, low, right, high = zip(*description.corners.values(), strict=True)
     x1, y1, x2, y2 = min(left) - _MARGIN, min(low) - _MARGIN, max(right) + _MARGIN, max(high) + 2 * _MARGIN
     add(system, "ssd:SystemGeometry", x1=x1, y1=y1, x2=x2, y2=y2)
@@ -114,38 +110,28 @@ def _add_component(elements: Any, description: SystemDescription, component: str
     x1, y1, x2, y2 = description.corners[component]
     table = description.tables[component]
     element = add(
-        elements,
-        "ssd:Component",
-        name=component,
-        description=table.description,
-        type="application/x-fmu-sharedlibrary",
-        source=f"resources/{description.fmu_name(component)}",
+        elements, "ssd:Component", name=component, description=table.description,
+        type="application/x-fmu-sharedlibrary", source=f"resources/{description.fmu_name(component)}",
         implementation=table.implementation,
-    )
+    )  # fmt: skip
     connectors = add(element, "ssd:Connectors")
     for kind, x in _SIDES.items():
         signals = description.signals(component, kind)
         for signal, y in zip(signals, positions(signals), strict=True):
             _add_connector(connectors, signal, x, y)
     add(
-        element,
-        "ssd:ElementGeometry",
-        x1=x1, y1=y1, x2=x2, y2=y2,
-        iconSource=icon_source(component),
+        element, "ssd:ElementGeometry", x1=x1, y1=y1, x2=x2, y2=y2, iconSource=icon_source(component),
         iconFixedAspectRatio="true",
     )  # fmt: skip
-    bound_sets = description.bindings[component]
-    if not bound_sets:
-        return
-    bindings = add(element, "ssd:ParameterBindings")
-    for bound in bound_sets:
+    bindings = add(element, "ssd:ParameterBindings") if description.bindings[component] else None
+    for bound in description.bindings[component]:
         binding = add(bindings, "ssd:ParameterBinding", source=f"resources/{bound.file}")
         if bound.mapping:
             add(binding, "ssd:ParameterMapping", source=f"resources/{mapping_name(component, bound.file)}")
 
 
 def mapping_name(component: str, file: str) -> str:
-    """Name of the file that maps a parameter set to a component."""
+    """Return the name of the file that maps a parameter set to a component."""
     return f"{component}.{file.removesuffix('.ssv')}.ssm"
 
 
@@ -158,26 +144,22 @@ def _add_connector(connectors: Any, signal: PackageSignal, x: float, y: float) -
 
 
 def _add_experiment(top: Any, description: SystemDescription) -> None:
-    """Append the default experiment; how it is run is ours to say, and in the words of libcosim."""
+    """Append the default experiment, with annotations of vdfmu and libcosim."""
     scenario = description.scenario
     experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(scenario.stop))
     annotations = add(experiment, "ssd:Annotations")
     ours = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
     add(
-        ours,
-        "vdfmu:Experiment",
-        communicationStepSize=float(scenario.step),
-        algorithm=scenario.master,
-        solverTolerance=description.tolerance,
-        adaptive=scenario.adaptive,
-    )
+        ours, "vdfmu:Experiment", communicationStepSize=float(scenario.step), algorithm=scenario.master,
+        solverTolerance=description.tolerance, adaptive=scenario.adaptive,
+    )  # fmt: skip
     osp = add(annotations, "ssc:Annotation", type=OSP_TYPE)
     algorithm = add(osp, "osp:Algorithm")
     add(algorithm, "osp:FixedStepAlgorithm", baseStepSize=float(scenario.step))
 
 
 def parameter_file(parameters: ParameterSet, version: str) -> Any:
-    """Root element of an SSV: values in the units of their variables."""
+    """Return the root element of an SSV, with values in the units of their variables."""
     attributes = {"version": version, "name": parameters.name, **META}
     top = root("ssv:ParameterSet", attributes, ("ssv", "ssc"))
     listed = add(top, "ssv:Parameters")
@@ -192,8 +174,132 @@ def parameter_file(parameters: ParameterSet, version: str) -> Any:
 
 
 def mapping_file(pairs: Sequence[tuple[str, str]], version: str) -> Any:
-    """Root element of an SSM: name in the set to name in the component."""
+    """Return the root element of an SSM: name in the set to name in the component."""
     top = root("ssm:ParameterMapping", {"version": version, **META}, ("ssm", "ssc"))
     for source, target in pairs:
         add(top, "ssm:MappingEntry", source=source, target=target)
     return top
+
+
+def system_page(description: SystemDescription, icons: Mapping[str, bytes], fmi_versions: Sequence[str]) -> bytes:
+    """Return ``documentation/index.html``, without other files and network; icons by their sources."""
+    scenario = description.scenario
+    about = [f"Scenario {scenario.name}: {scenario.description.rstrip('.')}."]
+    if scenario.robot is not None:
+        about.append(f"Robot {scenario.robot.name}:\n{scenario.robot.description.rstrip('.')}.")
+    body = f"""<p>{escape(" ".join(about))} SSP {description.version}, FMI {" and ".join(fmi_versions)}.</p>
+<h2>Diagram</h2>
+<div class="wide">
+{draw_system(description, icons)}
+</div>
+<p>A wire is an array, with its size, or a scalar. Free are outputs to record, and inputs, which have the values of the
+parameter sets.</p>
+<h2>Components</h2>
+{_components(description)}
+<h2>Run</h2>
+{_run(description)}
+<h2>Connections</h2>
+{_connections(description)}
+<h2>Parameters</h2>
+{_parameters(description)}
+<h2>Connectors</h2>
+{_connectors(description)}
+<h2>Origin</h2>
+<p>Made by vdfmu {__version__} from the same description as the other files of this package.</p>"""
+    return page(description.full_name, description.description, body, 76)
+
+
+def _components(description: SystemDescription) -> str:
+    rows = [
+        (
+            component,
+            f"resources/{description.fmu_name(component)}",
+            escape(table.description),
+            "<br>".join(_binding(b.file, b.mapping) for b in description.bindings[component]),
+        )
+        for component, table in description.tables.items()
+    ]
+    return table(("component", "FMU", "", "parameter sets"), rows, ("name", "name", "", ""))
+
+
+def _binding(file: str, mapping: Sequence[tuple[str, str]]) -> str:
+    pairs = {(a.split("[")[0], b.split("[")[0]) for a, b in mapping}
+    renamed = "".join(f", {escape(a)} as {escape(b)}" for a, b in sorted(pairs))
+    return f"<code>{file}</code>{renamed}"
+
+
+def _run(description: SystemDescription) -> str:
+    scenario = description.scenario
+    step, stop = f"{scenario.step:g}", f"{scenario.stop:g}"
+    text = f"""<p>From 0 to {stop} s with a communication step of {step} s. The numbers of the scenario are for the
+<code>{scenario.master}</code> algorithm; solver tolerance {description.tolerance:g}. The annotations
+of the default experiment say the same.</p>
+<p>Values apply in the order of the bindings of a component. An importer that applies one set of a component applies
+<code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by
+<code>vdfmu ssp</code>.</p>"""
+    if not description.arrays:
+        outputs = [f"{name}.{s.name}" for name in description.tables for s in description.signals(name, "output")]
+        shown = next((name for name in ("plant.q[1]", *outputs) if name in outputs), "time")
+        text += f"""
+<pre>vdfmu simulate system.ssp</pre>
+<p>or in Python</p>
+<pre>import vdfmu
+results = vdfmu.simulate("system.ssp")
+print(results["{escape(shown)}"][-1])</pre>"""
+    return text
+
+
+def _connections(description: SystemDescription) -> str:
+    counts: dict[tuple[str, str], list[Any]] = {}
+    for link in description.links:
+        key = (f"{link.start[0]}.{link.start[1].group}", f"{link.end[0]}.{link.end[1].group}")
+        counts.setdefault(key, []).append(link)
+    rows: list[tuple[str, ...]] = []
+    for (a, b), links in counts.items():
+        count = sum(1 if x.start_index or not x.start[1].shape else len(x.start[1].variables) for x in links)
+        rows.append((a, b, str(count), escape(", ".join(sorted({x.start[1].unit or "" for x in links})))))
+    return table(("from", "to", "signals", "unit"), rows, ("name", "name", "", ""))
+
+
+def _parameters(description: SystemDescription) -> str:
+    takers: dict[str, list[str]] = {}
+    for component, bindings in description.bindings.items():
+        for binding in bindings:
+            takers.setdefault(binding.file, []).append(component)
+    parts: list[str] = []
+    for file, parameters in description.parameter_sets.items():
+        rows = [
+            (
+                escape(signal.name),
+                " ".join(value_text(signal.type, value) for value in values),
+                escape(signal.unit or ""),
+                escape(signal.description) + _choice(signal, values),
+            )
+            for signal, values in parameters.entries
+        ]
+        listed = table(("parameter", "value", "unit", ""), rows, ("name", "value", "", ""))
+        head = f"{file}: set {parameters.name}, for {', '.join(takers[file])}"
+        parts.append(f"<details><summary>{head}</summary>\n{listed}\n</details>")
+    return "\n".join(parts)
+
+
+def _choice(signal: PackageSignal, values: Sequence[Any]) -> str:
+    choices = signal.variables[0].choices
+    return f" ({escape(choices[int(values[0])])})" if choices else ""
+
+
+def _connectors(description: SystemDescription) -> str:
+    parts: list[str] = []
+    for component in description.tables:
+        rows = [
+            (escape(s.name), kind, _type(s), escape(s.unit or ""), escape(s.description))
+            for kind in ("input", "output")
+            for s in description.signals(component, kind)
+        ]
+        listed = table(("connector", "kind", "type", "unit", ""), rows, ("name", "", "", "", ""))
+        parts.append(f"<details><summary>{component}</summary>\n{listed}\n</details>")
+    return "\n".join(parts)
+
+
+def _type(signal: PackageSignal) -> str:
+    return signal.type + (f" [{', '.join(map(str, signal.shape))}]" if signal.shape else "")

@@ -1,22 +1,37 @@
-"""Writing of the system as a package (SSP 1.0 or 2.0): wiring from ``ssp/``, values from the scenario."""
+"""Build the FMUs of a scenario, and write its system as a package: SSP 1.0 or 2.0."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from vdfmu.arm.fmus import build_fmus
+from vdfmu.arm.robot import Robot
+from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import data_path, pack_zip, read_member, regular_target, require_ours, storing
-from vdfmu.base.standards import FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
+from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
 from vdfmu.compiler.c.platforms import native_available
+from vdfmu.compiler.fmu.build import choose_backend, form_of
+from vdfmu.compiler.fmu.content import Content
+from vdfmu.compiler.targets import FMI, TARGETS
+from vdfmu.compiler.unit.base import unit_name
+from vdfmu.compiler.unit.unit import Unit
 from vdfmu.engine.package.parse import validate
 from vdfmu.system.package.description import SystemDescription, icon_source
-from vdfmu.system.package.documentation import system_page
-from vdfmu.system.package.structure_file import mapping_file, mapping_name, parameter_file, structure_file, to_bytes
-from vdfmu.system.scenario import Scenario
+from vdfmu.system.package.structure_file import (
+    mapping_file,
+    mapping_name,
+    parameter_file,
+    structure_file,
+    system_page,
+    to_bytes,
+)
+from vdfmu.system.scenario.scenario import Scenario
 
 _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')
 
@@ -29,13 +44,7 @@ def ssp_format(version: str) -> SspFormat:
 
 
 def fmi_of_format(form: str, backend: str | None) -> str:
-    """Return the version of FMI that a version of SSP needs.
-
-    Raises
-    ------
-    UsageError
-        For an unknown version, or one that a backend or this installation has no units for.
-    """
+    """Return the version of FMI of a version of SSP; UsageError if unknown, or without units in this installation."""
     version = ssp_format(form).fmi.name
     if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
@@ -50,26 +59,21 @@ def fmi_of_format(form: str, backend: str | None) -> str:
     return version
 
 
-def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[str], what: str) -> list[str]:
-    """Check the versions of FMI of the units that go into a package, and return those that there are.
+def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[str], form: str) -> list[str]:
+    """Check the versions of FMI of the units of a package, and return them.
 
-    Raises
-    ------
-    StorageError
-        If an FMU is missing or cannot be read.
-    UsageError
-        If one is of another version: names of arrays and of their elements differ between the two.
+    StorageError for an unreadable FMU, UsageError for another version, because it names arrays differently.
     """
     there: set[str] = set()
     for component, fmu in fmus.items():
         content = read_member(Path(fmu), "modelDescription.xml")
         if content is None:
             raise StorageError(f"{component}: {fmu} is missing or no FMU. Build it with vdfmu.build_fmus.")
-        found = _VERSION.search(content)
-        got = found[1].decode() if found else "none"
+        match = _VERSION.search(content)
+        got = match[1].decode() if match else "none"
         if got not in versions:
             raise UsageError(
-                f"{component}: {what} holds units of FMI {' or '.join(versions)}, got {Path(fmu).name} of FMI {got}. "
+                f"{component}: {form} holds units of FMI {' or '.join(versions)}, got {Path(fmu).name} of FMI {got}. "
                 f'Build it with fmi_version="{versions[0]}".'
             )
         there.add(got)
@@ -87,34 +91,29 @@ def write_ssp(
 ) -> Path:
     """Write the system of a scenario as a package with its FMUs.
 
-    It holds the structure with its diagram, parameter sets for robot and scenario, parameter mappings where names
-    differ, and ``documentation/index.html``. The same arguments give the same bytes.
+    It holds the structure with its diagram, parameter sets for robot and scenario, parameter mappings if names differ,
+    and ``documentation/index.html``. The same arguments give the same bytes.
 
     Parameters
     ----------
     scenario : Scenario
     fmus : mapping of component to path
         FMUs from :func:`vdfmu.build_fmus`, for the scenario's robot: FMI 2.0 for SSP 1.0, FMI 3.0 for SSP 2.0.
-        Those that the scenario's system does not have are left out.
+        Components that the system lacks are ignored.
     path : path
         File to write, ``name.ssp``.
     values : mapping of component to mapping of variable to value, optional
-        Parameter values, see :func:`vdfmu.system.scenario.values.system_values`; default those of robot and scenario.
+        Parameter values, by default :func:`vdfmu.system.scenario.values.system_values`.
     version : "1.0" or "2.0", optional
-        Version of SSP. With 2.0 connectors and parameters are arrays where the units of FMI 3.0 have arrays.
+        Version of SSP. With 2.0 connectors and parameters are arrays if the units of FMI 3.0 have arrays.
     mixed : bool, optional
-        Whether FMUs of FMI 2.0 and 3.0 may go together, for this project's master: with SSP 1.0, the connectors of
-        arrays of FMI 3.0 are their elements, which other tools do not read so.
-
-    Returns
-    -------
-    Path
-        `path`.
+        Whether to mix FMUs of FMI 2.0 and 3.0, for this project's master only: SSP 1.0 then has the elements of arrays
+        of FMI 3.0 as connectors.
 
     Raises
     ------
     UsageError
-        For an unknown version, FMUs that the version cannot hold, or components without one.
+        For an unknown version, FMUs that the version cannot hold, or components without FMU.
     StorageError
         If an FMU cannot be read, or the file cannot be written or is not a regular file.
     """
@@ -129,7 +128,7 @@ def write_ssp(
     if lacking := [component for component in description.tables if component not in fmus]:
         raise UsageError(
             f"fmus: expected one of each component of {scenario.name}, got none of {', '.join(lacking)}. Build them "
-            "with vdfmu.build_fmus, or write the package with vdfmu ssp, which builds all."
+            "with vdfmu.build_fmus, or run vdfmu ssp, since it builds all of them."
         )
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
@@ -159,7 +158,87 @@ def _icon(unit: str) -> bytes:
 
 
 def _checked(root: Any, kind: str, name: str, version: str) -> bytes:
-    """Bytes of a file, which is validated first where the schemas are always at hand."""
+    """Return the content of a file, validated if the schemas are always installed."""
     if SSP_FORMATS[version].always_validated:
         validate(root, kind, name, version)
     return to_bytes(root)
+
+
+def build_parts(
+    scenario: Scenario, folder: str | os.PathLike[str], values: Mapping[str, Mapping[str, Any]] | None = None, *,
+    target: str = FMI, **options: Any,
+) -> dict[str, Path]:  # fmt: skip
+    """Build the FMUs of the scenario's system, or take its foreign FMUs; return component to FMU.
+
+    `values` are start values by component; `target` and `options`: see :func:`vdfmu.build_fmus`. Components with the
+    same unit have different FMUs if their start values differ. Components without an FMU for the target are left out.
+    """
+    against, robots = _reasons(scenario, target), scenario.resolved.robots
+    units = {name: unit for name, unit in scenario.resolved.units.items() if not against[name]}
+    # links and joints of a kind share an FMU: the package has their numbers
+    starts = {name: each for name, each in (values or {}).items() if name in units and not units[name].exchange}
+    placed = _placed(units, robots, starts, Path(folder))
+    foreign = scenario.system.parts.items() if target == FMI else ()
+    fmus: dict[str, Path] = {name: part.fmu for name, part in foreign if part.fmu is not None}
+    for place, robot in dict.fromkeys((placed[name], robots[name]) for name in units):
+        here = {name: unit for name, unit in units.items() if (placed[name], robots[name]) == (place, robot)}
+        start_values = {unit_name(unit): dict(starts.get(name, {})) for name, unit in here.items()}
+        built = build_fmus(
+            robot, place, units=list(dict.fromkeys(here.values())), start_values=start_values, target=target,
+            step=scenario.step, **options,
+        )  # fmt: skip
+        fmus |= {name: built[unit_name(unit)] for name, unit in here.items()}
+    return {name: fmus[name] for name in scenario.system.parts if name in fmus}
+
+
+def _reasons(scenario: Scenario, target: str) -> dict[str, str]:
+    """Return component to the reason against building it for a target, empty if none or the target is unknown."""
+    row = TARGETS.get(target)
+    return {name: row.load().reason_against(unit) if row else "" for name, unit in scenario.resolved.units.items()}
+
+
+def left_out(scenario: Scenario, target: str) -> list[str]:
+    """Return a sentence for each component that is not built for a target."""
+    return [f"{name}: not for {target}: {reason}." for name, reason in _reasons(scenario, target).items() if reason]
+
+
+def _placed(
+    units: Mapping[str, type[Unit]], robots: Mapping[str, Robot | None],
+    values: Mapping[str, Mapping[str, Any]], folder: Path,
+) -> dict[str, Path]:  # fmt: skip
+    """Return the folder of each component's FMU: a subfolder if another unit, robot, or start values have its name."""
+    placed: dict[str, Path] = {}
+    taken: dict[str, tuple[type[Unit], Robot | None, dict[str, Any]]] = {}
+    for name, unit in units.items():
+        mine = unit, robots[name] if unit.needs_robot() else None, dict(values.get(name, {}))
+        names = (unit.__name__, unit_name(unit))
+        placed[name] = folder if all(taken.get(key, mine) == mine for key in names) else folder / name
+        if placed[name] == folder:
+            taken |= dict.fromkeys(names, mine)
+    return placed
+
+
+def cached_fmus(
+    scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None, fmi_version: str = FMI_2.name
+) -> dict[str, Path]:
+    """Return the FMUs of a scenario's system in `folder`, from the cache by their content, or built."""
+    backend = choose_backend(backend)
+    cached: dict[str, bytes | None] = {}
+    places: dict[str, Path] = {}
+    units, robots = scenario.resolved.units, scenario.resolved.robots
+    placed = _placed(units, robots, {}, Path(folder))
+    for name, unit in units.items():
+        form = form_of(unit, backend, fmi_version)
+        content = Content(unit, robots[name] if unit.needs_robot() else None, {}, *form)
+        places[name] = cache_folder() / "fmus" / content.guid.strip("{}")
+        cached[name] = fmu = load(places[name])
+        if fmu is not None:
+            with suppress(OSError):  # the build reports it
+                placed[name].mkdir(parents=True, exist_ok=True)
+                (placed[name] / f"{unit.__name__}.fmu").write_bytes(fmu)
+    fmus = build_parts(scenario, folder, backend=backend, fmi_version=fmi_version)
+    for name, place in places.items():
+        fmu = fmus[name].read_bytes()
+        if fmu != cached[name]:
+            store(place, fmu)
+    return fmus

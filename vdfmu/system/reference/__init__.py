@@ -1,1 +1,1 @@
-"""References of a run by scipy, without FMI and without a master, and a witness without a trace."""
+"""References of a run by scipy, without FMI and master, and a witness without trace."""

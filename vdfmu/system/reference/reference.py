@@ -1,48 +1,61 @@
 """References for a co-simulation: a system of units solved by scipy, without FMI and without a master.
 
-Three references say what the answer is (times in communication points t_k, step h, inputs held over a step):
+The three references (communication points t_k, step h, inputs held over a step):
 
-- ``sampled``: an output that depends on a connected input is that of the step from t_k, computed from everything at
-  t_k; its readers have it in the same step. An ordered master must give this.
-- ``sampled-delayed``: every unit sees the others' outputs one sample late. Other sampled masters must give this.
-- ``continuous``: no sampling but that of the units' own sampled states. Both tend to this as the step shrinks.
+- ``sampled``: an output with feedthrough is calculated for the step from t_k from all values at t_k, and read in the
+  same step. An ordered master must give this.
+- ``sampled-delayed``: every unit reads other outputs one sample late. Other sampled masters must give this.
+- ``continuous``: only the units' sampled states are sampled. Both tend to this as the step shrinks.
 
-They are assembled from the wiring and the units' own functions: outputs and right-hand sides are the traced ones,
-compiled where the compiler is installed, which the tests hold against plain numpy, or plain numpy where a unit cannot
-be traced. The solvers are scipy's, not ours. A solution is kept in the cache by all that decides it.
+They use the wiring and the traced functions of the units, compiled if a compiler is installed. The tests compare these
+with plain numpy; it also runs units that cannot be traced. The solvers are scipy's. The cache keeps a solution by all
+that decides it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from ctypes import PyDLL, c_double, c_void_p
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from itertools import islice
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import numpy.typing as npt
 import scipy
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import LOG, FmuError, KernelError, UsageError
+from vdfmu.compiler.c.expressions import c_prototype
+from vdfmu.compiler.c.files import kernel_source
+from vdfmu.compiler.c.loaded import SHOWN, loaded
+from vdfmu.compiler.c.platforms import native_available
+from vdfmu.compiler.c.text import setting_lines
 from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.compiler.unit.evaluate import Traced
+from vdfmu.compiler.unit.program import Call
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.compiled import runs, sources
-from vdfmu.system.reference.solution import ContinuousReference, SampledReference
-from vdfmu.system.reference.wired import WiredUnits
+from vdfmu.system.reference.solution import SHORT, ContinuousReference, SampledReference
+from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits
 
 BLOCK = 1024
-"""Rows of a stretch: what is held in memory of a long run."""
+"""Rows of a block: the part of a long run in memory."""
+RESOLUTION: float = SHORT["atol"]
+"""Smallest error of a position [rad or m] that a reference shows."""
 _KEPT = 2**24
-"""Most bytes of a solution that is kept."""
+"""Largest solution in the cache [byte]."""
 
 
 @dataclass(frozen=True)
 class Reference:
     """Solution on the communication points: `t` (m,), and the outputs, ``unit.group``, (m, size) each.
 
-    Row k holds the outputs of the step that ends at t_k, as the rows of a co-simulation do; row 0 those at the start.
+    As in a co-simulation, row k has the outputs of the step that ends at t_k, row 0 the outputs at the start.
     """
 
     name: str
@@ -50,34 +63,18 @@ class Reference:
     signals: dict[str, Floats]
 
     def __getitem__(self, name: str) -> Floats:
-        """Values (m, size) of ``unit.group``."""
+        """Return the values (m, size) of ``unit.group``."""
         return self.signals[name]
 
 
 def reference_blocks(
-    name: str,
-    description: SystemDescription,
-    *,
-    step: float,
-    stop: float,
-    substeps: int = 1,
-    groups: Sequence[str] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> Iterator[Reference]:
-    """Compute one of the three references in stretches of `BLOCK` communication points, the last of what is left.
+    name: str, description: SystemDescription, *, step: float, stop: float, substeps: int = 1,
+    groups: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None,
+) -> Iterator[Reference]:  # fmt: skip
+    """Compute a reference in blocks of `BLOCK` communication points; the last may be shorter.
 
-    Parameters
-    ----------
-    name : "sampled", "sampled-delayed" or "continuous"
-    description : SystemDescription
-        Units, connections and values.
-    step, stop : float [s]
-    substeps : int
-        Equal steps in each step, over each of which a sampled reference holds outputs.
-    groups : sequence of str, optional
-        Outputs, ``unit.group``; default all.
-    progress : callable, optional
-        Called with the number of finished steps and their total.
+    A sampled reference holds outputs over `substeps` equal parts of a `step` [s]. `groups` are the outputs,
+    ``unit.group``, by default all. `progress` is called with the number of finished steps and their total.
 
     Raises
     ------
@@ -93,14 +90,13 @@ def reference_blocks(
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
     times: Floats = step / substeps * np.arange(m * substeps + 1, dtype=np.float64)
     places, where = system.shown(groups)
-    solution = (
-        ContinuousReference(system) if name == "continuous" else SampledReference(system, name == "sampled-delayed")
-    )
+    delayed = name == "sampled-delayed"
+    solution = ContinuousReference(system) if name == "continuous" else SampledReference(system, delayed)
     files = sources(system, solution.lists)
     system.start()
-    small = files is not None and t.size * places.size * t.itemsize <= _KEPT
-    key = _key(f"{name} {substeps}", system, files, times, places) if files and small else ""
-    path = cache_folder() / "references" / key if key else None
+    path = None
+    if files and t.size * places.size * t.itemsize <= _KEPT:
+        path = cache_folder() / "references" / _key(f"{name} {substeps}", system, files, times, places)
     kept = load(path) if path is not None else None
     if kept is None:
         solved = solution.solve(times, runs(system, solution.lists, files))
@@ -121,14 +117,14 @@ def reference_blocks(
 
 
 def reference(name: str, description: SystemDescription, *, step: float, stop: float) -> Reference:
-    """Compute one of the three references as a whole; see :func:`reference_blocks`."""
+    """Compute a whole reference; see :func:`reference_blocks`."""
     blocks = list(reference_blocks(name, description, step=step, stop=stop))
     signals = {key: np.concatenate([block.signals[key] for block in blocks]) for key in blocks[0].signals}
     return Reference(name, np.concatenate([block.t for block in blocks]), signals)
 
 
 def _key(name: str, system: WiredUnits, files: Mapping[str, bytes], t: Floats, places: npt.NDArray[np.intp]) -> str:
-    """Return the digest of what decides a solution: what is calculated, from which values and signals, and by whom."""
+    """Return the digest of all that decides a solution: code, values, signals and versions."""
     digest = sha256(repr((name, scipy.__version__, source_digest("system.reference"))).encode())
     arrays = [system.memory, t, places]
     for place, course in system.outside:
@@ -137,3 +133,107 @@ def _key(name: str, system: WiredUnits, files: Mapping[str, bytes], t: Floats, p
         digest.update(f"\n{len(content)}\n".encode())
         digest.update(content)
     return digest.hexdigest()
+
+
+def runs(
+    system: WiredUnits, lists: Mapping[str, Sequence[Action]], files: Mapping[str, bytes] | None
+) -> dict[str, Run]:
+    """Return a function for each list of actions, compiled from its :func:`sources`.
+
+    Without them, or without a compiler, the actions run in Python, with the same results up to rounding.
+    """
+    if files is not None and native_available():
+        with suppress(FmuError):  # such as a full disk
+            # calls take less time than to let another thread run
+            library = loaded(files, "system", PyDLL)
+            return {name: _run(library[name], system.memory.ctypes.data) for name in lists}
+    return {name: system.python(actions) for name, actions in lists.items()}
+
+
+def _run(function: Any, memory: int) -> Run:
+    """Return a compiled function of a time [s], with the memory at an address."""
+    function.argtypes, function.restype = (c_void_p, c_double), None
+    return partial(function, c_void_p(memory))
+
+
+def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
+    """Return file name to C text of lists of actions; None if a unit lacks C."""
+    code = Code(system)
+    try:
+        functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
+        files = {
+            f"kernel_{name}.c": kernel_source(made, code.joints[name]).encode() for name, made in code.called.items()
+        }
+    except KernelError as error:  # an operation without C text, or a unit in plain Python
+        LOG.info("the references run in Python: %s", error)
+        return None
+    prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
+    text = "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions])
+    return {**files, "system.c": text.encode()}
+
+
+class Code:
+    """C text of actions. `called` are its traced functions, `joints` the numbers of joints of their robots."""
+
+    head = "double *m, double t"
+    unused = "(void)t;"
+
+    def __init__(self, system: WiredUnits) -> None:
+        self.system = system
+        self.called: dict[str, ca.Function] = {}
+        self.joints: dict[str, int] = {}
+        self._taken: dict[str, ca.Function] = {}
+
+    def function(self, name: str, actions: Sequence[Action]) -> str:
+        """Return ``void name(double *m, double t)``, with m the memory and t the time."""
+        lines = [line for action in actions for line in self._lines(action)]
+        body = "".join(f"    {line}\n" for line in [self.unused, *lines])
+        return f"void {name}({self.head})\n{{\n{body}}}\n"
+
+    def _lines(self, action: Action) -> Iterator[str]:
+        if isinstance(action, Carry):
+            for start, end in zip(action.starts.tolist(), action.ends.tolist(), strict=True):
+                yield f"m[{end}] = m[{start}];"
+        elif isinstance(action, TimeSetter):
+            for place in action.places.tolist():
+                yield f"m[{place}] = t;"
+        elif isinstance(action, AtNewTime):
+            yield f"if (m[{action.place}] != t) {{"
+            yield from (line for each in action.actions for line in self._lines(each))
+            yield f"m[{action.place}] = t;"
+            yield "}"
+        else:
+            unit = self.system.units[action.unit]
+            if not isinstance(unit, Traced):
+                raise KernelError(f"{action.unit} has no traced functions.")
+            for call in getattr(unit.interface.program, action.method):
+                if unit.takes(call):  # choices are fixed: other calls are not compiled
+                    yield from self.call(action.unit, unit, call)
+
+    def call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
+        """Yield the lines of a call."""
+        interface, begin = unit.interface, self.system.begin(name)
+        function = self.take(interface.functions.casadi_function(call.function))
+        self.joints[function.name()] = interface.joints
+        names = (*function.name_in(), *function.name_out())
+        places = {name: f"m + {begin + interface.arguments[call.group(name)].start}" for name in names}
+        given = [places[name] for name in function.name_in()]
+        made = [(key, places[key], function.numel_out(key), call.group(key) != key) for key in function.name_out()]
+        yield from ("{", *(f"    {line}" for line in setting_lines(function.name(), given, made)), "}")
+
+    def take(self, function: ca.Function) -> ca.Function:
+        """Register a called function and return it, renamed if a function of another robot has its name."""
+        name, number = function.name(), 1
+        while (first := self._taken.setdefault(name, function)) is not function:
+            if first.serialize() == function.serialize():
+                break
+            number += 1
+            name = f"{function.name()}_{number}"
+        if name not in self.called:
+            self.called[name] = first if name == first.name() else _named(first, name)
+        return self.called[name]
+
+
+def _named(function: ca.Function, name: str) -> ca.Function:
+    inputs = [ca.SX.sym(each, *function.size_in(each)) for each in function.name_in()]
+    return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())

@@ -1,9 +1,9 @@
-"""Solutions of a system of units by scipy, row by row: the solvers, and what happens between their steps.
+"""Solutions of a system of units by scipy, row by row: the solvers, and events between their steps.
 
 The solvers were chosen by measurement on the shipped scenarios, at errors of at most 1e-11 rad against themselves with
-tolerances of 1e-13. Between two communication points inputs jump, so that each way is short: the explicit method of
-order 8. Over seconds the elastic modes and the friction near standstill make the system stiff in places: LSODA, which
-changes between methods.
+tolerances of 1e-13. Inputs jump at communication points, so sampled intervals are short: the explicit method of order
+8. Over seconds the elastic modes and the friction near standstill make the system stiff in places: LSODA changes its
+method.
 """
 
 from __future__ import annotations
@@ -16,43 +16,38 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, odeint, scipy_part
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.scipy_parts import odeint, scipy_part
 from vdfmu.compiler.unit.solver import samples, switchings
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
-"""Tolerances on the way from one communication point to the next: 2e-13 rad in the tracking and the two-joint run."""
+"""Tolerances between communication points: 2e-13 rad in the tracking and the two-joint run."""
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
-"""Tolerances over the whole time, in which errors add up: 4e-13 rad in the tracking run, 4e-12 in the two-joint run."""
+"""Tolerances over the whole time, as errors add up: 4e-13 rad in the tracking run, 4e-12 in the two-joint run."""
 _CLOSE = 1e-9
-"""Part of a period within which two times are the same."""
+"""Part of a period below which two times are equal."""
 _STRETCH = 1000
 """Most rows of the continuous reference that scipy solves at a time."""
 _MOST_STEPS = 100_000
-"""Steps of scipy in a communication step or between two rows, far more than a solution takes that stays finite."""
+"""Most steps of scipy in a communication step or between rows, far more than a finite solution takes."""
 _LONGEST = 0.05
-"""Longest step of the continuous reference [s]: a motion that begins late must not be stepped over."""
+"""Longest step of the continuous reference [s], so that it does not step over a late motion."""
 _PARTS = 64
-"""Smallest part of a way, counted, that the first step on it is."""
+"""Most first steps in an interval."""
 
 
 class _RightHandSide:
-    """The right-hand side f(t, x) of a solver.
+    """Right-hand side f(t, x) of a solver: `run` reads the states `x` and sets `x_dot`, both (n_x,).
 
-    Parameters
-    ----------
-    run : calculates the derivatives
-    x, x_dot : (n_x,) where it reads the states and sets the derivatives
-    feed : sets the inputs of a time, where some change with it
+    `feed` sets the inputs that change with time.
     """
 
     def __init__(self, run: Run, x: Floats, x_dot: Floats, feed: Callable[[float], None] | None = None) -> None:
         self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
         self.error: BaseException | None = None
-        """Error that a call raised: not every solver of scipy passes it on, and some end as if nothing were."""
+        """Exception of a call: not every solver of scipy passes it on, and some end normally."""
 
     def __call__(self, t: float, x: Floats) -> Floats:
         try:
@@ -67,14 +62,14 @@ class _RightHandSide:
 
 
 class _Mover:
-    """A unit with states on its way from one communication point to the next, with its inputs held."""
+    """Moves the states of a unit between communication points, with held inputs."""
 
     def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
         self._unit, self._name, self._update = system.units[name], name, update
         if run is not None:
             self._rate = _RightHandSide(run, self._unit.x, self._unit.x_dot)
         self._steps = 1
-        """Steps of the last way: the next begins with a step of this part of it."""
+        """Steps of the last interval. The next begins with a step of this part of it."""
         self._solvers: dict[int, Any] = {}
 
     def move(self, begin: float, end: float) -> None:
@@ -91,24 +86,24 @@ class _Mover:
                         self._advance(first, last)
 
     def _solver(self, duration: float) -> Any:
-        """Return a solver that begins with a step of the part of the duration that the last way took."""
+        """Return a solver whose first step is the duration over the number of the last steps."""
         steps = min(max(self._steps, 1), _PARTS)
         if steps not in self._solvers:
             system = scipy_part("scipy.integrate._ode").ode(self._rate)
             system.set_integrator("dop853", **SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
-            system.set_solout(lambda t, x: None)  # without it the solver calls on after an error
+            system.set_solout(lambda t, x: None)  # otherwise the solver goes on after an error
             self._solvers[steps] = system._integrator
             self._solvers[steps].reset(self._unit.x.size, False)
         return self._solvers[steps]
 
     def _advance(self, t: float, to: float) -> None:
         x, solver = self._unit.x, self._solver(to - t)
-        # not by `integrate`, which takes longer than a short way; of what a signal raises in a call of the right-hand
-        # side this solver would make a number or a ValueError
+        # `integrate` takes longer than a short interval; this solver would turn an exception of a signal in the
+        # right-hand side into a number or a ValueError
         with InterruptGuard(), suppress(ValueError, UserWarning):
             try:
                 x[:] = solver.run(self._rate, None, x.copy(), t, to, (), ())[0]
-            except SystemError:  # it calls on after what the right-hand side raises
+            except SystemError:  # it goes on after an exception of the right-hand side
                 if self._rate.error is None:
                     raise
         self._steps = int(solver.iwork[18])
@@ -119,18 +114,12 @@ class _Mover:
 
 
 class SampledReference:
-    """The reference in which outputs are held over a communication step.
-
-    Parameters
-    ----------
-    system : WiredUnits
-    delayed : bool
-        Whether every unit sees the others' outputs one sample late.
+    """Reference whose outputs are held over a communication step; `delayed`: units read other outputs a sample late.
 
     Attributes
     ----------
     lists : dict of str to list of actions
-        Steps of the calculation: ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
+        Parts of the calculation: ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
     moving : list of str
         Units with states, in the order of a step.
     """
@@ -155,13 +144,9 @@ class SampledReference:
             part += [TimeSetter(system.clock(name)), Evaluate(name, "outputs")]
 
     def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
-        """Yield whenever the memory has the outputs of the next time, which begins with those of the start.
+        """Yield as soon as the memory has the outputs of each of the times `t` (m,) [s], from the start on.
 
-        Parameters
-        ----------
-        t : (m,) [s]
-        run : mapping of str to Run
-            Runs each of `lists`.
+        `run` has a function for each of `lists`.
         """
         moves = [
             _Mover(self._system, name, run.get(f"rate_{i}"), run.get(f"update_{i}")).move
@@ -179,24 +164,14 @@ class SampledReference:
 
 
 class ContinuousReference:
-    """The reference without sampling; sampled states change at their own samples.
-
-    Parameters
-    ----------
-    system : WiredUnits
-
-    Attributes
-    ----------
-    lists : dict of str to list of actions
-        Steps of the calculation.
-    """
+    """Reference without sampling, except for sampled states; `lists` are the parts of the calculation."""
 
     def __init__(self, system: WiredUnits) -> None:
         self._system = system
         moving = [Evaluate(name, "derivatives") for name, unit in system.units.items() if unit.x.size]
         try:
             order = system.order()
-        except UsageError:  # there is no sampled reference
+        except UsageError:  # no sampled reference exists
             order = list(system.units)
         sampled = [name for name in order if system.units[name].interface.is_sampled]
         self._updates = {name: f"update_{i}" for i, name in enumerate(sampled)}
@@ -208,7 +183,7 @@ class ContinuousReference:
         }
 
     def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
-        """Yield whenever the memory has the outputs of the next time, as :meth:`SampledReference.solve`."""
+        """Yield as soon as the memory has the outputs of each time, as :meth:`SampledReference.solve`."""
         system, x = self._system, self._system.memory[self._system.x]
         rate = None
         if x.size:
@@ -258,8 +233,8 @@ class ContinuousReference:
         run(t)
 
     def _parts(self, stop: float) -> Iterator[tuple[float, float, list[str]]]:
-        """Yield the times between samples, jumps and bends, begin and end, and the units with a sample at the begin."""
-        found: list[tuple[float, float, list[str]]] = [
+        """Yield the intervals between samples, jumps and bends: begin, end, and units with a sample at the begin."""
+        points: list[tuple[float, float, list[str]]] = [
             (begin, _CLOSE * float(self._system.units[name].group("period")[0]), [name])
             for name in self._updates
             for begin, _, sampled in samples(self._system.units[name], 0.0, 0.0, stop)
@@ -267,11 +242,11 @@ class ContinuousReference:
         ]
         for _, course in self._system.outside:
             close = course.tolerance
-            found += [(time, close, []) for time in course.breaks.tolist() if 0.0 < time < stop - close]
-        found.sort(key=lambda point: point[0])
+            points += [(time, close, []) for time in course.breaks.tolist() if 0.0 < time < stop - close]
+        points.sort(key=lambda point: point[0])
         begin, units = 0.0, []
-        for time, close, sampled in found:
-            if time - begin > close:  # else it is the sample of another unit as well
+        for time, close, sampled in points:
+            if time - begin > close:  # else it is also a sample of another unit
                 yield begin, time, units
                 begin, units = time, []
             units += sampled
@@ -279,7 +254,7 @@ class ContinuousReference:
 
 
 def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, points: Floats) -> Floats:
-    """Return scipy's solution at points between two times [s], and at the end, one a row; without a rate, x."""
+    """Return scipy's solution at points between two times [s] and at the end, row by row; without a rate, x."""
     if rate is None:
         return np.tile(x, (len(points) + 1, 1))
     times = np.concatenate([[begin], np.minimum(points, end), [end]])

@@ -1,6 +1,6 @@
-"""The units of a system in one memory, joined by links: what the references solve.
+"""The units of a system in a common memory, connected by links, for the references.
 
-What is calculated together is a list of actions, which run one by one, or as one compiled function.
+Calculations are lists of actions. They run in sequence, or as a compiled function.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ Dependencies = Callable[[Interface, int], list[int]]
 Run = Callable[[float], None]
 """Runs a list of actions at a time [s]."""
 _Node = tuple[str, int]
-"""A unit and the position of one of its variables."""
+"""A unit and the position of a variable."""
 
 
 class Carry(NamedTuple):
-    """Carry numbers over from places of the memory to others, all at once."""
+    """Copy numbers between places of the memory, all at once."""
 
     starts: Places
     ends: Places
 
 
 class TimeSetter(NamedTuple):
-    """Set the time at these places."""
+    """Set the time at places."""
 
     places: Places
 
@@ -47,7 +47,7 @@ class Evaluate(NamedTuple):
 
 
 class AtNewTime(NamedTuple):
-    """Actions that depend on nothing but the time, to be run at another time than the last, which is at a place."""
+    """Actions that depend on the time alone, run if the time differs from the last time, stored at a place."""
 
     place: int
     actions: list[Carry | Evaluate]
@@ -57,29 +57,22 @@ Action = Carry | TimeSetter | Evaluate | AtNewTime
 
 
 class WiredUnits:
-    """The units of a system in one memory, joined by links.
+    """The units of a system in a common memory, connected by links.
 
-    Parameters
-    ----------
-    description : SystemDescription
+    UsageError for an FMU of another tool, or an algebraic loop.
 
     Attributes
     ----------
     memory : (m,) array
-        The memories of the units, then `solver_x` and `solver_x_dot`, and the time of what depends on it alone.
+        The memories of the units, then `solver_x` and `solver_x_dot`, and the last time of `AtNewTime`.
     units : dict of str to Evaluation
     x, x_dot : (n_x,) places of the continuous states of all units, and of their derivatives
-    solver_x, solver_x_dot : (n_x,) places in which a solver has its states and gets their derivatives
+    solver_x, solver_x_dot : (n_x,) places of a solver's states and derivatives
     clocks : places of the time
     outside : list of (place, Course)
-        Inputs that signals from outside feed.
+        Inputs from external signals.
     starting : list of (unit, Carry)
-        Units in the order of the start, and where their outputs go.
-
-    Raises
-    ------
-    UsageError
-        For an FMU of another tool, or an algebraic loop.
+        Units in the order of the start, and the links of their outputs.
     """
 
     def __init__(self, description: SystemDescription) -> None:
@@ -143,20 +136,20 @@ class WiredUnits:
         """Calculate all inputs at a time, from the states of the solver."""
 
     def _of_time(self, fed: set[_Node]) -> set[str]:
-        """Return the units whose outputs depend on nothing but the time; `fed`: inputs that signals from outside feed.
+        """Return the units whose outputs depend on the time alone; `fed` are the inputs from external signals.
 
-        These are all units except those that have states or such inputs, and those that read from such units.
+        Units with states or such inputs do not, nor do their readers.
         """
-        others = {name for name, _ in fed}
-        others |= {name for name, unit in self.units.items() if unit.x.size or unit.interface.is_sampled}
+        moving = {name for name, _ in fed}
+        moving |= {name for name, unit in self.units.items() if unit.x.size or unit.interface.is_sampled}
         read = {(name, i) for name, unit in self.units.items() for i in _read(unit)}
         links = [(source[0], end[0]) for end, source in self._source.items() if end in read]
-        while more := {end for source, end in links if source in others} - others:
-            others |= more
-        return set(self.units) - others
+        while more := {end for source, end in links if source in moving} - moving:
+            moving |= more
+        return set(self.units) - moving
 
     def _feed_from(self, table: InputTable) -> set[_Node]:
-        """Let the columns of a table feed the inputs that they name; return these."""
+        """Connect the columns of a table to the inputs of their names; return these inputs."""
         free = {
             f"{name}.{variable.name}": (name, i)
             for name, unit in self.units.items()
@@ -173,22 +166,22 @@ class WiredUnits:
         return set(fed)
 
     def feed(self, t: float, *, held: bool) -> None:
-        """Give the inputs that signals from outside feed their values at a time; `held`: those that jump, too."""
+        """Set the inputs from external signals at a time; `held`: also the held ones."""
         for place, course in self.outside:
             if held or not course.held:
                 self.memory[place] = course.at(t)[0]
 
     def _range(self, name: str, part: str) -> Places:
-        """Places of the ``states`` or the ``derivatives`` of a unit."""
+        """Return the places of the ``states`` or ``derivatives`` of a unit."""
         where = getattr(self.units[name].interface, part)
         return self._first[name] + np.arange(where.start, where.stop)
 
     def begin(self, name: str) -> int:
-        """Place of the first number of a unit's memory."""
+        """Return the place of the first number of a unit's memory."""
         return self._first[name]
 
     def clock(self, name: str) -> Places:
-        """Place of the time of a unit."""
+        """Return the place of the time of a unit."""
         return self._places([(name, self.units[name].interface.time)])
 
     def _places(self, nodes: Iterable[_Node]) -> Places:
@@ -206,9 +199,9 @@ class WiredUnits:
     def _passes(
         self, dependencies: Dependencies, wanted: Sequence[_Node], when: str = "", *, held: bool = False
     ) -> list[tuple[str, Carry]]:
-        """Units in an order in which the wanted outputs can be calculated, some more than once, and their links.
+        """Return units with links in an order that gives the wanted outputs; units may repeat.
 
-        `held`: the states are there, and units are asked for what their choices have them calculate.
+        `held`: states are known, and units calculate the outputs of their choices.
         """
         reads = {name: _read(unit) if held else range(unit.interface.size) for name, unit in self.units.items()}
         graph: dict[_Node, set[_Node]] = {}
@@ -216,8 +209,8 @@ class WiredUnits:
         while left:
             name, position = node = left.pop()
             if node not in graph:
-                known = dependencies(self.units[name].interface, position)
-                sources = {self._source[name, i] for i in known if (name, i) in self._source and i in reads[name]}
+                inputs = dependencies(self.units[name].interface, position)
+                sources = {self._source[name, i] for i in inputs if (name, i) in self._source and i in reads[name]}
                 graph[node] = {source for source in sources if not (held and self._is_state(*source))}
                 left += graph[node]
         try:
@@ -225,7 +218,7 @@ class WiredUnits:
         except CycleError as error:
             names = (f"{name}.{self.units[name].interface.variables[i].name}" for name, i in error.args[1])
             raise UsageError(f"there is no reference: algebraic loop{when}: {' -> '.join(names)}.") from None
-        level: dict[_Node, int] = {}  # the number of links on the longest way to an output
+        level: dict[_Node, int] = {}  # number of links on the longest path to an output
         for node in ordered:
             level[node] = max((level[other] + 1 for other in graph[node]), default=0)
         places = {(depth, name): None for name in self.units for (n, _), depth in level.items() if n == name}
@@ -235,30 +228,30 @@ class WiredUnits:
         ]
 
     def _links(self, chosen: Callable[[_Node, _Node], bool]) -> Carry:
-        """Carry some links' outputs over to their inputs."""
-        found = {target: source for target, source in self._source.items() if chosen(source, target)}
-        return Carry(self._places(found.values()), self._places(found))
+        """Return the action of the chosen links."""
+        links = {target: source for target, source in self._source.items() if chosen(source, target)}
+        return Carry(self._places(links.values()), self._places(links))
 
     @property
     def read(self) -> set[int]:
-        """Places of outputs that links read."""
+        """Places of connected outputs."""
         return set(self._places(self._source.values()).tolist())
 
     @property
     def linked(self) -> set[int]:
-        """Places of inputs that links feed."""
+        """Places of connected inputs."""
         return set(self._places(self._source).tolist())
 
     def links_before_step(self, delayed: bool) -> Carry:
-        """Links whose inputs get values at the start of a step: those from outputs without feed-through, or all."""
+        """Return the links at the start of a step: from outputs without feedthrough, or all."""
         return self._links(lambda source, _: delayed or source not in self._feeds)
 
     def links_within_step(self, name: str) -> Carry:
-        """Links to a unit from outputs with feed-through, whose values are of the same step."""
+        """Return the links to a unit from outputs with feedthrough, whose values are of the same step."""
         return self._links(lambda source, target: target[0] == name and source in self._feeds)
 
     def order(self) -> list[str]:
-        """Units in the order of a step: each after those whose outputs with feed-through it reads."""
+        """Return the units in the order of a step: readers of outputs with feedthrough follow the sources."""
         graph: dict[str, set[str]] = {name: set() for name in self.units}
         for (end, _), source in self._source.items():
             if source in self._feeds:
@@ -281,7 +274,7 @@ class WiredUnits:
             self.memory[ends] = self.memory[starts]
 
     def python(self, actions: Sequence[Action]) -> Run:
-        """Return what runs actions one by one."""
+        """Return a function that runs actions in sequence."""
         memory = self.memory
 
         def bound(action: Action) -> Run:
@@ -293,19 +286,19 @@ class WiredUnits:
                 case Evaluate(unit, method):
                     call = getattr(self.units[unit], method)
                     return lambda _: call()
-                case AtNewTime(_, actions):  # always: others change parameters at the same time
+                case AtNewTime(_, actions):  # always: parameters may change at the same time
                     return self.python(actions)
 
         runs = [bound(action) for action in actions]
 
         def run(t: float) -> None:
-            for one in runs:
-                one(t)
+            for each in runs:
+                each(t)
 
         return run
 
     def shown(self, groups: Sequence[str] | None) -> tuple[Places, dict[str, slice]]:
-        """Places of some groups ``unit.group`` of outputs, by default all, and the slice of each among them."""
+        """Return the places of groups ``unit.group`` of outputs, by default all, and the slice of each group."""
         nodes: dict[str, list[_Node]] = {}
         for name, position in self._outputs():
             group = f"{name}.{self.units[name].interface.variables[position].group}"
@@ -317,7 +310,7 @@ class WiredUnits:
 
 
 def _read(unit: Evaluation) -> set[int]:
-    """Return the positions that the outputs of a unit are calculated from, by its choices."""
+    """Return the positions that the outputs of a unit read, by its choices."""
     table = unit.interface
     if not isinstance(unit, Traced):
         return set(range(table.size))

@@ -1,20 +1,19 @@
-"""A witness of a run that shares nothing with it: the methods of the units in numpy, on floats.
+"""Independent witness of a run: the methods of the units in numpy, on floats.
 
-FMUs and references come from one trace and one cache, so a fault there shows in neither. At five rows of the run the
-numbers of the components are compared with the units' methods as they are written, with the parameters of the scenario:
-no trace, no cache, no C.
+FMUs and references share trace and cache, and so their faults. The witness compares components at five rows of the run
+with the methods of the units and the parameters of the scenario: no trace, no cache, no C.
 
-- Parameters, and inputs that nothing feeds, are those of the scenario, to the bit.
-- States at the start, outputs and derivatives follow from the component's own inputs and states.
-- A sampled state after one more period is that of ``update``.
-- Continuous states after one more, very short, step have moved at a rate between the derivatives at its two ends (mean
-  value theorem). That shows faults in the functions of the solver, except in those that give it the Jacobian: a wrong
-  one costs steps, and its error is below the tolerance.
+- Parameters and free inputs equal the scenario, to the bit.
+- States at the start, outputs and derivatives follow from the component's inputs and states.
+- A sampled state after one more period follows from ``update``.
+- Continuous states after one more, very short, step moved at a rate between the derivatives at its two ends (mean value
+  theorem). This shows faults in the functions of the solver except the Jacobian: a wrong Jacobian costs steps, and its
+  error is below the tolerance.
 
 Both sides round: a number may be off by `_ROUNDING` of the largest value of its group. A chain of n operations rounds
-by up to 1e-16 n; 1e4 operations lead to an output of six joints, and 1e-9 leaves three digits for cancellation. Where
-more cancels, as in an acceleration in equilibrium, it may also be off by as much as it changes when all that it follows
-from changes by `_ROUNDING` of itself.
+by up to 1e-16 n; 1e4 operations lead to an output of six joints, and 1e-9 leaves three digits for cancellation. An
+acceleration in equilibrium cancels more. So a number may also be off by its change if all its sources change by
+`_ROUNDING` of themselves.
 """
 
 from __future__ import annotations
@@ -37,17 +36,17 @@ from vdfmu.system.scenario.values import is_free
 
 _ROUNDING = 1e-9
 _SHORT = 1e-5
-"""Length of the short step over the communication step: of 1e-8 s, over which a rate of 1e5 1/s changes by 1e-3."""
+"""Short step over communication step, 1e-8 s: then a rate of 1e5 1/s changes by 1e-3."""
 _LAST_PLACES = 8.0 * float(np.spacing(1.0))
-"""Rounding of a state in a step of the solver, relative: of the sums of six stages, and of the result."""
+"""Relative rounding of a state in a step of the solver: sums of six stages, and the result."""
 _SHOWN = 3
-"""Faults of a component in the summary."""
+"""Most faults of a component in the summary."""
 
 
 class _Comparison(NamedTuple):
-    """Numbers of a component at a time: what numpy expects and what was got, which may be off by `allowed`.
+    """Numbers of a component at a time: expected by numpy, got, and the allowed difference.
 
-    `again` calculates what is expected from the memory that it is given; `memory` is the one without error.
+    `again` calculates the expected numbers from a memory; `memory` is the memory without error.
     """
 
     time: float
@@ -60,18 +59,7 @@ class _Comparison(NamedTuple):
 
 
 class Witness:
-    """Questions to a run, and whether its answers hold.
-
-    Parameters
-    ----------
-    system : SystemDescription
-        Components and values.
-
-    Attributes
-    ----------
-    probe : Probe
-        For the run.
-    """
+    """Comparison of a run with a system; `probe` reads the run."""
 
     def __init__(self, system: SystemDescription) -> None:
         self._units: dict[str, _WitnessedUnit] = {}
@@ -80,29 +68,22 @@ class Witness:
         fed = {name for table in scenario.inputs or () for name in table.names}
         for name, table in system.tables.items():
             if isinstance(table, Interface) and table.unit.backend == "native":
-                free = [
-                    i
-                    for i, v in enumerate(table)
-                    if is_free(scenario.system, name, v) and f"{name}.{v.name}" not in fed
-                ]
-                self._units[name] = _WitnessedUnit(table, system.values[name], free)
+                unfed = [is_free(scenario.system, name, v) and f"{name}.{v.name}" not in fed for v in table]
+                self._units[name] = _WitnessedUnit(table, system.values[name], np.flatnonzero(unfed).tolist())
             else:
                 self._left.append(name)
         self.probe = Probe({name: unit.step(scenario.step) for name, unit in self._units.items()})
 
     def summary(self, results: Results) -> dict[str, Any]:
-        """Return the entry ``witness`` of a summary: what was compared, what was not, and what is wrong, in words."""
+        """Return the entry ``witness`` of a summary: compared and omitted components, and faults as texts."""
         probe, count = self.probe, 0
         faults = [f"the components cannot be read: {probe.failure}"] if probe.failure else []
         for name, unit in self._units.items():
             try:
-                found = [
-                    each
-                    for reading in probe.readings
-                    for each in unit.comparisons(name, reading, probe.steps[name], results)
-                ]
-                count += sum(each.places.size for each in found)
-                wrong = [*unit.changed(name, probe.readings), *unit.wrong(found)]
+                step = probe.steps[name]
+                made = [each for reading in probe.readings for each in unit.comparisons(name, reading, step, results)]
+                count += sum(each.places.size for each in made)
+                wrong = [*unit.changed(name, probe.readings), *unit.wrong(made)]
             except VdfmuError as error:
                 wrong = [f"its methods fail in numpy: {error}"]
             faults += [f"{name}.{fault}" for fault in wrong[:_SHOWN]]
@@ -118,7 +99,7 @@ class Witness:
 
 
 class _WitnessedUnit:
-    """A component in numpy, on a memory of its own, with the parameters of the scenario."""
+    """A component in numpy, with the parameters of the scenario."""
 
     def __init__(self, interface: Interface, values: Mapping[str, Any], free: Sequence[int]) -> None:
         self._names = [v.name for v in interface.memory]
@@ -138,23 +119,23 @@ class _WitnessedUnit:
         self._inputs = np.flatnonzero(roles == "input")
 
     def step(self, step: float) -> float:
-        """Return the length [s] of a further step that shows what changes the states; 0 for a unit without them."""
+        """Return the length [s] of a further step that changes the states; 0 for a unit without states."""
         if self._moved.size:
             return _SHORT * step
         return float(self._plain.group("period")[0]) if self._sampled.size else 0.0
 
     def changed(self, name: str, readings: Sequence[Reading]) -> list[str]:
-        """Return the parameters that are not those of the scenario, and the inputs that nothing feeds."""
-        found = {
+        """Return parameters and free inputs that differ from the scenario, as texts."""
+        texts = {
             i: f"{self._names[i]} at t = {reading.time:.9g} s: expected {self._given[i]:.17g}, got {got:.17g}"
             for reading in reversed(readings)
             for i in self._fixed
             if (got := reading.values[name].get(i, self._given[i])) != self._given[i]
         }
-        return list(found.values())
+        return list(texts.values())
 
     def comparisons(self, name: str, reading: Reading, step: float, results: Results) -> Iterator[_Comparison]:
-        """Yield what is to be compared at a row; outputs as they are in the results, where these have them."""
+        """Yield the comparisons of a row, with outputs from the results if recorded."""
         got = dict(reading.values[name])
         for i in self._made.tolist():
             signal = f"{name}.{self._names[i]}"
@@ -182,18 +163,18 @@ class _WitnessedUnit:
     def _compared(
         self, time: float, places: npt.NDArray[np.intp], got: Numbers, memory: Floats, method: Callable[[], None]
     ) -> _Comparison:
-        known = places[[int(i) in got for i in places]]  # a Python FMU does not have its derivatives
-        values = np.array([got[int(i)] for i in known])
+        places = places[[int(i) in got for i in places]]  # a Python FMU lacks derivatives
+        values = np.array([got[int(i)] for i in places])
 
-        def again(given: Floats) -> Floats:
-            return self._run(given, method)[known] if known.size else values
+        def again(memory: Floats) -> Floats:
+            return self._run(memory, method)[places] if places.size else values
 
-        return _Comparison(time, known, again(memory), values, 0.0, memory, again)
+        return _Comparison(time, places, again(memory), values, 0.0, memory, again)
 
     def _further(self, memory: Floats, first: Floats, after: Numbers, step: float) -> Iterator[_Comparison]:
-        """Yield the states after a further step: the sampled ones, and the mean rate of the others.
+        """Yield comparisons after a further step: sampled states, and the mean rate of continuous states.
 
-        `first` are the derivatives at its start where they are known.
+        `first` are the derivatives at its start, if known.
         """
         plain, begin = self._plain, float(memory[-1])
 
@@ -213,8 +194,8 @@ class _WitnessedUnit:
         there[self._moved] = [after[int(i)] for i in self._moved]
         there[-1] = begin + step
 
-        def rates(given: Floats) -> Floats:
-            return self._run(given, plain.derivatives)[self._rates]
+        def rates(start: Floats) -> Floats:
+            return self._run(start, plain.derivatives)[self._rates]
 
         if self._sampled.size or not first.size:
             first = rates(memory)
@@ -223,14 +204,14 @@ class _WitnessedUnit:
         rounding = _LAST_PLACES * np.maximum(np.abs(memory), np.abs(there))[self._moved] / step
         allowed = 0.5 * np.abs(last - first) + rounding
         mean = 0.5 * (first + last)
-        yield _Comparison(begin, self._rates, mean, moved, allowed, memory, lambda given: mean + rates(given) - first)
+        yield _Comparison(begin, self._rates, mean, moved, allowed, memory, lambda start: mean + rates(start) - first)
 
     def wrong(self, comparisons: Sequence[_Comparison]) -> list[str]:
-        """Return what is too far off, in words, the farthest first."""
+        """Return the numbers that are too far off as texts, the farthest first."""
         sizes = np.zeros(self._groups.max() + 1)
         for each in comparisons:
             np.maximum.at(sizes, self._groups[each.places], np.abs(each.expected))
-        found: list[tuple[float, str]] = []
+        faults: list[tuple[float, str]] = []
         for each in comparisons:
             groups = self._groups[each.places]
             apart = np.abs(each.got - each.expected)
@@ -244,10 +225,10 @@ class _WitnessedUnit:
             limit = limit + changes[groups]
             for k in np.flatnonzero(~(apart <= limit)).tolist():
                 text = f"{self._names[each.places[k]]} at t = {each.time:.9g} s: expected {each.expected[k]:.12g}"
-                found.append((apart[k] / limit[k], f"{text}, got {each.got[k]:.12g}"))
-        return [text for _, text in sorted(found, reverse=True)]
+                faults.append((apart[k] / limit[k], f"{text}, got {each.got[k]:.12g}"))
+        return [text for _, text in sorted(faults, reverse=True)]
 
     def _off(self, memory: Floats, sign: float) -> Floats:
-        """Return a memory whose real numbers are off by `_ROUNDING`, up and down in turn."""
+        """Return a memory with real numbers off by `_ROUNDING`, alternately up and down."""
         signs = sign * (1.0 - 2.0 * (np.arange(memory.size) % 2))
         return np.where(self._real, memory * (1.0 + _ROUNDING * signs), memory)

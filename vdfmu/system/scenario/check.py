@@ -1,4 +1,4 @@
-"""Checks of a scenario for likely mistakes: wrong signs, wrong units, values that no component uses."""
+"""Checks of a scenario for likely mistakes: wrong signs, wrong units, unused values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vdfmu.system.scenario.values import group_of, override, robot_with, section
 
 
 def model_notes(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> list[str]:
-    """Return the notes of a scenario with settings: likely mistakes, and values that no component uses."""
+    """Return notes on a scenario with settings: likely mistakes and unused values."""
     robot, resolved = scenario.robot, scenario.resolved
     notes = [*scenario.notes, *_not_reached(scenario)]
     notes += [
@@ -29,7 +29,7 @@ def model_notes(scenario: Scenario, settings: Mapping[str, Any] | None = None) -
         for name, members in scenario.system.shared.items()
         for component, group in members.items()
         if all(v.group != group for v in resolved.tables[component])
-        and not issubclass(resolved.units.get(component, Unit), Played)  # shares its start all the same
+        and not issubclass(resolved.units.get(component, Unit), Played)  # it shares its start nevertheless
     ]
     if robot is not None and not resolved.takers:
         notes.append("robot: no component takes it. Leave it out, unless tables and figures need it.")
@@ -41,7 +41,7 @@ def model_notes(scenario: Scenario, settings: Mapping[str, Any] | None = None) -
 
 
 def _of_robots(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """Yield what of the robot, and of the plants as they run, looks like another unit or sign."""
+    """Yield likely mistakes of units or signs in the robot and in the plants of the run."""
     if scenario.robot is not None:
         yield from robot_notes(scenario.robot)
     for name in scenario.resolved.plants:
@@ -50,7 +50,7 @@ def _of_robots(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> 
 
 
 def _of_motions(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """Yield what of positions and speeds looks like another unit."""
+    """Yield likely mistakes of units in positions and speeds."""
     resolved = scenario.resolved
     for component, values in written.items():
         table = resolved.tables[component]
@@ -74,19 +74,17 @@ def _of_motions(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) ->
 
 
 def _not_reached(scenario: Scenario) -> Iterator[str]:
-    """Yield what a scenario says of its plant alone that no component takes, or one does not."""
+    """Yield keys for plants that no plant takes, or not every plant."""
     robot = scenario.robot
     unknown = robot is not None and robot.payload and not scenario.payload_known
-    said = [*(["plant_factors"] if scenario.plant_factors else []), *(["payload.known"] if unknown else [])]
+    keys = " and ".join(["plant_factors"] * bool(scenario.plant_factors) + ["payload.known"] * bool(unknown))
     plants = {name: scenario.system.parts[name].robot for name in scenario.resolved.plants}
-    if said and None not in plants.values():
+    if keys and None not in plants.values():
         yield (
-            f"{' and '.join(said)}: no component takes it: none is a plant with the robot of the "
-            "scenario. Write numbers of the plant in its own section."
+            f"{keys}: no component takes it: none is a plant with the robot of the scenario. Write numbers of the "
+            "plant in its own section."
         )
-    elif said:
+    elif keys:
         yield from (
-            f"{' and '.join(said)}: {name} has a robot of its own, which this does not reach."
-            for name, own in plants.items()
-            if own is not None
+            f"{keys}: {name} has its own robot, so this does not reach it." for name, own in plants.items() if own
         )

@@ -1,4 +1,4 @@
-"""The decomposition as a system: a scenario whose arms are wired from their links and joints."""
+"""Decomposition of a scenario: arms become systems of links and joints."""
 
 from __future__ import annotations
 
@@ -20,32 +20,23 @@ from vdfmu.arm.units.pieces._piece import STATELESS
 from vdfmu.arm.units.pieces.arm_base import ArmBase
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
-from vdfmu.system.scenario.resolved import ResolvedSystem, Variables
-from vdfmu.system.scenario.scenario import Scenario
+from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, Variables
 from vdfmu.system.scenario.system_file import Part, SystemFile
 from vdfmu.system.scenario.values import Values, is_free, system_values
 
 _UNITS = {Plant: "plant", Feedforward: "feedforward"}
-"""Units that are taken apart, and the begin of the names of the units of their joints, links and end."""
+"""Units that are decomposed, to the prefix of the units of their joints, links and end."""
 _BOX, _GAP, _ROW = (70.0, 100.0), 130.0, 180.0
-"""Size of a component in a diagram, and distances to the next in a row and to the next row [mm]."""
+"""Size of a component in a diagram, and distances in a row and between rows [mm]."""
 
 
 def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> tuple[Scenario, dict[str, Values]]:
-    """Return a scenario whose plants and feedforwards are joints and links, and the values of its components.
+    """Return a scenario with joints and links for its plants and feedforwards, and the values of its components.
 
     ``plant`` becomes ``plant_base``, ``plant_joint_1``, ``plant_link_1``, .. and ``plant_tool``. A payload is part of
-    the last link.
-
-    Parameters
-    ----------
-    settings : mapping of str to value, optional
-        Of the scenario as it is, ``plant.q_0[2]``; see :func:`vdfmu.system.scenario.values.override`.
-
-    Raises
-    ------
-    UsageError
-        For robots with what the units of links and joints do not have, and connections of signals that they lack.
+    the last link. `settings` name variables of the given scenario, ``plant.q_0[2]``; see
+    :func:`vdfmu.system.scenario.values.override`. UsageError for options of robots and signals that the units of links
+    and joints lack.
     """
     resolved, values = scenario.resolved, system_values(scenario, settings)
     taken: dict[str, tuple[str, Robot]] = {}
@@ -57,7 +48,7 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
             robot = robot.with_values([values[name][entry.name] for entry in robot.entries()])
             if unit is Plant:
                 values[name] |= _start_values(robot, resolved.tables[name], values[name])
-            problems += [f"{name}: the robot {robot.name} has {what}" for what in _lacking(robot)]
+            problems += [f"{name}: the robot {robot.name} has {option}" for option in _lacking(robot)]
             taken[name] = _UNITS[unit], robot
     if not taken:
         problems.append("the system has neither a Plant nor a Feedforward of the package")
@@ -83,38 +74,36 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
     shared = {k: members for k, members in scenario.system.shared.items() if taken.keys().isdisjoint(members)}
     system = dataclasses.replace(scenario.system, parts=parts, connections=connections, shared=shared)
     apart = dataclasses.replace(scenario, system=system, sections={})
-    found = {name: values[name] for name in parts if name in values}
+    kept = {name: values[name] for name in parts if name in values}
     for name, (kind, robot) in taken.items():
         for piece, _ in _pieces(name, kind, robot):
-            found[piece] = dict(_values(apart.resolved, system, piece, robot, values[name]))
-    return apart, found
+            kept[piece] = dict(_values(apart.resolved, system, piece, robot, values[name]))
+    return apart, kept
 
 
 def _lacking(robot: Robot) -> Iterator[str]:
-    """Yield what a robot has that units of links and joints do not."""
-    if robot.drive:
-        yield "a drive of its own, which units of links and joints do not know"
-    for flag in (*(name for name in OPTIONS if name not in STATELESS), *ENDS):
-        if getattr(robot, flag):
-            yield f"{flag}, which units of links and joints do not know"
+    """Yield options of a robot that units of links and joints lack."""
+    flags = (*(name for name in OPTIONS if name not in STATELESS), *ENDS)
+    for option in [*["its own drive"] * bool(robot.drive), *(flag for flag in flags if getattr(robot, flag))]:
+        yield f"{option}, but units of links and joints lack it"
 
 
 def _start_values(robot: Robot, table: Variables, values: Values) -> Values:
-    """Return the start of springs and rotors of a plant that starts in motion, or whose rotors push its links.
+    """Return the start of springs and rotors if a plant starts in motion or has rotor coupling.
 
-    A joint by itself takes the torque from what hangs on it, with the forces of motion and of rotors.
+    A single joint takes the torque of its load, with the forces of motion and rotors.
     """
     groups = ("q_0", "q_dot_0", "F_e")
     q_0, q_dot_0, F_e = (np.array([values.get(v.name, v.start) for v in table if v.group == group]) for group in groups)
     if not values.get("equilibrium", True) or not (q_dot_0.any() or robot.rotor_coupling):
         return {}
     starts = {"kappa_dot_0": q_dot_0, "tau_s_0": equilibrium_torque(robot, q_0, F_e)}
-    found = {f"{group}[{i}]": float(x) for group, each in starts.items() for i, x in enumerate(each, 1)}
-    return {"equilibrium": False, **found}
+    named = {f"{group}[{i}]": float(x) for group, each in starts.items() for i, x in enumerate(each, 1)}
+    return {"equilibrium": False, **named}
 
 
 def _pieces(name: str, kind: str, robot: Robot) -> Iterator[tuple[str, str]]:
-    """Yield the components of an arm from its base on, and their units."""
+    """Yield the components of an arm from its base to its tool, with their units."""
     yield f"{name}_base", "arm_base"
     for i, joint_type in enumerate(robot.joint_types, 1):
         yield f"{name}_joint_{i}", f"{kind}_prismatic_joint" if joint_type == "prismatic" else f"{kind}_joint"
@@ -123,10 +112,10 @@ def _pieces(name: str, kind: str, robot: Robot) -> Iterator[tuple[str, str]]:
 
 
 def cutting_point(before: str, a: Any, after: str, b: Any, side: str = "C") -> Iterator[tuple[str, str]]:
-    """Yield the connections at the cutting point of two components, from their units: those of one quantity.
+    """Yield the connections of two components at their cutting point: signals of the same quantity in their units.
 
-    Signals have the letter of the cutting point, ``V_A`` and ``V_B`` of a joint, ``V_B`` and ``V_C`` of its link. A
-    link has a second one towards the tip, D, with forces of its own. A base, at rest, has one velocity for all.
+    Signals have the letter of the cutting point: ``V_A`` and ``V_B`` of a joint, ``V_B`` and ``V_C`` of its link. A
+    link has a second point D towards the tip, with other forces. A base at rest has a single velocity.
     """
     near, far = ("B" if "Joint" in a.__name__ else "C"), ("A" if "Joint" in b.__name__ else "B")
     for end, declared in b.declared.items():
@@ -136,8 +125,8 @@ def cutting_point(before: str, a: Any, after: str, b: Any, side: str = "C") -> I
         start, back = (re.sub(letter, f"_{to}", end) for to in (near, side if near == "C" else near))
         if start not in a.declared and a.declared.keys() <= {*ArmBase.declared}:
             start = re.sub("_[dr](?=_|$)", "", start)
-        given = a.declared.get(start)
-        if declared.causality == "input" and given is not None and given.shape == declared.shape:
+        source = a.declared.get(start)
+        if declared.causality == "input" and source is not None and source.shape == declared.shape:
             yield f"{before}.{start}", f"{after}.{end}"
         if declared.causality == "output" and getattr(a.declared.get(back), "causality", "") == "input":
             yield f"{after}.{end}", f"{before}.{back}"
@@ -146,7 +135,7 @@ def cutting_point(before: str, a: Any, after: str, b: Any, side: str = "C") -> I
 def _joined(
     source: str, target: str, taken: Mapping[str, tuple[str, Robot]]
 ) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return the connections instead of one, and what is wrong with it."""
+    """Return the connections that replace a connection, and its problems."""
     problems: list[str] = []
     ends = [_ends(end, taken, problems) for end in (source, target)]
     if not any(isinstance(each, dict) for each in ends):
@@ -161,7 +150,7 @@ def _joined(
 
 
 def _ends(end: str, taken: Mapping[str, tuple[str, Robot]], problems: list[str]) -> str | dict[int, str]:
-    """Return an end of a connection; of what is taken apart by joint, from 1, where it is the joints'."""
+    """Return an end of a connection; for signals of decomposed joints the ends by joint, from 1."""
     component, _, name = end.partition(".")
     if component not in taken:
         return end
@@ -179,7 +168,7 @@ def _ends(end: str, taken: Mapping[str, tuple[str, Robot]], problems: list[str])
 def _values(
     resolved: ResolvedSystem, system: SystemFile, piece: str, robot: Robot, values: Mapping[str, Any]
 ) -> Iterator[tuple[str, Any]]:
-    """Yield the values of a component's parameters and of inputs that nothing feeds."""
+    """Yield the values of a component's parameters and free inputs."""
     number = re.search(r"_(\d+)$", piece)
     i = int(number[1]) - 1 if number else 0
     for v in resolved.tables[piece]:
@@ -195,12 +184,12 @@ def _values(
             array = np.asarray(body.get(v.group, getattr(robot, v.group)[i if row.per_joint else ...]))
             yield v.name, float(array[v.index])
         elif v.causality in ("input", "parameter"):
-            inner = f"{v.group}[{','.join(str(k + 1) for k in (i, *v.index))}]"  # of one joint among all
+            inner = f"{v.group}[{','.join(str(k + 1) for k in (i, *v.index))}]"  # the joint of the whole arm
             yield v.name, values.get(inner, values.get(v.name, v.start))
 
 
 def _is_off(robot: Robot, row: Row, i: int) -> bool:
-    """Whether a number of a robot's joint belongs to an option that the robot, or this joint, does not have."""
+    """Whether a number of a joint belongs to an option that the robot, or this joint, lacks."""
     if row.section not in OPTIONAL:
         return False
     return not getattr(robot, row.section) or bool(row.part_of and not getattr(robot, row.part_of)[i])

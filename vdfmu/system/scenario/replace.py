@@ -1,4 +1,4 @@
-"""Changes of a scenario: other units for some components of its system, and a payload."""
+"""Changes of a scenario: a payload, other units for some components, and the starts of plants."""
 
 from __future__ import annotations
 
@@ -10,21 +10,19 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.robot.parameters import read_only, section
+from vdfmu.arm.units._played import Played
 from vdfmu.base.errors import UsageError
+from vdfmu.compiler.unit.declaration import JOINTS, Output
 from vdfmu.compiler.unit.unit import Unit
-from vdfmu.system.scenario.resolved import ResolvedSystem, resolve
-from vdfmu.system.scenario.scenario import Scenario
-from vdfmu.system.scenario.start import started
+from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, resolve
+from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values
 
 
 def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
-    """Return the scenario with an empty payload for a robot without one, if settings name its numbers.
+    """Return the scenario with an empty payload if settings name its numbers and the robot lacks one.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
+    `names` are the settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
     """
     robot = scenario.robot
     fields = {name.partition(".")[2].partition("[")[0] for name in names}
@@ -32,30 +30,23 @@ def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
     if robot is None or robot.payload or fields.isdisjoint(row.name for row in rows):
         return scenario
     empty = {row.name: read_only(np.zeros(row.shape)) for row in rows}
-    if "payload_inertia" in fields:  # one of zeros, of a point mass, has no parameters
+    if "payload_inertia" in fields:  # zeros, a point mass, would have no parameters
         empty["payload_inertia"] = read_only(1e-12 * np.eye(3))
     return dataclasses.replace(scenario, robot=dataclasses.replace(robot, payload=True, **empty))
 
 
 def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
-    """Return the scenario with other units for some components, without the connections and values that these lack.
+    """Return the scenario with other units for some components, without connections and values that these lack.
 
-    An input that the component's unit did not have is joined to the output of its name, if a terminal has both and the
-    component was connected to the output's.
-
-    Raises
-    ------
-    UsageError, UnitError
-        For a name that is not that of a component, or a value that is not a unit.
+    A new input is connected to the output of the same name if both are in a terminal and their components were
+    connected. UsageError or UnitError for an unknown component or a value that is not a unit.
     """
     system, parts = scenario.system, dict(scenario.system.parts)
     for name, unit in units.items():
         if name not in parts:
-            raise UsageError(
-                f"units: the system {system.name} has no component {name!r}. There are: {', '.join(parts)}."
-            )
-        known = issubclass(unit, Unit) if isinstance(unit, type) else isinstance(unit, (str, os.PathLike))
-        if not known:
+            way_out = f"There are: {', '.join(parts)}."
+            raise UsageError(f"units: the system {system.name} has no component {name!r}. {way_out}")
+        if not (issubclass(unit, Unit) if isinstance(unit, type) else isinstance(unit, (str, os.PathLike))):
             raise UsageError(f"units: {name}: expected a unit, its name or its file, got {unit!r}.")
         value = unit if isinstance(unit, type) else os.fspath(unit)
         parts[name] = dataclasses.replace(parts[name], unit=value)
@@ -82,28 +73,24 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     joined = _joined(scenario, resolved, tables)
     for source, target in joined:
         kept.setdefault(source, []).append(target)
+    joints = tuple(" -> ".join(ends) for ends in joined)
     written = section_values(scenario.resolved, scenario.sections)
     sections = dict(scenario.sections)
     for name, table in tables.items():
         sections[name] = {v: value for v, value in written.get(name, {}).items() if v in table.reference}
     for name, unit in resolved.units.items():
         sections = started(system, name, unit, sections)
-    return dataclasses.replace(
-        scenario,
-        system=dataclasses.replace(
-            system, connections=kept, dropped=tuple(dropped), joined=tuple(" -> ".join(ends) for ends in joined)
-        ),
-        sections=sections,
-    )
+    system = dataclasses.replace(system, connections=kept, dropped=tuple(dropped), joined=joints)
+    return dataclasses.replace(scenario, system=system, sections=sections)
 
 
 def _joined(scenario: Scenario, resolved: ResolvedSystem, new: Iterable[str]) -> list[tuple[str, str]]:
-    """Return what joining terminals of one name connects to inputs of `new` components that they had not before."""
+    """Return the connections of new inputs of `new` components by terminals of the same name."""
     old, ends = scenario.resolved, scenario.system.connections.items()
     linked = {
         frozenset(end.partition(".")[0] for end in (source, target)) for source, targets in ends for target in targets
     }
-    found: list[tuple[str, str]] = []
+    joined: list[tuple[str, str]] = []
     for name in (name for name in new if name in resolved.units and name in old.units):
         for terminal in resolved.units[name].terminals:
             for group in terminal.groups:
@@ -116,9 +103,74 @@ def _joined(scenario: Scenario, resolved: ResolvedSystem, new: Iterable[str]) ->
                     and any(t.name == terminal.name and group in t.groups for t in unit.terminals)
                 ]  # fmt: skip
                 if len(sources) == 1:
-                    found.append((sources[0], f"{name}.{group}"))
-    return found
+                    joined.append((sources[0], f"{name}.{group}"))
+    return joined
 
 
 def _has(system: ResolvedSystem, component: str, group: str, causality: str) -> bool:
     return any(v.group == group and v.causality == causality for v in system.tables[component])
+
+
+def leaders(resolved: ResolvedSystem) -> dict[str, str]:
+    """Return plant to the component whose desired motion ``q_d`` reaches it first, if it is unique.
+
+    Here a plant is any component with start positions of the joints, ``q_0``.
+    """
+    units = resolved.units
+    plants = [name for name, unit in units.items() if _is_position(unit, "q_0")]
+    leader_of: dict[str, str] = {}
+    for plant in plants:
+        before, new, leading = {plant}, [plant], set[str]()
+        while new:
+            end = new.pop()
+            for source, targets in resolved.system.connections.items():
+                name = source.partition(".")[0]
+                if name in before or all(target.partition(".")[0] != end for target in targets):
+                    continue
+                before.add(name)
+                if name in units and isinstance(units[name].declared.get("q_d"), Output):
+                    leading.add(name)
+                elif name not in plants:
+                    new.append(name)
+        if len(leading) == 1:
+            leader_of[plant] = leading.pop()
+    return leader_of
+
+
+def with_starts(system: SystemFile) -> SystemFile:
+    """Return the system whose plants share their start positions with their leaders, unless its file shares them."""
+    resolved, shared = resolve(system, None), dict(system.shared)
+    units = resolved.units
+    for plant, leader in leaders(resolved).items():
+        played = issubclass(units[leader], Played) or _is_position(units[leader], "q_start")
+        stated = any(members.get(plant) == "q_0" for members in shared.values())
+        if played and not stated and _joints(system, plant) == _joints(system, leader):
+            names = (name for name, members in shared.items() if members.get(leader) == "q_start")
+            name = next(names, "start" if "start" not in shared else f"start_{plant}")
+            shared[name] = {leader: "q_start", **shared.get(name, {}), plant: "q_0"}
+    return dataclasses.replace(system, shared=shared)
+
+
+def started(
+    system: SystemFile, component: str, unit: type[Unit], sections: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return the sections with the start of a motion for components that share it, unless they set it."""
+    extended = dict(sections)
+    if issubclass(unit, Played) and unit.rows is not None:
+        for members in system.shared.values():
+            for other, group in members.items():
+                if members.get(component) == "q_start" and other != component:
+                    extended[other] = {group: unit.begin()} | dict(extended.get(other, {}))
+    return extended
+
+
+def _is_position(unit: type[Unit], name: str) -> bool:
+    """Whether a unit declares positions of the joints by this name."""
+    declared = unit.declared.get(name)
+    return declared is not None and declared.unit == "position" and declared.shape == (JOINTS,)
+
+
+def _joints(system: SystemFile, component: str) -> tuple[str, ...] | None:
+    """Return the types of joints if a component has its own robot, else None."""
+    robot = system.parts[component].robot
+    return None if robot is None else robot.joint_types

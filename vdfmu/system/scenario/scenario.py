@@ -1,29 +1,256 @@
-"""A scenario: a robot, the motion asked of it, its controller and how the run is stepped."""
+"""A scenario, and its system for a robot: unit, robot and variables of each component, and the connections."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
+import fmpy
 import numpy as np
 
 from vdfmu.arm.robot.parameters import PARAMETERS, Array
 from vdfmu.arm.robot.robot import Robot
+from vdfmu.arm.units import find_unit
+from vdfmu.arm.units.plant import Plant
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UsageError
+from vdfmu.base.measure import measure
+from vdfmu.base.standards import FMI_VERSIONS
+from vdfmu.base.text import nearest
+from vdfmu.compiler.unit.declaration import Input, Output
+from vdfmu.compiler.unit.interface import Interface, interface_of
+from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.unit.variable import Variable
+from vdfmu.engine.fmu.variables import element_names, start_values, type_of
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
-from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, ResolvedSystem, resolve
 from vdfmu.system.scenario.system_file import SystemFile
 
+_INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
+_TYPES = ("Real", "Integer", "Boolean")
+
+
+class ForeignInterface:
+    """Variables of an FMU of FMI 2.0 or 3.0. Names ``q[1]`` and elements of arrays belong to the group ``q``.
+
+    UsageError for another file.
+    """
+
+    robot = None
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_file():
+            raise UsageError(f"{path}: there is no such FMU.")
+        try:
+            description: Any = fmpy.read_model_description(str(path), validate=False)
+        except Exception as error:
+            raise UsageError(f"{path}: the FMU cannot be read: {error}.") from None
+        part = description.coSimulation or description.modelExchange
+        if description.fmiVersion not in FMI_VERSIONS or part is None:
+            raise UsageError(
+                f"{path}: expected an FMU of FMI {' or '.join(FMI_VERSIONS)} for co-simulation or model exchange, got "
+                f"FMI {description.fmiVersion}{'' if part else ' with neither'}."
+            )
+        self.path = path
+        self.implementation = "CoSimulation" if description.coSimulation else "ModelExchange"
+        self.model_name: str = part.modelIdentifier
+        self.description: str = description.description or description.modelName
+        self.variables = tuple(each for variable in description.modelVariables for each in _variables(variable))
+
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        return self.path.name
+
+    def __iter__(self) -> Any:
+        return iter(self.variables)
+
+    def __len__(self) -> int:
+        return len(self.variables)
+
+    @cached_property
+    def reference(self) -> dict[str, int]:
+        """Name to position in the variables."""
+        return {v.name: i for i, v in enumerate(self.variables)}
+
+
+def _variables(v: Any) -> Iterator[Variable]:
+    """Yield the elements of a variable that can be connected or set, so no strings."""
+    if type_of(v.type) not in _TYPES or v.causality not in ("input", "output", "parameter"):
+        return
+    low, high = (None if text is None else float(text) for text in (v.min, v.max))
+    unit = v.unit or getattr(v.declaredType, "unit", None)
+    settable = v.start is not None and v.causality != "output"
+    for name, start in zip(element_names(v.name, v.shape), start_values(v), strict=True):
+        match = _INDEXED.fullmatch(name)
+        group = match[1] if match else name
+        index = tuple(int(i) - 1 for i in match[2].split(",")) if match else ()
+        yield Variable(
+            group, index, type_of(v.type), v.causality, v.variability or "continuous", unit,
+            start if settable else None, v.description or "", minimum=low, maximum=high,
+        )  # fmt: skip
+
+
+Variables = Interface | ForeignInterface
+"""The variables of a component."""
+ROBOT_WAY_OUT = 'Name one in its file, such as robot = "manipulator_6dof".'
+
+
+class ResolvedSystem:
+    """A system for a default robot, see :func:`resolve`: units and variables of its components, and its connections."""
+
+    def __init__(self, system: SystemFile, robot: Robot | None) -> None:
+        self.system, self.robot = system, robot
+
+    @cached_property
+    def units(self) -> dict[str, type[Unit]]:
+        """Component to its unit, without FMUs of other tools."""
+        parts = {name: part for name, part in self.system.parts.items() if part.fmu is None}
+        units = {unit: find_unit(unit) for unit in {part.unit for part in parts.values()}}  # runs each file once
+        return {name: units[part.unit] for name, part in parts.items()}
+
+    @cached_property
+    def robots(self) -> dict[str, Robot | None]:
+        """Component to its robot, also for units that do not read it."""
+        return {name: self.system.parts[name].robot_of(self.robot) for name in self.units}
+
+    @cached_property
+    def takers(self) -> list[str]:
+        """Components that take the robot of a scenario: they need a robot that their part does not name."""
+        return [n for n, unit in self.units.items() if unit.needs_robot() and self.system.parts[n].robot is None]
+
+    @cached_property
+    def plants(self) -> list[str]:
+        """Components that are plants: a `Plant`, or a unit with input tau, output q and start q_0."""
+        return [name for name, unit in self.units.items() if _is_plant(unit)]
+
+    @cached_property
+    def tables(self) -> dict[str, Variables]:
+        """Component to its variables; UsageError if a robot is missing."""
+        if self.robot is None and (lacking := self.takers):
+            raise UsageError(
+                f"robot: expected one for {', '.join(lacking)}, got none. {ROBOT_WAY_OUT} Or give each of these "
+                f'components one of its own: {lacking[0]} = {{ unit = "..", robot = ".." }} in the system file.'
+            )
+        return {
+            name: ForeignInterface(part.fmu)
+            if part.fmu is not None
+            else interface_of(self.units[name], self.robots[name] if self.units[name].needs_robot() else None)
+            for name, part in self.system.parts.items()
+        }
+
+    def links(self) -> Iterator[tuple[tuple[str, Variable], tuple[str, Variable]]]:
+        """Yield every connection of elements: component and variable of the output, then of the input."""
+        for source, targets in self.system.connections.items():
+            for target in targets:
+                for a, b in self.joined(source, target):
+                    yield (source.partition(".")[0], a), (target.partition(".")[0], b)
+
+    def joined(self, source: str, target: str) -> list[tuple[Variable, Variable]]:
+        """Return the pairs of elements of a connection."""
+        (start, a), (end, b) = source.split(".", 1), target.split(".", 1)
+        return _pairs(_end(self.tables[start], a, "output"), _end(self.tables[end], b, "input"))
+
+    def check_connections(self) -> None:
+        """Raise UsageError with a line for each wrong connection.
+
+        Wrong are unknown signals, signals without a common index or with different units, and inputs with two outputs.
+        """
+        problems: list[str] = []
+        feeds: dict[tuple[str, str], str] = {}
+        for source, targets in self.system.connections.items():
+            starts = _signals(self.tables, source, "output", problems)
+            for target in targets:
+                ends = _signals(self.tables, target, "input", problems)
+                shared = _pairs(starts, ends)
+                if starts and ends and not shared:
+                    problems.append(
+                        f"{source} -> {target}: expected signals of one shape, got {_shape(starts)} and {_shape(ends)}."
+                    )
+                for start, end in shared:
+                    if None not in (a := _dimension(start), b := _dimension(end)) and a != b:
+                        problems.append(
+                            f"{source} -> {target}: expected one unit of measurement, got {start.unit} and {end.unit}."
+                        )
+                    fed = (target.partition(".")[0], end.name)
+                    if (earlier := feeds.setdefault(fed, source)) != source or targets.count(target) > 1:
+                        problems.append(f"{target}: expected one output that feeds it, got {earlier} and {source}.")
+        if problems:
+            where = f"{self.system.path}: connections"
+            raise UsageError("\n".join(f"{where}: {problem}" for problem in dict.fromkeys(problems)))
+
+
+@cached_per_command
+def resolve(system: SystemFile, robot: Robot | None) -> ResolvedSystem:
+    """Return the components of a system for a robot, cached in a job."""
+    return ResolvedSystem(system, robot)
+
+
+def _is_plant(unit: type[Unit]) -> bool:
+    declared = unit.declared
+    return issubclass(unit, Plant) or (
+        isinstance(declared.get("tau"), Input) and isinstance(declared.get("q"), Output) and "q_0" in declared
+    )
+
+
+def _end(table: Variables, name: str, causality: str) -> dict[tuple[int, ...], Variable]:
+    """Return index to variable at an end of a connection; an element, ``q[1]``, is a scalar."""
+    named = (v for v in table if v.causality == causality and name in (v.group, v.name))
+    return {v.index if v.group == name else (): v for v in named}
+
+
+def _pairs(
+    starts: Mapping[tuple[int, ...], Variable], ends: Mapping[tuple[int, ...], Variable]
+) -> list[tuple[Variable, Variable]]:
+    """Return the variables with a common index."""
+    return [(starts[index], end) for index, end in ends.items() if index in starts]
+
+
+def optional(table: Variables, name: str) -> str:
+    """Return the option of its robot that gives a component a missing variable, as a sentence, else an empty text."""
+    group = name.partition("[")[0]
+    if not isinstance(table, Interface) or group in table.groups or group not in table.unit.declared:
+        return ""
+    return f"It is there for a robot with {table.unit.declared[group].when} only."
+
+
+def _signals(
+    tables: Mapping[str, Variables], end: str, causality: str, problems: list[str]
+) -> dict[tuple[int, ...], Variable]:
+    """Return index to variable at an end of a connection; note a problem if empty."""
+    component, _, name = end.partition(".")
+    signals = _end(tables[component], name, causality)
+    if not signals:
+        groups = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))
+        way = optional(tables[component], name) or nearest(name, groups)
+        problems.append(f"{end}: expected an {causality} of {component}, got {name!r}. {way}")
+    return signals
+
+
+def _shape(signals: Collection[tuple[int, ...]]) -> str:
+    return str(tuple(1 + max(axis) for axis in zip(*signals, strict=True)))
+
+
+def _dimension(variable: Variable) -> dict[str, int] | None:
+    """Return the exponents of the base units of a signal; None if unknown, as in FMUs of other tools."""
+    try:
+        return measure(variable.unit).exponents if variable.unit else None
+    except UsageError:
+        return None
+
+
 _TINY = 1e-12
-"""Share of the inertia that an unknown payload keeps: one of zeros would be another structure."""
+"""Share of the inertia that an unknown payload keeps: zeros would give another structure."""
 FACTOR_FIELDS = tuple(row.name for row in PARAMETERS.values() if row.fold != "always")
 """Fields of the robot that a plant factor may scale."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """All that one run needs.
+    """All data of a run.
 
     Parameters
     ----------
@@ -31,8 +258,8 @@ class Scenario:
     system : SystemFile
         The components and their connections.
     robot : Robot or None
-        The nominal robot, which the feedforward knows, with the friction arrangement of the scenario if its file
-        names one; None where no component takes it.
+        The nominal robot of the feedforward, with the friction arrangement of the scenario if given; None if no
+        component takes it.
     stop, step : float [s]
         End of the run, and communication step.
     master : str
@@ -44,22 +271,22 @@ class Scenario:
     plant_factors : mapping of str to float or (n,) array
         Field of the robot to its factor: plant = nominal * factor.
     sections : mapping of str to mapping
-        Component to the values that the file sets: a group of variables, or one of them, ``K_p`` or ``K_p[1]``, to its
-        value, or values. :func:`vdfmu.system.scenario.values.system_values` reads them.
+        Component to the values of the file: group or variable, ``K_p`` or ``K_p[1]``, to value or values.
+        :func:`vdfmu.system.scenario.values.system_values` reads them.
     paper : mapping
         Values of the paper: `source` and lists that start at joint 1. Empty if it reports nothing.
     payload_known : bool
-        Whether other components than the plant know of the robot's payload.
+        Whether components besides the plant know the robot's payload.
     inputs : path, sequence of paths or mapping, optional
-        Signals for inputs that nothing is connected to; see :func:`vdfmu.engine.run.simulate`.
+        Signals for free inputs; see :func:`vdfmu.engine.run.simulate`.
     input_hold : bool, optional
         Whether they hold until the next row.
     notes : tuple of str
-        Notes of whoever made the scenario.
+        Notes of the author.
     file : str
-        Its file, if it is not a shipped one.
+        Its file, empty for a shipped scenario.
     options : CouplingOptions
-        Those of its runs that have no field here.
+        Further options of its runs.
     """
 
     name: str
@@ -83,7 +310,7 @@ class Scenario:
 
     @property
     def coupling(self) -> SimulatorOptions:
-        """How the master couples the components."""
+        """Options of the coupling."""
         return {**self.options, "algorithm": self.master, "adaptive": self.adaptive}
 
     @property
@@ -93,19 +320,19 @@ class Scenario:
 
     @property
     def arm(self) -> Robot:
-        """The robot, for what cannot do without; UsageError if there is none."""
+        """The robot; UsageError if it is None."""
         if self.robot is None:
             raise UsageError(f"scenario {self.name} has no robot. {ROBOT_WAY_OUT}")
         return self.robot
 
     @property
     def plant_robot(self) -> Robot:
-        """The robot that the plant simulates: the nominal one with the factors applied."""
+        """The robot of the plant: nominal times the factors."""
         return apply_factors(self.arm, self.plant_factors)
 
     @property
     def known_robot(self) -> Robot:
-        """The robot that the other components know: the nominal one, without a payload that is not known."""
+        """The robot of the other components: nominal, without an unknown payload."""
         robot = self.arm
         if self.payload_known or not robot.payload:
             return robot
@@ -113,7 +340,7 @@ class Scenario:
 
 
 def apply_factors(robot: Robot, factors: Mapping[str, Array | float]) -> Robot:
-    """Return the robot with fields scaled; a factor of shape (n,) has one entry a joint."""
+    """Return the robot with scaled fields; a factor has shape () or (n,)."""
     scaled: dict[str, Array] = {}
     for key, factor in factors.items():
         nominal = getattr(robot, key)

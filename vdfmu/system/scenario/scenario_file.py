@@ -1,4 +1,4 @@
-"""Scenarios and systems by name or path, and the layout of a scenario file: from its tables to a `Scenario`."""
+"""Load scenarios and systems by name or path, and read scenario files."""
 
 from __future__ import annotations
 
@@ -24,40 +24,34 @@ from vdfmu.base.toml_tables import Problems, Table, as_number, shape_of, value_t
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, named
 from vdfmu.engine.plan.grid import count_steps
-from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, resolve
-from vdfmu.system.scenario.scenario import FACTOR_FIELDS, Scenario, apply_factors
-from vdfmu.system.scenario.start import started, with_starts
+from vdfmu.system.scenario.replace import started, with_starts
+from vdfmu.system.scenario.scenario import FACTOR_FIELDS, ROBOT_WAY_OUT, Scenario, apply_factors, resolve
 from vdfmu.system.scenario.system_file import SystemFile, read_system_file
 from vdfmu.system.scenario.values import section_values
 
 
 def scenario_names() -> list[str]:
-    """Return the names of the scenarios that travel with the package."""
+    """Return the names of the shipped scenarios."""
     return toml_names("scenarios")
 
 
 def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | None = None) -> Scenario:
-    """Load a scenario by the name of a shipped one or by the path of a TOML file.
+    """Load a shipped scenario by its name, or a scenario from a TOML file.
 
     Parameters
     ----------
     path_or_name : str or path
         See `load_robot`. A relative path of a robot in the file starts at the file's folder.
     robot : Robot, str or None
-        Robot instead of the one that the file names, or of none where a component takes it; a str as for `load_robot`.
-        The paper's numbers are left out where it has other numbers than the file's.
-
-    Returns
-    -------
-    Scenario
+        Robot that overrides the robot of the file; a str as for `load_robot`. The paper's numbers are left out if its
+        numbers differ from the file's robot.
 
     Raises
     ------
     UsageError
-        If no shipped scenario, or robot given here, has the name; for a robot that neither file nor components have use
-        for.
+        For an unknown name of a scenario or robot, or a robot that no component takes.
     ModelError
-        If the scenario or its robot has problems; it lists every one of both files.
+        If the scenario or its robot has problems; it lists all problems of both files.
     """
     path = locate(path_or_name, "scenarios")
     data = read_toml(path)
@@ -66,14 +60,14 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     if isinstance(robot, str):
         robot = load_robot(robot)
     named: Robot | None = None
-    others = Problems(str(path))
+    elsewhere = Problems(str(path))
     if (robot is None or "paper" in data) and isinstance(written, str) and written:
         try:
             located = locate(written, "robots", path.parent)
             named = robot_from_dict(read_toml(located), str(located))
         except (ModelError, UsageError) as error:
             if robot is None:
-                others.take(error, "robot")
+                elsewhere.take(error, "robot")
     if robot is not None and (named is None or _numbers(robot) != _numbers(named)):
         data.pop("paper", None)
     system: SystemFile | None = None
@@ -82,18 +76,18 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
         try:
             system = load_system(wired, path.parent)
         except (ModelError, UsageError) as error:
-            others.take(error, "system")
+            elsewhere.take(error, "system")
     scenario = read_scenario(problems, data, robot or named, system)
-    problems.lines += others.lines
+    problems.lines += elsewhere.lines
     problems.raise_any()
     assert scenario is not None  # else there are problems
     if robot is not None and "robot" not in data and not scenario.resolved.takers:
-        raise UsageError(f"robot: expected none for {path}, no component of which takes one, got {robot.name}.")
+        raise UsageError(f"robot: no component of {path} takes a robot, got {robot.name}. Leave the robot out.")
     return scenario if str(path_or_name) in scenario_names() else replace(scenario, file=str(path))
 
 
 def _numbers(robot: Robot) -> dict[str, Any]:
-    """Return what of a robot a result depends on."""
+    """Return the values of a robot that results depend on."""
     texts = ("name", "description", "sources")
     return {key: value for key, value in robot.to_dict(looks=False).items() if key not in texts}
 
@@ -101,23 +95,10 @@ def _numbers(robot: Robot) -> dict[str, Any]:
 def load_system(
     path_or_name: str | os.PathLike[str], start: Path | None = None, extending: tuple[Path, ...] = ()
 ) -> SystemFile:
-    """Load a system by the name of a shipped one or by the path of a TOML file.
+    """Load a shipped system by its name, or a system from a TOML file.
 
-    Parameters
-    ----------
-    path_or_name : str or path
-        See `load_robot`.
-    start : Path, optional
-        Folder at which a relative path starts.
-    extending : tuple of Path, optional
-        Files that extend it.
-
-    Raises
-    ------
-    UsageError
-        If no shipped system has the name.
-    ModelError
-        If the file cannot be used; it lists every problem.
+    A relative path starts at the folder `start`; `extending` are the files that extend it. UsageError for an unknown
+    name, ModelError with all problems of the file.
     """
     path = locate(path_or_name, "systems", start)
     data = read_toml(path)
@@ -139,7 +120,7 @@ KEYS = {
     "name": "",
     "description": "",
     "system": "Which units, and how they are connected: a name or a TOML file",
-    "robot": "A name or a TOML file, where a component takes one",
+    "robot": "A name or a TOML file, if a component takes a robot",
     "friction": "Instead of the robot's",
     "stop": "End of the run [s]",
     "step": "Communication step [s]",
@@ -150,25 +131,24 @@ KEYS = {
     "input_hold": "Hold these until the next row",
     "payload": "",
     "joints": "File of a drive, and tables of its numbers, for all joints or for each",
-    "motion": "Motion of the joints instead of (57), or the TOML file with it; each kind has keys of its own",
+    "motion": "Motion of the joints instead of (57), or the TOML file with it; each kind has other keys",
     "plant_factors": "",
     "paper": "",
 }
-"""Keys of a scenario file and what they are, in words where the name does not say it."""
+"""Keys of a scenario file and their meaning, if the name does not say it."""
 ROBOT_KEYS = ("friction", "payload", "joints", "motion", "plant_factors", "paper")
 """Requirements of a scenario on its robot."""
 PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
 
 
 def read_scenario(problems: Problems, data: object, robot: Robot | None, system: SystemFile | None) -> Scenario | None:
-    """Read a scenario file's content; None, with problems noted, if there are any.
+    """Read the content of a scenario file; None if problems are noted.
 
-    `robot` and `system` are None if the file names none, or one that could not be loaded, which lets the rest be read
-    all the same.
+    `robot` and `system` are None if the file omits them or their files have problems. The rest is read nevertheless.
     """
     written = cast("dict[str, object]", data) if isinstance(data, dict) else {}
     if system is not None:
-        with suppress(UsageError, UnitError):  # of a unit, whose values are refused below
+        with suppress(UsageError, UnitError):  # noted below
             system = with_starts(system)
     # sections of an unknown system may be right
     components = list(system.parts) if system is not None else [k for k, v in written.items() if isinstance(v, dict)]
@@ -177,18 +157,17 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     name = file.name("name")
     description = file.text("description", "")
     file.text("system", "system")
-    sections: dict[str, Any] = {}
-    for component in components:
-        if component in file.data and component not in KEYS:
-            sections[component] = file.optional_table(component).data
+    sections: dict[str, Any] = {
+        component: file.optional_table(component).data
+        for component in components
+        if component in file.data and component not in KEYS
+    }
     unnamed = robot is None and "robot" not in file.data
     if "robot" in file.data:
         file.text("robot")
-    if unnamed:
-        for key in filter(file.data.__contains__, ROBOT_KEYS):
-            problems.add(
-                key, "a scenario with a robot, which this is for", "none", f"{ROBOT_WAY_OUT} Or leave {key} out."
-            )
+    for key in ROBOT_KEYS if unnamed else ():
+        if key in file.data:
+            problems.add(key, "a scenario with a robot for it", "none", f"{ROBOT_WAY_OUT} Or leave {key} out.")
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
         robot = robot and dataclasses.replace(robot, friction=friction)
@@ -197,9 +176,8 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
         load = file.table("payload", [*(row.key for row in section("payload")), "known"])
         payload_known = load.flag("known", True)
         numbers = section_numbers(load, "payload")
-        robot = robot and dataclasses.replace(
-            robot, payload=True, **{key: read_only(number) for key, number in numbers.items()}
-        )
+        fixed = {key: read_only(number) for key, number in numbers.items()}
+        robot = robot and dataclasses.replace(robot, payload=True, **fixed)
     if "joints" in file.data and robot is not None:
         robot = _with_drive(file.optional_table("joints"), robot)
     if "motion" in file.data and robot is not None and system is not None:
@@ -225,10 +203,9 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
         try:
             section_values(resolve(system, robot), sections)
         except (UsageError, UnitError) as error:
-            known = (str(system.path), problems.where)
-            problems.lines.extend(
-                line if line.startswith(known) else f"{problems.where}: {line}" for line in str(error).splitlines()
-            )
+            places = (str(system.path), problems.where)
+            for line in str(error).splitlines():
+                problems.lines.append(line if line.startswith(places) else f"{problems.where}: {line}")
     if robot is not None and not problems.lines:
         try:
             check_robot(apply_factors(robot, factors), f"{problems.where}: plant_factors: the plant")
@@ -237,38 +214,24 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     if system is None or problems.lines:
         return None
     return Scenario(
-        name=name,
-        description=description,
-        system=system,
-        robot=robot,
-        stop=stop,
-        step=step,
-        master=master,
-        adaptive=adaptive,
-        tolerance=tolerance,
-        plant_factors=factors,
-        sections=sections,
-        paper=paper,
-        inputs=inputs,
-        input_hold=input_hold,
-        payload_known=payload_known,
-    )
+        name=name, description=description, system=system, robot=robot, stop=stop, step=step, master=master,
+        adaptive=adaptive, tolerance=tolerance, plant_factors=factors, sections=sections, paper=paper, inputs=inputs,
+        input_hold=input_hold, payload_known=payload_known,
+    )  # fmt: skip
 
 
 def _moved(
     file: Table, robot: Robot, system: SystemFile, sections: dict[str, Any]
 ) -> tuple[SystemFile, dict[str, Any]]:
-    """Return the system with the unit of a motion in the place of its trajectory, and sections with its start."""
+    """Return the system with the unit of a motion as its trajectory, and the sections with its start."""
     problems = file.problems
     if "trajectory" not in system.parts:
         expected = "a scenario whose system has a component trajectory"
         problems.add("motion", expected, ", ".join(system.parts), "Leave the motion out.")
         return system, sections
     motion = read_motion(problems, file.data["motion"], robot, Path(problems.where).parent)
-    if motion is None:  # a section may be right
-        motion = rest(np.zeros(robot.n), 1.0)
     try:
-        unit = motion.unit()
+        unit = (motion or rest(np.zeros(robot.n), 1.0)).unit()  # after a wrong motion, sections are still checked
     except UsageError as error:
         problems.take(error)
         return system, sections
@@ -278,7 +241,7 @@ def _moved(
 
 
 def _with_drive(table: Table, robot: Robot) -> Robot:
-    """Return a robot with the drive of a table [joints], and the numbers of its other entries, or lists by joint."""
+    """Return a robot with the drive of a table [joints] and its numbers, each for all joints or a list."""
     where = table.problems.where
     try:
         data: dict[str, Any] = robot.to_dict() | {"drive": drive_text(table.text("drive"), Path(where).parent)}
@@ -295,19 +258,16 @@ def _with_drive(table: Table, robot: Robot) -> Robot:
 
 
 def _adaptive(file: Table, master: str) -> float | None:
-    """Read the error control of the communication step; no key means none."""
+    """Read the error control of the communication step, by default off."""
     if "adaptive" not in file.data:
         return None
     error = file.number("adaptive", "", above=0)
     if error >= 1:
         file.problems.add("adaptive", "a relative error < 1", value_text(error), "1e-6 is a good start.")
     if master in ALGORITHMS and not ALGORITHMS[master].continuous:
-        file.problems.add(
-            "adaptive",
-            f"master = {' or '.join(map(repr, named(continuous=True)))}",
-            repr(master),
-            "Sampled control has a fixed step: leave adaptive out, or choose another master.",
-        )
+        way_out = "Sampled control has a fixed step: leave adaptive out, or choose another master."
+        expected = f"master = {' or '.join(map(repr, named(continuous=True)))}"
+        file.problems.add("adaptive", expected, repr(master), way_out)
     return error
 
 
@@ -319,7 +279,7 @@ def _factors(table: Table, n: int | None) -> dict[str, Floats | float]:
         if as_number(value) is not None or not PARAMETERS[key].per_joint:
             factors[key] = table.number(key, "", above=0, way_out="A factor of 1 changes nothing.")
         else:
-            length = n or (shape_of(value) or (1,))[0]  # of an unknown robot, as many as there are
+            length = n or (shape_of(value) or (1,))[0]  # an unknown robot may have any number of joints
             way_out = f"The robot has {n} joints." if n else ""
             factors[key] = read_only(table.numbers(key, (length,), "", scalar=True, way_out=way_out, above=0))
     return factors
@@ -333,7 +293,5 @@ def _paper(table: Table, n: int | None) -> dict[str, Any]:
             paper[key] = table.text("source")
         elif key in PAPER_LISTS:
             length = (shape_of(value) or (0,))[0]
-            most = n or length
-            numbers: Floats = table.numbers(key, (max(1, min(length, most)),), "", at_least=0)
-            paper[key] = numbers.tolist()
+            paper[key] = table.numbers(key, (max(1, min(length, n or length)),), "", at_least=0).tolist()
     return paper

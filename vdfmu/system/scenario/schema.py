@@ -1,7 +1,7 @@
-"""JSON schemas of the TOML files, from which editors complete names and mark what is wrong.
+"""JSON schemas of the TOML files, for completion and checks in editors.
 
-They are made from the tables that the files are read by. Some conditions are the readers' alone: those between values,
-such as ``f_s >= f_c``, and the number of joints.
+They are generated from the tables of the readers. Only the readers check conditions between values, such as
+``f_s >= f_c``, and the number of joints.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from vdfmu.compiler.unit.declaration import Choice, Declared, Input, Parameter, 
 from vdfmu.compiler.unit.interface import general_description
 from vdfmu.compiler.unit.unit import Unit
 from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.system.scenario.resolved import resolve
-from vdfmu.system.scenario.scenario import FACTOR_FIELDS
+from vdfmu.system.scenario.scenario import FACTOR_FIELDS, resolve
 from vdfmu.system.scenario.scenario_file import KEYS, PAPER_LISTS, load_system
 
 Schema = dict[str, Any]
@@ -38,7 +37,7 @@ def robot_schema() -> Schema:
     payload = _table(_rows("payload"), _required("payload"))
     parts: tuple[Section, ...] = ("link", "drive", "friction", *JOINT_OPTIONS)
     tables = {part: _table(_rows(part), _required(part)) for part in parts}
-    named: Schema = {what: {"enum": list(catalogue()[f"{what}s"])} for what in NAMED}
+    named: Schema = {noun: {"enum": list(catalogue()[f"{noun}s"])} for noun in NAMED}
     joint = _table(
         {"type": {"enum": list(JOINT_TYPES)}} | named | _rows("joint") | tables, ["type", *_required("joint"), "link"]
     )
@@ -58,19 +57,13 @@ def robot_schema() -> Schema:
 
 
 def scenario_schema(system: str = "system") -> Schema:
-    """Return the schema of a scenario file, with the sections of the components of a system.
-
-    Parameters
-    ----------
-    system : str
-        Name of a shipped one, or path of a TOML file.
-    """
+    """Return the schema of a scenario file with the sections of a system, a shipped name or the path of a TOML file."""
     file = load_system(system)
     positive: Schema = {"type": "number", "exclusiveMinimum": 0}
     share: Schema = positive | {"exclusiveMaximum": 1}
     factors = {name: _one_or_more(positive) for name in FACTOR_FIELDS}
     paper: Schema = {"source": _TEXT} | {name: _list({"type": "number", "minimum": 0}) for name in PAPER_LISTS}
-    sections: Schema = {name: {"type": "object"} for name in file.parts}  # of an FMU of any tool: what it has
+    sections: Schema = {name: {"type": "object"} for name in file.parts}  # an FMU accepts any key
     sections |= {name: _table(_values(unit), []) for name, unit in resolve(file, None).units.items()}
     types: Schema = {
         **dict.fromkeys(("name", "description", "system", "robot", "inputs"), _TEXT),
@@ -93,7 +86,7 @@ def scenario_schema(system: str = "system") -> Schema:
 
 def system_schema() -> Schema:
     """Return the schema of a system file."""
-    box = {"type": "array", "items": {"type": "number"}, "minItems": 4, "maxItems": 4}
+    box = _list({"type": "number"}, 4)
     ends = {flag: {"type": "boolean"} for flag in ENDS}
     part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box, "robot": _TEXT, **ends}, [])]}
     keys: Schema = {
@@ -111,11 +104,8 @@ def system_schema() -> Schema:
 
 
 def _file(title: str, properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
-    return {
-        "$schema": "http://json-schema.org/draft-07/schema#",
-        "title": title,
-        **_table({"format": _FORMAT, **properties}, required),
-    }
+    schema = _table({"format": _FORMAT, **properties}, required)
+    return {"$schema": "http://json-schema.org/draft-07/schema#", "title": title, **schema}
 
 
 def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
@@ -125,7 +115,7 @@ def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
 
 
 def _motion() -> Schema:
-    """Return the schema of a motion: the keys of its kind."""
+    """Return the schema of a motion, by its kind."""
     kinds = [
         _table({"kind": {"const": kind}, **dict.fromkeys((*keys, *["file"] * (kind in OF_FILE)), {})}, ["kind"])
         for kind, (_, keys) in KINDS_OF_MOTION.items()
@@ -134,32 +124,28 @@ def _motion() -> Schema:
 
 
 def _visual() -> Schema:
-    """Return the schema of what a link looks like."""
+    """Return the schema of the look of a link."""
     number: Schema = {"type": "number"}
-
-    def numbers(size: int, items: Schema = number) -> Schema:
-        return _list(items) | {"minItems": size, "maxItems": size}
-
     return _table(
         {
-            "joint": {"type": "integer", "minimum": 0, "description": "That moves it; 0 for what stands still"},
+            "joint": {"type": "integer", "minimum": 0, "description": "Moving joint; 0 for the base"},
             "shape": {"enum": list(SHAPES)},
             "file": _TEXT | {"description": "Of a mesh"},
             "size": _list(number | {"minimum": 0}) | {"minItems": 1, "maxItems": 3},
-            "rotation": numbers(3, numbers(3)),
-            "offset": numbers(3) | {"description": "In the link frame [m]"},
-            "color": numbers(4, number | {"minimum": 0, "maximum": 1}) | {"description": "Red, green, blue, opacity"},
+            "rotation": _list(_list(number, 3), 3),
+            "offset": _list(number, 3) | {"description": "In the link frame [m]"},
+            "color": _list(number | {"minimum": 0, "maximum": 1}, 4) | {"description": "Red, green, blue, opacity"},
         },
         ["joint", "shape"],
     )
 
 
-def _list(items: Schema) -> Schema:
-    return {"type": "array", "items": items}
+def _list(items: Schema, size: int | None = None) -> Schema:
+    return {"type": "array", "items": items} | ({} if size is None else {"minItems": size, "maxItems": size})
 
 
 def _one_or_more(item: Schema) -> Schema:
-    """Return the schema of one value for all elements, or a list of them."""
+    """Return the schema of a value for all elements, or a list."""
     return {"anyOf": [item, _list(item)]}
 
 
@@ -180,26 +166,23 @@ def _row(row: Row) -> Schema:
         text["default"] = np.asarray(row.default).tolist()
     shaped = number
     for size in reversed(row.shape):
-        shaped = {"type": "array", "items": shaped, "minItems": size, "maxItems": size}
+        shaped = _list(shaped, size)
     if row.fold == "inertia":
-        moments = {"type": "array", "items": number, "minItems": 3, "maxItems": 3}
-        return text | {"anyOf": [number, moments, shaped]}
+        return text | {"anyOf": [number, _list(number, 3), shaped]}
     return text | shaped
 
 
 def _units(quantity: str) -> str:
-    """Return the unit of measurement of a quantity, of both types of joint."""
+    """Return the units of a quantity for both types of joint."""
     return " or ".join(dict.fromkeys(unit_of(quantity, joint) for joint in JOINT_TYPES))
 
 
 def _values(unit: type[Unit]) -> Schema:
-    """Return the schema of what a scenario can set of a unit: its parameters and inputs."""
-    found = {d.name: _declared(d) for d in unit.declared.values() if isinstance(d, (Parameter, Choice, Switch, Input))}
-    if unit.robot_fields is None:
-        return found
-    names = unit.robot_fields or PARAMETERS
-    known = (PARAMETERS[name] for name in names)
-    return {row.name: {"description": f"{row.description} [{_units(row.quantity)}]"} for row in known} | found
+    """Return the schema of the parameters and inputs of a unit."""
+    kinds = (Parameter, Choice, Switch, Input)
+    rows = () if unit.robot_fields is None else (PARAMETERS[name] for name in unit.robot_fields or PARAMETERS)
+    texts: Schema = {row.name: {"description": f"{row.description} [{_units(row.quantity)}]"} for row in rows}
+    return texts | {d.name: _declared(d) for d in unit.declared.values() if isinstance(d, kinds)}
 
 
 def _declared(declared: Declared) -> Schema:

@@ -1,4 +1,4 @@
-"""System files: which components a system has, and what is connected to what."""
+"""System files: components of a system and their connections."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any, cast
 
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.robot.robot import ENDS, Robot
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.once import cached_per_command
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_tables import Problems, Table, as_number, value_text
@@ -27,17 +27,16 @@ class Part:
     """A component of a system."""
 
     unit: Any
-    """Name of a unit of the package, ``file.py`` or ``file.py:Name`` of one's own, a class, or ``file.fmu`` of any
-    tool."""
+    """Name of a shipped unit, ``file.py``, ``file.py:Name``, a class, or ``file.fmu`` of any tool."""
     box: Box | None = None
-    """Corners in a diagram [mm], lower left and upper right; None: a place is found."""
+    """Corners in a diagram [mm], lower left and upper right; None: automatic."""
     robot: Robot | None = None
-    """Robot of the component's own; None: that of the scenario."""
+    """Robot of the component, if it differs from the robot of the scenario."""
     ends: tuple[str, ...] = ()
-    """Flags that its robot has here, of :data:`~vdfmu.arm.robot.robot.ENDS`."""
+    """Flags of its robot, from :data:`~vdfmu.arm.robot.robot.ENDS`."""
 
     def robot_of(self, robot: Robot | None) -> Robot | None:
-        """Return the robot of the component in a scenario with a robot, or without one."""
+        """Return the robot of the component, by default the robot of the scenario."""
         robot = self.robot or robot
         return _with_ends(robot, self.ends) if robot and self.ends else robot
 
@@ -55,7 +54,7 @@ def _with_ends(robot: Robot, ends: tuple[str, ...]) -> Robot:
 
 @dataclass(frozen=True, eq=False)
 class SystemFile:
-    """A system as its file has it."""
+    """Content of a system file."""
 
     name: str
     description: str
@@ -63,24 +62,24 @@ class SystemFile:
     parts: Mapping[str, Part]
     """Components by name."""
     connections: Mapping[str, list[str]]
-    """``component.output`` to what it feeds, groups of signals: one connection for every index that both have."""
+    """``component.output`` to inputs. Groups of signals are connected at every index that both have."""
     shared: Mapping[str, Mapping[str, str]]
-    """Values that components share under names of their own: name of the parameter set, to component to group."""
+    """Shared values: name of the parameter set to component to its group."""
     dropped: tuple[str, ...] = ()
-    """Connections, ``output -> input``, that were left out for units instead of those of the file."""
+    """Connections, ``output -> input``, that replaced units lack."""
     joined: tuple[str, ...] = ()
-    """Connections, ``output -> input``, that units instead of those of the file have in addition."""
+    """Connections, ``output -> input``, that replaced units add."""
 
     @cached_property
     def fed(self) -> Mapping[str, str]:
-        """Ends of the connections, groups of inputs or single ones, to the output that feeds them."""
+        """Connected inputs, groups or elements, to their output."""
         return {end: start for start, targets in self.connections.items() for end in targets}
 
 
 def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None) -> SystemFile:
-    """Read the content of a system file at `path`; the tables of `base`, which it extends, come before its own.
+    """Read the content of a system file at `path` that extends the tables of `base`.
 
-    What the file feeds itself, nothing of `base` feeds any more: so a unit is put between two others.
+    An input that the file connects loses its connection in `base`, so that a unit can be put between two others.
     """
     file = Table(problems, data, "", _KEYS)
     name = file.name("name") if "name" in data or base is None else base.name
@@ -94,7 +93,7 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
     own: dict[str, list[str]] = {}
     for source, value in file.optional_table("connections").data.items():
         targets = [value] if isinstance(value, str) else value
-        if not isinstance(targets, list) or not all(isinstance(one, str) for one in cast("list[object]", targets)):
+        if not isinstance(targets, list) or not all(isinstance(end, str) for end in cast("list[object]", targets)):
             problems.add(f"connections.{source}", 'a list such as ["plant.tau"]', value_text(value), "Name inputs.")
             continue
         ends = cast("list[str]", targets)
@@ -118,10 +117,10 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
     for key, members in file.optional_table("shared").data.items():
         where = f"shared.{key}"
         file.check_name(where, key, dots=False)
-        if not isinstance(members, dict) or not members or not all(isinstance(one, str) for one in members.values()):
+        if not isinstance(members, dict) or not members or not all(isinstance(end, str) for end in members.values()):
             expected = 'a table such as { trajectory = "q_start", plant = "q_0" }'
             problems.add(where, expected, value_text(members), "Name a group of each component that shares its value.")
-        elif unknown := [one for one in members if one not in parts]:
+        elif unknown := [component for component in members if component not in parts]:
             problems.add(where, "components in [units]", ", ".join(unknown), nearest(unknown[0], list(parts)))
         elif key == "robot":
             problems.add(where, "another name", key, "The parameter set of the robot has it.")
@@ -131,7 +130,7 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
 
 
 def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
-    """Read one entry of [units]: a box, a unit, or a table of both."""
+    """Read an entry of [units]: a box, a unit, or a table of both."""
     where = f"units.{key}"
     if isinstance(value, str):
         return Part(_located(value, folder))
@@ -148,17 +147,13 @@ def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
             except (ModelError, UsageError) as error:
                 problems.take(error, f"{where}.robot")
         return Part(_located(unit, folder), box, robot, tuple(end for end in ENDS if table.flag(end, False)))
-    problems.add(
-        where,
-        'a unit such as "plant" or "my_unit.py", or a table { unit = .., box = .., robot = .. }',
-        value_text(value),
-        "",
-    )
+    expected = 'a unit such as "plant" or "my_unit.py", or a table { unit = .., box = .., robot = .. }'
+    problems.add(where, expected, value_text(value), "")
     return Part(key)
 
 
 def _located(unit: str, folder: Path) -> str:
-    """Return a unit with its file found from the folder of the system file."""
+    """Return a unit with the path of its file from the folder of the system file."""
     file, colon, name = unit.partition(":") if ".py:" in unit else (unit, "", "")
     if not file.lower().endswith((".py", ".fmu")):
         return unit
@@ -167,12 +162,11 @@ def _located(unit: str, folder: Path) -> str:
 
 def _box(problems: Problems, where: str, value: object) -> Box | None:
     numbers = cast("list[object]", value) if isinstance(value, list) else []
-    corners = [number for one in numbers if (number := as_number(one)) is not None and math.isfinite(number)]
+    corners = [number for each in numbers if (number := as_number(each)) is not None and math.isfinite(number)]
     if len(numbers) == len(corners) == 4:
         x1, y1, x2, y2 = corners
         if x1 < x2 and y1 < y2:
             return x1, y1, x2, y2
-    problems.add(
-        where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", value_text(value), "Or leave the box out."
-    )
+    expected = "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2"
+    problems.add(where, expected, value_text(value), "Or leave the box out.")
     return None

@@ -1,4 +1,4 @@
-"""Values of the components from robot, scenario and settings: what the parameter sets of the SSP hold."""
+"""Values of the components from robot, scenario and settings, for the parameter sets of the SSP."""
 
 from __future__ import annotations
 
@@ -19,18 +19,17 @@ from vdfmu.compiler.unit.requirements import unmet
 from vdfmu.compiler.unit.unit import Unit
 from vdfmu.compiler.unit.variable import NO_LIMIT, Variable
 from vdfmu.engine.package.system import spread
-from vdfmu.system.scenario.resolved import ResolvedSystem, Variables, optional
-from vdfmu.system.scenario.scenario import Scenario
+from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, Variables, optional
 from vdfmu.system.scenario.system_file import SystemFile
 
 Values = dict[str, Any]
 
 
 def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
-    """All values of the components that robot, scenario and settings decide: component to variable to value.
+    """Return the values that robot, scenario and settings decide: component to variable to value.
 
-    Variables that none of them names are not in it: they keep the start values of their declaration. An input that
-    nothing feeds, such as the wrench at the end effector, has its start value.
+    Other variables keep the start values of their declaration. Free inputs, such as the wrench at the end effector,
+    have their start value.
 
     Raises
     ------
@@ -38,7 +37,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
         See :func:`override`; also for positions beyond the robot's end stops.
     """
     resolved = scenario.resolved
-    # any other unit, or FMU of another tool, may call what it likes a tolerance
+    # other units and FMUs may use the name tolerance for anything
     solvers = [n for n, u in resolved.units.items() if any(isinstance(d, Derivative) for d in u.declared.values())]
     tolerances = _set_all(resolved, {f"{name}.tolerance": scenario.tolerance for name in solvers})
     written = _set_all(resolved, _sections(resolved, scenario.sections))
@@ -56,14 +55,10 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
 
 
 def section_values(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Values]:
-    """Values of the sections of a scenario's file: component to variable to value.
+    """Return the values of the sections of a scenario's file: component to variable to value.
 
-    A group that shares its value with others, as ``[shared]`` of the system has it, sets these too.
-
-    Raises
-    ------
-    UsageError
-        See :func:`override`; also for positions beyond the robot's end stops, and for connections of unknown signals.
+    A group sets all groups that share its value by ``[shared]`` of the system. UsageError: see :func:`override`; also
+    for positions beyond the robot's end stops, and for wrong connections.
     """
     resolved.check_connections()
     values = _set_all(resolved, _sections(resolved, sections))
@@ -74,15 +69,15 @@ def section_values(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str,
 def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Values]:
     """Read settings such as ``controller.K_p[1]=3000``: component to variable to value.
 
-    A name without an index sets all elements: ``controller.K_p=3000``, or each of them by a list or array. An integer
-    with named values takes the name: ``feedforward.mode=vdc``. ``robot.mass[3]=3`` reaches every component that has the
-    parameter. Inputs that nothing feeds can be set too.
+    A name without an index sets all elements: ``controller.K_p=3000``, or each by a list or array. An integer with
+    named values takes the name: ``feedforward.mode=vdc``. ``robot.mass[3]=3`` sets the parameter in every component.
+    Free inputs can be set too.
 
     Raises
     ------
     UsageError
-        For an unknown component or variable, one that cannot be set, a value that does not fit, or another number of
-        values; with one line for each setting that is wrong.
+        With a line for each wrong setting: unknown component or variable, a variable that cannot be set, a wrong value,
+        or a wrong number of values.
     """
     return _set_all(scenario.resolved, settings)
 
@@ -90,12 +85,9 @@ def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Value
 def present_values(
     scenario: Scenario, values: Mapping[str, Mapping[str, Any]], target: str, number: float
 ) -> dict[str, Any]:
-    """Return the values of what a setting sets, by ``component.variable``: those of `values`, else start values.
+    """Return ``component.variable`` to value for the variables of a setting, from `values`, else start values.
 
-    Raises
-    ------
-    UsageError
-        See :func:`override`; also for a `number` that does not fit.
+    UsageError: see :func:`override`; also for a wrong `number`.
     """
     tables = scenario.resolved.tables
     return {
@@ -107,13 +99,7 @@ def present_values(
 
 
 def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, Any]) -> Values:
-    """Read settings of a unit by itself, ``K_p=3000`` or ``K_p[1]=3000``: variable to value.
-
-    Raises
-    ------
-    UsageError
-        See :func:`override`.
-    """
+    """Read settings of a unit, ``K_p=3000`` or ``K_p[1]=3000``: variable to value; UsageError as :func:`override`."""
     table = interface_of(unit, robot if unit.needs_robot() else None)
     values: Values = {}
     for key, value in settings.items():
@@ -122,31 +108,28 @@ def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, A
 
 
 def group_value(scenario: Scenario, name: str, settings: Mapping[str, Any] | None = None) -> Any:
-    """Value of a component's group, ``controller.K_p``: a float, the name of a choice, or an array of its shape.
-
-    None if there is no such component or group.
-    """
+    """Return the value of a group, ``controller.K_p``: a float, the name of a choice, or an array; None if unknown."""
     component, _, group = name.partition(".")
     table = scenario.resolved.tables.get(component, ())
     return group_of(table, system_values(scenario, settings).get(component, {}), group)
 
 
 def group_of(table: Iterable[Variable], values: Mapping[str, Any], group: str) -> Any:
-    """Value of a group of a component with these variables and values; see :func:`group_value`."""
-    found = {v.index: values.get(v.name, v.start) for v in table if v.group == group}
-    if not found:
+    """Return the value of a group of a component; see :func:`group_value`."""
+    elements = {v.index: values.get(v.name, v.start) for v in table if v.group == group}
+    if not elements:
         return None
-    if () in found:
+    if () in elements:
         choices = next(v.choices for v in table if v.group == group)
-        return choices[found[()]] if choices else found[()]
-    array = np.full([1 + max(axis) for axis in zip(*found, strict=True)], np.nan)
-    for index, value in found.items():
+        return choices[elements[()]] if choices else elements[()]
+    array = np.full([1 + max(axis) for axis in zip(*elements, strict=True)], np.nan)
+    for index, value in elements.items():
         array[index] = value
     return array
 
 
 def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Values:
-    """Return a component's parameters that describe the robot: of plants the scenario's plant, else nominal."""
+    """Return the parameters of the robot in a component: for plants with plant factors, else as known."""
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
     own = scenario.system.parts[component].robot
@@ -159,32 +142,30 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
 
 
 def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
-    """Return a robot with numbers of its plant, by their names there: ``mass[2]``; itself if it has them."""
+    """Return a robot with values by the names of its plant, ``mass[2]``, or itself if nothing changes."""
     own = [float(getattr(robot, each.field)[each.index]) for each in robot.entries()]
     new = [float(values.get(each.name, number)) for each, number in zip(robot.entries(), own, strict=True)]
     return robot if new == own else robot.with_values(new)
 
 
 def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
-    """Whether a variable is an input that nothing feeds."""
+    """Whether a variable is an input without connection."""
     names = {f"{component}.{variable.group}", f"{component}.{variable.name}"}
     return variable.causality == "input" and system.fed.keys().isdisjoint(names)
 
 
 def _sections(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Values of sections by ``component.group``, with those of groups that share them."""
+    """Return ``component.group`` to value of sections, also for groups that share the value."""
     written = {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
     for members in resolved.system.shared.values():
         groups = [
             f"{component}.{group}"
             for component, group in members.items()
-            if any(
-                v.group == group for v in resolved.tables[component]
-            )  # a unit instead of another may have no such value
+            if any(v.group == group for v in resolved.tables[component])  # a replaced unit may lack it
         ]
-        given = next((written[group] for group in groups if group in written), None)
-        if given is not None:
-            written = dict.fromkeys(groups, given) | written
+        value = next((written[group] for group in groups if group in written), None)
+        if value is not None:
+            written = dict.fromkeys(groups, value) | written
     return written
 
 
@@ -200,8 +181,8 @@ def _set_all(resolved: ResolvedSystem, settings: Mapping[str, Any]) -> dict[str,
         try:
             if not reached:
                 raise UsageError(f"{key}: no component has a parameter {name} of the robot.")
-            for one in reached:
-                values.setdefault(one, {}).update(_set(resolved, one, name, key, value))
+            for each in reached:
+                values.setdefault(each, {}).update(_set(resolved, each, name, key, value))
         except UsageError as error:
             problems += str(error).splitlines()
     if problems:
@@ -217,7 +198,7 @@ def _has_parameter(table: Variables, name: str) -> bool:
 
 
 def _set(resolved: ResolvedSystem, component: str, name: str, key: str, value: Any) -> Values:
-    """Return the values of one setting of a component."""
+    """Return variable to value for a setting of a component."""
     if component not in resolved.tables or not name:
         raise UsageError(f"{key}: expected component.parameter, a component of {', '.join(resolved.tables)}.")
     variables = _named(resolved.tables[component], name, key)
@@ -231,55 +212,48 @@ def _set(resolved: ResolvedSystem, component: str, name: str, key: str, value: A
 
 
 def _named(table: Variables, name: str, key: str) -> list[Variable]:
-    """Variables of a name, with or without an index."""
-    found = [v for v in table if name in (v.group, v.name)]
-    if not found:
+    """Return the variables of a name, with or without an index."""
+    named = [v for v in table if name in (v.group, v.name)]
+    if not named:
         groups = list(dict.fromkeys(v.group for v in table if v.causality != "output"))
-        of_group = [v.name for v in table if v.group == name.partition("[")[0]]
-        row = PARAMETERS.get(name.partition("[")[0])
-        way = optional(table, name) or nearest(name, of_group or groups)
-        if (
-            isinstance(table, Interface)
-            and table.robot is not None
-            and row
-            and row.section in OPTIONAL
-            and not getattr(table.robot, row.section)
-        ):
-            way = f"The file of robot {table.robot.name} does not have its optional table [{row.section}]."
+        group = name.partition("[")[0]
+        way = optional(table, name) or nearest(name, [v.name for v in table if v.group == group] or groups)
+        row, robot = PARAMETERS.get(group), table.robot
+        if robot is not None and row and row.section in OPTIONAL and not getattr(robot, row.section):
+            way = f"The file of robot {robot.name} does not have its optional table [{row.section}]."
         raise UsageError(f"{key}: {table.name} has no {name}. {way}")
-    return found
+    return named
 
 
 def _spread(variables: Sequence[Variable], key: str, value: Any) -> Values:
-    """Return the values of the variables of one setting."""
+    """Return the values of the variables of a setting."""
     try:
         values = spread(value, [variable.name for variable in variables])
     except ValueError as error:
         raise UsageError(f"{key}: {error}.") from None
     component = key.partition(".")[0] if "." in key else ""
-    found: Values = {}
+    cast: Values = {}
     problems: list[str] = []
-    for variable, one in zip(variables, values, strict=True):
+    for variable, element in zip(variables, values, strict=True):
         try:
-            found[variable.name] = _cast(variable, one)
+            cast[variable.name] = _cast(variable, element)
         except ValueError as error:
             place = key if len(variables) == 1 or values[0] is value else f"{component}.{variable.name}"
             problems.append(f"{place}: {error}.")
     if problems:
         raise UsageError("\n".join(dict.fromkeys(problems)))
-    return found
+    return cast
 
 
 def _cast(variable: Variable, value: Any) -> Any:
-    """Value of the variable's type from a number, a name or a text; ValueError for one that it does not have."""
+    """Convert a number, a name or a text to the variable's type; ValueError if impossible."""
     text = str(value).strip()
     if text in variable.choices:
         return variable.choices.index(text)
     if variable.type == "Boolean":
-        known = {"true": True, "1": True, "false": False, "0": False}
-        if text.lower() not in known:
+        if text.lower() not in ("true", "1", "false", "0"):
             raise ValueError(f"expected true or false, got {text!r}")
-        return known[text.lower()]
+        return text.lower() in ("true", "1")
     try:
         number = math.nan if isinstance(value, bool) else float(text)
     except ValueError:
@@ -297,13 +271,12 @@ def _cast(variable: Variable, value: Any) -> Any:
 
 
 def _check(tables: Mapping[str, Variables], values: Mapping[str, Values]) -> None:
-    """Raise UsageError for what units require, and for joints beyond the end stops, out of which links would fly."""
+    """Raise UsageError for unmet requirements of units, and for joints beyond their end stops."""
     problems = [
         f"{component}.{problem}"
         for component, table in tables.items()
         if isinstance(table, Interface) and table.unit.requirements is not Unit.requirements
-        for known in [values.get(component, {})]
-        for problem in unmet(table, table.memory_of(known))
+        for problem in unmet(table, table.memory_of(values.get(component, {})))
     ]
     problems += [
         f"{component}.{v.name}: expected a position of joint {i + 1} between its end stops, {low:g} and {high:g}, "
@@ -325,11 +298,9 @@ def _stops(values: Values, robot: Robot, i: int) -> tuple[float, float]:
 
 
 def _positions(table: Variables) -> Iterable[Variable]:
-    """Parameters of a component that are positions of the joints; those with a least value are distances."""
-    if isinstance(table, Interface):
-        declared = table.unit.declared
-        for v in table:
-            if v.causality != "parameter" or v.minimum is not None or v.group not in declared:
-                continue
+    """Yield the parameters of a component that are positions of joints; distances have a minimum."""
+    declared = table.unit.declared if isinstance(table, Interface) else {}
+    for v in table:
+        if v.causality == "parameter" and v.minimum is None and v.group in declared:
             if declared[v.group].unit == "position":
                 yield v

@@ -42,7 +42,7 @@ export const darkScheme = matchMedia("(prefers-color-scheme: dark)");
 /** A colour of the page by the name of its variable. */
 export const inkOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
-export const COLOURS = Number(inkOf("joints")); // of vdfmu/base/palette.py
+export const COLOURS = Number(inkOf("joints")); // of vdfmu/base/page.py
 
 /** Colour of a joint, from 1; ink for 0, of what is no joint. */
 export const colourOf = (number) => inkOf(number ? `joint-${((number - 1) % COLOURS) + 1}` : "ink");

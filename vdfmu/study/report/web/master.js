@@ -1,4 +1,4 @@
-// The run again, in a worker: a module from vdfmu/system/program/module.py, in the memory of the shipped module.
+// The run again, in a worker: a module from vdfmu/system/program.py, in the memory of the shipped module.
 
 import { unzip } from "./packed.js";
 

@@ -1,0 +1,256 @@
+"""FMUs and the connections between them, written as a system package (SSP 1.0)."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
+
+from vdfmu.base.errors import SspError, UsageError
+from vdfmu.base.files import pack_zip, require_ours, storing
+from vdfmu.base.text import close_to
+from vdfmu.engine.fmu.description import Description, inspect_description
+from vdfmu.engine.fmu.variables import FmuVariable, type_of
+from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.package.experiment import EXPERIMENT_TYPE, FOREIGN
+from vdfmu.engine.package.parse import NAMESPACES
+from vdfmu.engine.package.system import BASE_UNITS, UnitFactor, Value, spread
+
+Ends = str | Sequence[str]
+Connections = Mapping[str, Ends] | Iterable[tuple[str, Ends]]
+"""``component.output`` to one or several ``component.input``; without an index, whole vectors."""
+_NAME = re.compile(r"[A-Za-z_][\w-]*")
+_INDEX = re.compile(r"\[([\d, ]+)\]$")
+_TYPES = {"Real", "Integer", "Boolean", "String"}
+"""Types of SSP 1.0 that need nothing further; a connector may leave the others out."""
+_SPACES = NAMESPACES | FOREIGN
+_CAUSALITIES = {"from": ("output", "calculatedParameter", "parameter"), "to": ("input", "parameter")}
+
+
+def join(
+    fmus: Mapping[str, str | os.PathLike[str]],
+    connections: Connections,
+    path: Path,
+    *,
+    name: str = "system",
+    stop: float | None = None,
+    step: float | None = None,
+    algorithm: str | None = None,
+    values: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write FMUs and their connections as a package.
+
+    Parameters
+    ----------
+    fmus : mapping of component to path
+        FMUs of any tool.
+    connections : mapping of output to input or inputs, or sequence of such pairs
+        ``component.variable``. A name without an index means all elements of a vector.
+    path : Path
+        The package to write.
+    name : str, optional
+        Name of the system.
+    stop, step : float, optional [s]
+        Stop time and communication step of its default experiment.
+    algorithm : str, optional
+        Master algorithm of its default experiment.
+    values : mapping of ``component.variable`` to value, optional
+        Values of parameters and start values of inputs, in the units of the FMUs.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    UsageError
+        For unknown components and variables, and for vectors of different lengths. All faults are listed.
+    SspError
+        If an FMU cannot be read.
+    StorageError
+        If the file cannot be written.
+    """
+    if not fmus:
+        raise UsageError("components must be at least one, got none. Give a name and an FMU: {'plant': 'Plant.fmu'}.")
+    if bad := [each for each in fmus if not _NAME.fullmatch(each)]:
+        raise UsageError(f"component {bad[0]!r}: name must have letters, digits and _ only. Rename it.")
+    ports = _Ports({component: _described(component, Path(fmu)) for component, fmu in fmus.items()})
+    pairs = [pair for start, ends in _each(connections) for end in ends for pair in ports.pairs(start, end)]
+    bound = ports.bound(values or {})
+    if ports.faults:
+        raise UsageError("\n".join(dict.fromkeys(ports.faults)))
+    require_ours(path)
+    with storing(path):
+        members = {f"resources/{component}.fmu": Path(fmu).read_bytes() for component, fmu in fmus.items()}
+        root = _structure(ports, pairs, bound, name, (stop, step, algorithm))
+        text = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pack_zip(path, {"SystemStructure.ssd": text, **members})
+    return path
+
+
+def _described(component: str, path: Path) -> Description:
+    with Archive(path, path.name) as archive:
+        description, problems = inspect_description(archive, path.name)
+    if description is None:
+        raise SspError([problem.within(component) for problem in problems])
+    return description
+
+
+def _each(connections: Connections) -> list[tuple[str, Sequence[str]]]:
+    items: Any = connections.items() if isinstance(connections, Mapping) else connections
+    return [(start, [ends] if isinstance(ends, str) else ends) for start, ends in items]
+
+
+class _Ports:
+    """The variables of the components by the names that users give them, and the faults of these names."""
+
+    def __init__(self, descriptions: Mapping[str, Description]) -> None:
+        self.descriptions = descriptions
+        self.faults: list[str] = []
+
+    def elements(self, text: str, causalities: Sequence[str], where: str) -> list[FmuVariable]:
+        """Return the variables of ``component.variable``; none, and a fault, if there are none of the causalities."""
+        component, _, wanted = text.partition(".")
+        description = self.descriptions.get(component)
+        if description is None:
+            names = ", ".join(self.descriptions)
+            self.faults.append(
+                f"{where}: component must be one of {names}, got {component!r}{close_to(component, self.descriptions)}."
+            )
+            return []
+        found = description.elements(wanted) or [
+            v for v in description.variables.values() if _INDEX.sub("", v.name) == wanted
+        ]
+        found = sorted(found, key=_index)
+        if not found:
+            allowed = [v.name for v in description.named(causalities[0])]
+            near = close_to(wanted, [*allowed, *dict.fromkeys(_INDEX.sub("", each) for each in allowed)])
+            self.faults.append(
+                f"{where}: {component} has no variable {wanted!r}{near}. {_listed(causalities[0], allowed)}"
+            )
+        elif found[0].causality not in causalities:
+            got = f"{component}.{found[0].name} is of causality {found[0].causality}"
+            self.faults.append(f"{where}: must go from an output to an input, but {got}.")
+            return []
+        return found
+
+    def pairs(self, start: str, end: str) -> list[tuple[tuple[str, FmuVariable], tuple[str, FmuVariable]]]:
+        """Return the pairs of variables of a connection, element by element."""
+        where = f"{start} -> {end}"
+        sources = self.elements(start, _CAUSALITIES["from"], where)
+        sinks = self.elements(end, _CAUSALITIES["to"], where)
+        if sources and sinks and len(sources) != len(sinks):
+            self.faults.append(
+                f"{where}: lengths must be equal, got {len(sources)} and {len(sinks)}. Connect elements: "
+                f"{start.partition('.')[0]}.{sources[0].name} -> {end.partition('.')[0]}.{sinks[0].name}."
+            )
+            return []
+        owners = start.partition(".")[0], end.partition(".")[0]
+        return [((owners[0], a), (owners[1], b)) for a, b in zip(sources, sinks, strict=False)]
+
+    def bound(self, values: Mapping[str, Any]) -> dict[str, list[tuple[FmuVariable, Value]]]:
+        """Return the values of each component's variables."""
+        bound: dict[str, list[tuple[FmuVariable, Value]]] = {}
+        for text, value in values.items():
+            variables = self.elements(text, ("parameter", "structuralParameter", "input", "output"), text)
+            try:
+                each = spread(value, [v.name for v in variables]) if variables else []
+            except ValueError as error:
+                self.faults.append(f"{text}: {error}.")
+                continue
+            bound.setdefault(text.partition(".")[0], []).extend(zip(variables, each, strict=True))
+        return bound
+
+    @property
+    def units(self) -> dict[str, UnitFactor]:
+        """Units of measurement with a definition; of several with one name, the first."""
+        units: dict[str, UnitFactor] = {}
+        for description in self.descriptions.values():
+            for variable in description.variables.values():
+                if variable.unit is not None and variable.unit.exponents is not None:
+                    units.setdefault(variable.unit.name, variable.unit)
+        return units
+
+
+def _index(variable: FmuVariable) -> tuple[int, ...]:
+    match = _INDEX.search(variable.name)
+    return tuple(int(part) for part in match[1].split(",")) if match else ()
+
+
+def _listed(causality: str, names: Sequence[str]) -> str:
+    groups = list(dict.fromkeys(_INDEX.sub("", name) for name in names))
+    more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
+    return f"Its {causality}s: {', '.join(groups[:12]) or 'none'}{more}."
+
+
+def is_plain(unit: UnitFactor | None) -> bool:
+    """Whether a unit of measurement is 1, so that a signal may stand for any quantity."""
+    return unit is not None and unit.exponents is not None and not any(unit.exponents) and unit.factor == 1.0
+
+
+def _add(parent: Any, tag: str, **attributes: Any) -> Any:
+    prefix, _, local = tag.partition(":")
+    texts = {
+        key: value if isinstance(value, str) else repr(value) for key, value in attributes.items() if value is not None
+    }
+    return etree.SubElement(parent, f"{{{_SPACES[prefix]}}}{local}", texts)
+
+
+def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tuple[Any, Any, Any]) -> Any:
+    """Return the root of the SSD."""
+    units = ports.units
+    root = etree.Element(
+        f"{{{NAMESPACES['ssd']}}}SystemStructureDescription", {"version": "1.0", "name": name},
+        nsmap={prefix: _SPACES[prefix] for prefix in ("ssd", "ssc", "ssv", *FOREIGN)},
+    )  # fmt: skip
+    system = _add(root, "ssd:System", name=name)
+    elements = _add(system, "ssd:Elements")
+    for component, description in ports.descriptions.items():
+        element = _add(elements, "ssd:Component", name=component, source=f"resources/{component}.fmu",
+                       type="application/x-fmu-sharedlibrary")  # fmt: skip
+        variables = [v for kind in ("input", "output") for v in description.named(kind)]
+        used = {id(v): v for pair in pairs for owner, v in pair if owner == component}
+        variables += [v for v in used.values() if v.causality not in ("input", "output")]
+        box = _add(element, "ssd:Connectors") if variables else None
+        for variable in variables:
+            connector = _add(box, "ssd:Connector", name=variable.name, kind=variable.causality)
+            kind, unit = type_of(variable.native), variable.unit
+            if kind in _TYPES:
+                defined = kind == "Real" and unit is not None and unit == units.get(unit.name)
+                _add(connector, f"ssc:{kind}", unit=unit.name if unit is not None and defined else None)
+        if component in bound:
+            binding = _add(_add(element, "ssd:ParameterBindings"), "ssd:ParameterBinding")
+            values = _add(_add(binding, "ssd:ParameterValues"), "ssv:ParameterSet", version="1.0", name=component)
+            listed = _add(values, "ssv:Parameters")
+            for variable, value in bound[component]:
+                kind = type_of(variable.native)
+                kind = kind if kind in _TYPES else "Integer"
+                text = str(bool(value)).lower() if kind == "Boolean" else str(value)
+                _add(_add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=text)
+    wires = _add(system, "ssd:Connections") if pairs else None
+    for (start, source), (end, sink) in pairs:
+        plain = source.unit != sink.unit and (is_plain(source.unit) or is_plain(sink.unit))
+        _add(wires, "ssd:Connection", startElement=start, startConnector=source.name, endElement=end,
+             endConnector=sink.name, suppressUnitConversion="true" if plain else None)  # fmt: skip
+    if units:
+        box = _add(root, "ssd:Units")
+        for unit in units.values():
+            powers = {base: power for base, power in zip(BASE_UNITS, unit.exponents or (), strict=True) if power}
+            scale = {
+                key: value
+                for key, value, usual in (("factor", unit.factor, 1.0), ("offset", unit.offset, 0.0))
+                if value != usual
+            }
+            _add(_add(box, "ssc:Unit", name=unit.name), "ssc:BaseUnit", **powers, **scale)
+    stop, step, algorithm = experiment
+    default = _add(root, "ssd:DefaultExperiment", startTime=0.0, stopTime=stop)
+    if step is not None or algorithm is not None:
+        note = _add(_add(default, "ssd:Annotations"), "ssc:Annotation", type=EXPERIMENT_TYPE)
+        _add(note, "vdfmu:Experiment", communicationStepSize=step, algorithm=algorithm)
+    return root

@@ -1,0 +1,272 @@
+"""`connect` and `load`: a system of FMUs as one object to run, check, judge, vary and write."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from vdfmu.arm.fmus import build
+from vdfmu.arm.robot import Robot
+from vdfmu.base.errors import UsageError
+from vdfmu.base.files import require_ours, storing
+from vdfmu.compiler.unit.unit import Unit
+from vdfmu.engine.container import write_container
+from vdfmu.engine.inspect.inspection import Report, inspect_file
+from vdfmu.engine.package.join import Connections, join
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.plan.check import Checked, check_system
+from vdfmu.engine.run import Results, Simulator, simulate
+from vdfmu.study.analysis.loops import margins_along
+from vdfmu.study.analysis.system import packaged
+from vdfmu.study.referee import Judgement, judge
+from vdfmu.study.sweeps.sweep import Sweep, sweep
+from vdfmu.system.scenario import Scenario
+
+Part = str | os.PathLike[str] | type[Unit]
+"""An FMU, a unit's file, the name of a shipped unit, or a class of Unit."""
+
+_KIND = {False: "co-simulation", True: "model exchange"}
+
+
+class System:
+    """FMUs and the connections between them.
+
+    `connect` and `load` make one. All FMUs were read and all connections checked.
+
+    Attributes
+    ----------
+    path : Path
+        The package (SSP) that is run.
+    name : str
+    components : mapping of str to str
+        Component to version and kind of its FMU, and its file.
+    connections : list of str
+        ``a.y -> b.u``; ``a.q -> b.q (6)`` of vectors.
+    inputs, outputs, parameters : list of str
+        ``component.variable``: inputs that nothing feeds, outputs, and parameters.
+    notes : list of str
+        Remarks of the check, such as inputs that keep their start values.
+    """
+
+    def __init__(self, path: Path, options: Mapping[str, Any] | None = None, keep: Any = None) -> None:
+        self.path, self._keep = path, keep  # keep: a temporary folder that lives as long as the system
+        self._options = {key: value for key, value in (options or {}).items() if value is not None}
+        checked = self._checked
+        self.name = checked.system.name
+        self.components = {
+            name: f"FMI {each.version.name} {_KIND[each.exchange]}, {Path(each.source).name}"
+            for name, each in checked.descriptions.items()
+        }
+        pairs = ((".".join(link.start), ".".join(link.end)) for link in checked.links)
+        groups = Counter((_whole(start), _whole(end)) if "[" in start and "[" in end else (start, end)
+                         for start, end in pairs)  # fmt: skip
+        self.connections = [f"{a} -> {b}" + (f" ({n})" if n > 1 else "") for (a, b), n in groups.items()]
+        self.notes = [str(note) for note in checked.notes]
+        fed = {link.end for link in checked.links}
+        named = {
+            kind: [f"{name}.{v.name}" for name, each in checked.descriptions.items() for v in each.named(kind)
+                   if (name, v.name) not in fed]
+            for kind in ("input", "output", "parameter")
+        }  # fmt: skip
+        self.inputs, self.outputs, self.parameters = named.values()
+
+    @property
+    def _checked(self) -> Checked:
+        flat = load_ssp(self.path)
+        algorithm = self._options.get("algorithm") or flat.experiment.algorithm
+        return check_system(flat, self._options.get("parameters"), algorithm=algorithm)
+
+    def __repr__(self) -> str:
+        lines = [f"System {self.name!r}: {len(self.components)} components, {len(self.connections)} connections"]
+        lines += [f"  {name}: {text}" for name, text in self.components.items()]
+        lines += [f"  {text}" for text in _shortened(self.connections)]
+        free = Counter(map(_whole, self.inputs))
+        texts = [f"{_whole(name)} ({n})" if (n := free.pop(_whole(name), 0)) > 1 else name * n for name in self.inputs]
+        texts = [text for text in texts if text]
+        lines += [f"  free inputs: {', '.join(_shortened(texts)) or 'none'}"]
+        return "\n".join(lines)
+
+    def run(
+        self,
+        stop: float | None = None,
+        step: float | None = None,
+        values: Mapping[str, Any] | None = None,
+        **options: Any,
+    ) -> Results:
+        """Run the system.
+
+        Parameters
+        ----------
+        stop, step : float, optional [s]
+            Stop time and communication step, default those of the system.
+        values : mapping of ``component.variable`` to value, optional
+            Parameters and start values for this run, in the units of the FMUs.
+        **options
+            :class:`vdfmu.engine.options.SimulateOptions`.
+
+        Raises
+        ------
+        UsageError, SspError, CosimError
+            See :func:`vdfmu.simulate`.
+        """
+        return simulate(self.path, **self._with(values, stop=stop, step=step, **options))
+
+    def instance(self, values: Mapping[str, Any] | None = None, **options: Any) -> Simulator:
+        """Return the system loaded once: for many runs, or for steps by hand, in a ``with`` block.
+
+        See :class:`vdfmu.Simulator`.
+        """
+        return Simulator(self.path, **self._with(values, **options))
+
+    def check(self, run: bool = True) -> Report:
+        """Check FMUs and system by the rules of FMI and SSP; see `vdfmu check`. With `run`, ten steps are made."""
+        return inspect_file(self.path, run)
+
+    def margins(self, opened: Sequence[str] = (), at: Sequence[float] = (), **options: Any) -> Any:
+        """Return the stability margins of the loops, see `vdfmu.study.analysis.loops.margins_along`."""
+        return margins_along(self.path, opened, at, **options)
+
+    def judge(
+        self,
+        wanted: float = 0.01,
+        stop: float | None = None,
+        step: float | None = None,
+        *,
+        values: Mapping[str, Any] | None = None,
+        **options: Any,
+    ) -> Judgement:
+        """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.referee.judge`."""  # fmt: skip
+        return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
+
+    def sweep(self, vary: Mapping[str, Any] | Sequence[str], **options: Any) -> Sweep:
+        """Run the system at many points, see :func:`vdfmu.sweep`."""
+        return sweep(self.path, vary, **options)
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the system as a package (SSP); return its path."""
+        return self._copied(Path(path), ".ssp")
+
+    def container(self, path: str | os.PathLike[str], step: float | None = None) -> Path:
+        """Write the system as one FMU, see :func:`vdfmu.write_container`; the default step is the system's."""
+        chosen = step if step is not None else load_ssp(self.path).experiment.step
+        if chosen is None:
+            raise UsageError("step must be given in s, got none, and the system has none. Give step=1e-3.")
+        return write_container(self.path, path, step=chosen)
+
+    def _with(self, values: Mapping[str, Any] | None, **options: Any) -> dict[str, Any]:
+        given = {key: value for key, value in options.items() if value is not None}
+        parameters = {**(self._options.get("parameters") or {}), **(values or {}), **given.pop("parameters", {})}
+        return {**self._options, **given, "parameters": parameters}
+
+    def _copied(self, path: Path, ending: str) -> Path:
+        if path.suffix.lower() != ending:
+            raise UsageError(f"path must end in {ending}, got {path}. Write {path.with_suffix(ending)}.")
+        require_ours(path)
+        with storing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(self.path, path)
+        return path
+
+
+def _whole(name: str) -> str:
+    return name.partition("[")[0]
+
+
+def _shortened(texts: Sequence[str], most: int = 12) -> list[str]:
+    return list(texts) if len(texts) <= most else [*texts[: most - 1], f"and {len(texts) - most + 1} more"]
+
+
+def connect(
+    components: Mapping[str, Part],
+    connections: Connections = (),
+    *,
+    robot: Robot | str | None = None,
+    fmi: str = "2.0",
+    stop: float | None = None,
+    step: float | None = None,
+    algorithm: str | None = None,
+    values: Mapping[str, Any] | None = None,
+    name: str = "system",
+) -> System:
+    """Connect FMUs.
+
+    Parameters
+    ----------
+    components : mapping of name to FMU
+        FMUs of any tool, for co-simulation or model exchange. Units are built first: classes, files, shipped names.
+    connections : mapping of output to input or inputs, or sequence of such pairs
+        ``"a.y": "b.u"``. Vectors connect by name. ``"arm.tau[1]"`` is one element.
+    robot : Robot, str, optional
+        Robot of units that need one.
+    fmi : "2.0" or "3.0", optional
+        Version of FMI of units that are built.
+    stop, step : float, optional [s]
+        Default stop time and communication step of runs.
+    algorithm : str, optional
+        Default master algorithm.
+    values : mapping of ``component.variable`` to value, optional
+        Parameters and start values, in the units of the FMUs.
+    name : str, optional
+        Name of the system.
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    UsageError
+        For names that do not exist, with all faults.
+    SspError
+        For FMUs that cannot be read, and connections that do not fit in type or unit of measurement. A signal of
+        unit 1 connects to any unit, with a note.
+
+    Examples
+    --------
+    >>> system = vdfmu.connect({"source": "source.fmu", "filter": LowPass}, {"source.y": "filter.u"})
+    >>> results = system.run(stop=1.0, step=1e-3, values={"filter.T": 0.05})
+    """
+    folder = tempfile.TemporaryDirectory(prefix="vdfmu_")
+    fmus: dict[str, str | os.PathLike[str]] = {}
+    for each, part in components.items():
+        is_fmu = isinstance(part, str | os.PathLike) and Path(part).suffix.lower() == ".fmu"
+        fmus[each] = part if is_fmu else build(part, Path(folder.name, each, f"{each}.fmu"), robot=robot, fmi=fmi)  # pyright: ignore[reportArgumentType]
+    package = join(
+        fmus,
+        connections,
+        Path(folder.name, f"{name}.ssp"),
+        name=name,
+        stop=stop,
+        step=step,
+        algorithm=algorithm,
+        values=values,
+    )
+    return System(package, keep=folder)
+
+
+def load(source: Scenario | str | os.PathLike[str]) -> System:
+    """Load a system: a package (``.ssp``), one FMU (``.fmu``), or a scenario by name or file.
+
+    Raises
+    ------
+    UsageError, SspError, ModelError
+        If it does not exist or cannot be read.
+    """
+    ending = "" if isinstance(source, Scenario) else Path(source).suffix.lower()
+    if ending == ".fmu":
+        return connect({_word(Path(source).stem): source})  # pyright: ignore[reportArgumentType]
+    if ending == ".ssp":
+        return System(Path(source))  # pyright: ignore[reportArgumentType]
+    with ExitStack() as stack:
+        package, options = stack.enter_context(packaged(source))
+        return System(package, options, keep=stack.pop_all())
+
+
+def _word(text: str) -> str:
+    return "".join(c if c.isalnum() and c.isascii() else "_" for c in text).lstrip("0123456789") or "fmu"

@@ -1,0 +1,332 @@
+"""`judge`: is a co-simulation right? The error by communication, estimated from runs with shorter steps.
+
+Three runs are made, with the steps h, h/2 and h/4. ``d1`` is the largest difference of the first two at common times,
+``d2`` of the last two, both as shares of each signal's largest value, and ``q = d2 / d1``. A master of order p has an
+error of ``e = d1 / (1 - 2**-p)``, if q is near ``2**-p``. Errors inside FMUs are the same in all runs and stay unseen.
+
+The bands of q and the margin of 1.5 come from 330 random linear systems, see ``benchmarks/referee.py``.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.engine.algorithms import ALGORITHMS, named
+from vdfmu.engine.linear.linearise import linear_system
+from vdfmu.engine.linear.system import cut
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.package.system import FlatSystem
+from vdfmu.engine.plan.check import Checked, check_system
+from vdfmu.engine.run.simulator import Simulator
+
+MARGIN = 1.5
+"""Factor on the estimate: without it, 6 of 638 systems with an error beyond the wanted one were called right."""
+BANDS = {1: (0.35, 0.65), 2: (0.15, 0.40)}
+"""Values of q at which a master of an order shows its order."""
+_SMALL = 20
+"""Differences below the wanted error divided by this need no order: rounding and solvers decide them."""
+_FLOOR = 1e-6
+"""Smallest scale of an element, as a share of the largest of its vector: below, rounding of solvers decides."""
+RIGHT, WRONG, OPEN = "right", "not right", "not decided"
+Meant = Literal["sampled", "continuous"]
+
+
+class SignalError(NamedTuple):
+    """A connected signal: error as a share of its largest value, d2 / d1, and time [s] of its largest difference."""
+
+    name: str
+    error: float
+    q: float
+    time: float
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Whether a co-simulation is right by communication.
+
+    Attributes
+    ----------
+    verdict : "right", "not right" or "not decided"
+    text : str
+        The verdict in a sentence.
+    wanted, error : float
+        Wanted and estimated error, as shares of each signal's largest value; NaN without an estimate.
+    signal : str
+        The signal with the largest error.
+    step : float [s]
+    algorithm : str
+    signals : tuple of SignalError
+        All connected signals, the largest error first.
+    """
+
+    verdict: str
+    text: str
+    wanted: float
+    error: float = math.nan
+    signal: str = ""
+    step: float = math.nan
+    algorithm: str = ""
+    signals: tuple[SignalError, ...] = ()
+
+    def __str__(self) -> str:
+        return self.text
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the judgement for JSON."""
+        return asdict(self) | {"signals": [each._asdict() for each in self.signals]}
+
+
+def estimate(runs: Sequence[Floats], order: int, groups: Sequence[str] = ()) -> tuple[Floats, Floats, Any]:
+    """Return error and q of each signal, and the row of its largest difference.
+
+    Parameters
+    ----------
+    runs : three arrays (m, signals)
+        Values at the times of the longest step, of the steps h, h/2 and h/4.
+    order : 1 or 2
+        Order of the master.
+    groups : sequence of str, optional
+        The vector of each signal.
+
+    Returns
+    -------
+    error, q, row : (signals,) arrays
+        Shares of each signal's largest value.
+    """
+    first, half, quarter = runs
+    size = np.abs(quarter).max(axis=0)
+    whole = {group: size[[name == group for name in groups]].max() for group in set(groups)}
+    scale = np.maximum(size, [_FLOOR * whole[group] for group in groups]) if whole else size
+    scale = np.where(scale > 0.0, scale, np.inf)
+    far, near = np.abs(first - half), np.abs(half - quarter)
+    d1, d2 = far.max(axis=0) / scale, near.max(axis=0) / scale
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q = np.where(d1 > 0.0, d2 / d1, np.where(d2 > 0.0, np.inf, 0.0))
+    return d1 / (1.0 - 0.5**order), q, far.argmax(axis=0)
+
+
+def verdict_of(error: Floats, q: Floats, order: int, wanted: float) -> str:
+    """Return the verdict by the errors of all signals: that of the signal with the largest error.
+
+    Its q is taken of the largest differences, as the bands were.
+    """
+    d1 = error * (1.0 - 0.5**order)
+    worst, low, high = float(error.max()), *BANDS[order]
+    largest = float(d1.max())
+    second = float((d1 * np.nan_to_num(q, posinf=0.0)).max()) if np.isfinite(q).all() else math.inf
+    regular = largest > 0.0 and low < second / largest < high
+    if MARGIN * worst <= wanted and (regular or max(largest, second) < wanted / _SMALL):
+        return RIGHT
+    return WRONG if regular and worst > MARGIN * wanted else OPEN
+
+
+def judge(
+    system: str | os.PathLike[str] | FlatSystem,
+    wanted: float = 0.01,
+    *,
+    stop: float | None = None,
+    step: float | None = None,
+    meant: Meant | None = None,
+    **options: Any,
+) -> Judgement:
+    """Judge whether a co-simulation is right by communication. It takes seven times the steps of one run.
+
+    Parameters
+    ----------
+    system : path or FlatSystem
+        A package (SSP).
+    wanted : float
+        Largest error, as a share of each connected signal's largest value.
+    stop, step : float, optional [s]
+        Default those of the system.
+    meant : "sampled" or "continuous", optional
+        How components with discrete outputs and without a declared period are meant. Sampled ones keep `step` as
+        their period while the communication step is halved.
+    **options
+        :class:`vdfmu.engine.options.SimulatorOptions`.
+
+    Returns
+    -------
+    Judgement
+
+    Raises
+    ------
+    UsageError, SspError
+        See :func:`vdfmu.simulate`; UsageError for systems without connected signals.
+    """
+    if not 0.0 < wanted < 1.0:
+        raise UsageError(f"wanted must be an error between 0 and 1, got {wanted:g}. Give 0.01 for 1 %.")
+    if meant not in (None, "sampled", "continuous"):
+        raise UsageError(f"meant must be sampled or continuous, got {meant!r}.")
+    if options.get("adaptive") is not None:
+        raise UsageError("judge compares fixed steps, got adaptive. Leave it out.")
+    flat = system if isinstance(system, FlatSystem) else load_ssp(Path(system))
+    if flat.experiment.adaptive is not None:
+        flat = replace(flat, experiment=replace(flat.experiment, adaptive=None))
+    algorithm = options.get("algorithm") or flat.experiment.algorithm
+    checked = check_system(flat, options.get("parameters"), algorithm=algorithm)
+    grid = Simulator(flat, **options).grid(None, stop, step)
+    case = _Case(checked, wanted, grid.step, grid.end, options)
+    undeclared = _undeclared(checked)
+    if not undeclared or meant == "continuous":
+        return case.judged(flat)
+    if meant == "sampled":
+        return case.judged(_sampled(flat, undeclared, grid.step))
+    readings = [case.judged(each) for each in (_sampled(flat, undeclared, grid.step), flat)]
+    worse = WRONG if all(each.verdict == WRONG for each in readings) else OPEN
+    names = ", ".join(undeclared)
+    text = (
+        f"{worse.capitalize()}: {names} has discrete outputs and declares no period. If it samples every "
+        f"{_time(grid.step)}: {readings[0].text} If it is continuous: {readings[1].text} Choose --meant sampled or "
+        "--meant continuous."
+    )
+    return replace(readings[1], verdict=worse, text=text)
+
+
+def _undeclared(checked: Checked) -> list[str]:
+    """Return the components whose connected real outputs are discrete, without a period, a step or a clock."""
+    declared = {component.name for component in checked.system.components if component.step is not None}
+    names = [
+        link.start[0]
+        for link in checked.links
+        if link.stepped
+        and link.source.type == "Real"
+        and link.source.variability == "discrete"
+        and not link.source.clocks
+    ]
+    return [
+        name for name in dict.fromkeys(names)
+        if name in checked.descriptions and name not in declared and not checked.descriptions[name].period
+    ]  # fmt: skip
+
+
+def _sampled(system: FlatSystem, names: Sequence[str], step: float) -> FlatSystem:
+    """Return a system some of whose components keep a step."""
+    parts = tuple(replace(each, step=step) if each.name in names else each for each in system.components)
+    return replace(system, components=parts, inspected={})
+
+
+class _Case(NamedTuple):
+    """What is judged."""
+
+    checked: Checked
+    wanted: float
+    step: float
+    stop: float
+    options: Mapping[str, Any]
+
+    @property
+    def names(self) -> list[str]:
+        """The connected signals."""
+        links = (link for link in self.checked.links if link.stepped and link.source.type != "String")
+        return list(dict.fromkeys(".".join(link.start) for link in links if link.start[0] in self.checked.descriptions))
+
+    def judged(self, flat: FlatSystem) -> Judgement:
+        """Judge a system by three runs."""
+        names, algorithm = self.names, self.checked.algorithm
+        order = ALGORITHMS[algorithm].order
+        facts: dict[str, Any] = {"wanted": self.wanted, "step": self.step, "algorithm": algorithm}
+        if not names:
+            raise UsageError(
+                "judge needs connected signals, got none: only exchange between components has this error."
+            )
+        if not order:
+            text = (
+                f"Not decided: the algorithm {algorithm} declares no order. Declare substeps or continuous in its row."
+            )
+            return Judgement(OPEN, text, **facts)
+        options: dict[str, Any] = {**self.options, "algorithm": algorithm}
+        runs: list[Floats] = []
+        for divisor in (1, 2, 4):
+            try:
+                with Simulator(flat, **options) as simulator:
+                    results = simulator.run(stop=self.stop, step=self.step / divisor, record=names)
+            except (CosimError, UsageError) as error:
+                at = f"the run with a step of {_time(self.step / divisor)} failed: {error}"
+                return Judgement(OPEN, f"Not decided: {at}{self._cause(flat, None)}", **facts)
+            runs.append(np.column_stack([results[name] for name in names]).astype(float)[::divisor])
+        least = min(map(len, runs))  # a component may end the run
+        runs, times = [run[:least] for run in runs], results.time[::divisor][:least]
+        error, q, rows = estimate(runs, order, [name.partition("[")[0] for name in names])
+        verdict = verdict_of(error, q, order, self.wanted)
+        table = sorted(
+            map(SignalError, names, error.tolist(), q.tolist(), times[rows].tolist()), key=lambda each: -each.error
+        )
+        worst = table[0]
+        facts |= {"error": worst.error, "signal": worst.name, "signals": tuple(table)}
+        return Judgement(verdict, self._text(verdict, worst, order, flat), **facts)
+
+    def _text(self, verdict: str, worst: SignalError, order: int, flat: FlatSystem) -> str:
+        error, wanted = _share(worst.error), _share(self.wanted)
+        kept = "".join(
+            f" {name} samples every {_time(period)}, which is kept." for name, period in self._kept(flat).items()
+        )
+        if verdict == RIGHT:
+            return (
+                f"Right to {error} by communication ({worst.name}, step {_time(self.step)}; wanted {wanted}). Errors "
+                f"inside FMUs are not judged.{kept}"
+            )
+        shorter = _rounded(self.step * (self.wanted / (MARGIN * worst.error)) ** (1.0 / order)) if worst.error else 0.0
+        way = f"a step of {_time(shorter)}"
+        if verdict == WRONG:
+            way = f"{named(repeats=True)[0]}, or {way}," if order == 1 and self._repeats() else way
+            about = f"about {error} at {worst.name} (step {_time(self.step)}; wanted {wanted})"
+            return f"Not right: {about}. {way[:1].upper()}{way[1:]} should do.{kept}"
+        if MARGIN * worst.error > self.wanted >= worst.error / MARGIN:
+            why = f"the error of about {error} at {worst.name} is too near the wanted {wanted}; {way} should do"
+        else:
+            change = _share(worst.error * (1.0 - 0.5**order))
+            why = (
+                f"halving the step changes {worst.name} by {change} of its largest value at {worst.time:.4g} s, and "
+                f"halving it again by {worst.q:.2g} times as much; an order of {order} would give {0.5**order:g} times"
+            )
+        return f"Not decided: {why}.{self._cause(flat, worst.time)}{kept}"
+
+    def _kept(self, flat: FlatSystem) -> dict[str, float]:
+        return {component.name: component.step for component in flat.components if component.step is not None}
+
+    def _repeats(self) -> bool:
+        """Whether an algorithm that repeats steps can run the system."""
+        try:
+            check_system(self.checked.system, self.options.get("parameters"), algorithm=named(repeats=True)[0])
+        except SspError:
+            return False
+        return True
+
+    def _cause(self, flat: FlatSystem, at: float | None) -> str:
+        """Return the radius of the coupled loop, if the FMUs have derivatives and the loop grows or decays slowly."""
+        kept = {key: value for key, value in self.options.items() if key in ("parameters", "inputs", "tolerance")}
+        try:
+            at = None if at is None else round(at / self.step) * self.step
+            linear = linear_system(flat, at, step=self.step, algorithm=self.checked.algorithm, **kept)
+            poles = np.abs(np.linalg.eigvals(linear.sampled().A))
+            opened = cut(linear)
+        except (CosimError, UsageError, np.linalg.LinAlgError):
+            return ""
+        if not opened or not len(poles):
+            return ""
+        grows = "grows" if poles.max() > 1.0 else "decays"
+        return f" The loop at {', '.join(opened)} {grows}: its radius is {poles.max():.4g} a step."
+
+
+def _share(value: float) -> str:
+    return f"{100.0 * value:.2g} %" if math.isfinite(value) else "infinite"
+
+
+def _time(seconds: float) -> str:
+    return f"{1e3 * seconds:.4g} ms" if seconds < 1.0 else f"{seconds:.4g} s"
+
+
+def _rounded(step: float) -> float:
+    """Return the next shorter step of 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(step) + 1e-9)
+    return max(each * power for each in (1.0, 2.0, 5.0) if each * power <= step * (1.0 + 1e-9))

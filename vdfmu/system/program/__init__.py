@@ -1,1 +1,0 @@
-"""The compiled program of a system: its calculations in their order, and the module of a page."""
