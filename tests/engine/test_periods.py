@@ -118,9 +118,6 @@ def test_a_signal_that_acts_later_has_less_margin_and_one_that_changes_within_th
     two = loop({"c": 2, "d": 3}, fresh=True)
     with pytest.raises(UsageError, match=r"p\.c: expected a signal that changes once in 0\.06 s"):
         system_loop(two, ["p.c"]).margins()
-
-
-def test_a_slow_component_beside_the_loop_does_not_count():
     two = loop({"c": 1, "d": 3}, fresh=True)
     alone = two.around(["p.c"])
     assert alone.period == 3 * H  # d is in the loop

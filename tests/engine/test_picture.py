@@ -36,7 +36,7 @@ def titles(figure):
     return [axes.get_title(loc="left") for axes in figure.axes]
 
 
-def test_elements_of_an_array_share_a_panel_unless_their_units_differ():
+def test_elements_of_an_array_share_a_panel_of_one_unit_and_what_is_not_continuous_is_drawn_in_steps():
     results = make(
         ("a.q[1]", "real", "rad"), ("a.q[2]", "real", "m"), ("a.q[3]", "real", "rad"), ("a.R[1,2]", "real", "")
     )  # fmt: skip
@@ -51,9 +51,6 @@ def test_elements_of_an_array_share_a_panel_unless_their_units_differ():
         np.testing.assert_array_equal(line.get_ydata(), results[name])
     assert [text.get_text() for text in first.get_legend().get_texts()] == ["[1]", "[3]"]
     assert figure.axes[2].get_legend() is None
-
-
-def test_what_is_not_continuous_is_drawn_in_steps():
     figure = draw_signals(make(("a.n", "integer", ""), ("a.on", "boolean", ""), ("a.x", "real", "")))
     assert [axes.lines[0].get_drawstyle() for axes in figure.axes] == ["steps-post", "steps-post", "default"]
 

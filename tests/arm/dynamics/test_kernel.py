@@ -311,14 +311,11 @@ def test_symbol_refuses_to_be_true_or_false(ask):
         ask(symbol())
 
 
-def test_symbol_has_no_order_and_no_hash():
+def test_symbols_compute_as_floats_do_without_order_or_hash():
     with pytest.raises(KernelError, match=r"where\(condition, a, b\), clip, minimum, maximum or sgn"):
         sorted([symbol("a"), symbol("b")])
     with pytest.raises(TypeError, match="unhashable"):
         {symbol()}
-
-
-def test_symbols_compute_as_floats_do():
     x = ca.SX.sym("x", 2)
     s = from_sx(x)
     value = np.array([0.7, -1.3])

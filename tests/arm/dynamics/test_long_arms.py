@@ -75,7 +75,7 @@ def test_arms_with_an_unlike_joint_or_of_less_time_have_no_shorter_ones(monkeypa
     assert [len(repeated_link(n).shorter()) for n in (28, 30, 31, 32, 33)] == [0, 2, 0, 2, 2]  # 14 + 16, 15 + 17
 
 
-def test_texts_that_do_not_grow_evenly_are_refused():
+def test_texts_and_variables_that_do_not_grow_evenly_are_refused():
     def files(*texts):
         return {n: {"a.c": text} for n, text in zip((10, 12, 14), texts, strict=True)}
 
@@ -94,9 +94,6 @@ def test_texts_that_do_not_grow_evenly_are_refused():
     assert grown(files("w[3 * i + 10];", "w[3 * i + 12];", "w[3 * i + 14];"), 20) == {"a.c": "w[3 * i + 20];"}
     assert grown(files("w[10 * i + 1];", "w[12 * i + 1];", "w[14 * i + 1];"), 20) is None  # a matrix of joints
     assert grown({10: {"a.c": ""}, 12: {"b.c": ""}, 14: {"a.c": ""}}, 20) is None
-
-
-def test_a_unit_whose_variables_do_not_grow_evenly_has_no_shorter_ones():
     interface = Interface(find_unit("controller"), repeated_link(26))
     assert len(interface.shorter) == 2
     square = Interface(find_unit("controller"), repeated_link(26))

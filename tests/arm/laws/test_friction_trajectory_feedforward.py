@@ -169,7 +169,7 @@ def rotor_moment(robot, i, drive, desired, w, w_r, w_r_dot, q_dot_r, q_ddot_r):
     return J * (a * spin_r_dot + np.cross(w, a) * spin_r + a * (a @ np.cross(w, w_r)))
 
 
-def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
+def test_vdc_is_the_required_motion_in_joint_space_and_its_link_gain_dissipates_the_velocity_error(chain, draw):
     # (48)-(53) link by link equal M q_ddot_r + C q_dot_r + G + J.T K_V J (q_dot_r - q_dot), with C of the
     # measured velocity, J of (40)-(41) and its derivative by jets; (26) adds k_vq and the link's friction.
     # A coupled rotor adds s.T (J_r sigma_dot_r + gyroscopic terms) by the row s of J about its axis.
@@ -200,9 +200,6 @@ def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
         torques = feedforward_vdc(chain, g, desired, q, q_dot, state.kappa_dot, F_E)
         # Some 1000 products of the size of the largest torque.
         np.testing.assert_allclose(torques.tau_s, tau, rtol=0, atol=1000 * EPS * np.abs(tau).max())
-
-
-def test_vdc_link_gain_dissipates_the_velocity_error(chain, draw):
     # (50): the power of K_V (V_r - V) on the velocity error is K_V |V_r - V|^2 >= 0, link by link.
     desired = inside(chain)
     still = np.zeros(chain.n)

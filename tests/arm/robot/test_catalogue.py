@@ -95,7 +95,7 @@ def test_the_loop_of_a_gear_is_as_wide_as_its_loss_and_its_efficiency_that_at_ra
     assert (efficiency(robot, 0.3 * gear["rated"], friction) < 0.65).all()  # less load, less efficiency
 
 
-def test_a_joint_takes_from_the_catalogue_what_it_does_not_say():
+def test_a_joint_takes_from_the_catalogue_what_it_does_not_say_and_a_ratio_leaves_the_spring_as_printed():
     robot = robot_from_dict(
         of_catalogue(winding={}, hysteresis={"f_h": 1.0}, friction={"f_v": 0.7}, drive={"c_f": 2e-3})
     )
@@ -110,9 +110,6 @@ def test_a_joint_takes_from_the_catalogue_what_it_does_not_say():
     assert source == "models/drives/catalogue.toml: gear CSG-25-100; assumed there: hysteresis_loss"
     assert robot.source_of("joints[1].drive.I_m").endswith("inertia of gear CSG-25-100 and motor TBM-6025-B, times ell")
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
-
-
-def test_a_ratio_of_ones_own_leaves_the_spring_as_printed_and_limits_are_those_at_the_joint():
     printed, own = (robot_from_dict(of_catalogue(**tables)) for tables in ({}, {"drive": {"ell": 101.0}}))
     assert own.ell[0] == 101.0
     torque = np.linspace(-90.0, 90.0, 7)[:, None]

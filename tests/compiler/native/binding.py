@@ -171,8 +171,6 @@ class Instance:
         ask[0] = wanted is not None
         when[0] = 0.0 if wanted is None else wanted
 
-    # ---------------------------------------------------------------- calls
-
     def call(self, name: str, *arguments: Any) -> int:
         """Call a function of FMI with this instance and return its status."""
         return self.model.function(name)(self.pointer, *arguments)
@@ -203,8 +201,6 @@ class Instance:
             assert re.search(words, said.text), said.text
 
         yield refused
-
-    # ---------------------------------------------------------------- life cycle
 
     def setup(self, time: float = 0.0, tolerance: float | None = None) -> Instance:
         """Take the start time; in FMI 3 it is told when the initialization starts."""
@@ -250,8 +246,6 @@ class Instance:
     def early(self) -> bool:
         """Whether the last step of FMI 3 ended early."""
         return self._flags[2]
-
-    # ---------------------------------------------------------------- values
 
     def read(self, variables: Sequence[Variable]) -> np.ndarray:
         """Values of variables of one type, one after the other."""
@@ -315,8 +309,6 @@ class Instance:
         """Set all inputs in order."""
         return self.write(self.model.of("input"), values)
 
-    # ---------------------------------------------------------------- model exchange
-
     def states(self, x: Any) -> Instance:
         """Set the continuous states."""
         return self.do("SetContinuousStates", doubles(x), len(x))
@@ -333,8 +325,6 @@ class Instance:
         room = (ct.c_double * self.model.n_states)()
         self.do(name, room, len(room))
         return np.array(room[:])
-
-    # ---------------------------------------------------------------- derivatives
 
     def directional(self, unknowns: Sequence[Variable], knowns: Sequence[Variable], seed: Any) -> np.ndarray:
         """Directional derivative of unknowns in direction `seed` of knowns."""
@@ -354,8 +344,6 @@ class Instance:
             tail = (seed, len(seed), room, len(room))
         self.do(name, lists[0], len(lists[0]), lists[1], len(lists[1]), *tail)
         return np.array(room[:])
-
-    # ---------------------------------------------------------------- saved states
 
     @property
     def _state(self) -> str:

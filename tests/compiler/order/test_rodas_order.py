@@ -15,7 +15,7 @@ def observed_orders(errors):
     return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
 
 
-def test_order_four_on_a_scalar_problem():
+def test_order_four_on_a_scalar_problem_and_a_balance_whose_mass_changes_with_the_state():
     # The logistic equation, x_dot = x (1 - x), has x = 1 / (1 + 9 exp(-t)) from 0.1. It is autonomous and
     # smooth.
     x, h = ca.SX.sym("x", 1), ca.SX.sym("h")
@@ -37,9 +37,6 @@ def test_order_four_on_a_scalar_problem():
     # Local error of the embedded method of order 3: h^4. The first step is a quarter and less of the time
     # constant.
     assert observed_orders(estimates)[-1] == pytest.approx(ORDER, abs=0.2)
-
-
-def test_order_four_on_a_balance_whose_mass_changes_with_the_state():
     # (1 + x^2) x_dot = 1 + t from x = 0: x + x^3 / 3 = t + t^2 / 2, which is 4 at t = 2. The mass in E is that of the
     # start of a step; what it changes by is in the balance of the stages.
     x, h, t = ca.SX.sym("x", 1), ca.SX.sym("h"), ca.SX.sym("t")

@@ -200,7 +200,7 @@ def test_an_instance_refuses_other_values(name, value, words):
         Many(SLIDER, **{name: value})
 
 
-def test_start_values_of_an_interface_are_checked():
+def test_start_values_of_an_interface_are_checked_and_the_experiment_keeps_inputs_within_their_limits():
     for values, words in (
         ({"k": 7.0, "y[1]": 1.0}, r"k: expected at most 5 N/m, got 7 N/m\. y\[1\] is an output"),  # all at once
         ({"on": 0.5}, "on: expected true or false, got 0.5"),
@@ -211,9 +211,6 @@ def test_start_values_of_an_interface_are_checked():
     assert [changed.find(name).start for name in ("mode", "on", "g[2]")] == [1, False, 5.0]
     with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
         type("Bad", (Unit,), {"g": Parameter("1", JOINTS, start=[1.0, 2.0])})(SLIDER)
-
-
-def test_the_experiment_keeps_inputs_within_their_limits():
     unit = type("Narrow", (Unit,), {"u": Input("1", 2, start=3.0, minimum=2.0, maximum=4.0), "v": Input("1")})()
     unit.t = 1.0
     unit.experiment()

@@ -133,7 +133,7 @@ class Clashing(Unit):
         self.sin = self.sin + np.sin(self.x)
 
 
-def test_a_variable_may_be_called_as_an_argument_is():
+def test_a_variable_may_be_called_as_an_argument_is_and_keeps_what_an_array_was():
     for unit in both(Clashing):
         unit.group("p")[:], unit.group("rate_p")[:] = 5.0, 7.0
         unit.start()
@@ -144,6 +144,13 @@ def test_a_variable_may_be_called_as_an_argument_is():
         assert unit.group("double").tolist() == [1.0 + 20.0 + 500.0 + 3000.0 + 0.5]
         assert unit.group("norm").tolist() == [0.25]
         assert unit.group("sin").tolist() == [pytest.approx(0.25 + math.sin(1.0), rel=EPS)]
+    for unit in both(Reused):
+        unit.group("u")[:] = 3.0
+        unit.outputs()
+        assert (unit.group("y").tolist(), unit.group("z").tolist()) == ([3.0, 0.0], [3.0, 5.0])
+    for kind in (Traced, Plain):
+        with pytest.raises(UnitError, match=r"line \d+: outputs\(\) of Touched fails: an element of a variable"):
+            kind(Interface(Touched, None)).outputs()
 
 
 class Geared(Unit):
@@ -177,16 +184,6 @@ class Reused(Unit):
         self.y = array
         array[1] = 5.0
         self.z = array
-
-
-def test_a_variable_keeps_what_an_array_was_and_an_element_of_a_parameter_is_not_set():
-    for unit in both(Reused):
-        unit.group("u")[:] = 3.0
-        unit.outputs()
-        assert (unit.group("y").tolist(), unit.group("z").tolist()) == ([3.0, 0.0], [3.0, 5.0])
-    for kind in (Traced, Plain):
-        with pytest.raises(UnitError, match=r"line \d+: outputs\(\) of Touched fails: an element of a variable"):
-            kind(Interface(Touched, None)).outputs()
 
 
 class Touched(Unit):

@@ -225,7 +225,7 @@ def test_margins_and_linearization_are_those_of_the_matrices(inside):
     assert f"{np.log(np.abs(np.linalg.eigvals(step)).max()) / H:.3g} 1/s" in done.output
 
 
-TAKES_ONE = "no component of which takes one"
+TAKES_ONE = "takes a robot"
 
 
 @pytest.mark.parametrize(

@@ -111,9 +111,6 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
     before, after = (apart[a : a + 95].max() for a in (640, 950))  # a period, of the begin and the end of the growth
     # the first window has what grows until 0.73 s, 1.2, and links that swing
     assert 0.5 * factor < after / before <= factor
-
-
-def test_words_of_a_growth():
     growth = Growth(np.log(1.25), 0.5, 1.25, 0.3, "plant.tau_s[2]", False)
     with run_along(dataclasses.replace(prepare("planar_tracking"), stop=0.01)) as (poses, _, _):
         loops = poses.loops

@@ -101,7 +101,7 @@ def test_a_payload_is_a_box_of_its_inertia_and_a_base_moves_as_its_signals_say()
     assert made["frames"]["recipes"]["base"][2] == [1.0, [[0.5, ""]]]
 
 
-def test_the_scene_has_what_the_system_has():
+def test_the_scene_has_what_the_system_has_an_arm_after_the_one_that_carries_it():
     scene = scene_of(SystemDescription(load_scenario("two_arms")))
     assert [(arm["component"], arm["mounted"], len(arm["types"])) for arm in scene["arms"]] == [
         ("plant", "", 3), ("plant_2", "plant", 2)
@@ -123,9 +123,6 @@ def test_the_scene_has_what_the_system_has():
     (screw,) = scene_of(SystemDescription(load_scenario("screw")))["objects"]
     assert (screw["kind"], screw["turn"], screw["pitch"]) == ("screw", "screw.turn", 0.5e-3)
     assert screw["forces"] == {"screw.N": "Axial force", "screw.T": "Torque about the axis"}
-
-
-def test_an_arm_comes_after_the_one_that_carries_it():
     arms = [{"component": name, "mounted": on} for name, on in ("cb", "ba", "a ", "xy", "yx")]
     found = carriers_first([arm | {"mounted": arm["mounted"].strip()} for arm in arms])
     assert [arm["component"] for arm in found] == ["a", "b", "c", "x", "y"]

@@ -38,7 +38,7 @@ def shown(renderable, width: int = 80) -> str:
     return capture.get()
 
 
-def test_tracking_rows_with_and_without_a_paper():
+def test_tracking_rows_with_and_without_a_paper_and_units_behind_the_numbers_where_joints_differ():
     sheet = tracking_sheet(TRACKING)
     assert sheet.columns[1] == "Position\nRMS\n[deg]"
     # 100 * 4.55149e-3 / 0.0456 = 9.98, 100 * 5.01096e-3 / 0.2 = 2.51, 100 * 0.158905 / 0.1173 = 135.5
@@ -50,9 +50,6 @@ def test_tracking_rows_with_and_without_a_paper():
     sheet = tracking_sheet({**TRACKING, "paper": {}})
     assert len(sheet.columns) == 4
     assert "aper" not in shown(sheet_table(sheet))
-
-
-def test_units_stand_behind_the_numbers_where_joints_differ():
     summary = {**TRACKING, "position_units": ["deg", "mm", "deg"], "torque_units": ["N.m", "N", "N.m"], "paper": {}}
     sheet = tracking_sheet(summary)
     assert sheet.columns == ("Joint", "Position\nRMS", "Position\nmaximum", "Torque\nRMS")
@@ -94,9 +91,6 @@ def test_statistics_are_compared_where_solutions_separate_and_the_energy_residua
         "0.008 J, the sum of absolute values, at tau and kappa_dot, where 40 J are exchanged"
     )
     assert said["Energy residual"].endswith("; net 0.002 J")
-
-
-def test_reference_rows_or_none():
     sheet = reference_sheet(TRACKING)
     assert sheet.rows == [("sampled-delayed", "1.23e-08", "5.68e-05"), ("continuous", "3.2e-06", "0.023")]
     text = shown(sheet_table(sheet))
