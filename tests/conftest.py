@@ -17,14 +17,13 @@ from vdfmu.arm.equations.flexible_joint import state_names
 from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, check_robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, section
-from vdfmu.arm.robot.structure import values
 from vdfmu.arm.units import shipped_units
 from vdfmu.base import plugins
 from vdfmu.base.cache import cache_folder
 from vdfmu.compiler.unit.evaluate import Traced
-from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import UnitFunctions
+from vdfmu.compiler.unit.solver import Integrator
 from vdfmu.engine.results.formats import FORMATS
 from vdfmu.study.identify.log_files import READERS
 
@@ -289,7 +288,7 @@ def plant_function(functions_of):
     """Return ``plant_function(robot, "derivatives")``, traced, of (x, tau, F_e); ``"jacobian"`` gives a matrix."""
 
     def bound(robot: Robot, name: str):
-        function, p = functions_of("plant", robot).function(f"plant_{name}"), values(robot)
+        function, p = functions_of("plant", robot).function(f"plant_{name}"), robot.values()
         m = len(state_names(robot)) * robot.n
         shape = (m, m) if name == "jacobian" else (m,)
         return lambda x, tau, F_e: function(p, x, tau, F_e).reshape(shape, order="F")

@@ -13,8 +13,7 @@ from vdfmu.arm.units import shipped_units
 from vdfmu.base.standards import FMI_VERSIONS, SSP_FORMATS
 from vdfmu.compiler.c.platforms import PLATFORMS
 from vdfmu.compiler.efmi.build import ALGORITHM, PRODUCTION
-from vdfmu.compiler.fmu.description import model_description
-from vdfmu.compiler.fmu.description3 import model_description_3
+from vdfmu.compiler.fmu.description import model_description, model_description_3
 from vdfmu.compiler.fmu.reference_results import FOLDER
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.fmu.description import KINDS

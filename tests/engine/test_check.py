@@ -9,8 +9,7 @@ from tests.engine.files import check_file, edited
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect import trial as check_run
-from vdfmu.engine.package import load_ssp
-from vdfmu.engine.package.read import read_system
+from vdfmu.engine.package.read import load_ssp, read_system
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import check_system, simulate
 

@@ -13,7 +13,7 @@ from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.masters.multirate import with_steps
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import Results, simulate
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.package.experiment import FOREIGN
+from vdfmu.engine.package.parse import FOREIGN
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import simulate
 

@@ -8,8 +8,8 @@ import pytest
 
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.fmu.instance3 import Instance3
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.fmu.versions import Instance3
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import ALGORITHMS, simulate
 
@@ -143,6 +143,6 @@ def test_a_step_that_returns_early_is_finished_unless_rounding_is_left(left, cal
         def _answered(self, flags, last, ended):
             return ended
 
-    call, arguments, _ = Early().simulation_call(c_double(1.0), c_double(1e-3))
+    call, arguments, _ = Early()._simulation_call(c_double(1.0), c_double(1e-3))
     assert call(*arguments) == 0
     assert len(made) == calls

@@ -6,7 +6,7 @@ import pytest
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.masters.broyden import Broyden
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import simulate
 

@@ -7,7 +7,7 @@ from tests.conftest import heavy
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Simulator, simulate
 
 OURS = (

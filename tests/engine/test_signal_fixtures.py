@@ -16,7 +16,7 @@ from tests.engine.reference import models
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import SspError
-from vdfmu.compiler.unit.wrap import unit_from
+from vdfmu.compiler.unit.new import unit_from
 from vdfmu.engine.run import simulate
 
 H = 2.0**-6

@@ -5,7 +5,7 @@ import pytest
 
 from tests.engine.files import edited
 from vdfmu.base.errors import SspError
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import simulate
 

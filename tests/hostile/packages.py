@@ -9,7 +9,7 @@ from pathlib import Path
 from tests.engine.files import check_file
 from tests.engine.texts import SPACES
 from tests.hostile.table import Corpus
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import load_ssp
 
 _SSD = (
     f"""<?xml version="1.0" encoding="UTF-8"?>

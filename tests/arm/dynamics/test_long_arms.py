@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.interface import Interface
 def _from_shorter_ones():
     """Arms that are traced in less time themselves are taken for long ones."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vdfmu.arm.robot.structure._MANY", 0)
+        patch.setattr("vdfmu.arm.robot.robot._MANY", 0)
         yield
 
 
@@ -71,7 +71,7 @@ def test_arms_with_an_unlike_joint_or_of_less_time_have_no_shorter_ones(monkeypa
     ends = dataclasses.replace(robot, joint_types=tuple(types)).shorter()
     assert [one.joint_types.count("prismatic") for one in ends] == [2, 2]
     assert repeated_link(20).shorter() == []  # not much longer than they are
-    monkeypatch.setattr("vdfmu.arm.robot.structure._MANY", 1.0)
+    monkeypatch.setattr("vdfmu.arm.robot.robot._MANY", 1.0)
     assert [len(repeated_link(n).shorter()) for n in (28, 30, 31, 32, 33)] == [0, 2, 0, 2, 2]  # 14 + 16, 15 + 17
 
 

@@ -54,7 +54,7 @@ import numpy as np
 from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.units.plant import Plant
 from vdfmu.compiler.unit.evaluate import Traced
-from vdfmu.compiler.unit.integrator import Integrator
+from vdfmu.compiler.unit.solver import Integrator
 from vdfmu.compiler.unit.interface import Interface
 
 robot = robot_from_dict(json.load(sys.stdin))

@@ -119,9 +119,7 @@ def test_joints_keep_their_names(urdf, tmp_path):
     assert robot_from_dict(robot.to_dict()).joint_names == robot.joint_names
     data = robot.to_dict()
     data["joints"][2]["name"] = "a"
-    with pytest.raises(
-        vdfmu.VdfmuError, match=r"joints\[3\].name: expected a name of its own, got that of joints\[1\]"
-    ):
+    with pytest.raises(vdfmu.VdfmuError, match=r"joints\[3\].name: expected its own name, got the name of joints\[1\]"):
         robot_from_dict(data)
     plain = vdfmu.load_robot("planar_2dof")
     assert plain.joint_labels == ["1", "2"] and "name" not in plain.to_dict()["joints"][0]

@@ -74,10 +74,10 @@ def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):
          "joint j: expected a link with mass, which it moves, got no <inertial> with a mass in a at j."),
         (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
          '<equality><joint joint1="k" joint2="j"/></equality>',
-         "joint k: expected a joint with a drive of its own, got one that mimics j."),
+         "joint k: expected a joint with its own drive, got one that mimics j."),
         (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
          '<equality><connect name="bar" body1="b" body2="world" anchor="0 0 0"/></equality>',
-         "bar: expected links of one chain, got what joins b to world beside the joints. That closes a chain"),
+         "bar: expected links of one chain, got a loop: it joins b to world beside the joints. An arm must"),
         ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
     ],
 )  # fmt: skip

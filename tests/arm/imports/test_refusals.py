@@ -37,14 +37,14 @@ def refused(path: Path, **options: str) -> list[str]:
         (ARM.replace('name="b" type="revolute"', 'name="b" type="planar"'), {},
          "joint b: expected one of revolute, continuous, prismatic, fixed, got planar. "),
         (ARM.replace(LIMIT, MIMIC).replace(MIMIC, LIMIT, 1), {"tip": "tool"},
-         "joint b: expected a joint with a drive of its own, got one that mimics a. End the arm before it, --tip "
-         "one, or delete its <mimic> for a drive of its own."),
+         "joint b: expected a joint with its own drive, got one that mimics a. End the arm before it, --tip "
+         "one, or delete its <mimic>."),
         (ARM + link("flap") + joint("d", "one", "flap", inside=MIMIC), {"tip": "tool"},
-         "joint d: expected no joint that moves beside the arm, got one that mimics a, which is part of it. End the "
+         "joint d: expected no joint that moves beside the arm, got one that mimics a, a joint of the arm. End the "
          "arm before that by --tip, or delete the <mimic>: it is held at 0 then."),
         (ARM + joint("d", "ground", "three"), {},
-         "link three: expected one joint that carries it, got the joints c, d. That closes a chain, which an arm of "
-         "vdfmu has none of: delete all but one."),
+         "link three: expected one joint that carries it, got the joints c, d. An arm must be an open chain: "
+         "delete all but one."),
         (ARM + link("alone"), {},
          "the file: expected one link that no joint carries, got ground, alone. Join them by fixed joints, or "),
         (link("one") + link("two") + joint("a", "one", "two") + joint("b", "two", "one"), {},

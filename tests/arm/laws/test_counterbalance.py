@@ -14,14 +14,11 @@ from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plan
 from vdfmu.arm.kernel import FUNCTIONS, trace
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.arm.robot.physical import requirements
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import ModelError
 from vdfmu.compiler.c.functions import c_texts
-from vdfmu.compiler.unit.evaluate import Plain
+from vdfmu.compiler.unit.evaluate import Plain, margins, unmet
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.machine import margins
-from vdfmu.compiler.unit.requirements import unmet
 
 EPS = np.finfo(float).eps
 
@@ -103,7 +100,7 @@ def test_the_solver_keeps_the_energy_and_a_joint_without_a_cylinder_has_no_line_
     # local errors of 1e-10 in some thousand steps, times the forces that make energy of them, up to 100 N m
     assert energy(end) == pytest.approx(energy(start), abs=1e-5)
     assert abs(end.E_pot - start.E_pot) > 0.1
-    assert {p.index for p in parameters(ONE) if p.field in CYLINDER} == {(0,)}
+    assert {p.index for p in ONE.entries() if p.field in CYLINDER} == {(0,)}
     none, plain = balanced("slider_3dof"), load_robot("slider_3dof")
     for name in FUNCTIONS:
         assert c_texts(trace(name, none)) == c_texts(trace(name, plain))

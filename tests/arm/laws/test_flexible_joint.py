@@ -8,6 +8,7 @@ from scipy.integrate import quad, solve_ivp
 
 from tests.arm.balanced import EVERY_CHAIN
 from vdfmu.arm.equations.flexible_joint import (
+    PlantState,
     link_torques,
     rotor_acceleration,
     rotor_position,
@@ -83,8 +84,7 @@ def test_rotor_position_solves_the_spring_equation_whose_rate_is_its_derivative(
     for state in draw(chain, 10, seed=21):
         rate = state.tau
         kappa = rotor_position(chain, jets(state.q, state.q_dot, 0.0), jets(state.tau_s, rate, 0.0))
-        value, kappa_dot = derivative(kappa, 0), derivative(kappa, 1)
-        tau_s_dot = spring_rate(chain, value, kappa_dot, state.q_dot, state.tau_s)
+        tau_s_dot = spring_rate(chain, PlantState(state.q, state.q_dot, derivative(kappa, 1), state.tau_s))
         # kappa_dot - q_dot = D' rate cancels: roundings of 2 rad/s (4e-16, some 10 of them, 50 with the
         # error's slope), divided by D'.
         atol = 50 * EPS * 2.0 / deformation_derivative(chain, state.tau_s)

@@ -201,7 +201,7 @@ def test_the_walk_finds_a_damper_that_the_plant_alone_knows(monkeypatch, account
     (field,) = (f for f in dataclasses.fields(Damped) if f.name == "d_s")
     of = Row("d_s", *field.metadata["row"], **field.metadata["rest"])
     monkeypatch.setitem(PARAMETERS, "d_s", of)
-    torque, losses, stretch = joints.drive_torque, joints.drive_losses, joints._stretch
+    torque, losses, stretch = joints.drive_torque, joints.drive_losses, joints.stretch_rate
     monkeypatch.setattr(joints, "drive_torque", lambda robot, s: torque(robot, s) + robot.d_s * stretch(robot, s))
     if accounted:
         heat = lambda robot, s: losses(robot, s) + robot.d_s * stretch(robot, s) ** 2  # noqa: E731

@@ -9,7 +9,6 @@ from vdfmu.arm.drive.limits import motor_torque, stop_torque
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.arm.robot import load_robot, robot_from_dict
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.scalar.jet import derivative, jets
@@ -134,11 +133,11 @@ def test_the_solver_takes_the_arm_through_bounces(plant_solver):
 
 
 def test_without_limits_nothing_is_traced_of_them(planar, functions_of):
-    names = {p.name.split("[")[0] for p in parameters(planar)}
+    names = {p.name.split("[")[0] for p in planar.entries()}
     assert not names & set(LIMITS)
     with pytest.raises(UsageError, match=r"q_max: it has no limits\. .* \[joints\.limits\]"):
         planar.with_parameters(q_max=1.0)
-    assert {p.name.split("[")[0] for p in parameters(ROBOT)} >= set(LIMITS)
+    assert {p.name.split("[")[0] for p in ROBOT.entries()} >= set(LIMITS)
     # with the limits the functions are longer
     for name in ("plant_derivatives", "plant_step", "plant_outputs"):
         bare, bound = (functions_of("plant", robot).made(name) for robot in (planar, ROBOT))

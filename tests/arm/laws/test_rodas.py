@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vdfmu.compiler.functions.rodas import ALPHA, GAMMA, GAMMA_I, A, C, rodas_step, stage_equations
-from vdfmu.compiler.scalar.elimination import factorize, solve, sparse_of
+from vdfmu.compiler.scalar.matrices import factorize, solve_factorized
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 
 EPS = np.finfo(float).eps
@@ -144,10 +144,10 @@ def test_elimination_solves_linear_systems_and_coefficients_of_time_are_those_of
     b = random.normal(size=6)
     expected = np.linalg.solve(matrix, b)
     # Positive definite with condition below 100: 100 roundings of each.
-    np.testing.assert_allclose(solve(factorize(sparse_of(matrix)), b), expected, rtol=0, atol=1e4 * EPS)
+    np.testing.assert_allclose(solve_factorized(factorize(matrix), b), expected, rtol=0, atol=1e4 * EPS)
     symbol = ca.SX.sym("b", 6)
     traced = ca.Function(
-        "solve", [symbol], [to_sx(solve(factorize(sparse_of(from_sx(ca.SX(ca.DM(matrix))))), from_sx(symbol)))]
+        "solve", [symbol], [to_sx(solve_factorized(factorize(from_sx(ca.SX(ca.DM(matrix)))), from_sx(symbol)))]
     )
     np.testing.assert_allclose(traced(b).full().ravel(), expected, rtol=0, atol=1e4 * EPS)
     # In the book's first variables: alpha_i = sum a_ij and gamma_i = sum gamma_ij. With u = Gamma k they are the

@@ -164,7 +164,7 @@ def test_a_motion_beyond_the_robot_is_refused(robot):
         check_motion(motion, limited)
     stops, slow = str(caught.value).splitlines()
     assert "joint 2: expected positions between its end stops, -1 and 1, got 1.16" in stops
-    assert "joint 2: expected at most the torque that its motor has at this speed" in slow
+    assert "joint 2: expected at most the torque of its motor at this speed" in slow
     check_motion(vdfmu.arm.motion.waypoints([[0.0, 0.0], [0.5, 0.2]], duration=2.0), limited)
 
 

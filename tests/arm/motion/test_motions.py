@@ -89,7 +89,7 @@ def test_waypoints_report_every_problem_and_samples_that_do_not_rest():
         motions.waypoints(POINTS, velocity=np.inf, acceleration=1.0)
     with pytest.raises(UsageError, match="dwell: expected"):
         motions.waypoints(POINTS, duration=1.0, dwell=np.inf)
-    with pytest.raises(UsageError, match="point 3: expected another position"):
+    with pytest.raises(UsageError, match="point 3: expected a position other than"):
         motions.waypoints([[0.0], [1.0], [1.0]], duration=1.0)
     t = np.linspace(0.0, 1.0, 101)
     assert not motions.samples(t, (t**5 * (1.0 - t) ** 5)[:, None]).notes
@@ -167,7 +167,7 @@ def test_motions_that_meet_can_be_joined_without_the_jumps_of_a_cubic_spline():
     assert both.at(2.5 + 2.0 * 0.8) == pytest.approx(scale * motion.at(0.8), rel=1e-11)
     one, other = motions.waypoints(POINTS, TIMES), motions.waypoints(POINTS[1:], TIMES[1:])
     for parts in ([one, other], [one, motions.rest(np.zeros(3), 1.0)]):
-        with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, where motion 1 ends, got"):
+        with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, the end of motion 1, got"):
             motions.joined(parts)
     with pytest.raises(UsageError, match="joined: expected motions, got none"):
         motions.joined([])

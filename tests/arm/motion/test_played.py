@@ -178,7 +178,7 @@ def test_a_motion_of_other_joints_or_too_long_is_refused_and_code_without_a_tabl
     with pytest.raises(UsageError, match="expected at most 500000 coefficients"):
         motions.joined([motions.rest(np.zeros(6), 1.0)] * 14_000).unit()
     from vdfmu.arm.units import shipped_units
-    from vdfmu.compiler.c.files import kernel_source
+    from vdfmu.compiler.c.functions import kernel_source
 
     for unit in shipped_units().values():
         functions = Interface(unit, robot).functions

@@ -29,7 +29,6 @@ import inspect, json
 import vdfmu
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.arm.kernel import Kernel
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS
 from vdfmu.compiler.unit.interface import Interface
@@ -58,8 +57,8 @@ print(json.dumps({
     "source": robot.source_of("joints[2].drive.k_new"),
     "set": slider.with_parameters(k_new=3.0).k_new.tolist(),
     "problems": refused(robot_from_dict, bad),
-    "names": [p.name for p in parameters(robot)][-3:],
-    "traced": len(Kernel(robot).p) - len(parameters(robot)),
+    "names": [p.name for p in robot.entries()][-3:],
+    "traced": len(Kernel(robot).p) - len(robot.entries()),
     "variables": [(v.name, v.unit, v.start, v.minimum, v.maximum, v.description) for v in variables],
     "doc": inspect.getdoc(vdfmu.Robot).splitlines()[-2:],
     "factor": "k_new" in FACTOR_FIELDS,

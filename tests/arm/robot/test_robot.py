@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from vdfmu.arm.robot import Robot, load_robot, robot_from_dict, robot_names
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import ModelError, UsageError
 
 
@@ -107,9 +106,9 @@ def test_a_payload_is_read_written_and_scaled_and_a_robot_without_has_none_to_se
     point = robot_from_dict(data | {"payload": {"mass": 0}})
     assert point.payload
     assert not point.payload_inertia.any()
-    names = [p.name for p in parameters(point)]
+    names = [p.name for p in point.entries()]
     assert names[2:6] == ["payload_mass", "payload_centroid[1]", "payload_centroid[2]", "payload_centroid[3]"]
-    assert "payload_inertia[1,1]" in [p.name for p in parameters(robot)]
+    assert "payload_inertia[1,1]" in [p.name for p in robot.entries()]
     with pytest.raises(UsageError, match=r"planar_2dof: payload_mass: it has no payload\. .* \[payload\]"):
         load_robot("planar_2dof").with_parameters(payload_mass=1.0)
 

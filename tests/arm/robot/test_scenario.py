@@ -12,7 +12,7 @@ from vdfmu.arm.equations.mapping import joint_space_mass_matrix
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import ModelError
 from vdfmu.base.files import data_path
-from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
 

@@ -34,7 +34,7 @@ def test_visuals_are_kept_and_change_no_fmu(robot_data):
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ({"joint": 3}, "visuals[1].joint: expected a joint from 0 to 2, got 3. 0 is what stands still."),
+        ({"joint": 3}, "visuals[1].joint: expected a joint from 0 to 2, got 3. 0 is for shapes at rest."),
         ({"joint": True}, "visuals[1].joint: expected a joint from 0 to 2, got true."),
         ({"shape": "cone"}, 'visuals[1].shape: expected "mesh" or "box" or '),
         ({"shape": "box"}, "visuals[1].size: expected 3 finite numbers >= 0 in m, got nothing."),

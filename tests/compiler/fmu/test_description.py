@@ -8,8 +8,8 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from vdfmu.arm.units import shipped_units
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.variable import NO_LIMIT
 
 
 @pytest.fixture

@@ -15,7 +15,6 @@ from vdfmu.arm.equations.torque_estimation import torque_estimates
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.robot.parameters import SPRING_KEYS
-from vdfmu.arm.robot.structure import parameters, set_parameters, values
 
 # The FMU runs the traced equations, numpy the same ones as written: they differ by the rounding of some hundred
 # operations, 1e-16 each, relative to the largest term, which is at most 100 times the result here.
@@ -28,15 +27,15 @@ def same(found: np.ndarray, expected: Any, scale: float = 1.0) -> None:
 
 
 def another(robot: Robot, rng: np.random.Generator) -> Robot:
-    spread = [0.005 if p.field == "inertia" else 0.2 for p in parameters(robot)]
-    vector = values(robot) * (1.0 + np.array(spread) * rng.uniform(-1.0, 1.0, len(spread)))
-    moved = set_parameters(robot, vector)
+    spread = [0.005 if p.field == "inertia" else 0.2 for p in robot.entries()]
+    vector = robot.values() * (1.0 + np.array(spread) * rng.uniform(-1.0, 1.0, len(spread)))
+    moved = robot.with_values(vector)
     return check_robot(moved.with_parameters(f_s=1.5 * moved.f_c, eps=0.02))
 
 
 def set_robot(unit: Any, robot: Robot) -> None:
     known = {v.name: v.valueReference for v in unit.description.modelVariables}
-    found = {p.name: value for p, value in zip(parameters(robot), values(robot), strict=True) if p.name in known}
+    found = {p.name: value for p, value in zip(robot.entries(), robot.values(), strict=True) if p.name in known}
     unit.fmu.setReal([known[name] for name in found], [float(value) for value in found.values()])
 
 

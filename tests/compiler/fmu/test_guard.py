@@ -57,8 +57,8 @@ def test_a_damaged_content_file_is_refused(copy_of, words_of_refusal, text, word
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"unit": "controller"}, "belongs to unit 'controller', expected that of Plant"),
-        ({"unit": "motor"}, "belongs to unit 'motor', expected that of Plant"),
+        ({"unit": "controller"}, "belongs to unit 'controller', expected a file of Plant"),
+        ({"unit": "motor"}, "belongs to unit 'motor', expected a file of Plant"),
         ({"robot": None}, "KeyError: 'robot'"),
         ({"robot": 3}, "resources/vdfmu.json: the file: expected a table, got 3"),
         ({"robot": {}}, "resources/vdfmu.json: name: expected a string"),

@@ -19,7 +19,7 @@ from vdfmu.compiler.c import platforms
 from vdfmu.compiler.c.platforms import ALL, PLATFORMS
 from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.engine.inspect.fmi import related_notes
+from vdfmu.engine.inspect.fmu import related_notes
 
 VERSIONS = ("2.0", "3.0")
 pytestmark = pytest.mark.heavy  # FMUs for all platforms

@@ -11,8 +11,7 @@ import pytest
 from fmpy.model_description import ModelDescription, ModelVariable
 
 from vdfmu.arm.units import shipped_units
-from vdfmu.compiler.fmu.description import document, model_description
-from vdfmu.compiler.fmu.description3 import build_description, model_description_3
+from vdfmu.compiler.fmu.description import build_description, document, model_description, model_description_3
 from vdfmu.compiler.unit.interface import Interface
 
 ABOUT = {"author": "Ada", "license": "MIT"}

@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 
 from tests.cc import CC
-from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.operations import c_derivatives, c_operations
+from vdfmu.compiler.c.text import c_prototype
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
 

@@ -9,11 +9,11 @@ import pytest
 from tests.compiler.native.loops import check_bits, check_derivatives, derivatives, results_of
 from tests.conftest import heavy
 from vdfmu.compiler.c.counterparts import Trace
-from vdfmu.compiler.c.expressions import EXPRESSIONS, slopes
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import Loops, find_loops, straight
 from vdfmu.compiler.c.operations import c_derivatives
 from vdfmu.compiler.c.series import find_series
+from vdfmu.compiler.c.text import EXPRESSIONS, slopes
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
 N = 24

@@ -12,7 +12,7 @@ import pytest
 from tests.compiler.native.binding import DISCARD, ERROR, OK, Instance, doubles, references, same_bits
 from tests.compiler.native.fmi_types import LOG_2, Callbacks
 from tests.compiler.native.phases import PHASES, bring
-from vdfmu.compiler.unit.integrator import MAXIMUM_STEPS
+from vdfmu.compiler.unit.solver import MAXIMUM_STEPS
 
 NAN, INF = float("nan"), float("inf")
 H = 1e-3

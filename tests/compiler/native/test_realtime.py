@@ -15,8 +15,8 @@ from vdfmu.compiler.c.compile import Compilation
 from vdfmu.compiler.c.platforms import this_platform
 from vdfmu.compiler.unit.declaration import SOLVERS
 from vdfmu.compiler.unit.evaluate import Traced
-from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.solver import Integrator
 
 Native = Callable[..., Instance]
 H = 2.0**-10  # [s], halved without rounding

@@ -7,10 +7,10 @@ from scipy.integrate import solve_ivp
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.unit import integrator as module
+from vdfmu.compiler.unit import solver as module
 from vdfmu.compiler.unit.evaluate import Traced
-from vdfmu.compiler.unit.integrator import MAXIMUM_STEPS, MINIMUM_STEP, Integrator
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.solver import MAXIMUM_STEPS, MINIMUM_STEP, Integrator
 
 
 def start_of(robot):

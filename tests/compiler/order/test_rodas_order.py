@@ -6,7 +6,6 @@ import pytest
 
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.arm.robot.structure import values
 from vdfmu.compiler.functions.rodas import ORDER, rodas_step, stage_equations
 
 
@@ -88,7 +87,7 @@ def integrate(function, x, tau, p, duration, steps):
 
 
 def test_order_four_on_the_smooth_plant(robot, functions_of):
-    function, p = functions_of("plant", robot).function("plant_step"), values(robot)
+    function, p = functions_of("plant", robot).function("plant_step"), robot.values()
     x, tau = smooth_state(robot)
     duration, counts = 2e-2, [50, 100, 200]
     exact = integrate(function, x, tau, p, duration, 1600)

@@ -147,7 +147,7 @@ def test_declared_start_parameters_keep_their_start_and_a_subclass_has_those_of_
 
 
 REFUSED_NAMES = {
-    "a variable cannot be called {}, which every unit has": [
+    "a variable cannot be called {}: every unit has it": [
         "t", "n", "start", "outputs", "store", "declared", "balance", "of_robot",
     ],
     "a variable cannot be called {}: expected a letter, then": ["_u", "u__2", "time", "\u03c4"],

@@ -48,7 +48,7 @@ def test_a_file_that_is_there_is_not_replaced(tmp_path, there):
 
 REFUSED = {
     "expected CamelCase or snake_case": ["my-filter", "2nd", "my_Filter", "Größe"],
-    "State is a name of vdfmu.unit": ["state"],
+    "State is a name that units need of vdfmu.unit": ["state"],
     "random is a name of Python's own": ["Random"],
     "lambda is a name of Python's own": ["lambda"],
     "expected a Python file": ["MyFilter --out my_filter.txt", "MyFilter --out my-filter.py"],

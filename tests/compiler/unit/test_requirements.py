@@ -8,8 +8,8 @@ import vdfmu
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.compiler.unit.evaluate import traced_requirements
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.requirements import traced_requirements
 from vdfmu.system.scenario.values import system_values
 from vdfmu.unit import Choice, Input, Output, Parameter, Unit
 
@@ -79,7 +79,7 @@ def test_what_is_no_parameter_is_not_required(name):
 )
 def test_requirements_of_another_form_are_told_with_what_is_expected(returned, got):
     unit = type("Early", (Early,), {"requirements": lambda self: returned})
-    words = f"requirements.. of Early: expected a parameter's name to what is expected of it and one number.*got {got}"
+    words = f"requirements.. of Early: expected a parameter's name to its condition and one number.*got {got}"
     with pytest.raises(UnitError, match=words):
         traced_requirements(Interface(unit, None))
     with pytest.raises(UnitError, match=words):

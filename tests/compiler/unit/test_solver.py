@@ -9,15 +9,13 @@ import pytest
 from benchmarks.chains import repeated_link
 from tests.conftest import TYPICAL
 from vdfmu.arm.robot import load_robot
-from vdfmu.arm.robot.structure import values
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import KernelError, UnitError
 from vdfmu.compiler.functions.rodas import ORDER
 from vdfmu.compiler.unit.declaration import SOLVERS
 from vdfmu.compiler.unit.evaluate import Plain, Traced
-from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.solver import ScipySolver, samples
+from vdfmu.compiler.unit.solver import Integrator, ScipySolver, samples
 from vdfmu.unit import (
     JOINTS,
     Choice,
@@ -279,7 +277,7 @@ def test_elimination_along_the_chain_gives_the_step_of_the_dense_block(name, cou
     random = np.random.default_rng(5)
     for h in (1e-6, 1e-3):
         given = {one: random.uniform(-0.5, 0.5, dense.numel_in(one)) for one in dense.name_in()}
-        given |= {"p": values(robot), "h": h, "tolerance": 1e-7}
+        given |= {"p": robot.values(), "h": h, "tolerance": 1e-7}
         one, other = (f.call([given[k] for k in f.name_in()])[0].full() for f in (along, dense))
         # Two elimination orders of one matrix, pivots of both as in docs/internals.md: 1e4 roundings.
         np.testing.assert_allclose(one, other, rtol=0, atol=1e4 * EPS * np.abs(other).max())

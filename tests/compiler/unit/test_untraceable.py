@@ -286,13 +286,13 @@ class Early(Unit):
 
 
 REMEMBERS = bad(remembers, before=0.0)
-WAY = "What is kept from one call to the next is a Sampled state; what is not, a local variable"
+WAY = "Memory from one call to the next is a Sampled state. Within a call use a local variable"
 
 
 @pytest.mark.parametrize(
     ("unit", "words"),
     [
-        (bad(writes), r"outputs\(\) of Wrong fails: outputs\(\) sets u, an input, which it may not\."),
+        (bad(writes), r"outputs\(\) of Wrong fails: outputs\(\) must not set u, an input\."),
         (bad(shapes), r"outputs\(\) of Wrong fails: Wrong\.y: expected shape \(\), got \(3,\)\."),
         (Silent, r"outputs\(\) of Silent never sets y\."),
         (bad(reads), r"outputs\(\) of Wrong fails: y is read before it is set\."),
@@ -300,9 +300,9 @@ WAY = "What is kept from one call to the next is a Sampled state; what is not, a
         (bad(endless), r"outputs\(\) of Wrong fails: it calls itself without end\."),
         (bad(nothing), r"outputs\(\) of Wrong fails: Wrong\.y: expected numbers, got None\."),
         (REMEMBERS, rf"outputs\(\) of Wrong fails: outputs\(\) sets before, which Wrong does not declare\. {WAY}\."),
-        (Counts, rf"outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 from the same values\. {WAY}; noise is an "
-                 r"input, or of `normal` of vdfmu\.unit\."),
-        (Early, r"start\(\) of Early fails: x is a state, which has no value before start\(\) sets it\."),
+        (Counts, rf"outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 from the same values\. {WAY}, for noise an "
+                 r"input or `normal` of vdfmu\.unit\."),
+        (Early, r"start\(\) of Early fails: x is a state and gets its first value by start\(\)\."),
     ],
 )  # fmt: skip
 def test_a_method_that_is_wrong_is_named_with_its_line(unit, words):

@@ -11,7 +11,7 @@ import vdfmu
 from tests.compiler.unit.conftest import command
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.compiler.unit.wrap import unit_from
+from vdfmu.compiler.unit.new import unit_from
 from vdfmu.unit import casadi_unit, linear_unit, table_unit
 
 A, B = np.array([[-0.2, -4.0], [1.0, 0.0]]), np.array([[1.0, 0.5], [0.0, 1.0]])
@@ -150,8 +150,8 @@ ROOT = ca.rootfinder("r", "newton", {"x": u, "g": u**2 - 2})(x0=q)["x"]
         (lambda: linear_unit(A, B, C, D, -1.0), "dt must be the time between samples in s, .*got -1"),
         (lambda: casadi_unit(ca.Function("f", [x], [x[0]], ["x"], ["ode"])), r"shape of x, \(2, 1\), got \(1, 1\)"),
         (lambda: casadi_unit(ca.Function("f", [d], [ca.sum1(d)], ["u"], ["y"])), "u must be dense, .*sparse"),
-        (lambda: casadi_unit(ca.Function("f", [x, u], [x, u], ["x", "z"], ["ode", "alg"])), "alg has to be 0"),
-        (lambda: casadi_unit(ca.Function("f", [q], [ROOT], ["q"], ["y"])), "must have scalar operations alone"),
+        (lambda: casadi_unit(ca.Function("f", [x, u], [x, u], ["x", "z"], ["ode", "alg"])), "must not have .* alg"),
+        (lambda: casadi_unit(ca.Function("f", [q], [ROOT], ["q"], ["y"])), "must have scalar operations only"),
         (lambda: table_unit({"a": [1, 2]}), "must have names, and two columns"),
         (lambda: table_unit({"a": [1, 2], "b": [1, np.nan]}), "rows of finite numbers"),
         (lambda: table_unit({"a": [1, 0], "b": [2, 3]}), "Column a must increase"),

@@ -11,11 +11,10 @@ import wasmtime
 
 from tests.compiler.wasm.linked import linked
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import lookup_table
+from vdfmu.compiler.c.text import EXPRESSIONS
 from vdfmu.compiler.scalar.symbol import LOOKUP
-from vdfmu.compiler.wasm.functions import IMPORTED, OPERATIONS, WrittenFunctions
-from vdfmu.compiler.wasm.module import INTEGER, NUMBER, Assembler
+from vdfmu.compiler.wasm import IMPORTED, INTEGER, NUMBER, OPERATIONS, Assembler
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario import load_scenario
@@ -28,9 +27,8 @@ class Instance:
     """The functions of traces in a module; with `own` it calls functions of the C library of this machine."""
 
     def __init__(self, functions: Sequence[ca.Function], own: bool = True) -> None:
-        assembler = Assembler(IMPORTED)
-        written = WrittenFunctions(assembler)
-        exported = {f"f{k}": written.index(function) for k, function in enumerate(functions)}
+        assembler = Assembler()
+        exported = {f"f{k}": assembler.traced(function) for k, function in enumerate(functions)}
         self.functions, self.place = functions, assembler.room(200_000)
         self.store, linker = linked(assembler.growth)
         if own:
@@ -116,7 +114,7 @@ def test_an_operation_has_the_bits_of_casadi(own):
 def test_an_operation_without_code_is_said():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match=r"^wrong: CasADi's operation \d+ has no code in WebAssembly\.$"):
-        WrittenFunctions(Assembler(IMPORTED)).index(ca.Function("wrong", [x], [ca.erf(x)]))
+        Assembler().traced(ca.Function("wrong", [x], [ca.erf(x)]))
 
 
 @pytest.mark.parametrize("scenario", ["tracking", "screw", "estimation", "kr300"])

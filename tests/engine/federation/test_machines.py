@@ -14,7 +14,7 @@ import pytest
 
 import vdfmu
 
-HELICS = find_spec("helics")  # not imported: see helics_link.py
+HELICS = find_spec("helics")  # not imported: see federation/server.py
 assert HELICS is not None and HELICS.origin is not None
 PROGRAM = Path(HELICS.origin).parent / "install" / "bin" / "helics_broker"
 

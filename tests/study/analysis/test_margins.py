@@ -140,7 +140,7 @@ def test_a_mass_that_nothing_holds_an_unstable_loop_and_one_that_is_zero_at_a_fr
     assert loop.modulus[0] > 0.0  # k h below 2
     then = late(loop).margins()  # k h above 1
     assert then.rate > 0.0 and then.modulus[0] == then.phase[0] == then.delay[0] == 0.0
-    with pytest.raises(UsageError, match="Plain: what cannot be traced has no derivatives"):
+    with pytest.raises(UsageError, match="Plain is not traced and has no derivatives"):
         Plain().linearize()
     w = np.geomspace(0.1, 10.0, 200)
     loop = 4.0 / (1.0 + 1j * w[:, None]) ** 3

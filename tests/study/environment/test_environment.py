@@ -9,8 +9,9 @@ from gymnasium.utils.env_checker import check_env
 
 import vdfmu
 from vdfmu.base.errors import UsageError
-from vdfmu.study.environment.arm import TrackingTask
+from vdfmu.study.environment.tasks import TrackingTask
 from vdfmu.system.scenario import load_scenario
+from vdfmu.unit import Derivative, Input, Parameter, State, Unit
 
 VARY = {"plant.q_0[1]": (-1.6, -1.5), "plant.mass[2]": (0.5, 1.5)}
 
@@ -238,3 +239,94 @@ def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():
     seen, _ = many.reset(seed=0)
     assert seen.shape == (2, 12) and many.observation_space.contains(seen)
     many.close()
+
+
+# ---------------------------------------------------------------- any system
+
+
+class Motor(Unit):
+    """Motor with a lag.
+
+    ::
+
+        T w_dot = u - w
+    """
+
+    u = Input("V", text="voltage")
+    T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
+    w = State("rad/s", text="speed")
+    w_dot = Derivative(w)
+
+    def derivatives(self) -> None:
+        """Rate of the speed."""
+        self.w_dot = (self.u - self.w) / self.T
+
+
+class Load(Unit):
+    """Angle of a speed."""
+
+    w = Input("rad/s", text="speed")
+    q = State("rad", text="angle")
+    q_dot = Derivative(q)
+
+    def derivatives(self) -> None:
+        """Rate of the angle."""
+        self.q_dot = self.w
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return vdfmu.connect({"motor": Motor, "load": Load}, {"motor.w": "load.w"}, stop=1.0, step=0.01)
+
+
+def reward_of(seen, action):
+    return -np.abs(seen["load.q"][..., 0] - 1.0) - 1e-3 * action["motor.u"][..., 0] ** 2
+
+
+@pytest.mark.filterwarnings("ignore:.*not within the observation space")
+def test_a_system_of_fmus_is_an_environment(drive):
+    env = drive.environment({"motor.u": (0.0, 3.0)}, {"load.q": 2.0, "motor.w": None}, reward_of, hold=5,
+                            vary={"motor.T": (0.1, 0.2)}, lost=-2.0)  # fmt: skip
+    check_env(env, skip_render_check=True)
+    assert (env.task.inputs, env.task.action_units) == (["motor.u"], ["V"])
+    assert (env.task.signals, env.task.units) == (["load.q", "motor.w"], ["rad", "rad/s"])
+    assert env.observation_space.high.tolist() == [2.0, 50.0] and env.action_space.low.tolist() == [0.0]
+    seen, info = env.reset(seed=1)
+    T = info["parameters"]["motor.T"]
+    rewards, late, ended = [], False, False
+    while not (late or ended):
+        seen, reward, ended, late, _ = env.step(np.array([1.0]))
+        rewards.append(reward)
+    # q of a step in voltage; the speed is held over a step of 0.01 s at the load: at most half a step of the speed late
+    assert seen[0] == pytest.approx(1.0 - T * (1.0 - np.exp(-1.0 / T)), abs=0.01)
+    assert len(rewards) == 20 and rewards[-1] == -abs(seen[0] - 1.0) - 1e-3
+    env.reset()
+    count = 0
+    while not ended:
+        _, reward, ended, _, _ = env.step(np.array([3.0]))
+        count += 1
+    assert reward == -2.0 * (21 - count)
+    env.close()
+
+
+def test_a_scenario_is_opened_at_the_actions_of_an_environment():
+    env = vdfmu.Environment("planar_tracking", {"plant.tau": 1.0}, ["plant.q"], lambda seen, action: 0.0, stop=0.1,
+                            ended=lambda seen: seen["plant.q"][0] > 1e9)  # fmt: skip
+    env.reset()
+    assert env.task.length == 100 and not env.step(np.zeros(2))[2]
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("actions", "seen", "options", "message"),
+    [
+        ({"load.w": 1.0}, ["load.q"], {}, "'load.w': action must be a free input, but a connection feeds it"),
+        ({"motor.u": 1.0}, ["load.p"], {}, "'load.p': expected a group of outputs"),
+        ({"motor.u": (1.0, -1.0)}, ["load.q"], {}, "limit: expected finite bounds, the lower first"),
+        ({"motor.u": 1.0}, ["load.q"], {"vary": {"motor.R": (1, 2)}}, "vary: motor.R: must be one parameter"),
+        ({"motor.u": 1.0}, ["load.q"], {"hold": 7}, "whole multiple, got 7"),
+    ],
+)
+def test_wrong_environments_are_refused(drive, actions, seen, options, message):
+    with pytest.raises(UsageError, match=message):
+        drive.environment(actions, seen, reward_of, **options)

@@ -112,7 +112,7 @@ def test_a_binary_that_is_none_is_found_without_running_it(fmus, changed):
     path = changed("none", {name: b"no library"})
     for run in (False, True):
         report = inspect_file(path, run=run)
-        assert report.problems == [f"{name}: is not a shared library of the kind its name says"]
+        assert report.problems == [f"{name}: is not a shared library of the kind in its name"]
         assert not report.ran
     (problem,) = check_file(changed(name, {}), run=False)  # those for other platforms are there
     assert problem.startswith("no binary for this platform")

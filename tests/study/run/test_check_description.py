@@ -52,12 +52,12 @@ def test_references_that_lead_nowhere_hide_no_other_fault(problems):
     )
     where = "modelDescription.xml, line"
     assert found == [
-        f"{where} 8: variable 'd': derivative='99': there is no such variable; expected an index from 1 to 7",
+        f"{where} 8: variable 'd': derivative='99': expected the index of a variable, from 1 to 7",
         f"{where} 9: variable 't': declaredType 'None' is not defined; define it in TypeDefinitions",
-        f"{where} 10: variable 'p': causality 'parameter' and variability 'continuous', which is the default, do not "
+        f"{where} 10: variable 'p': causality 'parameter' and variability 'continuous' (default) do not "
         "go together; expected fixed or tunable",
         f"{where} 11: variable 's': has the display unit 'deg' and no unit; state the unit",
-        f"{where} 13: Unknown: dependencies: 42: there is no such variable; expected an index from 1 to 7",
+        f"{where} 13: Unknown: dependencies: 42: expected the index of a variable, from 1 to 7",
         'The variable name "u" (line 7) is not unique.',
         'The unit "furlong" of variable "u" (line 7) is not defined.',
     ]

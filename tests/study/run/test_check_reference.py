@@ -82,7 +82,7 @@ def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(f
         rows[6][head.index("E_kin")] = "99"
 
     report = tampered(fmus, tmp_path / "off.fmu", "out", change)
-    assert report.notes == ["Plant_out.csv: quality: not compared: the unit has no such variable"]
+    assert report.notes == ["Plant_out.csv: quality: not compared: the unit lacks such a variable"]
     (problem,) = report.problems
     assert problem.startswith("Plant_out.csv: E_kin at t = 0.06 s: expected 99")
     assert report.compared == ["Plant_out.csv"]
@@ -99,8 +99,8 @@ def test_types_that_a_table_does_not_hold_are_a_note(fmus, tmp_path):
     report = compare(tmp_path / "word.fmu")
     assert (report.problems, report.compared) == ([], [])
     assert report.notes == [
-        "Plant_out.csv: word: not compared: of type String, which a table of numbers does not hold",
-        "Plant_out.csv: not compared: it has no column that can be",
+        "Plant_out.csv: word: not compared: type String does not fit into a table of numbers",
+        "Plant_out.csv: not compared: it lacks comparable columns",
     ]
 
 
@@ -206,7 +206,7 @@ def test_an_experiment_pairs_inputs_and_results_of_any_name(fmus, tmp_path, time
     assert (report.problems, report.compared) == ([], ["seen.csv"])
     assert [note.partition("experiment ")[2] for note in report.notes] == [
         "'two': not compared: it sets the parameters of 'p.ssv'",
-        "'three': not compared: it has no reference results",
+        "'three': not compared: it lacks reference results",
         f"'four': not compared: expected a .csv file of the FMU, got {FOLDER}experiments/seen.hdf5",
     ]
     content[f"{FOLDER}given.csv"] = content[f"{FOLDER}given.csv"].replace(b" ", b"1 ")  # other inputs

@@ -108,7 +108,7 @@ def test_names_that_occur_twice_and_rules_of_the_package_and_of_its_files(packag
         "x.ssp: SystemStructure.ssd, line 3: two connectors are named c.u; names of connectors of one element must "
         "differ",
     ]
-    same = "SystemStructure.ssd and B.ssd: have the same name, 'n', by which tools let users choose"
+    same = "SystemStructure.ssd and B.ssd: have the same name, 'n'; tools let users choose by it"
     assert same in inspect_file(path, run=False).notes
     inner = zipped({"SystemStructure.ssd": ssd(component("c", "u:input:Real:rad")), "resources/m.fmu": fmu()})
     text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + ssd(

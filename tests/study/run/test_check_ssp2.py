@@ -9,7 +9,8 @@ from tests.engine.texts import binding, connection, connections, elements, ssd
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.package import load_ssp, parse
+from vdfmu.engine.package import parse
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.system.scenario import load_scenario
 
 
@@ -228,7 +229,7 @@ def test_indices_choose_elements_and_must_lie_in_the_array(package):
         assert linked([""], [f'endIndices="{index}"']) == [
             f"{name}endIndices: {index} is outside of PDController.q_d, an array of 2; the first index is 1"
         ]
-    assert linked([""], ['endIndices="1 1"']) == [f"{name}endIndices: 2 for PDController.q_d, which is an array of 2"]
+    assert linked([""], ['endIndices="1 1"']) == [f"{name}endIndices: 2 for PDController.q_d, an array of 2"]
 
 
 def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):

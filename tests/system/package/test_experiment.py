@@ -7,8 +7,10 @@ import pytest
 from tests.engine.files import check_file
 from tests.engine.texts import ssd
 from tests.system.package.problems import problems, write
-from vdfmu.engine.package import load_ssp
-from vdfmu.engine.package.experiment import FOREIGN, Experiment, read_experiment
+from vdfmu.engine.package.elements import read_experiment
+from vdfmu.engine.package.parse import FOREIGN
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.package.system import Experiment
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.structure_file import structure_file
 from vdfmu.system.scenario import load_scenario

@@ -6,8 +6,8 @@ import pytest
 
 from tests.engine.texts import binding, component, connections, connector_list, elements, ssd, values
 from tests.system.package.problems import problems, write
-from vdfmu.engine.package import limits, load_ssp
-from vdfmu.engine.package.read import read_system
+from vdfmu.engine.package import limits
+from vdfmu.engine.package.read import load_ssp, read_system
 
 OUTSIDE = "is not a relative path inside the package; put the file into the package and name it by its path there"
 
@@ -75,7 +75,7 @@ def test_missing_resources_and_bad_sources_at_once(tmp_path):
         "x.ssp: component 'd': type 'text/x-modelica' is not supported; expected "
         "application/x-fmu-sharedlibrary, application/x-ssp-package or application/x-ssp-definition",
         "x.ssp: component 'e': the package has no 'missing.fmu'",
-        "x.ssp: 'f' refers to signal dictionary 'none', which does not exist",
+        "x.ssp: 'f' refers to signal dictionary 'none', but the SSD lacks it",
         "x.ssp: the package has no 'none.ssv'",
     ]
 

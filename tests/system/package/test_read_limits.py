@@ -13,7 +13,8 @@ from tests.engine.files import check_file
 from tests.hostile.packages import pack
 from tests.system.package.problems import problems
 from tests.warm import command
-from vdfmu.engine.package import limits, load_ssp
+from vdfmu.engine.package import limits
+from vdfmu.engine.package.read import load_ssp
 
 
 def ssd(inside: str, rest: str = "") -> str:

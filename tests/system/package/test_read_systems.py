@@ -10,7 +10,7 @@ from tests.engine.texts import SPACES, connections, connector_list, elements, pa
 from tests.hostile.packages import pack as zipped
 from tests.system.package.problems import problems
 from vdfmu.base.errors import SspError
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 
 PACKAGE = 'type="application/x-ssp-package"'
@@ -133,7 +133,7 @@ def test_systems_that_hold_themselves_are_refused_and_connectors_held_against_th
     )  # fmt: skip
     assert problems(path) == [
         "x.ssp: component 'arm': connector 'u' is of kind output, its system says input",
-        "x.ssp: component 'arm': its system has no connector 'w'; it has u, y",
+        "x.ssp: component 'arm': its system lacks connector 'w'; it has u, y",
     ]
 
 
@@ -147,7 +147,7 @@ def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
         }
     )
     assert problems(path) == [
-        "x.ssp: component 'a': has no source, so that there is nothing to run; name an FMU",
+        "x.ssp: component 'a': has no source to run; name an FMU",
         "x.ssp: component 'b': 'b.ssp' is not an FMU; set the component's type to 'application/x-ssp-package'",
         "x.ssp: component 'c': the package has no 'c.ssp'",
     ]

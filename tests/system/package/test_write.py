@@ -8,8 +8,8 @@ import pytest
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.parse import parse_ssp_xml
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import check_system
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from ctypes import c_double
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +15,9 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
-from vdfmu.engine.fmu.classes import class_of
-from vdfmu.engine.fmu.instance import Instance, Steps
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.fmu.versions import class_of
 from vdfmu.engine.linear.system import LinearSystem, Samples, reached
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.interface import jacobian_of
@@ -214,7 +214,7 @@ def changed(components: Components, name: str, values: Mapping[str, Value]) -> G
         instance.instantiate()
         instance.prepare(None, 0.0, 1.0, list(starts.values()))
         instance.enter_initialization()
-        instance.exit_initialization(lambda *_: cast("Steps", None))  # it is not stepped
+        instance.exit_initialization(stepped=False)
         if description.exchange:
             instance.fmu.enterContinuousTimeMode()
         yield instance

@@ -10,11 +10,10 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.fmu.access import TEXTS
-from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
+from vdfmu.engine.fmu.versions import class_of
 from vdfmu.engine.masters.events import Events
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.observer import reader
@@ -95,7 +94,7 @@ class Components:
                 instance.enter_initialization()
             self.exchange.initialize(begin, convergence)
             for instance in self.instances.values():
-                instance.exit_initialization(ModelExchangeIntegrator)
+                instance.exit_initialization()
             self.exchange.read_outputs()
             if any(instance.event_mode for instance in self.instances.values()):
                 self._events = Events(self.exchange, begin)

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
-from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.fmu.versions import Instance3
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.plan.grid import largest_step
@@ -87,7 +87,7 @@ class _EventUnit:
             if gather is not None:
                 self.gathers.append(gather)
                 links = bank.links[window]
-                places = [i for i, k in enumerate(links) if instance.discrete(k.sink) and not k.sink.clocks]
+                places = [i for i, k in enumerate(links) if not (k.sink.clocks or instance.between_events(k.sink))]
                 part = bank.inputs[window]
                 where = np.array(places, np.intp)
                 self.watched.append((part, where, part[where]))

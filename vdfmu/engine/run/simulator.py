@@ -272,6 +272,12 @@ class Simulator:
             )
         return checked
 
+    @property
+    def checked(self) -> Checked:
+        """The system with its FMUs, in a block."""
+        assert self._checked is not None
+        return self._checked
+
     def stand(self, time: float | None = None, step: float | None = None) -> Components:
         """Run the system to a time, by default its start; return its components, with their inputs at that time.
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.arm.equations.kinematics import joint_placements, poses
+from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.physical import principal
 from vdfmu.base.arrays import Floats, bends
 from vdfmu.engine.results.figure import Curve, Terms
 from vdfmu.engine.results.results import Results

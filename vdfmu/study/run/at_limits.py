@@ -10,7 +10,7 @@ import numpy as np
 from vdfmu.arm.drive.limits import at_limits, motor_torque
 from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats, with_named
-from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.results.results import Results
 from vdfmu.system.package.description import SystemDescription
