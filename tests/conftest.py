@@ -1,7 +1,5 @@
 """Robots, random states and a kernel cache that several folders use."""
 
-from __future__ import annotations
-
 import cProfile
 import os
 import signal
@@ -84,10 +82,8 @@ def heavy(*values: object) -> list[Any]:
 
 @pytest.fixture(scope="session", autouse=True)
 def kernel_cache(tmp_path_factory):
-    """Cache of this test session, shared by its processes; the user's own is neither read nor written.
-
-    Except for what the compiler makes for itself of its own sources, once for each platform: minutes for Windows.
-    """
+    """Cache of this test session, shared by its processes; the user's own is neither read nor written."""
+    # Except for what the compiler makes for itself of its own sources, once for each platform: minutes for Windows.
     support = os.environ.get("ZIG_GLOBAL_CACHE_DIR") or str(cache_folder() / "zig")
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "vdfmu_cache"
@@ -125,11 +121,9 @@ def random_inertia(random: np.random.Generator, size: float) -> np.ndarray:
 
 
 def make_general_chain() -> Robot:
-    """Return a chain with everything that the shipped robots leave out.
-
-    Revolute and prismatic joints in any order, skewed axes, offsets and centres of mass in all directions,
-    full inertias, gravity in no axis, tool offset, payload, kinematic error, split friction.
-    """
+    """Return a chain with everything that the shipped robots leave out."""
+    # Revolute and prismatic joints in any order, skewed axes, offsets and centres of mass in all directions, full
+    # inertias, gravity in no axis, tool offset, payload, kinematic error, split friction.
     random = np.random.default_rng(20240501)
     types = ("revolute", "prismatic", "revolute", "revolute", "prismatic")
     n = len(types)

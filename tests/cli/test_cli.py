@@ -131,13 +131,9 @@ def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
 
 
 @pytest.mark.heavy
-def test_a_scenario_is_shown_as_its_file(tmp_path):
+def test_a_scenario_is_shown_as_its_file_and_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     shown = vdfmu("scenario", "show", "tracking", cwd=tmp_path, env={**os.environ, "COLUMNS": "40"})
     assert tomllib.loads(shown.stdout)["name"] == "tracking"
-
-
-@pytest.mark.heavy
-def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
     bad = tmp_path / "bad.fmu"
     bad.write_bytes(edited(tmp_path / "fmus" / "Plant.fmu", [(b'unit="rad/s"', b'unit="rad/h"')]))
@@ -187,7 +183,7 @@ def test_check_says_that_it_runs_code_only_of_a_file_that_there_is(tmp_path, nam
 
 
 @pytest.mark.heavy
-def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
+def test_a_broken_robot_file_reports_every_problem_and_a_unit_that_fails_its_words(tmp_path):
     import vdfmu as package
     from vdfmu.base.files import data_path
 
@@ -200,10 +196,6 @@ def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
     assert "joints[1].link.mass" in message
     assert "epsilon" in message
     assert package.__version__
-
-
-@pytest.mark.heavy
-def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
     done = vdfmu("run", "planar_tracking", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert done.returncode == 1
     assert "plant failed at t =" in done.stderr

@@ -112,15 +112,12 @@ def test_help_needs_only_what_draws_it(package: str, tmp_path: Path) -> None:
     assert all(name in done.stdout for name in ALGORITHMS)
 
 
-def test_a_package_that_does_not_load_says_why(tmp_path: Path) -> None:
+def test_a_package_that_does_not_load_says_why_and_a_summary_is_json_whatever_its_numbers(tmp_path: Path) -> None:
     (tmp_path / "numpy.py").write_text("raise ImportError('libgone.so: no such file', name='numpy')\n")
     done = vdfmu("robot", "list", PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)]))
     assert done.returncode == 1
     assert done.stderr.startswith("error: the Python package numpy cannot be imported: libgone.so: no such file. ")
     assert "Traceback" not in done.stderr
-
-
-def test_a_summary_is_json_whatever_its_numbers() -> None:
     text = to_json({"a": math.nan, "b": [math.inf, (-math.inf, 1.5)], "c": {"d": None, "e": True, "f": "é"}})
 
     def refuse(constant: str) -> None:

@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and SIGHUP end every command within a second, in each of its phases, and leave nothing behind."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -201,11 +199,16 @@ def test_a_signal_acts_while_equations_are_traced(start, number):
 
 
 @pytest.mark.heavy
-def test_a_signal_ends_the_compilers(start):
+def test_a_signal_ends_the_compilers_and_acts_while_references_are_solved(start):
     command = start("build", "planar_tracking", cache="empty")
     command.wait_for(lambda: command.files("tmp/vdfmu_native_*/*/*.o*"))
     command.stop(signal.SIGTERM)
     assert not [p for p in Path("/proc").glob("[0-9]*/cwd") if str(command.temporary) in _link(p)]
+    command = start("run", "planar_tracking", "--stop", "2")
+    command.wait_for(lambda: command.files("results/*/*/summary.json"))
+    errors = command.stop(signal.SIGHUP)
+    assert " are in results/planar_tracking/partial/results.csv." in errors
+    assert len((command.folder / "results/planar_tracking/partial/results.csv").read_text().splitlines()) == 2003
 
 
 def _link(path: Path) -> str:
@@ -213,15 +216,6 @@ def _link(path: Path) -> str:
         return os.readlink(path)
     except OSError:
         return ""
-
-
-@pytest.mark.heavy
-def test_a_signal_acts_while_references_are_solved(start):
-    command = start("run", "planar_tracking", "--stop", "2")
-    command.wait_for(lambda: command.files("results/*/*/summary.json"))
-    errors = command.stop(signal.SIGHUP)
-    assert " are in results/planar_tracking/partial/results.csv." in errors
-    assert len((command.folder / "results/planar_tracking/partial/results.csv").read_text().splitlines()) == 2003
 
 
 def test_a_signal_acts_while_modules_are_imported(start):

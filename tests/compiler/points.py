@@ -28,7 +28,6 @@ POINTS: dict[str, list[dict[str, Any]]] = {
 
 
 def random_value(group: str, causality: str, start: float, positive: bool, rng: np.random.Generator) -> float:
-    """Value of a variable at which nothing is hidden."""
     start = VISIBLE.get(group, start)
     if group == "tolerance":
         return start

@@ -1,7 +1,5 @@
 """Zip files with other contents, and results that are the same."""
 
-from __future__ import annotations
-
 import io
 import re
 import zipfile
@@ -16,12 +14,10 @@ from vdfmu.engine.results.results import Results, Signal
 
 
 def check_file(path: str | Path, run: bool = True) -> list[str]:
-    """Return the problems that the check of a file finds."""
     return inspect_file(path, run).problems
 
 
 def zipped(members: Mapping[str, str | bytes]) -> bytes:
-    """Return a zip file."""
     box = io.BytesIO()
     with zipfile.ZipFile(box, "w") as file:
         for name, content in members.items():

@@ -30,7 +30,6 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 @pytest.fixture(scope="module")
 def strict(tmp_path_factory):
-    """Return the FMU of strict.c, of which y is the time."""
     folder = tmp_path_factory.mktemp("strict")
     more = "".join(
         f'<ScalarVariable name="{name}" valueReference="{i}" causality="parameter" variability="fixed">'
@@ -49,9 +48,6 @@ def package(pack, strict):
         extra={"resources/Strict.fmu": strict.read_bytes()},
         experiment='<ssd:DefaultExperiment startTime="0" stopTime="0.01"/>',
     )
-
-
-# ---------------------------------------------------------------- the stop time
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
@@ -75,9 +71,6 @@ def test_check_finds_no_fault_in_a_unit_that_keeps_its_stop_time(package, strict
         assert check_run.run_apart(path, kind).problems == []
 
 
-# ---------------------------------------------------------------- the reason
-
-
 @pytest.mark.parametrize(
     ("way", "reason"),
     [
@@ -92,9 +85,6 @@ def test_the_reason_of_a_failure_is_the_units_own(package, way, reason):
     assert str(info.value).startswith(f"unit failed at t = 0.5 s in doStep: {reason}")
     assert ("discard)" in info.value.reason) == (way == "discard")
     assert info.value.results.time.tolist() == [0.0, 0.25, 0.5]
-
-
-# ---------------------------------------------------------------- what is not a number
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
@@ -134,9 +124,6 @@ def test_check_notes_what_is_no_number(fmus):
     findings = check_run.run_apart(fmus["Dividing"])
     assert findings.problems == []
     assert any(note.startswith("y is inf at t = 0 s, inputs at their start values") for note in findings.notes)
-
-
-# ---------------------------------------------------------------- the end that a unit makes
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))

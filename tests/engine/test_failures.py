@@ -1,7 +1,5 @@
 """A unit that fails: what the error says, and what is kept."""
 
-from __future__ import annotations
-
 import os
 import signal
 import tempfile
@@ -105,7 +103,7 @@ def test_a_step_that_pythonfmu_refuses_ends_the_simulation(fragile):
     assert str(results.messages[-1]) == "arm ended the simulation at t = 0.5 s"
 
 
-def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
+def test_a_warning_is_logged_and_the_run_goes_on_and_a_failure_during_initialization_has_no_rows(fragile):
     seen = []
     results = run(fragile, 2, log=seen.append)
     assert len(results) == 11
@@ -114,9 +112,6 @@ def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
     assert str(warnings[0]) == "arm: the load is 50 %s of nominal"
     assert warnings[0].time == 0.5
     assert results.messages == seen
-
-
-def test_a_failure_during_initialization_has_no_rows(fragile):
     with pytest.raises(CosimError, match="arm failed at t = 0 s in exitInit.*: .*no start possible") as info:
         run(fragile, 3)
     assert info.value.results is None
@@ -187,13 +182,12 @@ def test_wrong_options_are_usage_errors(fragile, options, message):
         simulate(fragile, **options)
 
 
-def test_text_is_read_as_a_value(fragile):
+def test_text_is_read_as_a_value_and_messages_of_plain_fmpy_are_still_printed_after_a_run(
+    fragile, arm_package, tmp_path, capfd
+):
     results = simulate(fragile, step=0.1, parameters={"source.slope": "2.5", "arm.mode": "2"})
     assert results["source.y"][-1] == 2.5 * (0.9 + 0.1)
-
-
-def test_messages_of_plain_fmpy_are_still_printed_after_a_run(arm_package, tmp_path, capfd):
-    """Fmpy's proxy for messages of native units has one receiver in a process, and our runs take it."""
+    # Fmpy's proxy for messages of native units has one receiver in a process, and our runs take it.
     fmus = cached_fmus(load_scenario("planar_tracking"), tmp_path, "native")
     simulate(arm_package(), stop=0.002)
     with pytest.raises(FMICallException):

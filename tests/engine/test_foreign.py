@@ -1,7 +1,5 @@
 """Packages like those in the test folders of other tools run, or are refused by the rule that the docs name."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

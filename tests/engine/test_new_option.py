@@ -1,7 +1,5 @@
 """An option of a run is declared in one file: Python, commands, help and the master know it then."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import shutil

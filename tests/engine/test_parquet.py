@@ -1,7 +1,5 @@
 """Results in Parquet: the bits of the CSV, units and provenance in the file, and what is said when it cannot be."""
 
-from __future__ import annotations
-
 import csv
 import json
 import resource
@@ -157,15 +155,12 @@ def test_parquet_of_another_form(tmp_path, table, message):
         Results.read(tmp_path / "r.parquet")
 
 
-def test_a_file_that_is_no_parquet_or_not_there(tmp_path):
+def test_parquet_of_another_tool_is_read_and_a_file_that_is_none_refused(tmp_path):
     (tmp_path / "r.parquet").write_text("time,a\n")
     with pytest.raises(UsageError, match=r"cannot read .*r\.parquet: "):
         Results.read(tmp_path / "r.parquet")
     with pytest.raises(UsageError, match="cannot read .*none.parquet: No such file"):
         Results.read(tmp_path / "none.parquet")
-
-
-def test_parquet_of_another_tool_is_read(tmp_path):
     table = pa.table({"time": [0.0, 1.0], "a": [0.5, 0.25], "on": [True, False]})
     written(tmp_path / "r.parquet", table.replace_schema_metadata({"vdfmu": "{"}))
     results = Results.read(tmp_path / "r.parquet")

@@ -18,10 +18,8 @@ LONG = "n" * 300
 
 
 def _small(folder: str, room: int) -> tuple[str, ...]:
-    """Return a program that starts another with a disk for a folder that has little room [kB] left.
-
-    What it holds then is copied out of it.
-    """
+    """Return a program that starts another with a disk for a folder that has little room [kB] left."""
+    # What it holds then is copied out of it.
     script = (
         f"mkdir -p {folder} && cp -a {folder} kept && "
         f"mount -t tmpfs -o size=$(($(du -sk kept | cut -f1) + {room}))k none {folder} && "

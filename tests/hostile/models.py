@@ -41,7 +41,6 @@ _LINES = (
 
 
 def _changed(text: str, dice: random.Random) -> str:
-    """Return the text of a file with one change."""
     kind = dice.choice(("number", "number", "number", "scale", "scale", "text", "line", "lines", "cut"))
     if kind in ("number", "scale", "text"):
         places = list((_TEXT if kind == "text" else _NUMBER).finditer(text))

@@ -92,9 +92,6 @@ def test_all_problems_come_at_once(urdf):
         "line 5: link two: mass: value: expected a finite number, got 'x'. Correct it.",
         "line 12: joint a: axis: xyz: expected 3 finite numbers, got '0 1'. Correct it.",
     ]
-
-
-def test_every_joint_without_a_mass_is_named(urdf):
     bare = ARM.replace(INERTIAL, "")
     assert [problem.split(":")[0] for problem in refused(urdf(bare))] == ["joint a", "joint b", "joint c"]
 

@@ -21,7 +21,6 @@ LIMITS = {
 
 
 def limited(name="planar_2dof", **changes):
-    """Return a shipped robot with the same limits at all joints."""
     data = load_robot(name).to_dict()
     for joint in data["joints"]:
         joint["limits"] = LIMITS | changes
@@ -31,7 +30,7 @@ def limited(name="planar_2dof", **changes):
 ROBOT = limited()
 
 
-def test_stops_push_and_never_pull():
+def test_stops_push_without_jumps_and_a_bounce_loses_two_thirds_of_damping_times_speed():
     for q in (-0.6, -0.501, -0.5, 0.0, 0.8, 0.8001, 0.9):
         for q_dot in (-9.0, -0.3, 0.0, 0.3, 9.0):
             torque = stop_torque(ROBOT, np.full(2, q), np.full(2, q_dot))
@@ -39,17 +38,11 @@ def test_stops_push_and_never_pull():
             assert (np.sign(torque) == direction).all() or (torque == 0.0).all()
             # beyond 1 / 0.6 rad/s away from the stop it lets go
             assert (torque != 0.0).all() == (direction != 0 and -direction * q_dot > -1.0 / 0.6)
-
-
-def test_stops_do_not_jump_at_contact():
     for q, sign in ((-0.5 - 1e-9, 1.0), (0.8 + 1e-9, -1.0)):
         torque = stop_torque(ROBOT, np.full(2, q), np.full(2, -sign))
         # 2e4 N m/rad times 1e-9 rad times 1.6; the depth has 1e-7 of rounding
         np.testing.assert_allclose(torque, sign * 3.2e-5, rtol=1e-6)
-
-
-def test_a_bounce_loses_two_thirds_of_damping_times_speed():
-    """A body of 1 kg m2 on one stop; the next term of the law is about (c v)^2."""
+    # A body of 1 kg m2 on one stop; the next term of the law is about (c v)^2.
     for v in (0.01, 0.02):
         hit = solve_ivp(
             lambda _, x: [x[1], float(stop_torque(ROBOT, np.full(2, x[0]), np.full(2, x[1]))[0])],
@@ -170,13 +163,10 @@ def test_limits_that_cannot_be_are_refused(change, words):
         robot_from_dict(data)
 
 
-def test_a_motion_beyond_the_stops_is_refused():
+def test_a_motion_beyond_the_stops_is_refused_and_limits_make_a_round_trip():
     with pytest.raises(
         ModelError,
         match=r"trajectory\.q_start\[1\]: expected a position of joint 1 between its end stops, -0\.5 and 0\.8, got",
     ):
         load_scenario("planar_tracking", ROBOT)
-
-
-def test_round_trip_with_limits():
     assert robot_from_dict(ROBOT.to_dict()).to_dict() == ROBOT.to_dict()

@@ -29,8 +29,6 @@ def robot():
 
 @pytest.fixture
 def written(tmp_path):
-    """Write the file of a motion."""
-
     def write(text, name="motion.toml"):
         path = tmp_path / name
         path.write_text(text, encoding="utf-8")
@@ -170,7 +168,7 @@ def test_a_motion_beyond_the_robot_is_refused(robot):
     check_motion(vdfmu.arm.motion.waypoints([[0.0, 0.0], [0.5, 0.2]], duration=2.0), limited)
 
 
-def test_a_scenario_reports_the_problems_of_its_motion_beside_its_own(written):
+def test_a_scenario_may_name_the_file_of_its_motion_whose_keys_are_in_the_schema(written):
     head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = -1.0\n'
     path = written(f'{head}[motion]\nkind = "waypoints"\npoints = [[0, 0], [1, 1]]\n[trajectory]\nT = 1.0\n')
     with pytest.raises(ModelError) as caught:
@@ -178,17 +176,11 @@ def test_a_scenario_reports_the_problems_of_its_motion_beside_its_own(written):
     text = str(caught.value)
     for words in ("step: expected", "motion: waypoints: expected times", "trajectory.T: motion has no T"):
         assert words in text
-
-
-def test_a_scenario_may_name_the_file_of_its_motion(written):
     written(f'kind = "waypoints"\n{GOOD["waypoints"]}', "other.toml")
     head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.1\nmotion = "other.toml"\n'
     scenario = vdfmu.load_scenario(written(f"{head}[trajectory]\nspeed = 0.5\n"))
     assert scenario.system.parts["trajectory"].unit.__name__ == "Motion"
     assert scenario.sections["plant"]["q_0"] == [0.0, 0.0]
-
-
-def test_the_schema_has_the_keys_of_each_kind():
     kinds = scenario_schema()["properties"]["motion"]["anyOf"][1:]
     found = {one["properties"]["kind"]["const"]: set(one["properties"]) for one in kinds}
     assert {"file", "points", "times", "dwell"} <= found["waypoints"]

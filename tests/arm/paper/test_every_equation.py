@@ -100,8 +100,6 @@ class Path:
         self.inverse.run(Feedforward(robot, mode="inverse", **desired).outputs)
 
 
-# --- checks: number of the equation to what must hold ---------------------------------------------------------------
-
 CHECKS = {}
 
 

@@ -30,28 +30,21 @@ TABLE_2 = [
 
 
 @pytest.mark.parametrize("i", range(6))
-def test_table_1(i):
+def test_tables_1_and_2(i):
     mass, inertia, centroid = TABLE_1[i]
     assert ARM.mass[i] == mass
     np.testing.assert_array_equal(ARM.inertia[i], inertia * np.eye(3))
     np.testing.assert_array_equal(ARM.centroid[i], centroid)
-
-
-@pytest.mark.parametrize("i", range(6))
-def test_table_2(i):
     assert tuple(getattr(ARM, key)[i] for key in ("f_c", "f_s", "f_v", "v_s", "f_ck")) == TABLE_2[i]
 
 
-def test_lengths_ratio_and_rotor():
+def test_lengths_ratio_rotor_equations_34_to_36_and_drives_that_are_fitted_to_the_catalogue():
     l1, l2, l3, l4 = 0.3, 0.3, 0.303, 0.5
     offsets = [[0, 0, 0], [0, 0, l1], [l2, 0, 0], [0, 0, 0], [0, 0, l3], [0, l4, 0]]
     np.testing.assert_array_equal(ARM.offset, offsets)
     np.testing.assert_array_equal(ARM.ell, np.full(6, 100.0))
     np.testing.assert_array_equal(ARM.I_m, np.full(6, 0.00114))
     np.testing.assert_array_equal(ARM.gravity, [0, 0, 9.81])
-
-
-def test_equations_34_to_36():
     q = np.array([0.3, -0.7, 1.1, 0.4, -1.3, 2.0])
     c1, c2, c3, c4, c5, c6 = np.cos(q)
     s1, s2, s3, s4, s5, s6 = np.sin(q)
@@ -68,9 +61,6 @@ def test_equations_34_to_36():
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         # Products with 0 and 1 are exact.
         np.testing.assert_array_equal(ARM.rotation[i] @ turn, printed[i])
-
-
-def test_drives_are_fitted_to_the_catalogue():
     # Fitted to catalogue stiffness, sizes 20, 17, 14 for joints 1-2, 3-4, 5-6; not from the paper.
     np.testing.assert_array_equal(ARM.K_f0, np.repeat([28433, 15727, 6957], 2))
     np.testing.assert_array_equal(ARM.c_f, np.repeat([2.955e-3, 4.518e-3, 8.784e-3], 2))
@@ -93,15 +83,12 @@ def test_motion_of_section_4(name, degrees, T):
     assert scenario.robot.name == "manipulator_6dof"
 
 
-def test_table_4():
+def test_tables_4_and_5():
     paper = load_scenario("tracking").paper
     assert paper["rms_position_error_deg"] == [0.0334, 0.0115, 0.0396, 0.1336, 0.0080, 0.0470]
     assert paper["rms_torque_compensation_error_nm"] == [0.1197, 0.4594, 0.2381, 0.0951, 0.3947, 0.0513]
     assert paper["max_position_error_deg"] == [0.4] * 6
     assert "Table 4" in paper["source"]
-
-
-def test_table_5():
     paper = load_scenario("two_joint").paper
     assert paper["rms_position_error_deg"] == [0.0456, 0.0227]
     assert paper["rms_torque_compensation_error_nm"] == [0.1173, 0.2981]

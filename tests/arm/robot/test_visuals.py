@@ -18,15 +18,12 @@ def with_visuals(data: dict[str, Any], *visuals: object) -> dict[str, Any]:
     return copy.deepcopy(data) | {"visuals": list(visuals)}
 
 
-def test_visuals_are_kept(robot_data):
+def test_visuals_are_kept_and_change_no_fmu(robot_data):
     robot = robot_from_dict(with_visuals(robot_data, MESH, BALL))
     mesh, ball = robot.visuals
     assert (mesh.joint, mesh.file, mesh.size.tolist()) == (2, "arm.stl", [1.0, 1.0, 1.0])
     assert (ball.shape, ball.size.tolist(), ball.color.tolist()) == ("sphere", [0.1], [1.0, 0.0, 0.0, 0.5])
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
-
-
-def test_a_robot_with_visuals_has_the_same_fmu(robot_data):
     plain, shown = robot_from_dict(robot_data), robot_from_dict(with_visuals(robot_data, MESH, BALL))
     assert "visuals" not in plain.to_dict()
     one, other = (Content(Plant, robot, {}, "native") for robot in (plain, shown))

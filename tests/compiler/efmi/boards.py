@@ -63,7 +63,6 @@ class OnBoard(NamedTuple):
 
 
 def on_board(efmu: Efmu, board: Board, inputs: Rows, folder: Path) -> OnBoard:
-    """Compile production code for a board, and run it there over inputs."""
     if not (NEWLIB / board.library / "libm.a").exists():
         program("arm-none-eabi-newlib", "libnewlib-arm-none-eabi")
     qemu = program("qemu-system-arm", "qemu-system-arm")
@@ -133,7 +132,6 @@ def row(path: Path, precision: str, board: Board, inputs: Rows, expected: Rows) 
 
 
 def table() -> str:
-    """Return the tables of docs/efmi.md: units of the tracking scenario in its run, others in their experiments."""
     head = [f"| {' | '.join(COLUMNS)} |", f"|{' --- |' * len(COLUMNS)}"]
     rows, others = [*head], ["", *head]
     with tempfile.TemporaryDirectory() as place:

@@ -14,13 +14,9 @@ NAN, INF = float("nan"), float("inf")
 
 
 def initializing(unit: Any) -> Any:
-    """Take a unit into initialization mode."""
     unit.setup()
     unit.fmu.enterInitializationMode()
     return unit
-
-
-# ------------------------------------------------------------------ values that are refused
 
 
 @pytest.mark.parametrize(
@@ -104,28 +100,17 @@ def test_values_that_do_not_fit_together_are_refused_in_initialization_mode_too(
 
 
 @BOTH
-def test_a_call_sets_all_of_its_values_or_none(open_unit):
+def test_a_call_sets_all_of_its_values_or_none_and_sums_that_overflow_or_cancel_are_seen(open_unit):
     unit = open_unit("plant").start()
     unit.set(tau=[0.1, 0.2])
     with unit.refuses(r"unit: setReal at t = 0 s failed: tau\[2\]: expected a finite number"):
         unit.set(tau=[0.3, NAN])
     assert np.array_equal(unit.get("tau"), [0.1, 0.2])
-
-
-@BOTH
-def test_numbers_whose_sum_overflows_are_finite(open_unit):
-    unit = open_unit("controller").start(q_d=[1e308, 1e308])
-    assert np.array_equal(unit.get("q_d"), [1e308, 1e308])
-
-
-@BOTH
-def test_infinities_that_cancel_are_not_finite(open_unit):
     unit = open_unit("plant").start()
     with unit.refuses(r"tau\[1\]: expected a finite number, got inf N.m"):
         unit.set(tau=[INF, -INF])
-
-
-# ------------------------------------------------------------------ variables that cannot be set or read so
+    unit = open_unit("controller").start(q_d=[1e308, 1e308])
+    assert np.array_equal(unit.get("q_d"), [1e308, 1e308])
 
 
 @pytest.mark.parametrize(
@@ -218,7 +203,7 @@ def test_a_call_of_the_wrong_type_is_refused(open_unit, kind, variable, words):
 
 
 @BOTH
-def test_the_type_is_checked_for_references_that_were_read_before(open_unit):
+def test_references_in_any_order_twice_or_none_are_what_they_name_and_their_type_is_checked(open_unit):
     unit = open_unit("feedforward")
     references = unit.references("mode")
     assert unit.fmu.getInteger(references) == [0]
@@ -228,27 +213,16 @@ def test_the_type_is_checked_for_references_that_were_read_before(open_unit):
     for call in (unit.fmu.getReal, unit.fmu.getInteger):
         with unit.refuses(r"expected variables of type"):
             call(mixed)
-
-
-@BOTH
-def test_a_call_for_nothing_does_nothing(open_unit):
     unit = open_unit("plant").start()
     assert unit.fmu.getReal([]) == unit.fmu.getInteger([]) == unit.fmu.getString([]) == []
     unit.fmu.setReal([], [])
     unit.fmu.setBoolean([], [])
-
-
-@BOTH
-def test_references_in_any_order_and_twice_are_what_they_name(open_unit):
     unit = open_unit("controller").start(K_p=[1.0, 2.0], K_v=[3.0, 4.0])
     p, v = unit.references("K_p"), unit.references("K_v")
     assert unit.fmu.getReal([v[1], p[0], p[0], v[0]]) == [4.0, 1.0, 1.0, 3.0]
     assert unit.fmu.getReal([p[0], p[0], v[0]]) == [1.0, 1.0, 3.0]
     unit.fmu.setReal([v[1], p[0]], [5.0, 6.0])
     assert unit.fmu.getReal([*p, *v]) == [6.0, 2.0, 3.0, 5.0]
-
-
-# ------------------------------------------------------------------ calls at the wrong time
 
 
 def test_outputs_have_no_value_before_the_initialization(open_unit, unit_name):
@@ -322,10 +296,8 @@ def test_a_step_of_no_length_or_from_elsewhere_is_refused(open_unit, unit_name, 
 
 @BOTH
 def test_rounding_of_the_communication_point_is_no_error(open_unit):
-    """Importers add steps up or multiply them.
-
-    After 2e4 steps of 1e-4 s the two differ by less than 2e4 * 1.1e-16 * 2 s = 5e-12 s, 5e-8 of a step.
-    """
+    """Importers add steps up or multiply them."""
+    # After 2e4 steps of 1e-4 s the two differ by less than 2e4 * 1.1e-16 * 2 s = 5e-12 s, 5e-8 of a step.
     unit = open_unit("trajectory").start()
     added = 0.0
     for k in range(20_000):
@@ -345,9 +317,6 @@ def test_a_start_time_and_a_tolerance_that_make_no_sense_are_refused(open_unit, 
     unit = open_unit(unit_name)
     with unit.refuses(f"unit: setupExperiment failed: expected a finite {words}"):
         unit.setup(**experiment)
-
-
-# ------------------------------------------------------------------ the solver
 
 
 @pytest.mark.parametrize("torque", [1e12, 1e300])
@@ -370,10 +339,7 @@ def test_a_tolerance_of_the_experiment_is_within_the_limits_of_the_parameter(ope
     open_unit("controller").start(tolerance=1e-17)
 
 
-# ------------------------------------------------------------------ how the words arrive
-
-
-def test_an_error_is_one_message_of_status_fatal(open_unit):
+def test_an_error_is_one_message_of_status_fatal_whatever_the_name_of_the_instance_holds(open_unit):
     """Also where the same call had something else to say."""
     unit = open_unit("plant").start()
     assert (unit.messages, unit.statuses) == (["unit: starts at t = 0 s"], [0])
@@ -383,10 +349,7 @@ def test_an_error_is_one_message_of_status_fatal(open_unit):
     head, words = unit.messages[-1].splitlines()
     assert head == "Fatal py exception encountered: [doStep] PyObject_CallMethod"
     assert words.startswith("unit: doStep at t = 0 s failed: expected a finite positive communication step")
-
-
-def test_the_name_of_the_instance_may_hold_anything(open_unit):
-    """A percent sign must not reach the importer, whose printf would read arguments that are not there."""
+    # A percent sign must not reach the importer, whose printf would read arguments that are not there.
     unit = open_unit("plant", instance="arm 100%s %n 'a' \u00e4").start()
     assert unit.messages == ["arm 100 percents  percentn 'a' \u00e4: starts at t = 0 s"]
     with unit.refuses("^Fatal .*\narm 100 percents  percentn 'a' \u00e4: doStep at t = 0 s failed"):

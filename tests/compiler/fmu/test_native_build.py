@@ -48,12 +48,8 @@ except KeyboardInterrupt:
 
 @pytest.fixture
 def cold(monkeypatch, tmp_path):
-    """Empty cache; what zig compiles for itself stays where it is."""
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     return tmp_path / "cache"
-
-
-# ------------------------------------------------------------------ the same bits
 
 
 @pytest.mark.heavy
@@ -118,9 +114,6 @@ def test_the_compiler_says_nothing_about_any_file(planar, version):
         sources = unit_sources(content) | fmi_headers(version)
         for platform in (this_platform(), "x86_64-windows"):
             compile_library(sources, platform, name=unit, flags=("-Werror",))
-
-
-# ------------------------------------------------------------------ what is up to date
 
 
 @pytest.mark.heavy
@@ -192,9 +185,6 @@ def test_a_damaged_cache_is_made_anew(damage, cold):
     assert compile_library(SMALL, this_platform(), name="Small") == first
 
 
-# ------------------------------------------------------------------ builds that cannot be
-
-
 def test_a_missing_compiler_is_told_with_the_way_out(planar, tmp_path, cold, monkeypatch):
     monkeypatch.setattr(platforms, "find_spec", lambda name: None)
     compile.zig.cache_clear()
@@ -226,7 +216,7 @@ def test_a_unit_is_compiled_while_the_next_is_traced(monkeypatch, cold):
     assert small == again != other
 
 
-def test_what_runs_rarely_is_not_optimised():
+def test_what_runs_rarely_is_not_optimised_and_nothing_has_debug_information(cold):
     """Derivatives, and the step where it has a copy for AVX2, which other processors than x86-64 never run."""
     names = ("kernel_a_step.c", "kernel_a_step_avx2.c", "kernel_a_outputs.c", "kernel_a_outputs_forward_reverse.c")
     for platform, expected in (
@@ -235,9 +225,6 @@ def test_what_runs_rarely_is_not_optimised():
     ):
         job = Compilation("a", dict.fromkeys(names, b""), platform)
         assert ["-O0" in job.flags_of(name) for name in names] == expected
-
-
-def test_objects_have_no_debug_information(cold):
     compile_library(SMALL, "x86_64-linux", name="Small")
     stored = [file.read_bytes() for file in (cold / "native").iterdir()]
     assert stored
@@ -308,9 +295,6 @@ def test_each_link_says_why_the_libraries_to_link_with_are_not_there(tmp_path, m
     for _ in range(2):  # links run side by side, and any of them may be the first whose error is told
         with pytest.raises(FmuError, match="no room"):
             workshop._system_libraries(Compilation("Small", SMALL, "x86_64-linux"))
-
-
-# ------------------------------------------------------------------ several at once
 
 
 @pytest.mark.heavy

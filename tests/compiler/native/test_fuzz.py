@@ -32,7 +32,6 @@ def test_random_calls_find_nothing(model, sanitized, tmp_path, unit, version):
 
 
 def fuzzer(tmp_path: Path) -> str:
-    """Path of a clang with libFuzzer."""
     clang = program("clang", "clang")
     (tmp_path / "empty.c").write_text("int LLVMFuzzerTestOneInput(void) { return 0; }\n")
     done = subprocess.run(

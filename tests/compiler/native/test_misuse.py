@@ -19,7 +19,6 @@ H = 1e-3
 
 
 def refused_step(unit, words, point, size):
-    """Make a step that must fail and change nothing."""
     before = unit.complete()
     with unit.refuses(words) as no:
         no("DoStep", *unit.step_arguments(point, size))
@@ -27,11 +26,7 @@ def refused_step(unit, words, point, size):
 
 
 def entering(unit):
-    """Return the arguments with which a unit enters initialization mode."""
     return () if unit.model.major == "2" else (False, 0.0, 0.0, False, 0.0)
-
-
-# ------------------------------------------------------------------ numbers that are none, steps, times
 
 
 def test_discard_where_the_standard_says_so(native, version):
@@ -119,13 +114,6 @@ def test_a_step_beyond_the_stop_time_is_refused(native, version, unit_name):
     refused_step(unit, words, 1.002, 1e-3)
 
 
-def test_a_unit_without_a_solver_takes_any_positive_tolerance(native, version):
-    native("controller", version).start(tolerance=1e-17).step()
-
-
-# ------------------------------------------------------------------ parameters that are not physical
-
-
 @pytest.mark.parametrize(
     ("name", "variable", "value", "words"),
     [
@@ -165,9 +153,6 @@ def test_outputs_have_no_value_before_the_initialization(native, version, unit_n
             no(f"Get{unit._type('Real')}", *unit._values([v], unit._room("Real", len(v.names))))
 
 
-# ------------------------------------------------------------------ the solver
-
-
 END = r"Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance\.$"
 
 
@@ -192,9 +177,6 @@ def test_a_step_of_too_many_internal_steps_ends_with_an_error(native, version):
         rf"{MAXIMUM_STEPS} internal steps, the last of \S+ s\. Take shorter communication steps\. " + END
     )
     refused_step(unit, words, 10.0, 1e300)
-
-
-# ------------------------------------------------------------------ instantiation, messages
 
 
 @pytest.mark.parametrize("guid", ["", "{0}", "{" + "a" * 5000, "%s%n%d"])
@@ -223,7 +205,7 @@ def test_an_instance_without_a_name_or_of_another_kind_is_refused(model, version
     assert words in instance.messages[-1].text
 
 
-def test_null_pointers_at_instantiation_of_fmi_2_are_refused(model):
+def test_instantiations_without_what_they_need_are_refused(model):
     said = []
     log = LOG_2(lambda *a: said.append(a[4].decode()))
     two, talking = model("plant", "2.0"), ct.byref(Callbacks(log))
@@ -239,9 +221,6 @@ def test_null_pointers_at_instantiation_of_fmi_2_are_refused(model):
     two.function("FreeInstance")(None)
     assert make(b"unit", 7, guid, None, talking, 0, 0) is None
     assert "expected an instance for model exchange (0) or co-simulation (1)" in said[-1]
-
-
-def test_instantiations_of_fmi_3_without_what_they_need_are_refused(model):
     three = model("plant", "3.0")
     start, token, unknown = three.function("InstantiateCoSimulation"), three.guid.encode(), references([9999])
     for name, guid, event_mode, intermediate in (
@@ -257,16 +236,13 @@ def test_instantiations_of_fmi_3_without_what_they_need_are_refused(model):
     three.function("FreeInstance")(None)
 
 
-def test_a_percent_sign_in_a_name_does_not_reach_printf(native, version):
+def test_a_percent_sign_does_not_reach_printf_and_events_are_told_with_logging_on_only(native, version):
     """FMI 2 passes the text as a format: importers print it, and with arguments that are not there."""
     name = "arm 100%s %n ä"
     unit = native("plant", version, name=name).start()
     refused_step(unit, "failed: expected a finite positive", 0.0, -1.0)
     shown = name.replace("%", "%%") if version == "2.0" else name
     assert unit.messages[-1].text.startswith(f"{shown}: doStep at t = 0 s failed")
-
-
-def test_errors_are_told_with_logging_off_and_events_only_with_it_on(native, version):
     quiet, loud = native("plant", version), native("plant", version, logging=True)
     quiet.start()
     loud.start(2.0)

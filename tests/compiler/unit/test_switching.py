@@ -66,14 +66,12 @@ def motor(tmp_path_factory):
 
 
 def moved(x: np.ndarray, voltage: float, duration: float) -> np.ndarray:
-    """Return current and speed after a time at a voltage, exactly."""
     whole = np.zeros((4, 4))
     whole[:2, :2], whole[:2, 2:] = A, GIVEN
     return (expm(whole * duration) @ [*x, voltage, 0.01])[:2]
 
 
 def pulses(duty: float) -> np.ndarray:
-    """Return current and speed at the end, pulse by pulse."""
     x = np.zeros(2)
     for _ in range(round(STOP * 1e3)):
         x = moved(moved(x, 24.0, duty * 1e-3), 0.0, (1 - duty) * 1e-3)

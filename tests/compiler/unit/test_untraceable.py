@@ -98,7 +98,6 @@ UNTRACEABLE = {  # the words of the refusal, and what Python gives, if that is k
 
 
 def bad(method, **more):
-    """Return a unit with a method, `outputs` unless `more` has others."""
     return type("Wrong", (Bad,), {"outputs": method, "__module__": __name__, **more})
 
 

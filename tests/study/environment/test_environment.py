@@ -44,7 +44,7 @@ def test_the_check_of_gymnasium_passes(arm):
     made.close()
 
 
-def test_numbers_have_names_units_and_limits(arm):
+def test_numbers_have_names_units_and_limits_and_a_seed_gives_an_episode(arm):
     task = arm.task
     assert task.inputs == ["plant.tau[1]", "plant.tau[2]"] and task.action_units == ["N.m", "N.m"]
     assert dict(zip(task.signals, task.units, strict=True))["plant.kappa_dot[2]"] == "rad/s"
@@ -52,8 +52,6 @@ def test_numbers_have_names_units_and_limits(arm):
     assert arm.observation_space.high[:2].tolist() == [2.0 * np.pi] * 2
     assert set(task.scenario.system.parts) == {"trajectory", "plant"}  # the law and its feedforward are left out
 
-
-def test_a_seed_gives_an_episode(arm):
     def episode(seed):
         seen, info = arm.reset(seed=seed)
         rows = [seen, *(arm.step(np.array([0.1, 0.0]))[0] for _ in range(5))]
@@ -86,7 +84,7 @@ def test_an_episode_is_a_run_of_the_scenario_with_its_torques(arm):
     assert ends == [(False, False)] * 199 + [(False, True)]
 
 
-def test_what_leaves_the_limits_ends_the_episode_at_the_worst_cost():
+def test_what_leaves_the_limits_or_fails_ends_the_episode_at_the_worst_cost():
     env = vdfmu.ArmEnv(short(), limits={"plant.q_dot": 0.5}, hold=10)
     env.reset()
     ended, count = False, 0
@@ -98,9 +96,6 @@ def test_what_leaves_the_limits_ends_the_episode_at_the_worst_cost():
     assert reward == pytest.approx(-1.01 * (21 - count), rel=1e-12)  # of this action and those that are left
     assert env.reset()[0][2] == 0.0
     env.close()
-
-
-def test_a_step_that_fails_ends_the_episode_and_the_next_begins():
     env = vdfmu.ArmEnv(short(), limit=1e6, hold=10)
     env.reset()
     _, reward, ended, _, info = env.step(np.array([1e6, -1e6]))
@@ -194,9 +189,6 @@ def test_a_seed_reaches_the_random_numbers_of_devices(tmp_path):
         assert env.task.seeds == ["sensor.seed"]
 
 
-# ---------------------------------------------------------------- many arms
-
-
 @pytest.mark.heavy
 def test_arms_in_lanes_are_that_of_the_master():
     """Eleven arms, each with parameters and torques of its own, fill blocks of 4 or 8 lanes."""
@@ -243,9 +235,6 @@ def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():
             assert np.array_equal(seen[1], first[1]) and reward[1] == 0.0
     again, *_ = many.step(calm)
     assert np.array_equal(again[[0, 2]], first[[0, 2]]) and not np.array_equal(again[1], first[1])
-
-
-def test_many_are_made_by_name():
     many = gymnasium.make_vec("vdfmu/Arm-v0", num_envs=2, vectorization_mode="vector_entry_point", scenario=short())
     seen, _ = many.reset(seed=0)
     assert seen.shape == (2, 12) and many.observation_space.contains(seen)

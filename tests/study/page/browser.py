@@ -204,6 +204,5 @@ def centre(browser: Browser, selector: str) -> tuple[float, float]:
 
 
 def number(text: str) -> float:
-    """Return the number that a page writes as 1.5 or 1.5·10⁻³."""
     mantissa, _, power = text.replace("−", "-").partition("·10")
     return float(mantissa) * 10.0 ** int((power or "⁰").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))

@@ -18,7 +18,6 @@ TYPES = {1: ("revolute",), 2: ("revolute", "revolute"), 3: ("revolute", "prismat
 
 
 def make_robot(types: tuple[str, ...]) -> Robot:
-    """Return the first links of the paper's arm with joints of `types` and a different ratio each."""
     arm, n = load_robot("manipulator_6dof"), len(types)
     fields = {key: getattr(arm, key)[:n] for key, row in PARAMETERS.items() if row.per_joint}
     fields["ell"] = 100.0 + 10.0 * np.arange(n)
@@ -26,7 +25,6 @@ def make_robot(types: tuple[str, ...]) -> Robot:
 
 
 def make_scenario(types: tuple[str, ...], source: str = "") -> Scenario:
-    """Return the tracking scenario for a chain, with the values that the units have by themselves."""
     paper = {"source": source} if source else {}
     return dataclasses.replace(
         load_scenario("tracking"), robot=make_robot(types), sections={}, paper=paper, plant_factors={}
@@ -56,7 +54,6 @@ def make_results(n: int, points: int = POINTS, at_rest: bool = False) -> Results
 
 @pytest.fixture(params=list(TYPES), ids=lambda n: f"n={n}")
 def types(request: pytest.FixtureRequest) -> tuple[str, ...]:
-    """Return the joint types of chains of 1, 2, 3 (one of them prismatic) and 6 joints."""
     return TYPES[request.param]
 
 

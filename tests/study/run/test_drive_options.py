@@ -60,19 +60,16 @@ def test_a_drive_with_an_option_runs_as_its_reference(with_options, bare, option
 
 @pytest.fixture(scope="module")
 def bare():
-    """Return the run without options."""
     return vdfmu.run("planar_tracking", stop=STOP, reference=False, settings=SETTINGS, out=False)
 
 
 @pytest.fixture(scope="module")
 def every(with_options):
-    """Return the small arm with all options."""
     return with_options()
 
 
 @pytest.fixture(scope="module")
 def plant(every, tmp_path_factory):
-    """Return its native plant."""
     return build_fmus(every, tmp_path_factory.mktemp("fmus"), units=("plant",))["plant"]
 
 

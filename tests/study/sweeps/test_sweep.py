@@ -162,13 +162,13 @@ def test_failed_points_are_run_again_on_request(wild, tmp_path):
 
 
 @pytest.mark.heavy
-def test_a_function_of_a_script_goes_to_the_workers(wild, tmp_path):
-    offset = 3.0
-    found = vdfmu.sweep(
-        wild, {"unit.at": [0.0, 1.0]}, measure={"m": lambda results: results["unit.y"][-1] + offset}, step=0.5,
-        out=tmp_path / "study",
-    )  # fmt: skip
+def test_a_function_of_a_script_goes_to_the_workers_and_one_that_fails_is_named(wild, tmp_path):
+    offset, options = 3.0, {"step": 0.5}
+    measure = {"m": lambda results: results["unit.y"][-1] + offset}
+    found = vdfmu.sweep(wild, {"unit.at": [0.0, 1.0]}, measure=measure, out=tmp_path / "study", **options)
     assert not found.failed and (found["m"] >= 3.0).all()
+    found = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, out=tmp_path / "failed", **options)
+    assert found.failed[0].startswith("measure m = boom: AttributeError: ")
 
 
 def test_another_function_is_another_study(wild, tmp_path):
@@ -183,12 +183,6 @@ def test_another_function_is_another_study(wild, tmp_path):
 
 def boom(results):
     return results.nothing
-
-
-@pytest.mark.heavy
-def test_a_function_that_fails_is_named(wild, tmp_path):
-    found = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, step=0.5, out=tmp_path / "study")
-    assert found.failed[0].startswith("measure m = boom: AttributeError: ")
 
 
 WRENCH = "plant.F_e[1]"

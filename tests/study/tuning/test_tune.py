@@ -200,16 +200,8 @@ def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_pa
 @pytest.mark.heavy
 def test_a_larger_budget_goes_on(tmp_path):
     def ask(budget):
-        vdfmu.tune(
-            "planar_tracking",
-            ["controller.K_p[1]"],
-            ERRORS,
-            stop=0.1,
-            method="local",
-            evaluations=budget,
-            workers=1,
-            out=tmp_path,
-        )
+        options = {"stop": 0.1, "method": "local", "evaluations": budget, "workers": 1, "out": tmp_path}
+        vdfmu.tune("planar_tracking", ["controller.K_p[1]"], ERRORS, **options)
         return table(Sweep(tmp_path))
 
     first, second = ask(3), ask(6)
@@ -229,7 +221,7 @@ def test_a_start_without_margin_is_noted(tmp_path):
 
 
 @pytest.mark.heavy
-def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
+def test_runs_that_fail_cost_infinity_and_limits_hold_for_every_robot(tmp_path):
     """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
     found = vdfmu.tune(
         "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", evaluations=8,
@@ -237,13 +229,9 @@ def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
     )  # fmt: skip
     assert found.failed == len(Sweep(found.folder).failed) > 0
     assert found.after.feasible and found.after.cost[0] <= found.before.cost[0]
-
-
-@pytest.mark.heavy
-def test_limits_hold_for_every_robot(tmp_path):
     found = vdfmu.tune(
         "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
-        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "search", **SHORT,
+        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "limited", **SHORT,
     )  # fmt: skip
     assert not found.after.feasible  # no feedback torque at all
     assert any("no values within the limits" in note for note in found.notes)

@@ -58,7 +58,6 @@ def test_a_run_with_a_view_is_the_run_without_and_outlives_it(tmp_path):
 
 @pytest.fixture
 def taken():
-    """Return the requests that the server took."""
     return []
 
 

@@ -41,14 +41,11 @@ def test_what_is_written_is_read_back(master, adaptive, version):
     assert read_experiment(root, "x") == (Experiment(0.0, 3.0, 2e-3, master, adaptive), [])
 
 
-def test_the_step_of_libcosim_is_read_where_there_is_none_of_ours(tmp_path):
+def test_annotations_of_others_are_left_alone_but_the_step_of_libcosim(tmp_path):
     path = experiment(tmp_path / "x.ssp", 'stopTime="1"', osp('baseStepSize="0.25"'))
     assert load_ssp(path).experiment == Experiment(stop=1.0, step=0.25)
     path = experiment(tmp_path / "x.ssp", "", osp('baseStepSize="0.25"'), ours('communicationStepSize="0.5"'))
     assert load_ssp(path).experiment == Experiment(step=0.5)
-
-
-def test_annotations_of_others_are_left_alone(tmp_path):
     other = ours('communicationStepSize="x"').replace("org.vdfmu.experiment", "com.example")
     path = experiment(tmp_path / "x.ssp", 'stopTime="1"', other, '<ssc:Annotation type="org.vdfmu.experiment"/>')
     assert load_ssp(path).experiment == Experiment(stop=1.0)

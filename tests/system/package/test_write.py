@@ -71,16 +71,13 @@ def test_the_same_scenario_gives_the_same_bytes(scenario, fmus, tmp_path):
     assert write_ssp(scenario, fmus, tmp_path / "b.ssp").read_bytes() == first
 
 
-def test_plant_factors_reach_the_plant_alone():
+def test_plant_factors_reach_the_plant_alone_and_a_setting_without_an_index_all_joints(scenario):
     values = system_values(load_scenario("two_joint"))
     nominal = load_scenario("two_joint").robot
     factors = load_scenario("two_joint").plant_factors
     assert values["feedforward"]["mass[1]"] == nominal.mass[0]
     # one multiplication: equal to rounding of the product
     assert values["plant"]["mass[1]"] == pytest.approx(nominal.mass[0] * float(np.ravel(factors["mass"])[0]), rel=1e-15)
-
-
-def test_a_setting_without_an_index_sets_all_joints(scenario):
     assert override(scenario, {"controller.K_p": "3000"}) == {"controller": {"K_p[1]": 3000.0, "K_p[2]": 3000.0}}
     assert override(scenario, {"controller.K_p[2]": "10"}) == {"controller": {"K_p[2]": 10.0}}
     assert override(scenario, {"feedforward.mode": "vdc"}) == {"feedforward": {"mode": 1}}
