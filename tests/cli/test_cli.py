@@ -38,10 +38,8 @@ def test_build_efmus_of_a_scenario_and_of_a_unit_by_name(tmp_path):
     assert built.returncode == 0, built.stderr
     assert "plant: not for efmi: it has continuous states" in " ".join(built.stderr.split())
     assert sorted(p.name for p in (tmp_path / "efmus").iterdir()) == [
-        "Feedforward.fmu",
-        "PDController.fmu",
-        "Trajectory.fmu",
-    ]
+        "Feedforward.fmu", "PDController.fmu", "Trajectory.fmu",
+    ]  # fmt: skip
     with zipfile.ZipFile(tmp_path / "efmus" / "PDController.fmu") as archive:
         source = archive.read("eFMU/ProductionCode/PDController.c").decode()
         program = archive.read("eFMU/AlgorithmCode/PDController.alg").decode()
@@ -147,26 +145,23 @@ def test_a_scenario_is_shown_as_its_file_and_check_lists_the_problems_of_a_broke
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["run", "trackng"], "trackng"),
-        (["run", "planar_tracking", "--set", "controller.K_p"], "expected COMPONENT.VARIABLE=VALUE"),
-        (
-            ["run", "planar_tracking", "--unit", "controller"],
-            "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
-        ),
-        (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
-        (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel, jacobi, extrapolated or iterative"),
-        (["run", "planar_tracking", "--adaptive", "1e-6"], "use extrapolated or iterative"),
-        (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
-        (["run", "system.ssp"], "'vdfmu simulate' runs it"),
-        (["simulate", "tracking"], "expected a system package, NAME.ssp"),
-        (["simulate", "system.ssp"], "there is no such file"),
-        (["check", "missing.fmu"], "there is no such file"),
-        (["robot", "show", "robot.toml"], "robot.toml"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["run", "trackng"], "trackng"),
+    (["run", "planar_tracking", "--set", "controller.K_p"], "expected COMPONENT.VARIABLE=VALUE"),
+    (
+        ["run", "planar_tracking", "--unit", "controller"],
+        "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
+    ),
+    (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
+    (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel, jacobi, extrapolated or iterative"),
+    (["run", "planar_tracking", "--adaptive", "1e-6"], "use extrapolated or iterative"),
+    (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
+    (["run", "system.ssp"], "'vdfmu simulate' runs it"),
+    (["simulate", "tracking"], "expected a system package, NAME.ssp"),
+    (["simulate", "system.ssp"], "there is no such file"),
+    (["check", "missing.fmu"], "there is no such file"),
+    (["robot", "show", "robot.toml"], "robot.toml"),
+])  # fmt: skip
 def test_wrong_usage_ends_with_code_2_and_the_way_out(tmp_path, arguments, words):
     done = vdfmu(*arguments, cwd=tmp_path)
     assert done.returncode == 2
@@ -202,20 +197,10 @@ def test_a_broken_robot_file_reports_every_problem_and_a_unit_that_fails_its_wor
     assert (tmp_path / "results" / "planar_tracking" / "partial" / "results.csv").exists()
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["run"],
-        ["simulate"],
-        ["build"],
-        ["ssp"],
-        ["check"],
-        ["robot", "list"],
-        ["scenario", "show"],
-        ["cache"],
-        ["cache", "clear"],
-    ],
-)
+@pytest.mark.parametrize("command", [
+    ["run"], ["simulate"], ["build"], ["ssp"], ["check"], ["robot", "list"], ["scenario", "show"], ["cache"],
+    ["cache", "clear"],
+])  # fmt: skip
 def test_help_of_every_command_has_an_example(tmp_path, command):
     done = vdfmu(*command, "--help", cwd=tmp_path)
     assert done.returncode == 0

@@ -166,16 +166,10 @@ main()
 """While Python frees its modules, when it has given the handlers of signals back."""
 
 
-@pytest.mark.parametrize(
-    ("code", "ended", "said"),
-    [
-        (DROPPED, 130, "stopped\n"),
-        (SLOW + DROPPED, 130, "stopped\n"),
-        (FREED, 130, "stopped\n"),
-        (ENDING, 0, ""),
-        (LATE, 0, ""),
-    ],
-)
+@pytest.mark.parametrize(("code", "ended", "said"), [
+    (DROPPED, 130, "stopped\n"), (SLOW + DROPPED, 130, "stopped\n"), (FREED, 130, "stopped\n"), (ENDING, 0, ""),
+    (LATE, 0, ""),
+])  # fmt: skip
 def test_a_signal_that_a_library_drops_comes_again_and_one_at_the_end_adds_nothing(code, ended, said):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
     assert (done.returncode, done.stderr) == (ended, said)

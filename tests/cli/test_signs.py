@@ -59,10 +59,8 @@ def test_a_line_and_a_bar_move_while_a_command_works_and_not_while_it_waits_for_
     # from half a second on, and never a second without anything: imports and the waiting of one line add some 0.5 s
     assert shown.silent < 2.0
     assert [line for line in plain(shown.text) if line in ("first", "note: a note", "last")] == [
-        "first",
-        "note: a note",
-        "last",
-    ]
+        "first", "note: a note", "last",
+    ]  # fmt: skip
     assert shown.text.rstrip().endswith("last")
     assert shown.text.count("\x1b[?25h") == shown.text.count("\x1b[?25l") > 0  # the cursor is back
     shown = works("waits")

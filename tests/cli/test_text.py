@@ -26,15 +26,12 @@ def test_long_names_and_lines_lose_their_middle_and_of_many_messages_the_first_o
 
 
 @pytest.mark.usefixtures("main_in_this_process")
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (MemoryError(), "the memory does not hold it (MemoryError)"),
-        (MemoryError("Unable to allocate 2 GiB"), "the memory does not hold it (Unable to allocate 2 GiB)"),
-        (RuntimeError("can't start new thread"), "the memory does not hold it (can't start new thread)"),
-        (ImportError("x.so: failed to map segment from shared object"), "(x.so: failed to map segment"),
-    ],
-)
+@pytest.mark.parametrize(("error", "said"), [
+    (MemoryError(), "the memory does not hold it (MemoryError)"),
+    (MemoryError("Unable to allocate 2 GiB"), "the memory does not hold it (Unable to allocate 2 GiB)"),
+    (RuntimeError("can't start new thread"), "the memory does not hold it (can't start new thread)"),
+    (ImportError("x.so: failed to map segment from shared object"), "(x.so: failed to map segment"),
+])  # fmt: skip
 def test_a_lack_of_memory_is_a_sentence_for_every_command(monkeypatch, capsys, error, said):
     def command():
         raise error

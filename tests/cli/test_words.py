@@ -75,20 +75,17 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
         assert options(ALL[name])[word].metavar == values
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (
-            "sweep tracking --varry x=1",
-            "No such option '--varry'. (Did you mean one of: '--retry', '--vary'?) See 'vdfmu sweep run --help'.",
-        ),
-        ("run --mastre jacobi", "No such option '--mastre'. (Did you mean one of: '--master', '--step'?) See"),
-        ("rum", "No such command 'rum'. Did you mean 'run'?"),
-        ("run --step fast", "Invalid value for '--step'"),
-        ("margins --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
-        ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (
+        "sweep tracking --varry x=1",
+        "No such option '--varry'. (Did you mean one of: '--retry', '--vary'?) See 'vdfmu sweep run --help'.",
+    ),
+    ("run --mastre jacobi", "No such option '--mastre'. (Did you mean one of: '--master', '--step'?) See"),
+    ("rum", "No such command 'rum'. Did you mean 'run'?"),
+    ("run --step fast", "Invalid value for '--step'"),
+    ("margins --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
+    ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),
+])  # fmt: skip
 def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
     done = command(*words.split(), cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")

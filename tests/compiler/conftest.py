@@ -67,11 +67,9 @@ class Unit:
         callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
         callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
         self.fmu = FMU2Slave(
-            guid=self.description.guid,
-            modelIdentifier=self.description.coSimulation.modelIdentifier,
-            unzipDirectory=str(folder),
-            instanceName=instance,
-        )
+            guid=self.description.guid, modelIdentifier=self.description.coSimulation.modelIdentifier,
+            unzipDirectory=str(folder), instanceName=instance,
+        )  # fmt: skip
         self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
         self.time = 0.0
 

@@ -11,12 +11,9 @@ VISIBLE = {
 }  # fmt: skip
 # The values of each parameter that chooses, and points that together show all that a unit can do.
 SWITCHES: dict[str, dict[str, tuple[Any, Any]]] = {
-    "trajectory": {},
-    "feedforward": {"mode": (0, 1)},
-    "controller": {"velocity": (0, 1)},
-    "plant": {"equilibrium": (True, False)},
-    "estimator": {},
-}
+    "trajectory": {}, "feedforward": {"mode": (0, 1)}, "controller": {"velocity": (0, 1)},
+    "plant": {"equilibrium": (True, False)}, "estimator": {},
+}  # fmt: skip
 POINTS: dict[str, list[dict[str, Any]]] = {
     "trajectory": [{}],
     "feedforward": [{"mode": 0}, {"mode": 1}],

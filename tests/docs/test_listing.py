@@ -23,12 +23,9 @@ ROOT = Path(__file__).resolve().parents[2]
 LISTING = ROOT / "docs" / "listing"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EMPTY = {
-    "fmi-standard.org.json": '"url": ""|"vendorURL": ""|"examplesURL": ""',
-    "ssp-standard.org.html": 'href=""',
-    "efmi-standard.org.md": r"\]\(\)",
-    "awesome-fmi.md": r"\]\(\)",
-    "awesome-robotics-libraries.yaml": 'github: ""',
-}
+    "fmi-standard.org.json": '"url": ""|"vendorURL": ""|"examplesURL": ""', "ssp-standard.org.html": 'href=""',
+    "efmi-standard.org.md": r"\]\(\)", "awesome-fmi.md": r"\]\(\)", "awesome-robotics-libraries.yaml": 'github: ""',
+}  # fmt: skip
 """Addresses that the project does not have yet, in each entry."""
 
 

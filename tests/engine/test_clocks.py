@@ -72,11 +72,9 @@ def test_the_controller_in_plain_fmpy(built, tmp_path):
     assert validate_fmu(str(path)) == []
     description = fmpy.read_model_description(str(path))
     unit = FMU3Slave(
-        guid=description.guid,
-        unzipDirectory=fmpy.extract(str(path)),
-        modelIdentifier="SampledController",
+        guid=description.guid, unzipDirectory=fmpy.extract(str(path)), modelIdentifier="SampledController",
         instanceName="c",
-    )
+    )  # fmt: skip
     unit.instantiate(eventModeUsed=True)
     unit.enterInitializationMode()
     unit.exitInitializationMode()

@@ -233,17 +233,14 @@ def test_a_stiff_spring_passes_its_input_on_and_does_not_jump(pack, algorithm):
     assert error < 50 * adaptive
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"algorithm": "jacobi", "adaptive": 1e-3}, "jacobi samples the signals .* use extrapolated or iterative"),
-        ({"algorithm": "iterative", "adaptive": 2.0}, "adaptive: expected a relative error between 0 and 1, got 2"),
-        ({"algorithm": "iterative", "adaptive": float("nan")}, "adaptive: .* got nan"),
-        ({"algorithm": "extrapolated", "convergence": 1e-9}, "convergence: extrapolated repeats nothing"),
-        ({"algorithm": "iterative", "convergence": 0.0}, "convergence: .* got 0"),
-        ({"algorithm": "implicit"}, "unknown algorithm 'implicit'; there are .*extrapolated, iterative"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "words"), [
+    ({"algorithm": "jacobi", "adaptive": 1e-3}, "jacobi samples the signals .* use extrapolated or iterative"),
+    ({"algorithm": "iterative", "adaptive": 2.0}, "adaptive: expected a relative error between 0 and 1, got 2"),
+    ({"algorithm": "iterative", "adaptive": float("nan")}, "adaptive: .* got nan"),
+    ({"algorithm": "extrapolated", "convergence": 1e-9}, "convergence: extrapolated repeats nothing"),
+    ({"algorithm": "iterative", "convergence": 0.0}, "convergence: .* got 0"),
+    ({"algorithm": "implicit"}, "unknown algorithm 'implicit'; there are .*extrapolated, iterative"),
+])  # fmt: skip
 def test_options_that_do_not_fit(loop, options, words):
     with pytest.raises(UsageError, match=words):
         simulate(loop, step=H, **options)
@@ -311,16 +308,13 @@ def study(tmp_path_factory):
 # Halving the step divides an error of order p by 2^p (1 + O(h)); the bounds leave 10 % for the next order. The units in
 # Python take no derivatives of inputs: their means are as good.
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("name", "algorithm", "backend", "step", "order"),
-    [
-        ("tracking", "gauss-seidel", "native", 1e-3, 1),
-        ("tracking", "extrapolated", "native", 1e-3, 2),
-        ("tracking", "iterative", "native", 4e-3, 2),
-        ("planar_tracking", "extrapolated", "python", 2e-3, 2),
-        ("planar_tracking", "iterative", "python", 2e-3, 2),
-    ],
-)
+@pytest.mark.parametrize(("name", "algorithm", "backend", "step", "order"), [
+    ("tracking", "gauss-seidel", "native", 1e-3, 1),
+    ("tracking", "extrapolated", "native", 1e-3, 2),
+    ("tracking", "iterative", "native", 4e-3, 2),
+    ("planar_tracking", "extrapolated", "python", 2e-3, 2),
+    ("planar_tracking", "iterative", "python", 2e-3, 2),
+])  # fmt: skip
 def test_order_in_the_communication_step(study, name, algorithm, backend, step, order):
     coarse, _ = study(name, algorithm, step, backend)
     fine, _ = study(name, algorithm, step / 2, backend)

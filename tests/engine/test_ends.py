@@ -71,14 +71,11 @@ def test_check_finds_no_fault_in_a_unit_that_keeps_its_stop_time(package, strict
         assert check_run.run_apart(path, kind).problems == []
 
 
-@pytest.mark.parametrize(
-    ("way", "reason"),
-    [
-        ("refuse", "the oil is too cold (status error)"),  # and no debug text
-        ("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
-        ("discard", "too long"),  # a step that is discarded and does not end the simulation
-    ],
-)
+@pytest.mark.parametrize(("way", "reason"), [
+    ("refuse", "the oil is too cold (status error)"),  # and no debug text
+    ("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
+    ("discard", "too long"),  # a step that is discarded and does not end the simulation
+])  # fmt: skip
 def test_the_reason_of_a_failure_is_the_units_own(package, way, reason):
     with pytest.raises(CosimError) as info:
         simulate(package, stop=1.0, step=0.25, parameters={f"unit.{way}": 0.5})

@@ -60,13 +60,10 @@ def test_an_exception_names_unit_call_time_and_the_units_own_words_and_keeps_the
     assert results.summary["wall_s"] > 0.0
 
 
-@pytest.mark.parametrize(
-    ("mode", "raised", "logged"),
-    [
-        (0, "ValueError: q[3] is not finite: 100 %s", ""),
-        (4, "IndexError: list index out of range", "the table %s ends"),
-    ],
-)
+@pytest.mark.parametrize(("mode", "raised", "logged"), [
+    (0, "ValueError: q[3] is not finite: 100 %s", ""),
+    (4, "IndexError: list index out of range", "the table %s ends"),
+])  # fmt: skip
 def test_an_exception_has_its_type_and_its_line(fragile, fmus, mode, raised, logged):
     """Its library gives its text alone, and if the unit has logged something in this call, not even that."""
     lines = (fmus["Fragile"].parent / "vdfmu_test_fragile.py").read_text().splitlines()
@@ -160,23 +157,20 @@ def test_an_integer_outside_the_mapping_is_kept(pack, xml):
     assert results["logic.ii"].tolist() == [5, 5, 6, 2, 3]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"step": 0.3}, r"stop: expected a multiple of step = 0\.3 s, got 1 s\. The nearest is 0\.9 s"),
-        ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
-        ({"step": float("nan")}, "step: expected a positive finite time, got nan s"),
-        ({"step": 0.1, "start": 2.0}, "stop - start: expected a positive finite time, got -1 s"),
-        ({"step": 0.1, "tolerance": -1.0}, "tolerance must be positive"),
-        ({"step": 0.1, "algorithm": "euler"}, "unknown algorithm 'euler'; there are gauss-seidel, jacobi"),
-        ({"step": 0.1, "parameters": {"arm.att": 1.0}}, "arm has no variable 'att'; did you mean at"),
-        ({"step": 0.1, "parameters": {"leg.at": 1.0}}, "no component of that name; there are source, arm"),
-        ({"step": 0.1, "parameters": {"arm.y": 1.0}}, "is not settable: causality output"),
-        ({"step": 0.1, "parameters": {"arm.mode": 0.5}}, "expected a value of type Integer, got 0.5"),
-        ({"step": 0.1, "parameters": {"arm.at": "soon"}}, "expected a value of type Real, got 'soon'"),
-        ({"step": 0.1, "record": ["leg.*"]}, r"no output or connected input matches 'leg\.\*'"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"step": 0.3}, r"stop: expected a multiple of step = 0\.3 s, got 1 s\. The nearest is 0\.9 s"),
+    ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
+    ({"step": float("nan")}, "step: expected a positive finite time, got nan s"),
+    ({"step": 0.1, "start": 2.0}, "stop - start: expected a positive finite time, got -1 s"),
+    ({"step": 0.1, "tolerance": -1.0}, "tolerance must be positive"),
+    ({"step": 0.1, "algorithm": "euler"}, "unknown algorithm 'euler'; there are gauss-seidel, jacobi"),
+    ({"step": 0.1, "parameters": {"arm.att": 1.0}}, "arm has no variable 'att'; did you mean at"),
+    ({"step": 0.1, "parameters": {"leg.at": 1.0}}, "no component of that name; there are source, arm"),
+    ({"step": 0.1, "parameters": {"arm.y": 1.0}}, "is not settable: causality output"),
+    ({"step": 0.1, "parameters": {"arm.mode": 0.5}}, "expected a value of type Integer, got 0.5"),
+    ({"step": 0.1, "parameters": {"arm.at": "soon"}}, "expected a value of type Real, got 'soon'"),
+    ({"step": 0.1, "record": ["leg.*"]}, r"no output or connected input matches 'leg\.\*'"),
+])  # fmt: skip
 def test_wrong_options_are_usage_errors(fragile, options, message):
     with pytest.raises(UsageError, match=message):
         simulate(fragile, **options)

@@ -83,8 +83,7 @@ def packages(pack, xml, fmus, tmp_path):
         "OMSimulator: toplevelparameter": lambda: pack(chain, linked, bindings=xml.values(xml.real("g.k", 3.0))),
         "OMSimulator: import_export_parameters": lambda: pack(
             chain, linked, bindings=xml.values(
-                xml.real("gain", 3.0),
-                mapping='<ssm:MappingEntry source="gain" target="g.k"/>',
+                xml.real("gain", 3.0), mapping='<ssm:MappingEntry source="gain" target="g.k"/>',
             ),
         ),
         "OMSimulator: importStartValues": lambda: whole(

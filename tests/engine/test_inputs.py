@@ -153,22 +153,19 @@ def test_of_a_results_file_the_columns_of_free_inputs_are_taken_and_hold_at_the_
     assert not any("its times" in note for note in whole.summary["notes"])
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "row 1: expected 'time' as the first column, in s, got an empty file"),
-        ("t,plant.u\n0,1\n", "row 1: expected 'time' as the first column, in s, got 't'"),
-        ("time [ms],plant.u\n0,1\n", "got 'time [ms]'"),
-        ("time\n0\n", "row 1: expected an input in each column"),
-        ("time,plant.u,plant.u\n0,1,1\n", "row 1: plant.u: more than one column has this name"),
-        ("time,plant.u\n", "expected rows of numbers below the names, got none"),
-        ("time,plant.u\ns\n0,1\n", "row 2: expected 2 units of measurement, got 1"),
-        ("time,plant.u\n0,1\n1\n", "row 3: expected 2 cells, got 1"),
-        ("time,plant.u\n0,1\n\n1,fast\n", "row 4: plant.u: expected a number, got 'fast'"),
-        ("time,plant.u\n0,1\n1,nan\n", "row 3: plant.u: expected a finite number, got nan"),
-        ("time,plant.u\n0,1\n1,1\n1,2\n", "row 4: time: expected more than the 1 s of the row before, got 1 s"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "row 1: expected 'time' as the first column, in s, got an empty file"),
+    ("t,plant.u\n0,1\n", "row 1: expected 'time' as the first column, in s, got 't'"),
+    ("time [ms],plant.u\n0,1\n", "got 'time [ms]'"),
+    ("time\n0\n", "row 1: expected an input in each column"),
+    ("time,plant.u,plant.u\n0,1,1\n", "row 1: plant.u: more than one column has this name"),
+    ("time,plant.u\n", "expected rows of numbers below the names, got none"),
+    ("time,plant.u\ns\n0,1\n", "row 2: expected 2 units of measurement, got 1"),
+    ("time,plant.u\n0,1\n1\n", "row 3: expected 2 cells, got 1"),
+    ("time,plant.u\n0,1\n\n1,fast\n", "row 4: plant.u: expected a number, got 'fast'"),
+    ("time,plant.u\n0,1\n1,nan\n", "row 3: plant.u: expected a finite number, got nan"),
+    ("time,plant.u\n0,1\n1,1\n1,2\n", "row 4: time: expected more than the 1 s of the row before, got 1 s"),
+])  # fmt: skip
 def test_a_file_of_another_form_is_refused_with_its_row(lone, file, text, words):
     path = file(text)
     with pytest.raises(UsageError) as error:
@@ -183,16 +180,13 @@ def test_a_device_is_no_file_of_inputs():
         read_inputs("/dev/null")
 
 
-@pytest.mark.parametrize(
-    ("pair", "words"),
-    [
-        ((0.0, 1.0), "expected times (m,) and values (m,) or (m, n), got () and ()"),
-        (([0.0, 1.0], [1.0]), "got (2,) and (1,)"),
-        (([0.0, 0.0], [1.0, 2.0]), "element 1: time: expected more than the 0 s"),
-        (([0.0, 1.0], [1.0, np.inf]), "element 1: plant.u: expected a finite number, got inf"),
-        (3.0, "expected a pair of arrays of numbers"),
-    ],
-)
+@pytest.mark.parametrize(("pair", "words"), [
+    ((0.0, 1.0), "expected times (m,) and values (m,) or (m, n), got () and ()"),
+    (([0.0, 1.0], [1.0]), "got (2,) and (1,)"),
+    (([0.0, 0.0], [1.0, 2.0]), "element 1: time: expected more than the 0 s"),
+    (([0.0, 1.0], [1.0, np.inf]), "element 1: plant.u: expected a finite number, got inf"),
+    (3.0, "expected a pair of arrays of numbers"),
+])  # fmt: skip
 def test_arrays_of_another_form_are_refused(lone, pair, words):
     with pytest.raises(UsageError) as error:
         simulate(lone, stop=1.0, step=H, inputs={"plant.u": pair})

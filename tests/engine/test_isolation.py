@@ -63,17 +63,14 @@ def fails(package: Path, way: str, **options) -> CosimError:
     return info.value
 
 
-@pytest.mark.parametrize(
-    ("way", "options", "said"),
-    [
-        ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
-        ("leave", {}, r"the component ended the process \(exit code 0\)"),
-        *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(simulate --wait-limit\)")),
-        ("eat", {"memory_limit": 400.0}, r"SIGSEGV\); its memory had reached \d+ MB of 400 MB"),
-        ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
-        ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
-    ],
-)
+@pytest.mark.parametrize(("way", "options", "said"), [
+    ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
+    ("leave", {}, r"the component ended the process \(exit code 0\)"),
+    *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(simulate --wait-limit\)")),
+    ("eat", {"memory_limit": 400.0}, r"SIGSEGV\); its memory had reached \d+ MB of 400 MB"),
+    ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
+    ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
+])  # fmt: skip
 def test_what_ends_a_step_names_component_call_and_time_and_keeps_the_rows(package, way, options, said):
     error = fails(package, way, **options)
     assert (error.unit, error.call, error.time) == ("unit", "doStep", 0.5)
@@ -112,19 +109,16 @@ def test_this_process_outlives_them(package):
     assert children() <= before
 
 
-@pytest.mark.parametrize(
-    ("way", "call", "said", "options"),
-    [
-        *((*end, {"isolate": isolate}) for isolate in (False, True) for end in (
-            ("error_end", "terminate", r"the brake does not close \(status error\)"),
-            ("fatal_end", "terminate", r"the unit gave no reason.* \(status fatal\)"),
-            ("strange_end", "terminate", r"status 17, not of FMI 2\.0\)"),
-            ("error_free", "freeInstance", "the file is still open"),
-        )),
-        ("crash_free", "freeInstance", "crashed the process", {}),
-        *heavy(("hang_end", "terminate", "no return within 5 s", {"wait_limit": 5.0})),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("way", "call", "said", "options"), [
+    *((*end, {"isolate": isolate}) for isolate in (False, True) for end in (
+        ("error_end", "terminate", r"the brake does not close \(status error\)"),
+        ("fatal_end", "terminate", r"the unit gave no reason.* \(status fatal\)"),
+        ("strange_end", "terminate", r"status 17, not of FMI 2\.0\)"),
+        ("error_free", "freeInstance", "the file is still open"),
+    )),
+    ("crash_free", "freeInstance", "crashed the process", {}),
+    *heavy(("hang_end", "terminate", "no return within 5 s", {"wait_limit": 5.0})),
+])  # fmt: skip
 def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, call, said, options):
     error = fails(package, way, **options)
     assert (error.unit, error.call, error.time) == ("unit", call, 1.0)
@@ -331,16 +325,13 @@ def fleeing(package, monkeypatch, tmp_path):
     return start
 
 
-@pytest.mark.parametrize(
-    ("rest", "said"),
-    [
-        ("os._exit(3)", r"ended \(3\) after this call had returned"),
-        ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
-        ("time.sleep(60)", "did not continue within 3 s after this call had returned"),
-        ("raise ZeroDivisionError('ours')", "ZeroDivisionError: ours .* a fault of vdfmu, not of a component"),
-        ("raise MemoryError", r"process is full: memory_limit \(--memory-limit\)"),
-    ],
-)
+@pytest.mark.parametrize(("rest", "said"), [
+    ("os._exit(3)", r"ended \(3\) after this call had returned"),
+    ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
+    ("time.sleep(60)", "did not continue within 3 s after this call had returned"),
+    ("raise ZeroDivisionError('ours')", "ZeroDivisionError: ours .* a fault of vdfmu, not of a component"),
+    ("raise MemoryError", r"process is full: memory_limit \(--memory-limit\)"),
+])  # fmt: skip
 def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_component(package, fleeing, rest, said):
     fleeing(rest)
     began = time.monotonic()

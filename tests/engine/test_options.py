@@ -22,22 +22,19 @@ DECLARED = {
 }
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"stop": "1"}, "^stop: expected a number in s, got '1'.$"),
-        ({"stop": True}, "^stop: expected a number in s, got True"),
-        ({"step": np.array([1e-3, 2e-3])}, "^step: expected a number in s, got array"),
-        ({"overwrite": "no"}, "^overwrite: expected True or False, got 'no'"),
-        ({"reference": 0}, "^reference: expected True or False, got 0"),
-        ({"formats": "csv"}, r"^formats: expected a sequence of texts, got 'csv'. Put it into a list: \['csv'\]"),
-        ({"settings": [("controller.K_p", 1)]}, "^settings: expected a mapping with texts as keys"),
-        ({"settings": {3: 1}}, "^settings: expected a mapping with texts as keys, got {3: 1}"),
-        ({"robot": 3}, "^robot: expected a Robot or a text or a path, got 3"),
-        ({"backend": 3}, "^backend: expected a text, one of python, native, got 3"),
-        ({"pace": "x", "out": True}, "^pace: .*\nout: expected a text or a path or False, got True"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "words"), [
+    ({"stop": "1"}, "^stop: expected a number in s, got '1'.$"),
+    ({"stop": True}, "^stop: expected a number in s, got True"),
+    ({"step": np.array([1e-3, 2e-3])}, "^step: expected a number in s, got array"),
+    ({"overwrite": "no"}, "^overwrite: expected True or False, got 'no'"),
+    ({"reference": 0}, "^reference: expected True or False, got 0"),
+    ({"formats": "csv"}, r"^formats: expected a sequence of texts, got 'csv'. Put it into a list: \['csv'\]"),
+    ({"settings": [("controller.K_p", 1)]}, "^settings: expected a mapping with texts as keys"),
+    ({"settings": {3: 1}}, "^settings: expected a mapping with texts as keys, got {3: 1}"),
+    ({"robot": 3}, "^robot: expected a Robot or a text or a path, got 3"),
+    ({"backend": 3}, "^backend: expected a text, one of python, native, got 3"),
+    ({"pace": "x", "out": True}, "^pace: .*\nout: expected a text or a path or False, got True"),
+])  # fmt: skip
 def test_a_value_of_another_type_is_refused_before_the_run(wrong, words):
     with pytest.raises(UsageError, match=words):
         vdfmu.run("planar_tracking", **wrong)

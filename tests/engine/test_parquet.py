@@ -29,11 +29,9 @@ def test_numbers_of_all_kinds_read_back_to_the_same_bits(tmp_path, monkeypatch):
     m = 1300  # more than two blocks of lines
     real, numbers = hard_numbers(m, 2, 1)
     signals = [
-        Signal("a.q[1]", "real", "rad", 1),
-        Signal('b"\u00e4,\n', "real", "", 0),
-        Signal("a.n", "integer", "", 0),
+        Signal("a.q[1]", "real", "rad", 1), Signal('b"\u00e4,\n', "real", "", 0), Signal("a.n", "integer", "", 0),
         Signal("a.on", "boolean", "", 0),
-    ]
+    ]  # fmt: skip
     data = {"real": real, "integer": numbers, "boolean": numbers % 2}
     results = Results(0.001 * np.arange(m), signals, data, {"limit": np.inf})
     for name in ("r.parquet", "r.csv"):
@@ -141,14 +139,11 @@ def written(path: Path, table: pa.Table) -> None:
     pa.parquet.write_table(table, path)
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ({"t": [0.0]}, "expected 'time' as the first column, .*; got 't'"),
-        ({"time": [0.0], "name": ["x"], "n": [2**40]}, "got 'name', 'n'"),
-        ({"time": [0.0, 1.0], "gap": [0.5, None]}, "got 'gap'"),
-    ],
-)
+@pytest.mark.parametrize(("table", "message"), [
+    ({"t": [0.0]}, "expected 'time' as the first column, .*; got 't'"),
+    ({"time": [0.0], "name": ["x"], "n": [2**40]}, "got 'name', 'n'"),
+    ({"time": [0.0, 1.0], "gap": [0.5, None]}, "got 'gap'"),
+])  # fmt: skip
 def test_parquet_of_another_form(tmp_path, table, message):
     written(tmp_path / "r.parquet", pa.table(table))
     with pytest.raises(UsageError, match=message):

@@ -18,18 +18,15 @@ def results() -> Results:
     return Results(
         0.001 * np.arange(m),
         [
-            Signal("a.q[2]", "real", "rad", 1),
-            Signal("a.q[1]", "real", "rad", 0),
-            Signal("a.n", "integer", "", 0),
-            Signal("a.m[1,2]", "real", "", 2),
-            Signal("a.on", "boolean", "", 0),
+            Signal("a.q[2]", "real", "rad", 1), Signal("a.q[1]", "real", "rad", 0), Signal("a.n", "integer", "", 0),
+            Signal("a.m[1,2]", "real", "", 2), Signal("a.on", "boolean", "", 0),
         ],
         {
             "real": real,
             "integer": rng.integers(-(2**31), 2**31 - 1, (m, 1), dtype=np.int32),
             "boolean": rng.integers(0, 2, (m, 1), dtype=np.int32),
         },
-    )
+    )  # fmt: skip
 
 
 def test_csv_has_the_same_bytes_with_any_kinds_and_any_scipy(results, monkeypatch):
@@ -47,26 +44,23 @@ def test_csv_has_the_same_bytes_with_any_kinds_and_any_scipy(results, monkeypatc
     assert csv_file.csv_lines(time, signals, real, slice(None)) == rows
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "a,b",
-        'a"b',
-        "a\nb",
-        "a\r\nb",
-        "a\rb",
-        "\n",
-        "",
-        " a ",
-        "a\u2028b",
-        "a\x85b",
-        "\u00e4\u4e2d",
-        "'",
-        "#a",
-        "time",
-        "1.0",
-    ],
-)
+@pytest.mark.parametrize("name", [
+    "a,b",
+    'a"b',
+    "a\nb",
+    "a\r\nb",
+    "a\rb",
+    "\n",
+    "",
+    " a ",
+    "a\u2028b",
+    "a\x85b",
+    "\u00e4\u4e2d",
+    "'",
+    "#a",
+    "time",
+    "1.0",
+])  # fmt: skip
 def test_every_name_reads_back_from_csv(tmp_path, name):
     signals = [Signal(name, "real", name, 0), Signal("last", "real", "m", 1)]
     results = Results(np.arange(3.0), signals, {"real": np.arange(6.0).reshape(3, 2)})
@@ -121,17 +115,14 @@ def test_a_file_that_cannot_be_written(results, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]  # no half file is left
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (None, "cannot read .*No such file"),
-        ("", "expected a line of names and a line of units"),
-        ("a,b\ns,m\n1,2\n", "'time' as the first column"),
-        ("time,b\ns\n", "as many units as names"),
-        ("time,b\ns,m\n1,x\n", "could not convert string 'x'"),
-        ("time,b\ns,m\n1,2,3\n", "expected 2 columns, got 3"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    (None, "cannot read .*No such file"),
+    ("", "expected a line of names and a line of units"),
+    ("a,b\ns,m\n1,2\n", "'time' as the first column"),
+    ("time,b\ns\n", "as many units as names"),
+    ("time,b\ns,m\n1,x\n", "could not convert string 'x'"),
+    ("time,b\ns,m\n1,2,3\n", "expected 2 columns, got 3"),
+])  # fmt: skip
 def test_csv_of_another_form_or_none(tmp_path, text, message):
     if text is not None:
         (tmp_path / "r.csv").write_text(text)
@@ -149,11 +140,8 @@ def test_results_show_what_is_in_them(results):
     lines = repr(results).splitlines()
     assert lines[0] == "Results: 5 signals, 1300 rows from 0 to 1.299 s"
     assert [line.split()[:2] for line in lines[2:]] == [
-        ["a.q", "2"],
-        ["a.n", results["a.n"].min().astype(float).__format__(".4g")],
-        ["a.m", "1"],
-        ["a.on", "0"],
-    ]
+        ["a.q", "2"], ["a.n", results["a.n"].min().astype(float).__format__(".4g")], ["a.m", "1"], ["a.on", "0"],
+    ]  # fmt: skip
     html = made([0.0, 1.0], **{"<b>": [1.0, 2.0]})._repr_html_()
     assert "a.&lt;b&gt;" in html
     assert "<b>" not in html.replace("<tbody>", "")

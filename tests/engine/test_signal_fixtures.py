@@ -311,8 +311,7 @@ def test_a_mapped_parameter_of_a_reference_fmu(built, pack, xml):
     path = pack(
         [xml.component("fmu", "VanDerPol", "mu:parameter:Real x0:output:Real x1:output:Real")],
         bindings=xml.values(
-            xml.real("mu", 2.0),
-            mapping='<ssm:MappingEntry source="mu" target="fmu.mu"/>',
+            xml.real("mu", 2.0), mapping='<ssm:MappingEntry source="mu" target="fmu.mu"/>',
         ),
         extra={"resources/VanDerPol.fmu": built(models.VAN_DER_POL, "2.0")},
     )  # fmt: skip

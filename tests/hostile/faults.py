@@ -82,11 +82,9 @@ def _link(name: str, target: str) -> Callable[[Path], object]:
 
 
 _COMMANDS = {
-    "ssp": (_SSP, (*_SSP, *OTHER)),
-    "build": (BUILD, (*BUILD, *OTHER)),
-    "simulate": ((*SIMULATE, "2"), (*SIMULATE, "0.1")),
-    "run": ((*RUN, "2", "--no-reference"), (*RUN, "0.1")),
-}
+    "ssp": (_SSP, (*_SSP, *OTHER)), "build": (BUILD, (*BUILD, *OTHER)),
+    "simulate": ((*SIMULATE, "2"), (*SIMULATE, "0.1")), "run": ((*RUN, "2", "--no-reference"), (*RUN, "0.1")),
+}  # fmt: skip
 """Each command, and the one that wrote the results before."""
 _WRITTEN = {"ssp": 200_000, "build": 50_000, "simulate": 200_000, "run": 200_000}
 """Bytes of which each command writes more into one file."""

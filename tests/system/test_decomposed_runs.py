@@ -68,14 +68,11 @@ def test_the_papers_arm_runs_as_in_one_piece(tmp_path):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("robot", "settings"),
-    [
-        ("iiwa_7dof", {"feedforward.mode": "vdc"}),  # seven joints, rotors that push the links, end stops
-        ("slider_3dof", {"plant.q_dot_0[1]": 0.2, "plant.F_e[2]": 3.0}),  # a prismatic one; it starts in motion
-        ("kr300_6dof", {}),  # a counterbalance
-    ],
-)
+@pytest.mark.parametrize(("robot", "settings"), [
+    ("iiwa_7dof", {"feedforward.mode": "vdc"}),  # seven joints, rotors that push the links, end stops
+    ("slider_3dof", {"plant.q_dot_0[1]": 0.2, "plant.F_e[2]": 3.0}),  # a prismatic one; it starts in motion
+    ("kr300_6dof", {}),  # a counterbalance
+])  # fmt: skip
 def test_other_arms_run_as_in_one_piece(tmp_path, robot, settings):
     scenario = replace(load_scenario("tracking"), robot=load_robot(robot), sections={})
     moved = {f"trajectory.q_end[{i + 1}]": 0.02 for i in range(scenario.arm.n)} | settings

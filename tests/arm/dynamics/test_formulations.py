@@ -28,15 +28,12 @@ def test_virtual_decomposition_agrees_with_newton_euler(chain, draw):
 
 
 @pytest.mark.parametrize("wrench", [False, True], ids=["free", "wrench"])
-@pytest.mark.parametrize(
-    ("name", "last", "theirs", "bound"),
-    [
-        # The bounds that the project holds itself to: 1e-12 of the largest torque, some 5000 roundings; 1e-9 of the
-        # largest acceleration, as mass matrices have a condition of up to 1e5.
-        ("inverse_dynamics", "q_ddot", pin.rnea, 1e-12),
-        ("forward_dynamics", "tau_s", pin.aba, 1e-9),
-    ],
-)
+@pytest.mark.parametrize(("name", "last", "theirs", "bound"), [
+    # The bounds that the project holds itself to: 1e-12 of the largest torque, some 5000 roundings; 1e-9 of the
+    # largest acceleration, as mass matrices have a condition of up to 1e5.
+    ("inverse_dynamics", "q_ddot", pin.rnea, 1e-12),
+    ("forward_dynamics", "tau_s", pin.aba, 1e-9),
+])  # fmt: skip
 def test_dynamics_agree_with_pinocchio(
     chain, draw, kernel_of, pinocchio_model, pinocchio_force, name, last, theirs, bound, wrench
 ):

@@ -55,15 +55,12 @@ def test_second_start_does_not_trace_from_the_cache_folder_of_the_environment(pl
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("roots", "code"),
-    [
-        (["arm.kernel"], "import vdfmu.arm.kernel"),
-        (["compiler", "arm.units"], "import vdfmu.arm.units; vdfmu.arm.units.shipped_units()"),
-        (["compiler"], "import vdfmu.compiler.fmu.native; import vdfmu.compiler.fmu.documentation"),
-        (["system.reference"], "import vdfmu.system.reference.reference"),
-    ],
-)
+@pytest.mark.parametrize(("roots", "code"), [
+    (["arm.kernel"], "import vdfmu.arm.kernel"),
+    (["compiler", "arm.units"], "import vdfmu.arm.units; vdfmu.arm.units.shipped_units()"),
+    (["compiler"], "import vdfmu.compiler.fmu.native; import vdfmu.compiler.fmu.documentation"),
+    (["system.reference"], "import vdfmu.system.reference.reference"),
+])  # fmt: skip
 def test_the_digest_of_the_sources_covers_all_that_is_loaded(roots, code):
     """Else a change there would leave functions of before in the cache."""
     code = f"import sys; {code}; print(*(name for name in sys.modules if name.startswith('vdfmu.')))"
@@ -201,13 +198,11 @@ for k in range(300):
 def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
     crowd = [
         subprocess.Popen(
-            [sys.executable, "-c", CROWD, tmp_path, str(seed)],
-            stderr=subprocess.PIPE,
-            text=True,
+            [sys.executable, "-c", CROWD, tmp_path, str(seed)], stderr=subprocess.PIPE, text=True,
             env=os.environ | {"VDFMU_CACHE_MB": str(20_000 / 2**20)},
         )
         for seed in (1, 2, 5)
-    ]
+    ]  # fmt: skip
     for process in crowd:
         _, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors
@@ -254,18 +249,15 @@ def test_rows_take_single_arrays_and_batches(planar, kernel_of):
     assert kernel.rows("inverse_dynamics", [np.empty((0, 2)), q_dot, q_ddot, F_e], SIZES).shape == (0, 2)
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ([0.0], r"inverse_dynamics: q: expected shape \(2,\) or \(m, 2\), got \(1,\)"),
-        (0.0, r"q: expected shape \(2,\) or \(m, 2\), got \(\)"),
-        (np.zeros((2, 2, 2)), r"q: expected shape .*, got \(2, 2, 2\)"),
-        ([0.0, np.nan], r"q\[1\]: expected a finite number, got nan"),
-        ([[0.0, 0.0], [np.inf, 0.0]], r"q\[1, 0\]: expected a finite number, got inf"),
-        (["a", "b"], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
-        ([[0.0, 0.0], [0.0]], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
-    ],
-)
+@pytest.mark.parametrize(("value", "message"), [
+    ([0.0], r"inverse_dynamics: q: expected shape \(2,\) or \(m, 2\), got \(1,\)"),
+    (0.0, r"q: expected shape \(2,\) or \(m, 2\), got \(\)"),
+    (np.zeros((2, 2, 2)), r"q: expected shape .*, got \(2, 2, 2\)"),
+    ([0.0, np.nan], r"q\[1\]: expected a finite number, got nan"),
+    ([[0.0, 0.0], [np.inf, 0.0]], r"q\[1, 0\]: expected a finite number, got inf"),
+    (["a", "b"], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
+    ([[0.0, 0.0], [0.0]], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
+])  # fmt: skip
 def test_rows_refuse_what_is_no_array_of_finite_numbers(planar, kernel_of, value, message):
     with pytest.raises(KernelError, match=message):
         kernel_of(planar).rows("inverse_dynamics", [value, *arguments()[1:]], SIZES)
@@ -295,17 +287,10 @@ def test_symbol_refuses_to_become_a_float():
     assert float(Symbol(2.5)) == 2.5
 
 
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda s: bool(s),
-        lambda s: s == 0.0,
-        lambda s: s != 0.0,
-        lambda s: s in [0.0],
-        lambda s: np.array([s, s]) == 0.0,
-        lambda s: 1.0 if s else 0.0,
-    ],
-)
+@pytest.mark.parametrize("ask", [
+    lambda s: bool(s), lambda s: s == 0.0, lambda s: s != 0.0, lambda s: s in [0.0],
+    lambda s: np.array([s, s]) == 0.0, lambda s: 1.0 if s else 0.0,
+])  # fmt: skip
 def test_symbol_refuses_to_be_true_or_false(ask):
     with pytest.raises(KernelError, match="a condition on a value is not known while equations are traced"):
         ask(symbol())

@@ -101,12 +101,10 @@ def test_rotors_on_a_moving_base_agree_with_bodies_on_a_free_root(chain, draw):
     for state, ride in zip(draw(robot, 20, seed=13), rides(20, 14), strict=True):
         xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
         accelerations, F_S = flying.solve(
-            ride,
-            bodies.vector(state.q, 17.0 * state.kappa_dot),
+            ride, bodies.vector(state.q, 17.0 * state.kappa_dot),
             bodies.vector(state.q_dot, robot.ell * state.kappa_dot),
-            bodies.vector(state.tau_s - xi_l, state.tau - state.tau_s / robot.ell - xi_m),
-            state.F_e,
-        )
+            bodies.vector(state.tau_s - xi_l, state.tau - state.tau_s / robot.ell - xi_m), state.F_e,
+        )  # fmt: skip
         base = ride.base(robot)
         x_dot = plant_derivative(robot, state.x, state.tau, state.F_e, base)
         close(x_dot[n : 2 * n], accelerations[bodies.links])

@@ -67,11 +67,9 @@ def table() -> str:
     found = list(rows())
     arms, refused = sum(len(row.arms) for row in found), sum(len(row.refused) for row in found)
     lines = [
-        f"{len(found)} files, {arms} arms imported, {refused} refused.",
-        "",
-        "| file | arms: tip and joints | refused |",
-        "| --- | --- | --- |",
-    ]
+        f"{len(found)} files, {arms} arms imported, {refused} refused.", "",
+        "| file | arms: tip and joints | refused |", "| --- | --- | --- |",
+    ]  # fmt: skip
     for row in found:
         imported = ", ".join(f"{tip} {n}" for tip, n in row.arms)
         reasons = "; ".join(f"{tip}: {reason}" if tip else reason for tip, reason in row.refused)

@@ -65,22 +65,19 @@ def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):
     assert robot.visuals[1].color.tolist() == [1.0, 0.0, 0.0, 1.0]
 
 
-@pytest.mark.parametrize(
-    ("inside", "further", "expected"),
-    [
-        (PAIR.format("a", "<freejoint/>"), "", "joint joint 1 of a: expected one of revolute, continuous, prismatic"),
-        (PAIR.format("a", '<joint type="ball"/>'), "", "got ball. Choose a base above which it lies, --base a"),
-        (PAIR.format("a", '<joint name="j"/><joint name="k" axis="1 0 0"/>'), "",
-         "joint j: expected a link with mass, which it moves, got no <inertial> with a mass in a at j."),
-        (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
-         '<equality><joint joint1="k" joint2="j"/></equality>',
-         "joint k: expected a joint with its own drive, got one that mimics j."),
-        (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
-         '<equality><connect name="bar" body1="b" body2="world" anchor="0 0 0"/></equality>',
-         "bar: expected links of one chain, got a loop: it joins b to world beside the joints. An arm must"),
-        ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("inside", "further", "expected"), [
+    (PAIR.format("a", "<freejoint/>"), "", "joint joint 1 of a: expected one of revolute, continuous, prismatic"),
+    (PAIR.format("a", '<joint type="ball"/>'), "", "got ball. Choose a base above which it lies, --base a"),
+    (PAIR.format("a", '<joint name="j"/><joint name="k" axis="1 0 0"/>'), "",
+     "joint j: expected a link with mass, which it moves, got no <inertial> with a mass in a at j."),
+    (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
+     '<equality><joint joint1="k" joint2="j"/></equality>',
+     "joint k: expected a joint with its own drive, got one that mimics j."),
+    (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
+     '<equality><connect name="bar" body1="b" body2="world" anchor="0 0 0"/></equality>',
+     "bar: expected links of one chain, got a loop: it joins b to world beside the joints. An arm must"),
+    ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
+])  # fmt: skip
 def test_what_is_no_arm_is_refused(mjcf, inside, further, expected):
     path = mjcf(f"<mujoco><worldbody>{inside}</worldbody>{further}</mujoco>")
     with pytest.raises(vdfmu.VdfmuError) as error:

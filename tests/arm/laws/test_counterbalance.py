@@ -107,25 +107,22 @@ def test_the_solver_keeps_the_energy_and_a_joint_without_a_cylinder_has_no_line_
     assert robot_from_dict(ONE.to_dict()).to_dict() == ONE.to_dict()
 
 
-@pytest.mark.parametrize(
-    ("cylinder", "words"),
-    [
-        (
-            {"F_cb": 10.0},
-            r"r_cb: expected r_cb > 0, got r_cb = 0\..*\n.*D_cb > r_cb, got D_cb = 0, r_cb = 0\..*\n.*L_cb >",
-        ),
-        (
-            CYLINDER | {"D_cb": 0.1},
-            r"joints\[1\]\.counterbalance\.D_cb: expected D_cb > r_cb, got D_cb = 0\.1, r_cb = 0\.1\.",
-        ),
-        (
-            CYLINDER | {"L_cb": 0.2},
-            r"joints\[1\]\.counterbalance\.L_cb: expected L_cb > 2\*r_cb, got L_cb = 0\.2, r_cb = 0\.1\.",
-        ),
-        (CYLINDER | {"F_cb": -1.0}, r"F_cb: expected a finite number >= 0 in N, got -1.*Give 0 for a joint without"),
-        (CYLINDER | {"delta_cb": float("inf")}, r"delta_cb: expected a finite number in rad, got inf"),
-    ],
-)
+@pytest.mark.parametrize(("cylinder", "words"), [
+    (
+        {"F_cb": 10.0},
+        r"r_cb: expected r_cb > 0, got r_cb = 0\..*\n.*D_cb > r_cb, got D_cb = 0, r_cb = 0\..*\n.*L_cb >",
+    ),
+    (
+        CYLINDER | {"D_cb": 0.1},
+        r"joints\[1\]\.counterbalance\.D_cb: expected D_cb > r_cb, got D_cb = 0\.1, r_cb = 0\.1\.",
+    ),
+    (
+        CYLINDER | {"L_cb": 0.2},
+        r"joints\[1\]\.counterbalance\.L_cb: expected L_cb > 2\*r_cb, got L_cb = 0\.2, r_cb = 0\.1\.",
+    ),
+    (CYLINDER | {"F_cb": -1.0}, r"F_cb: expected a finite number >= 0 in N, got -1.*Give 0 for a joint without"),
+    (CYLINDER | {"delta_cb": float("inf")}, r"delta_cb: expected a finite number in rad, got inf"),
+])  # fmt: skip
 def test_a_cylinder_that_cannot_be_is_refused(cylinder, words):
     with pytest.raises(ModelError, match=words):
         balanced("planar_2dof", cylinder)

@@ -52,15 +52,12 @@ def test_stops_push_without_jumps_and_a_bounce_loses_two_thirds_of_damping_times
         assert loss == pytest.approx(2.0 / 3.0 * 0.6 * v, abs=(0.6 * v) ** 2)
 
 
-@pytest.mark.parametrize(
-    ("tau", "speed", "expected"),
-    [
-        (0.5, 0.0, 0.5), (0.7, 0.0, 0.6), (-0.7, 0.0, -0.6),
-        (0.5, 1.5, 0.3), (-0.5, -1.5, -0.3),  # driving at half the no-load speed: half the torque
-        (-0.7, 1.5, -0.6), (0.7, -1.5, 0.6),  # braking
-        (0.5, 3.5, 0.0), (-0.5, -3.5, 0.0), (-0.5, 3.5, -0.5),  # beyond it
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("tau", "speed", "expected"), [
+    (0.5, 0.0, 0.5), (0.7, 0.0, 0.6), (-0.7, 0.0, -0.6),
+    (0.5, 1.5, 0.3), (-0.5, -1.5, -0.3),  # driving at half the no-load speed: half the torque
+    (-0.7, 1.5, -0.6), (0.7, -1.5, 0.6),  # braking
+    (0.5, 3.5, 0.0), (-0.5, -3.5, 0.0), (-0.5, 3.5, -0.5),  # beyond it
+])  # fmt: skip
 def test_motor_torque_ends_at_the_torque_speed_line(tau, speed, expected):
     given = motor_torque(ROBOT, np.full(2, tau), np.full(2, speed))
     np.testing.assert_allclose(given, expected, rtol=0, atol=2 * EPS)
@@ -144,15 +141,12 @@ def test_without_limits_nothing_is_traced_of_them(planar, functions_of):
         assert len("".join(c_texts(bare))) < len("".join(c_texts(bound)))
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"q_max": -1.0}, r"joints\[2\]\.limits\.q_max: expected q_max > q_min, got q_max = -1, q_min = -0\.5"),
-        ({"tau_stall": 0.0}, r"joints\[2\]\.limits\.tau_stall: expected a finite number > 0 in N\.m"),
-        ({"stop_damping": -1.0}, r"joints\[2\]\.limits\.stop_damping: expected .* >= 0 in s/rad"),
-        (None, r"joints\[2\]\.limits: expected a table, as other joints have, got nothing"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    ({"q_max": -1.0}, r"joints\[2\]\.limits\.q_max: expected q_max > q_min, got q_max = -1, q_min = -0\.5"),
+    ({"tau_stall": 0.0}, r"joints\[2\]\.limits\.tau_stall: expected a finite number > 0 in N\.m"),
+    ({"stop_damping": -1.0}, r"joints\[2\]\.limits\.stop_damping: expected .* >= 0 in s/rad"),
+    (None, r"joints\[2\]\.limits: expected a table, as other joints have, got nothing"),
+])  # fmt: skip
 def test_limits_that_cannot_be_are_refused(change, words):
     data = ROBOT.to_dict()
     if change is None:

@@ -99,11 +99,9 @@ def test_coefficients_meet_the_order_conditions(embedded):
     third = [b.sum() - 1, b @ beta_i - 1 / 2, b @ a_i**2 - 1 / 3, b @ beta @ beta_i - 1 / 6]
     np.testing.assert_allclose(third, 0.0, rtol=0, atol=atol)
     fourth = [
-        b @ a_i**3 - 1 / 4,
-        (b * a_i) @ alpha @ beta_i - 1 / 8,
-        b @ beta @ a_i**2 - 1 / 12,
+        b @ a_i**3 - 1 / 4, (b * a_i) @ alpha @ beta_i - 1 / 8, b @ beta @ a_i**2 - 1 / 12,
         b @ beta @ beta @ beta_i - 1 / 24,
-    ]
+    ]  # fmt: skip
     if embedded:
         assert np.abs(fourth).max() > 1e-3  # of order 3 only, so that the difference estimates an error
     else:

@@ -147,12 +147,9 @@ def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
     # the same operations in the same order
     assert (native["trajectory.q_d_ddddot"] == python["trajectory.q_d_ddddot"]).all()
     swept = vdfmu.sweep(
-        scenario,
-        vary={"trajectory.speed": np.linspace(0.5, 1.0, 16)},
-        out=tmp_path / "sweep",
-        workers=1,
+        scenario, vary={"trajectory.speed": np.linspace(0.5, 1.0, 16)}, out=tmp_path / "sweep", workers=1,
         engine="batch",
-    )
+    )  # fmt: skip
     differences = [value for name in swept.columns if name.startswith("to_fmu[rad]") for value in swept[name]]
     found = [value for value in differences if value is not None and np.isfinite(value)]
     assert found and max(found) < 1e-12  # docs/sweeps.md: 2e-15 rad where nothing sticks

@@ -123,19 +123,16 @@ def test_a_joint_takes_from_the_catalogue_what_it_does_not_say_and_a_ratio_leave
     assert (robot.tau_stall == 2.56).all()
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (
-            {"gear": "CSG-25-80"},
-            r'joints\[1\]\.gear: expected a gear of the catalogue, got "CSG-25-80"\. Did you mean "CSG-25',
-        ),
-        ({"motor": "TBM-6025"}, r'joints\[1\]\.motor: expected a motor of the catalogue, .* Did you mean "TBM-6025-B"'),
-        ({"gear": 25}, r"joints\[1\]\.gear: expected a gear of the catalogue, got 25\. Give it as a string"),
-        ({"type": "prismatic"}, r"joints\[1\]\.gear: expected none on a prismatic joint"),
-        ({"gear": "CSG-32-100"}, r"joints\[1\]\.friction: expected a table, got nothing"),  # it has none
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (
+        {"gear": "CSG-25-80"},
+        r'joints\[1\]\.gear: expected a gear of the catalogue, got "CSG-25-80"\. Did you mean "CSG-25',
+    ),
+    ({"motor": "TBM-6025"}, r'joints\[1\]\.motor: expected a motor of the catalogue, .* Did you mean "TBM-6025-B"'),
+    ({"gear": 25}, r"joints\[1\]\.gear: expected a gear of the catalogue, got 25\. Give it as a string"),
+    ({"type": "prismatic"}, r"joints\[1\]\.gear: expected none on a prismatic joint"),
+    ({"gear": "CSG-32-100"}, r"joints\[1\]\.friction: expected a table, got nothing"),  # it has none
+])  # fmt: skip
 def test_what_the_catalogue_has_not_is_refused(change, words):
     data = of_catalogue()
     data["joints"][0] |= change

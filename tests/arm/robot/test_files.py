@@ -61,19 +61,15 @@ def test_file_of_that_name_wins_over_the_shipped_one(tmp_path, monkeypatch):
 DEEP = r"TOML, got .* nested too deeply"
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ('name = "Mühle"'.encode("latin-1"), r"UTF-8 text, got byte 0xfc at offset 9\. Save"),
-        (b'name = "x"\ngravity = [0, 0, 9.81\nfriction = "lumped"\n', "TOML, got a syntax error: .*line 3"),
-        (b"gravity = " + b"[" * 2000, DEEP),
-        (b"gravity = " + b"[" * 200 + b"]" * 200, DEEP),
-        (b"gravity = [{" + b"a." * 5000 + b"a = 1}]", DEEP),
-        (b"name = " + b"9" * 5000, ".*digits"),
-        (b"name = 0x" + b"f" * 5000, ".* got a number of thousands of digits"),
-    ],
-    ids=["latin", "syntax", "brackets", "lists", "dots", "digits", "hexadecimal"],
-)
+@pytest.mark.parametrize(("content", "words"), [
+    ('name = "Mühle"'.encode("latin-1"), r"UTF-8 text, got byte 0xfc at offset 9\. Save"),
+    (b'name = "x"\ngravity = [0, 0, 9.81\nfriction = "lumped"\n', "TOML, got a syntax error: .*line 3"),
+    (b"gravity = " + b"[" * 2000, DEEP),
+    (b"gravity = " + b"[" * 200 + b"]" * 200, DEEP),
+    (b"gravity = [{" + b"a." * 5000 + b"a = 1}]", DEEP),
+    (b"name = " + b"9" * 5000, ".*digits"),
+    (b"name = 0x" + b"f" * 5000, ".* got a number of thousands of digits"),
+], ids=["latin", "syntax", "brackets", "lists", "dots", "digits", "hexadecimal"])  # fmt: skip
 def test_a_file_that_is_no_toml_is_refused(tmp_path, content, words):
     (tmp_path / "broken.toml").write_bytes(content)
     with pytest.raises(ModelError, match=rf"broken\.toml: (name: )?expected {words}"):

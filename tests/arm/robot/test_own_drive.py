@@ -156,16 +156,13 @@ ROWS = HEAD + "@dataclass(frozen=True, eq=False, kw_only=True)\nclass Rows:\n   
 STATE = HEAD + "MINE = DriveOption(state=OptionState('tau_s', '1', 'x', 'y'))\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("no_such.py", r"drive must be a file of Python, got 'no_such.py'"),
-        ("x = \n", r"drive, line 1: invalid syntax"),
-        ("x = 1\ny = 1 / 0\n", r"drive, line 2: .*division by zero"),
-        ("x = 1\n", r"the file must have a DriveOption of vdfmu\.drive"),
-        (ROWS.format("K_f0") + "MINE = DriveOption()\n", r"K_f0: a name must be new"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("no_such.py", r"drive must be a file of Python, got 'no_such.py'"),
+    ("x = \n", r"drive, line 1: invalid syntax"),
+    ("x = 1\ny = 1 / 0\n", r"drive, line 2: .*division by zero"),
+    ("x = 1\n", r"the file must have a DriveOption of vdfmu\.drive"),
+    (ROWS.format("K_f0") + "MINE = DriveOption()\n", r"K_f0: a name must be new"),
+])  # fmt: skip
 def test_a_file_that_is_no_drive_is_refused(text, message):
     with pytest.raises(ModelError, match=message):
         robot_from_dict(data_of(text, mine={}))

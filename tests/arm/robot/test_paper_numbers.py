@@ -11,22 +11,14 @@ ARM = load_robot("manipulator_6dof")
 
 # Mass [kg], moment of inertia [kg.m2], centroid [m] of links 1 to 6.
 TABLE_1 = [
-    (3.2, 0.0056, [0, 0, 0.15]),
-    (3.2, 0.0044, [0, 0, 0]),
-    (2.0, 0.0035, [0, 0, 0]),
-    (2.0, 0.0031, [0, 0, 0.1515]),
-    (1.2, 0.0026, [0, 0, 0]),
-    (1.2, 0.0021, [0, 0, -0.25]),
-]
+    (3.2, 0.0056, [0, 0, 0.15]), (3.2, 0.0044, [0, 0, 0]), (2.0, 0.0035, [0, 0, 0]), (2.0, 0.0031, [0, 0, 0.1515]),
+    (1.2, 0.0026, [0, 0, 0]), (1.2, 0.0021, [0, 0, -0.25]),
+]  # fmt: skip
 # f_c [N.m], f_s [N.m], f_v [N.m.s/rad], v_s [rad/s], f_ck [N.m] of joints 1 to 6.
 TABLE_2 = [
-    (0.49, 3.5, 0.15, 0.19, 0.05),
-    (0.49, 3.5, 0.15, 0.19, 0.05),
-    (0.31, 2.8, 0.12, 0.15, 0.03),
-    (0.31, 2.8, 0.12, 0.15, 0.03),
-    (0.1, 0.7, 0.03, 0.03, 0.01),
-    (0.1, 0.7, 0.03, 0.03, 0.01),
-]
+    (0.49, 3.5, 0.15, 0.19, 0.05), (0.49, 3.5, 0.15, 0.19, 0.05), (0.31, 2.8, 0.12, 0.15, 0.03),
+    (0.31, 2.8, 0.12, 0.15, 0.03), (0.1, 0.7, 0.03, 0.03, 0.01), (0.1, 0.7, 0.03, 0.03, 0.01),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("i", range(6))
@@ -49,13 +41,10 @@ def test_lengths_ratio_rotor_equations_34_to_36_and_drives_that_are_fitted_to_th
     c1, c2, c3, c4, c5, c6 = np.cos(q)
     s1, s2, s3, s4, s5, s6 = np.sin(q)
     printed = [
-        [[c1, -s1, 0], [s1, c1, 0], [0, 0, 1]],
-        [[c2, -s2, 0], [0, 0, -1], [s2, c2, 0]],
-        [[c3, -s3, 0], [s3, c3, 0], [0, 0, 1]],
-        [[0, 0, 1], [-c4, s4, 0], [-s4, -c4, 0]],
-        [[c5, -s5, 0], [0, 0, -1], [s5, c5, 0]],
-        [[c6, -s6, 0], [0, 0, 1], [-s6, -c6, 0]],
-    ]
+        [[c1, -s1, 0], [s1, c1, 0], [0, 0, 1]], [[c2, -s2, 0], [0, 0, -1], [s2, c2, 0]],
+        [[c3, -s3, 0], [s3, c3, 0], [0, 0, 1]], [[0, 0, 1], [-c4, s4, 0], [-s4, -c4, 0]],
+        [[c5, -s5, 0], [0, 0, -1], [s5, c5, 0]], [[c6, -s6, 0], [0, 0, 1], [-s6, -c6, 0]],
+    ]  # fmt: skip
     for i in range(6):
         c, s = np.cos(q[i]), np.sin(q[i])
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -99,16 +88,10 @@ def test_tables_4_and_5():
 @pytest.mark.parametrize(
     "name",
     [
-        "estimation",
-        "tracking",
-        "tracking_split",
-        "tracking_tuned",
-        "two_joint",
-        "two_joint_table5",
-        "planar_tracking",
-        "slider_tracking",
+        "estimation", "tracking", "tracking_split", "tracking_tuned", "two_joint", "two_joint_table5",
+        "planar_tracking", "slider_tracking",
     ],  # fmt: skip
-)
+)  # fmt: skip
 def test_gains_keep_the_sampled_loop_stable(name):
     scenario = load_scenario(name)
     robot = scenario.robot

@@ -50,45 +50,30 @@ def joints(draw: st.DrawFn) -> dict[str, Any]:
         "rotation": turn.tolist(),
         "offset": draw(point),
         "link": {
-            "mass": draw(positive(1e-3, 100)),
-            "centroid": draw(point),
+            "mass": draw(positive(1e-3, 100)), "centroid": draw(point),
             "inertia": ((inertia + inertia.T) / 2).tolist(),
         },
         "drive": {
-            "ell": draw(positive(1, 200)),
-            "I_m": draw(positive(1e-6, 1)),
-            "K_f0": draw(positive(1, 1e6)),
-            "c_f": draw(positive(1e-6, 1)),
-            "K_w0": draw(positive(1e-3, 1e3)),
-            "c_w": draw(positive(1e-3, 1e3)),
-            "theta_err_amplitude": draw(positive(0, 1e-3)),
-            "theta_err_phase": draw(positive(-4, 4)),
+            "ell": draw(positive(1, 200)), "I_m": draw(positive(1e-6, 1)), "K_f0": draw(positive(1, 1e6)),
+            "c_f": draw(positive(1e-6, 1)), "K_w0": draw(positive(1e-3, 1e3)), "c_w": draw(positive(1e-3, 1e3)),
+            "theta_err_amplitude": draw(positive(0, 1e-3)), "theta_err_phase": draw(positive(-4, 4)),
         },
         "friction": {
-            "f_c": f_c,
-            "f_s": f_c + draw(positive(0, 1)),
-            "f_v": draw(positive(0, 1)),
-            "v_s": draw(positive(1e-3, 1)),
-            "f_ck": draw(positive(0, 1)),
-            "eps": draw(positive(1e-6, 1)),
+            "f_c": f_c, "f_s": f_c + draw(positive(0, 1)), "f_v": draw(positive(0, 1)),
+            "v_s": draw(positive(1e-3, 1)), "f_ck": draw(positive(0, 1)), "eps": draw(positive(1e-6, 1)),
         },
-    }
+    }  # fmt: skip
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(joints(), min_size=1, max_size=3), st.sampled_from(["lumped", "split"]), st.booleans())
 def test_round_trip_of_random_robots(chain, friction, coupling):
     data = {
-        "name": "random",
-        "description": "",
-        "friction": friction,
-        "rotor_coupling": coupling,
-        "gravity": [0.0, 0.0, 9.81],
-        "tool_offset": [0.1, 0.0, 0.0],
-        "tool_rotation": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
-        "joints": chain,
+        "name": "random", "description": "", "friction": friction, "rotor_coupling": coupling,
+        "gravity": [0.0, 0.0, 9.81], "tool_offset": [0.1, 0.0, 0.0],
+        "tool_rotation": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "joints": chain,
         "sources": {"joints[1].link.mass": "drawn"},
-    }
+    }  # fmt: skip
     robot = robot_from_dict(data)
     assert robot.n == len(chain)
     assert robot.to_dict() == data
@@ -113,15 +98,12 @@ def test_a_payload_is_read_written_and_scaled_and_a_robot_without_has_none_to_se
         load_robot("planar_2dof").with_parameters(payload_mass=1.0)
 
 
-@pytest.mark.parametrize(
-    ("payload", "words"),
-    [
-        ({}, r"payload\.mass: expected a finite number >= 0 in kg, got nothing"),
-        ({"mass": -1.0}, r"payload\.mass: expected .* >= 0 in kg, got -1\.0"),
-        ({"mass": 1.0, "inertia": [1.0, 1.0, 3.0]}, r"payload\.inertia: expected no principal moment above"),
-        ({"mass": 1.0, "mas": 1.0}, r"payload\.mas: expected a known key"),
-    ],
-)
+@pytest.mark.parametrize(("payload", "words"), [
+    ({}, r"payload\.mass: expected a finite number >= 0 in kg, got nothing"),
+    ({"mass": -1.0}, r"payload\.mass: expected .* >= 0 in kg, got -1\.0"),
+    ({"mass": 1.0, "inertia": [1.0, 1.0, 3.0]}, r"payload\.inertia: expected no principal moment above"),
+    ({"mass": 1.0, "mas": 1.0}, r"payload\.mas: expected a known key"),
+])  # fmt: skip
 def test_a_payload_that_no_body_has_is_refused(payload, words):
     with pytest.raises(ModelError, match=words):
         robot_from_dict(load_robot("planar_2dof").to_dict() | {"payload": payload})

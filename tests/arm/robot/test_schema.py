@@ -52,15 +52,12 @@ def test_every_shipped_file_fits_and_what_a_scenario_can_set_has_its_unit_of_mea
     assert problems(scenario_schema(str(EXAMPLES / "arm.toml")), content(EXAMPLES / "scenario.toml")) == []
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "where"),
-    [
-        ("massive", 1.0, "joints.0.link: Additional properties"),
-        ("mass", "3", "joints.0.link.mass: '3' is not of type 'number'"),
-        ("mass", -1.0, "joints.0.link.mass: -1.0 is less than the minimum"),
-        ("centroid", [1.0], "joints.0.link.centroid: "),
-    ],
-)
+@pytest.mark.parametrize(("key", "value", "where"), [
+    ("massive", 1.0, "joints.0.link: Additional properties"),
+    ("mass", "3", "joints.0.link.mass: '3' is not of type 'number'"),
+    ("mass", -1.0, "joints.0.link.mass: -1.0 is less than the minimum"),
+    ("centroid", [1.0], "joints.0.link.centroid: "),
+])  # fmt: skip
 def test_wrong_values_of_a_robot_are_marked(key, value, where):
     data = copy.deepcopy(content(data_path("models") / "robots" / "planar_2dof.toml"))
     data["joints"][0]["link"][key] = value

@@ -213,20 +213,16 @@ def test_an_overloaded_brake_slips_and_a_stop_is_remembered(planar):
     assert np.array_equal(timed["phase"], found["phase"])
 
 
-@pytest.mark.parametrize(
-    ("unit", "values", "message"),
-    [
-        ("encoder", {"T_d": 0.0151}, r"T_d up to 15 periods; .*, got T_d = 0.0151 s, period = 0.001 s"),
-        ("encoder", {"bits[2]": 17.5}, r"whole numbers, got bits\[1\] = 17, bits\[2\] = 17.5"),
-        (
-            "communication",
-            {"T_d": 0.01, "T_j": 0.006},
-            r"T_d \+ T_j up to 15 periods; .*, got T_d = 0.01 s, T_j = 0.006 s, period = 0.001 s",
-        ),
-        ("communication", {"seed": 0.5}, "whole number"),
-        ("torque_sensor", {"seed": 1.5}, "whole number"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "values", "message"), [
+    ("encoder", {"T_d": 0.0151}, r"T_d up to 15 periods; .*, got T_d = 0.0151 s, period = 0.001 s"),
+    ("encoder", {"bits[2]": 17.5}, r"whole numbers, got bits\[1\] = 17, bits\[2\] = 17.5"),
+    (
+        "communication", {"T_d": 0.01, "T_j": 0.006},
+        r"T_d \+ T_j up to 15 periods; .*, got T_d = 0.01 s, T_j = 0.006 s, period = 0.001 s",
+    ),
+    ("communication", {"seed": 0.5}, "whole number"),
+    ("torque_sensor", {"seed": 1.5}, "whole number"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused(planar, tmp_path, unit, values, message):
     with pytest.raises((FmuError, UsageError), match=message):
         build_fmus(planar, tmp_path, units=[unit], start_values={unit: values})
@@ -265,12 +261,9 @@ def written(folder):
 def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
     """What a file feeds takes the place of what fed it in the system that it extends."""
     settings = {
-        "encoder.bits": 30.0,
-        "communication.loss": 0.1,
-        "communication.T_d": 0.0,
-        "communication.T_j": 1e-3,
+        "encoder.bits": 30.0, "communication.loss": 0.1, "communication.T_d": 0.0, "communication.T_j": 1e-3,
         "brake.t_stop": 0.6,
-    }
+    }  # fmt: skip
     results = vdfmu.run(written(tmp_path), stop=0.8, settings=settings, out=False, record=["plant.tau[*]"])
     assert (
         results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-8

@@ -74,13 +74,9 @@ def on_board(efmu: Efmu, board: Board, inputs: Rows, folder: Path) -> OnBoard:
     zig = [sys.executable, "-m", "ziglang", "cc", "-target", "thumb-freestanding-eabihf", f"-mcpu={board.cpu}", "-O2"]
     # with its own name for the folder of the headers: else zig takes an object that it made with others
     flags = [
-        "-ffp-contract=off",
-        "-ffunction-sections",
-        "-fdata-sections",
-        f"-I{folder}",
-        "-isystem",
+        "-ffp-contract=off", "-ffunction-sections", "-fdata-sections", f"-I{folder}", "-isystem",
         "/usr/include/newlib",
-    ]
+    ]  # fmt: skip
     defined = {"UNIT": efmu.name, "INPUTS": sum(widths.values()), "OUTPUTS": sum(outputs.values()), "ROWS": board.rows}
     run([*zig, "-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", *flags, "-c",
          f"{efmu.name}.c", "-o", "unit.o"], cwd=folder, seconds=600)  # fmt: skip

@@ -47,14 +47,11 @@ def test_an_fmu_that_is_up_to_date_is_left_alone(planar, tmp_path):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "change",
-    [
-        pytest.param(lambda robot: (robot.with_parameters(mass=[2.0, 1.1]), None), id="mass"),
-        pytest.param(lambda robot: (robot.with_parameters(tool_offset=[0.4, 0.1, 0.0]), None), id="structure"),
-        pytest.param(lambda robot: (robot, {"plant": {"q_0[2]": 0.25}}), id="start value"),
-    ],
-)
+@pytest.mark.parametrize("change", [
+    pytest.param(lambda robot: (robot.with_parameters(mass=[2.0, 1.1]), None), id="mass"),
+    pytest.param(lambda robot: (robot.with_parameters(tool_offset=[0.4, 0.1, 0.0]), None), id="structure"),
+    pytest.param(lambda robot: (robot, {"plant": {"q_0[2]": 0.25}}), id="start value"),
+])  # fmt: skip
 def test_a_change_gives_another_guid_and_a_new_file(planar, tmp_path, change):
     def guid(path: Path) -> str:
         return fmpy.read_model_description(path).guid
@@ -113,14 +110,10 @@ def test_an_fmu_holds_what_it_needs_and_no_copy_of_pythonfmu(fmus, unit_name):
     script = f"vdfmu_{unit_name}_slave"
     assert module == script
     assert names == {
-        "modelDescription.xml",
-        "documentation/index.html",
-        f"binaries/linux64/{path.stem}.so",
-        f"binaries/win64/{path.stem}.dll",
-        "resources/slavemodule.txt",
-        "resources/vdfmu.json",
+        "modelDescription.xml", "documentation/index.html", f"binaries/linux64/{path.stem}.so",
+        f"binaries/win64/{path.stem}.dll", "resources/slavemodule.txt", "resources/vdfmu.json",
         f"resources/{script}.py",
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.heavy
@@ -187,18 +180,15 @@ def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_nu
     assert (starts["mode"], starts["Lambda[1]"]) == ("1", "2.5")
 
 
-@pytest.mark.parametrize(
-    ("unit", "values", "words"),
-    [
-        ("plant", {"masss[1]": 1.0}, r"plant has no variable 'masss\[1\]'"),
-        ("plant", {"q[1]": 1.0}, r"start values of plant: q\[1\] is an output"),
-        ("plant", {"mass[1]": 0.0}, r"plant: mass\[1\]: expected a number above 0, got 0 kg"),
-        ("plant", {"mass[1]": "heavy"}, r"mass\[1\]: expected a number in kg, got 'heavy'"),
-        ("plant", {"f_s[2]": 0.01}, r"plant: f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.01 N.m, f_c\[2\] = 0.1 "),
-        ("feedforward", {"mode": 0.5}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 0.5"),
-        ("controller", {"ell[1]": 0.5, "K_p[2]": -1.0}, r"ell\[1\]: .* at least 1, got 0.5.*K_p\[2\]: .*got -1"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "values", "words"), [
+    ("plant", {"masss[1]": 1.0}, r"plant has no variable 'masss\[1\]'"),
+    ("plant", {"q[1]": 1.0}, r"start values of plant: q\[1\] is an output"),
+    ("plant", {"mass[1]": 0.0}, r"plant: mass\[1\]: expected a number above 0, got 0 kg"),
+    ("plant", {"mass[1]": "heavy"}, r"mass\[1\]: expected a number in kg, got 'heavy'"),
+    ("plant", {"f_s[2]": 0.01}, r"plant: f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.01 N.m, f_c\[2\] = 0.1 "),
+    ("feedforward", {"mode": 0.5}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 0.5"),
+    ("controller", {"ell[1]": 0.5, "K_p[2]": -1.0}, r"ell\[1\]: .* at least 1, got 0.5.*K_p\[2\]: .*got -1"),
+])  # fmt: skip
 def test_start_values_that_could_not_start_are_refused(planar, tmp_path, unit, values, words):
     with pytest.raises(UsageError, match=words):
         build_fmus(planar, tmp_path, start_values={unit: values}, backend="python")

@@ -66,13 +66,10 @@ def test_start_values_lie_within_their_limits_and_only_what_each_step_reads_is_t
     assert (
         tunable
         == {
-            "trajectory": set(),
-            "feedforward": {"Lambda", "K_V", "k_vq", "k_vkappa"},
-            "controller": {"K_p", "K_v", "tau_max"},
-            "plant": set(),
-            "estimator": {"tau_hat_max"},
+            "trajectory": set(), "feedforward": {"Lambda", "K_V", "k_vq", "k_vkappa"},
+            "controller": {"K_p", "K_v", "tau_max"}, "plant": set(), "estimator": {"tau_hat_max"},
         }[unit_name]
-    )
+    )  # fmt: skip
 
 
 def test_units_and_display_units_are_as_their_names_say(root):
@@ -119,12 +116,9 @@ def test_capabilities_are_declared_and_the_default_experiment_has_the_tolerance_
     unit = dict(root.find("CoSimulation").attrib)
     true = {name for name, value in unit.items() if value == "true"}
     assert true == {
-        "needsExecutionTool",
-        "canHandleVariableCommunicationStepSize",
-        "canNotUseMemoryManagementFunctions",
-        "canGetAndSetFMUstate",
-        "canSerializeFMUstate",
-    }
+        "needsExecutionTool", "canHandleVariableCommunicationStepSize", "canNotUseMemoryManagementFunctions",
+        "canGetAndSetFMUstate", "canSerializeFMUstate",
+    }  # fmt: skip
     assert unit["modelIdentifier"] == root.get("modelName")
     # Where there is none, importers hand the unit one of their own, of 1e-4.
     experiment = root.find("DefaultExperiment")

@@ -78,15 +78,9 @@ def test_the_controller_is_equation_58(open_unit, robot_name, robots, velocity, 
         unit.step(1e-3, **inputs)
         measured = inputs["q_dot" if velocity == 1 else "kappa_dot"]
         command = pd_control(
-            *gains.values(),
-            ell,
-            tau_max,
-            inputs["q_d"],
-            inputs["q_d_dot" if velocity else "kappa_dot_d"],
-            inputs["q"],
-            measured,
-            inputs["tau_m"],
-        )
+            *gains.values(), ell, tau_max, inputs["q_d"], inputs["q_d_dot" if velocity else "kappa_dot_d"],
+            inputs["q"], measured, inputs["tau_m"],
+        )  # fmt: skip
         same(unit.get("tau_e"), command.tau_e, scale=1e3)
         same(unit.get("tau"), command.tau, scale=1e2)
         assert np.all(np.abs(unit.get("tau")) <= tau_max)

@@ -34,17 +34,10 @@ def test_an_fmu_of_another_version_or_of_other_sources_is_refused_before_its_con
     assert words.endswith("Build the FMU again with `vdfmu build`.")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (None, "FileNotFoundError"),
-        ("", "JSONDecodeError"),
-        ("{}", "KeyError: 'unit'"),
-        ("[1, 2]", "TypeError"),
-        ("null", "TypeError"),
-        ("\x00\x01", "JSONDecodeError"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (None, "FileNotFoundError"), ("", "JSONDecodeError"), ("{}", "KeyError: 'unit'"), ("[1, 2]", "TypeError"),
+    ("null", "TypeError"), ("\x00\x01", "JSONDecodeError"),
+])  # fmt: skip
 def test_a_damaged_content_file_is_refused(copy_of, words_of_refusal, text, words):
     folder = copy_of("plant")
     path = folder / "resources" / "vdfmu.json"
@@ -54,19 +47,16 @@ def test_a_damaged_content_file_is_refused(copy_of, words_of_refusal, text, word
     assert said.endswith("Build the FMU again.")
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"unit": "controller"}, "belongs to unit 'controller', expected a file of Plant"),
-        ({"unit": "motor"}, "belongs to unit 'motor', expected a file of Plant"),
-        ({"robot": None}, "KeyError: 'robot'"),
-        ({"robot": 3}, "resources/vdfmu.json: the file: expected a table, got 3"),
-        ({"robot": {}}, "resources/vdfmu.json: name: expected a string"),
-        ({"start_values": {"mass[1]": 0.0}}, "start values of plant: mass[1]: expected a number above 0"),
-        ({"start_values": 3}, "TypeError"),
-        ({"tool": None}, "KeyError: 'tool'"),
-    ],
-)
+@pytest.mark.parametrize(("values", "words"), [
+    ({"unit": "controller"}, "belongs to unit 'controller', expected a file of Plant"),
+    ({"unit": "motor"}, "belongs to unit 'motor', expected a file of Plant"),
+    ({"robot": None}, "KeyError: 'robot'"),
+    ({"robot": 3}, "resources/vdfmu.json: the file: expected a table, got 3"),
+    ({"robot": {}}, "resources/vdfmu.json: name: expected a string"),
+    ({"start_values": {"mass[1]": 0.0}}, "start values of plant: mass[1]: expected a number above 0"),
+    ({"start_values": 3}, "TypeError"),
+    ({"tool": None}, "KeyError: 'tool'"),
+])  # fmt: skip
 def test_a_content_file_with_wrong_entries_is_refused(copy_of, words_of_refusal, values, words):
     said = words_of_refusal(change(copy_of("plant"), **values))
     assert "unit: instantiate failed: resources/vdfmu.json" in said

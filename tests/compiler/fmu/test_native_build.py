@@ -136,10 +136,8 @@ def test_backends_and_versions_replace_each_other(planar, tmp_path):
         return build_fmus(planar, tmp_path, units=["controller"], **options)["controller"].read_bytes()
 
     python, native, native_3 = (
-        build(backend="python"),
-        build(backend="native"),
-        build(backend="native", fmi_version="3.0"),
-    )
+        build(backend="python"), build(backend="native"), build(backend="native", fmi_version="3.0"),
+    )  # fmt: skip
     assert len({python, native, native_3}) == 3
     assert build(backend="python") == python
     assert build() == native  # the default
@@ -242,19 +240,16 @@ def test_a_file_that_the_compiler_refuses_is_named(cold):
         compile_library({"unit.c": unresolved}, "aarch64-linux", name="Plant", flags=("-Wl,-z,defs",))
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"backend": "native", "platforms": ["x86_64-linux", "win64"]},
-         r"no platform 'win64'. There are: x86_64-linux.*; and all\."),
-        ({"platforms": ["all", "foo"]}, "no platform 'foo'"),  # platforms ask for native FMUs
-        ({"backend": "native", "platforms": []}, "No platform is chosen"),
-        ({"backend": "rust"}, "no backend 'rust'. There are: python, native"),
-        ({"backend": "native", "fmi_version": "1.0"}, r"no FMI '1.0' here. There are: '2.0', '3.0'"),
-        ({"backend": "python", "fmi_version": "3.0"}, r"Python FMUs are of FMI 2.0, got 3.0"),
-        ({"backend": "python", "platforms": "all"}, "Platforms can be chosen for native FMUs only"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "words"), [
+    ({"backend": "native", "platforms": ["x86_64-linux", "win64"]},
+     r"no platform 'win64'. There are: x86_64-linux.*; and all\."),
+    ({"platforms": ["all", "foo"]}, "no platform 'foo'"),  # platforms ask for native FMUs
+    ({"backend": "native", "platforms": []}, "No platform is chosen"),
+    ({"backend": "rust"}, "no backend 'rust'. There are: python, native"),
+    ({"backend": "native", "fmi_version": "1.0"}, r"no FMI '1.0' here. There are: '2.0', '3.0'"),
+    ({"backend": "python", "fmi_version": "3.0"}, r"Python FMUs are of FMI 2.0, got 3.0"),
+    ({"backend": "python", "platforms": "all"}, "Platforms can be chosen for native FMUs only"),
+])  # fmt: skip
 def test_unknown_names_are_refused_with_the_known_ones(planar, tmp_path, options, words):
     with pytest.raises(UsageError, match=words):
         build_fmus(planar, tmp_path, **options)

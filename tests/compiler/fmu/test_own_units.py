@@ -211,15 +211,12 @@ def test_a_step_that_fails_at_a_later_sample_changes_nothing(own, form):
 
 
 @pytest.mark.parametrize("form", NATIVE)
-@pytest.mark.parametrize(
-    ("name", "values", "unknown", "known"),
-    [
-        ("LowPass", {"u": 0.3, "T": 0.2}, "der(y)", "u"),
-        ("Mixer", {"u": [0.3, 0.7], "way": 1}, "y", "u"),
-        ("Weights", {"q": [0.4, -0.3, 0.8]}, "y", "q"),
-        ("Words", {"w1": 0.3}, "der(h)", "d_x"),
-    ],
-)
+@pytest.mark.parametrize(("name", "values", "unknown", "known"), [
+    ("LowPass", {"u": 0.3, "T": 0.2}, "der(y)", "u"),
+    ("Mixer", {"u": [0.3, 0.7], "way": 1}, "y", "u"),
+    ("Weights", {"q": [0.4, -0.3, 0.8]}, "y", "q"),
+    ("Words", {"w1": 0.3}, "der(h)", "d_x"),
+])  # fmt: skip
 def test_directional_derivatives_are_the_limits_of_differences(own, form, name, values, unknown, known):
     """Differences over 2e-4: their error is 1e-8 / 6 of a third derivative, and 1e-12 of rounding."""
     unit = own(name, form)

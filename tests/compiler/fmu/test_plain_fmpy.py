@@ -61,12 +61,9 @@ def test_free_fall_conserves_energy_within_the_tolerance(fmus, tolerance):
     # A step errs by at most `tolerance` SI units in a state, the energy's derivatives by the states are up to 10 J,
     # and there are some 100 steps whose errors do not add up: 1 J times the tolerance. Seen: 3e-3 of it.
     result = simulate(
-        fmus["planar_2dof"]["plant"],
-        start_values=FREE | {"q_0[1]": 0.3},
-        stop_time=1.0,
-        output_interval=0.01,
+        fmus["planar_2dof"]["plant"], start_values=FREE | {"q_0[1]": 0.3}, stop_time=1.0, output_interval=0.01,
         relative_tolerance=tolerance,
-    )
+    )  # fmt: skip
     total = energy(result)
     assert np.abs(total - total[0]).max() < 1.0 * tolerance
     assert np.ptp(result["E_pot"]) > 1.0  # it did fall
@@ -78,12 +75,9 @@ def test_the_tolerance_of_the_experiment_is_the_solvers(fmus):
 
     def fall(tolerance: float) -> np.ndarray:
         result = simulate(
-            fmus["planar_2dof"]["plant"],
-            start_values=FREE | {"tolerance": 1e-4},
-            stop_time=0.3,
-            output_interval=0.01,
-            relative_tolerance=tolerance,
-        )
+            fmus["planar_2dof"]["plant"], start_values=FREE | {"tolerance": 1e-4}, stop_time=0.3,
+            output_interval=0.01, relative_tolerance=tolerance,
+        )  # fmt: skip
         return np.array([result["q[1]"], result["q[2]"]])
 
     exact = fall(1e-11)

@@ -178,17 +178,14 @@ def test_a_state_of_another_unit_or_robot_is_refused(open_unit):
         unit.fmu.setFMUstate(other.fmu.getFMUstate())
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda state: state | {"memory": state["memory"][:-1]}, r"the state is damaged: ValueError: .*reshape"),
-        (lambda state: {"guid": state["guid"]}, r"the state is damaged: KeyError: 'phase'"),
-        (lambda state: [1, 2, 3], r"expected a state of Plant with GUID .*, got something else"),
-        (lambda state: state | {"guid": 3}, r"expected a state of Plant .*, got one with GUID 3"),
-        (lambda state: state | {"phase": "ended"}, r"the state is damaged: KeyError"),
-        (lambda state: state | {"solver": {}}, r"the state is damaged: KeyError: 'h'"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda state: state | {"memory": state["memory"][:-1]}, r"the state is damaged: ValueError: .*reshape"),
+    (lambda state: {"guid": state["guid"]}, r"the state is damaged: KeyError: 'phase'"),
+    (lambda state: [1, 2, 3], r"expected a state of Plant with GUID .*, got something else"),
+    (lambda state: state | {"guid": 3}, r"expected a state of Plant .*, got one with GUID 3"),
+    (lambda state: state | {"phase": "ended"}, r"the state is damaged: KeyError"),
+    (lambda state: state | {"solver": {}}, r"the state is damaged: KeyError: 'h'"),
+])  # fmt: skip
 def test_a_damaged_state_is_refused_and_changes_nothing(open_unit, change, words):
     unit = open_unit("plant").start(q_0=[0.3, -0.2])
     unit.step(H)

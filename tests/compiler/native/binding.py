@@ -48,14 +48,10 @@ def read_variables(root: ET.Element) -> list[Variable]:
         names = tuple(f"{name}[{','.join(map(str, i))}]" if i else name for i in indices)
         found.append(
             Variable(
-                name,
-                int(element.attrib["valueReference"]),
-                _TYPES[kind],
-                element.attrib["causality"],
-                element.get("variability", "continuous"),
-                names,
+                name, int(element.attrib["valueReference"]), _TYPES[kind], element.attrib["causality"],
+                element.get("variability", "continuous"), names,
             )  # fmt: skip
-        )
+        )  # fmt: skip
     return found
 
 

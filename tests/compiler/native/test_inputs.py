@@ -124,18 +124,15 @@ def test_a_step_that_fails_or_a_rate_beyond_all_numbers_leaves_inputs_and_rates(
     assert unit.complete() == before
 
 
-@pytest.mark.parametrize(
-    ("rates", "order", "words"),
-    [
-        ({"tau": [1.0, 2.0]}, 2, r"tau\[1\]: expected a derivative of order 1, got one of order 2\."),
-        ({"tau": [1.0, 2.0]}, 0, r"of order 0\."),
-        ({"tau": [1.0, 2.0]}, -1, r"of order -1\."),
-        ({"tau": [1.0, np.nan]}, 1, r"tau\[2\]: expected a finite derivative, got nan\."),
-        ({"tau": [1.0, np.inf]}, 1, r"tau\[2\]: expected a finite derivative, got inf\."),
-        ({"tau": [1.0, 1.0], "q": [0.0, 0.0]}, 1, r"expected inputs, got q\[1\]\."),
-        ({"mass": [0.0, 0.0]}, 1, r"expected inputs, got mass\[1\]\."),
-    ],
-)
+@pytest.mark.parametrize(("rates", "order", "words"), [
+    ({"tau": [1.0, 2.0]}, 2, r"tau\[1\]: expected a derivative of order 1, got one of order 2\."),
+    ({"tau": [1.0, 2.0]}, 0, r"of order 0\."),
+    ({"tau": [1.0, 2.0]}, -1, r"of order -1\."),
+    ({"tau": [1.0, np.nan]}, 1, r"tau\[2\]: expected a finite derivative, got nan\."),
+    ({"tau": [1.0, np.inf]}, 1, r"tau\[2\]: expected a finite derivative, got inf\."),
+    ({"tau": [1.0, 1.0], "q": [0.0, 0.0]}, 1, r"expected inputs, got q\[1\]\."),
+    ({"mass": [0.0, 0.0]}, 1, r"expected inputs, got mass\[1\]\."),
+])  # fmt: skip
 def test_a_rate_that_makes_no_sense_is_refused_and_none_of_the_call_is_set(native, rates, order, words):
     unit = native().start()
     before = unit.complete()

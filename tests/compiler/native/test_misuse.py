@@ -51,42 +51,33 @@ def test_discard_where_the_standard_says_so(native, version):
     assert same_bits(unit.states(x).derivatives(), twin.derivatives())
 
 
-@pytest.mark.parametrize(
-    ("point", "size", "words"),
-    [
-        *((H, size, rf"a finite positive communication step, got {size} s\.") for size in (0.0, -0.0, -H, NAN, INF)),
-        *((point, H, r"the communication point t = 0.001 s, .*, got t = \S+ s\.")
-          for point in (0.0, 2 * H, H + 2e-9, -H, NAN, INF, 1e308)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("point", "size", "words"), [
+    *((H, size, rf"a finite positive communication step, got {size} s\.") for size in (0.0, -0.0, -H, NAN, INF)),
+    *((point, H, r"the communication point t = 0.001 s, .*, got t = \S+ s\.")
+      for point in (0.0, 2 * H, H + 2e-9, -H, NAN, INF, 1e308)),
+])  # fmt: skip
 def test_a_step_of_no_length_or_from_elsewhere_is_refused(native, version, unit_name, point, size, words):
     unit, twin = (native(unit_name, version).start().step() for _ in range(2))
     refused_step(unit, f"unit: doStep at t = 0.001 s failed: expected {words}", point, size)
     assert same_bits(unit.step().outputs(), twin.step().outputs())
 
 
-@pytest.mark.parametrize(
-    ("name", "start", "size", "words"),
-    [
-        ("controller", 1.7e308, 1e308, "expected a step that ends at a finite time, got 1e"),
-        ("plant", 1e9, 1e-8, r"expected a step that moves the time t = 1000000000\.0 s, got one of 1e-08 s"),
-    ],
-)
+@pytest.mark.parametrize(("name", "start", "size", "words"), [
+    ("controller", 1.7e308, 1e308, "expected a step that ends at a finite time, got 1e"),
+    ("plant", 1e9, 1e-8, r"expected a step that moves the time t = 1000000000\.0 s, got one of 1e-08 s"),
+])  # fmt: skip
 def test_a_step_to_a_time_that_numbers_do_not_have_is_refused(native, version, name, start, size, words):
     refused_step(native(name, version).start(start), words, start, size)
 
 
-@pytest.mark.parametrize(
-    ("experiment", "words"),
-    [
-        *(((1, x, 0.0, 0, 0.0), rf"a finite positive tolerance, got {x}\.") for x in (0.0, -1e-6, NAN, INF)),
-        ((1, 1e-17, 0.0, 0, 0.0), r"at least 1e-12, got 1e-17\."),
-        ((1, 0.5, 0.0, 0, 0.0), r"at most 0.1, got 0.5\."),
-        *(((0, 0.0, x, 0, 0.0), rf"a finite start time, got {x} s\.") for x in (NAN, INF)),
-        *(((0, 0.0, 1.0, 1, x), rf"a finite stop time not before the start time 1\.0 s, got {x} s\.")
-          for x in (0.5, NAN, INF)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("experiment", "words"), [
+    *(((1, x, 0.0, 0, 0.0), rf"a finite positive tolerance, got {x}\.") for x in (0.0, -1e-6, NAN, INF)),
+    ((1, 1e-17, 0.0, 0, 0.0), r"at least 1e-12, got 1e-17\."),
+    ((1, 0.5, 0.0, 0, 0.0), r"at most 0.1, got 0.5\."),
+    *(((0, 0.0, x, 0, 0.0), rf"a finite start time, got {x} s\.") for x in (NAN, INF)),
+    *(((0, 0.0, 1.0, 1, x), rf"a finite stop time not before the start time 1\.0 s, got {x} s\.")
+      for x in (0.5, NAN, INF)),
+])  # fmt: skip
 @pytest.mark.parametrize("kind", PHASES)
 def test_an_experiment_that_makes_no_sense_is_refused(native, version, kind, experiment, words):
     unit, twin = (native("plant", version, kind=kind) for _ in range(2))
@@ -114,16 +105,13 @@ def test_a_step_beyond_the_stop_time_is_refused(native, version, unit_name):
     refused_step(unit, words, 1.002, 1e-3)
 
 
-@pytest.mark.parametrize(
-    ("name", "variable", "value", "words"),
-    [
-        ("plant", "f_s[1]", 0.1, r"f_s\[1\]: expected f_s >= f_c, got f_s\[1\] = 0.1 N.m, f_c\[1\] = 0.3 N.m\."),
-        ("feedforward", "f_c[2]", 0.9, r"f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.2 N.m, f_c\[2\] = 0.9 N.m\."),
-        ("plant", "inertia[2,2,2]", -0.1, r"expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2"),
-        ("plant", "inertia[1,1,1]", 0.5, r"expected no principal moment of inertia above the sum .*, got .*0.5 kg.m2"),
-        ("plant", "f_s", [0.1, 0.05], r"f_s\[1\]: .*f_s\[2\]: "),  # all at once
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "variable", "value", "words"), [
+    ("plant", "f_s[1]", 0.1, r"f_s\[1\]: expected f_s >= f_c, got f_s\[1\] = 0.1 N.m, f_c\[1\] = 0.3 N.m\."),
+    ("feedforward", "f_c[2]", 0.9, r"f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.2 N.m, f_c\[2\] = 0.9 N.m\."),
+    ("plant", "inertia[2,2,2]", -0.1, r"expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2"),
+    ("plant", "inertia[1,1,1]", 0.5, r"expected no principal moment of inertia above the sum .*, got .*0.5 kg.m2"),
+    ("plant", "f_s", [0.1, 0.05], r"f_s\[1\]: .*f_s\[2\]: "),  # all at once
+])  # fmt: skip
 @pytest.mark.parametrize("late", [False, True])
 def test_parameters_that_do_not_fit_together_are_refused_when_the_unit_starts(
     native, version, name, variable, value, words, late
@@ -191,14 +179,11 @@ def test_another_guid_is_refused_with_both(model, version, guid):
     assert message.text == f"unit: {call} failed: expected the GUID or instantiation token {found.guid}, got {shown}."
 
 
-@pytest.mark.parametrize(
-    ("unit_name", "options", "words"),
-    [
-        ("plant", {"name": ""}, "failed: expected a name of the instance, got an empty one."),
-        *((name, {"kind": "ModelExchange"}, "has no continuous states and is for co-simulation only.")
-          for name in ("trajectory", "feedforward", "controller")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("unit_name", "options", "words"), [
+    ("plant", {"name": ""}, "failed: expected a name of the instance, got an empty one."),
+    *((name, {"kind": "ModelExchange"}, "has no continuous states and is for co-simulation only.")
+      for name in ("trajectory", "feedforward", "controller")),
+])  # fmt: skip
 def test_an_instance_without_a_name_or_of_another_kind_is_refused(model, version, unit_name, options, words):
     instance = Instance(model(unit_name, version), **options)
     assert instance.pointer is None

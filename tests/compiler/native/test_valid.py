@@ -51,13 +51,10 @@ def test_the_library_says_its_version(model, unit_name, version):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "flags",
-    [
-        ("-std=c11", "-O1", "-Wpedantic", "-Wconversion", "-Wno-sign-conversion", "-Wshadow"),
-        ("-std=gnu17", "-O0", "-Wmissing-prototypes"),
-    ],
-)
+@pytest.mark.parametrize("flags", [
+    ("-std=c11", "-O1", "-Wpedantic", "-Wconversion", "-Wno-sign-conversion", "-Wshadow"),
+    ("-std=gnu17", "-O0", "-Wmissing-prototypes"),
+])  # fmt: skip
 @pytest.mark.parametrize("unit", ["plant", "controller"])
 def test_gcc_has_no_warning(model, tmp_path, unit, version, flags):
     folder = model(unit, version).folder / "sources"

@@ -184,17 +184,14 @@ def test_a_unit_with_joints_needs_a_robot_and_its_instance_has_values():
         _ = Many(SLIDER).y
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("K", 1.0, r" has no 'K' to set\. There are: k, period, mode"),
-        ("g", [1.0, 2.0], r"\.g: expected shape \(3,\), got \(2,\)"),
-        ("mode", "quick", r"\.mode: expected slow or fast, got 'quick'"),
-        ("on", 0.5, r"\.on: expected True or False, got 0\.5"),
-        ("k", "stiff", r"\.k: expected numbers, got 'stiff'"),
-        ("k", None, r"\.k: expected numbers, got None"),
-    ],
-)
+@pytest.mark.parametrize(("name", "value", "words"), [
+    ("K", 1.0, r" has no 'K' to set\. There are: k, period, mode"),
+    ("g", [1.0, 2.0], r"\.g: expected shape \(3,\), got \(2,\)"),
+    ("mode", "quick", r"\.mode: expected slow or fast, got 'quick'"),
+    ("on", 0.5, r"\.on: expected True or False, got 0\.5"),
+    ("k", "stiff", r"\.k: expected numbers, got 'stiff'"),
+    ("k", None, r"\.k: expected numbers, got None"),
+])  # fmt: skip
 def test_an_instance_refuses_other_values(name, value, words):
     with pytest.raises(UsageError, match=f"Many{words}"):
         Many(SLIDER, **{name: value})
@@ -220,17 +217,14 @@ def test_start_values_of_an_interface_are_checked_and_the_experiment_keeps_input
 ONE_EACH = "expected parameters with one number for each"
 
 
-@pytest.mark.parametrize(
-    ("declared", "words"),
-    [
-        *(
-            ({"robot": RobotParameters(n)}, rf"RobotParameters\('{n}'\): {ONE_EACH}")
-            for n in ("rotation", "gravity", "mas")
-        ),
-        ({"u": Input("1", when="pyload")}, r"u: when: expected one of payload, limits, .*, got 'pyload'"),
-        ({"g": Parameter("1", JOINTS, start=[1.0, 2.0])}, r"Bad: g: start: expected numbers of shape \(3,\), got \[1"),
-    ],
-)
+@pytest.mark.parametrize(("declared", "words"), [
+    *(
+        ({"robot": RobotParameters(n)}, rf"RobotParameters\('{n}'\): {ONE_EACH}")
+        for n in ("rotation", "gravity", "mas")
+    ),
+    ({"u": Input("1", when="pyload")}, r"u: when: expected one of payload, limits, .*, got 'pyload'"),
+    ({"g": Parameter("1", JOINTS, start=[1.0, 2.0])}, r"Bad: g: start: expected numbers of shape \(3,\), got \[1"),
+])  # fmt: skip
 def test_declarations_that_do_not_fit_the_robot_are_refused(declared, words):
     with pytest.raises(UnitError, match=words):
         Interface(type("Bad", (Unit,), declared), SLIDER)
@@ -242,15 +236,12 @@ def test_names_of_units_are_words():
     assert [unit_name(unit) for unit in shipped_units().values()] == list(shipped_units())
 
 
-@pytest.mark.parametrize(
-    ("name", "exponents"),
-    [
-        ("1", {}), ("N.m", {"kg": 1, "m": 2, "s": -2}), ("m/s2", {"m": 1, "s": -2}), ("kg.m2", {"kg": 1, "m": 2}),
-        ("1/(N.m)", {"kg": -1, "m": -2, "s": 2}), ("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}),
-        ("V.s/m", {"kg": 1, "m": 1, "s": -2, "A": -1}), ("s-1", {"s": -1}), ("m/m", {}),
-        ("J/(kg.K)", {"m": 2, "s": -2, "K": -1}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "exponents"), [
+    ("1", {}), ("N.m", {"kg": 1, "m": 2, "s": -2}), ("m/s2", {"m": 1, "s": -2}), ("kg.m2", {"kg": 1, "m": 2}),
+    ("1/(N.m)", {"kg": -1, "m": -2, "s": 2}), ("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}),
+    ("V.s/m", {"kg": 1, "m": 1, "s": -2, "A": -1}), ("s-1", {"s": -1}), ("m/m", {}),
+    ("J/(kg.K)", {"m": 2, "s": -2, "K": -1}),
+])  # fmt: skip
 def test_a_unit_of_measurement_has_the_exponents_of_its_factors(name, exponents):
     assert measure(name).exponents == exponents
     assert measure(name).name == name

@@ -175,17 +175,14 @@ def test_interpolation_is_that_of_numpy_and_a_table_to_look_up_may_have_one_dime
     assert traced.group("y").tolist() == [5.0, 7.0, -2.0]
 
 
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        (lambda a: lookup(a, [0.0, 1.0, 2.0], [0.0, 1.0, 4.0]),
-         r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. Values at points are for interpolate"),
-        (lambda a: lookup(np.ones(2) * a, [0.0, 1.0, 2.0], [0.0, 1.0])[0],
-         r"lookup: expected a scalar x, .*got the shapes \(2,\), \(3,\) and \(2,\)"),
-        (lambda a: interpolate(a, [0.0, 1.0, 2.0], [0.0, 1.0]),
-         r"interpolate: expected points \(m,\) and values \(m, \.\.\.\), got \(3,\) and \(2,\)"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("value", "words"), [
+    (lambda a: lookup(a, [0.0, 1.0, 2.0], [0.0, 1.0, 4.0]),
+     r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. Values at points are for interpolate"),
+    (lambda a: lookup(np.ones(2) * a, [0.0, 1.0, 2.0], [0.0, 1.0])[0],
+     r"lookup: expected a scalar x, .*got the shapes \(2,\), \(3,\) and \(2,\)"),
+    (lambda a: interpolate(a, [0.0, 1.0, 2.0], [0.0, 1.0]),
+     r"interpolate: expected points \(m,\) and values \(m, \.\.\.\), got \(3,\) and \(2,\)"),
+])  # fmt: skip
 def test_tables_of_shapes_that_do_not_fit_are_refused(value, words):
     class Misshapen(Unit):
         """A table with edges or values too many."""

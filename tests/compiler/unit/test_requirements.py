@@ -66,17 +66,11 @@ def test_what_is_no_parameter_is_not_required(name):
         traced_requirements(Interface(unit, None))
 
 
-@pytest.mark.parametrize(
-    ("returned", "got"),
-    [
-        (None, "None"),
-        (["k"], r"\['k'\]"),
-        ({"stiffness": ("k > 0", 1.0)}, "'stiffness', which is not a parameter"),
-        ({"y": ("k > 0", 1.0)}, "'y', which is not a parameter"),
-        ({"k": 1.0}, "'k': 1.0"),
-        ({"k": ("k > 0", np.ones(3))}, r"'k': \('k > 0', array"),
-    ],
-)
+@pytest.mark.parametrize(("returned", "got"), [
+    (None, "None"), (["k"], r"\['k'\]"), ({"stiffness": ("k > 0", 1.0)}, "'stiffness', which is not a parameter"),
+    ({"y": ("k > 0", 1.0)}, "'y', which is not a parameter"), ({"k": 1.0}, "'k': 1.0"),
+    ({"k": ("k > 0", np.ones(3))}, r"'k': \('k > 0', array"),
+])  # fmt: skip
 def test_requirements_of_another_form_are_told_with_what_is_expected(returned, got):
     unit = type("Early", (Early,), {"requirements": lambda self: returned})
     words = f"requirements.. of Early: expected a parameter's name to its condition and one number.*got {got}"

@@ -114,11 +114,9 @@ def stepped(unit, end, steps, rates=None, **values):
 
 
 CASES = [
-    (Logistic, {}, 4.0, 1.0 / (1.0 + 9.0 * np.exp(-4.0))),
-    (Fading, {}, 2.0, 0.2),
-    (Chosen, {"law": 0}, 1.0, np.exp(-2.0)),
-    (Chosen, {"law": 1}, 1.0, 1.0 / 3.0),
-]
+    (Logistic, {}, 4.0, 1.0 / (1.0 + 9.0 * np.exp(-4.0))), (Fading, {}, 2.0, 0.2),
+    (Chosen, {"law": 0}, 1.0, np.exp(-2.0)), (Chosen, {"law": 1}, 1.0, 1.0 / 3.0),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("unit", "values", "end", "exact"), CASES)

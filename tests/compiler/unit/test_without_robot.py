@@ -180,19 +180,12 @@ def test_packages_speak_of_no_robot(inside, form, name):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "words",
-    [
-        "build motor.toml --out fmus",
-        "build motor.toml --out fmus_python --backend python",
-        "container motor.toml",
-        "reference motor.toml",
-        "check motor.toml",
-        "check drive.toml",
-        "run motor.toml --fmi 3.0 --master iterative --adaptive 1e-4 --out adaptive",
-        "tune motor.toml --vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --evaluations 4",
-    ],
-)
+@pytest.mark.parametrize("words", [
+    "build motor.toml --out fmus", "build motor.toml --out fmus_python --backend python", "container motor.toml",
+    "reference motor.toml", "check motor.toml", "check drive.toml",
+    "run motor.toml --fmi 3.0 --master iterative --adaptive 1e-4 --out adaptive",
+    "tune motor.toml --vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --evaluations 4",
+])  # fmt: skip
 def test_commands_work(inside, words):
     done = command(*words.split())
     assert done.exit_code == 0, done.output
@@ -236,19 +229,16 @@ def test_a_margin_needs_no_torque_of_a_motor(inside):
 TAKES_ONE = "takes a robot"
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("run motor.toml --robot planar_2dof", f"{TAKES_ONE}, got planar_2dof"),
-        ("container motor.toml --robot planar_2dof", TAKES_ONE),
-        ("modes planar_2dof --scenario motor.toml", TAKES_ONE),
-        ("motion motor.toml", "expected a robot, named in the file or by --robot"),
-        ("run motor.toml --unit controller=controller", "robot: expected one for controller, got none"),
-        ("run motor.toml --set robot.mass=3", "no component has a parameter mass of the robot"),
-        ("run motor.toml --set motor.payload_mass=3", "has no payload_mass"),
-        ("sweep run motor.toml --vary robot=planar_2dof --measure top=peak(motor.w)", TAKES_ONE),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    ("run motor.toml --robot planar_2dof", f"{TAKES_ONE}, got planar_2dof"),
+    ("container motor.toml --robot planar_2dof", TAKES_ONE),
+    ("modes planar_2dof --scenario motor.toml", TAKES_ONE),
+    ("motion motor.toml", "expected a robot, named in the file or by --robot"),
+    ("run motor.toml --unit controller=controller", "robot: expected one for controller, got none"),
+    ("run motor.toml --set robot.mass=3", "no component has a parameter mass of the robot"),
+    ("run motor.toml --set motor.payload_mass=3", "has no payload_mass"),
+    ("sweep run motor.toml --vary robot=planar_2dof --measure top=peak(motor.w)", TAKES_ONE),
+])  # fmt: skip
 def test_refusals_say_what_is_missing(inside, words, message):
     done = command(*words.split())
     assert done.exit_code != 0

@@ -140,47 +140,41 @@ d, q = ca.SX.sym("d", ca.Sparsity.diag(2)), ca.MX.sym("q")
 ROOT = ca.rootfinder("r", "newton", {"x": u, "g": u**2 - 2})(x0=q)["x"]
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (lambda: linear_unit(A, np.ones((3, 1)), C, D), r"B must have shape \(2, 2\), .*got \(3, 1\)"),
-        (lambda: linear_unit(A, B, np.full((3, 2), np.nan), D), "C must hold finite real numbers"),
-        (lambda: linear_unit(A * 1j, B, C, D), "A must hold finite real numbers"),
-        (lambda: linear_unit([], [], [], []), "must have an input and an output"),
-        (lambda: linear_unit(A, B, C, D, -1.0), "dt must be the time between samples in s, .*got -1"),
-        (lambda: casadi_unit(ca.Function("f", [x], [x[0]], ["x"], ["ode"])), r"shape of x, \(2, 1\), got \(1, 1\)"),
-        (lambda: casadi_unit(ca.Function("f", [d], [ca.sum1(d)], ["u"], ["y"])), "u must be dense, .*sparse"),
-        (lambda: casadi_unit(ca.Function("f", [x, u], [x, u], ["x", "z"], ["ode", "alg"])), "must not have .* alg"),
-        (lambda: casadi_unit(ca.Function("f", [q], [ROOT], ["q"], ["y"])), "must have scalar operations only"),
-        (lambda: table_unit({"a": [1, 2]}), "must have names, and two columns"),
-        (lambda: table_unit({"a": [1, 2], "b": [1, np.nan]}), "rows of finite numbers"),
-        (lambda: table_unit({"a": [1, 0], "b": [2, 3]}), "Column a must increase"),
-        (lambda: table_unit({"a": [1, 2], "b b": [2, 3], "b_b": [2, 3]}), "b_b must be one column"),
-        (lambda: table_unit({"a": [1, 2], "outputs": [2, 3]}), "cannot be called outputs"),
-        (lambda: table_unit({"a": [1, 2], "b [furlong]": [2, 3]}), "expected a unit of measurement"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("make", "match"), [
+    (lambda: linear_unit(A, np.ones((3, 1)), C, D), r"B must have shape \(2, 2\), .*got \(3, 1\)"),
+    (lambda: linear_unit(A, B, np.full((3, 2), np.nan), D), "C must hold finite real numbers"),
+    (lambda: linear_unit(A * 1j, B, C, D), "A must hold finite real numbers"),
+    (lambda: linear_unit([], [], [], []), "must have an input and an output"),
+    (lambda: linear_unit(A, B, C, D, -1.0), "dt must be the time between samples in s, .*got -1"),
+    (lambda: casadi_unit(ca.Function("f", [x], [x[0]], ["x"], ["ode"])), r"shape of x, \(2, 1\), got \(1, 1\)"),
+    (lambda: casadi_unit(ca.Function("f", [d], [ca.sum1(d)], ["u"], ["y"])), "u must be dense, .*sparse"),
+    (lambda: casadi_unit(ca.Function("f", [x, u], [x, u], ["x", "z"], ["ode", "alg"])), "must not have .* alg"),
+    (lambda: casadi_unit(ca.Function("f", [q], [ROOT], ["q"], ["y"])), "must have scalar operations only"),
+    (lambda: table_unit({"a": [1, 2]}), "must have names, and two columns"),
+    (lambda: table_unit({"a": [1, 2], "b": [1, np.nan]}), "rows of finite numbers"),
+    (lambda: table_unit({"a": [1, 0], "b": [2, 3]}), "Column a must increase"),
+    (lambda: table_unit({"a": [1, 2], "b b": [2, 3], "b_b": [2, 3]}), "b_b must be one column"),
+    (lambda: table_unit({"a": [1, 2], "outputs": [2, 3]}), "cannot be called outputs"),
+    (lambda: table_unit({"a": [1, 2], "b [furlong]": [2, 3]}), "expected a unit of measurement"),
+])  # fmt: skip
 def test_a_factory_refuses_what_is_no_unit(make, match):
     with pytest.raises((UsageError, UnitError), match=match):
         make()
 
 
-@pytest.mark.parametrize(
-    ("source", "content", "match"),
-    [
-        ("none.mat", None, "there is no such file"), ("model.txt", "1", "must be model.mat"),
-        ("broken.npz", "1", "broken.npz: cannot be read"), ("broken.casadi", "1", "broken.casadi: cannot be read"),
-        ("empty.npz", "", "empty.npz: cannot be read"), ("empty.csv", "", "must have names"),
-        ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
-        ("design.py:nothing", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
-        ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
-        ("fails.py:x", "1 / 0", r"fails\.py:x: ZeroDivisionError"),
-        ("ends.py:x", "raise SystemExit(3)", r"ends\.py:x: SystemExit: 3"),
-        ("odd.csv", "a,1b\n1,2\n2,3\n", r"^odd\.csv: Odd: a variable cannot be called 1b"),
-        ("short.csv", "a,b\n1,2\n", "two rows"),
-        ("words.csv", "a,b\n1,2\n3,x\n", "words.csv: Row 2 must have 2 numbers, got '3,x'"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("source", "content", "match"), [
+    ("none.mat", None, "there is no such file"), ("model.txt", "1", "must be model.mat"),
+    ("broken.npz", "1", "broken.npz: cannot be read"), ("broken.casadi", "1", "broken.casadi: cannot be read"),
+    ("empty.npz", "", "empty.npz: cannot be read"), ("empty.csv", "", "must have names"),
+    ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
+    ("design.py:nothing", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
+    ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
+    ("fails.py:x", "1 / 0", r"fails\.py:x: ZeroDivisionError"),
+    ("ends.py:x", "raise SystemExit(3)", r"ends\.py:x: SystemExit: 3"),
+    ("odd.csv", "a,1b\n1,2\n2,3\n", r"^odd\.csv: Odd: a variable cannot be called 1b"),
+    ("short.csv", "a,b\n1,2\n", "two rows"),
+    ("words.csv", "a,b\n1,2\n3,x\n", "words.csv: Row 2 must have 2 numbers, got '3,x'"),
+])  # fmt: skip
 def test_a_bad_source_is_named_and_leaves_no_file(design, source, content, match):
     if content is not None:
         (design / source.partition(":")[0]).write_text(content)

@@ -139,14 +139,11 @@ def bad(tmp_path, pack):
     return write
 
 
-@pytest.mark.parametrize(
-    ("code", "reason"),
-    [
-        ("os.kill(os.getpid(), 11)", r"the component crashed the process \(SIGSEGV\) \(federate g\)"),
-        ("os._exit(3)", r"the component ended the process \(exit code 3\) \(federate g\)"),
-        *heavy(("time.sleep(60.0)", r"no return within 6 s; .* \(federate g\)")),
-    ],
-)
+@pytest.mark.parametrize(("code", "reason"), [
+    ("os.kill(os.getpid(), 11)", r"the component crashed the process \(SIGSEGV\) \(federate g\)"),
+    ("os._exit(3)", r"the component ended the process \(exit code 3\) \(federate g\)"),
+    *heavy(("time.sleep(60.0)", r"no return within 6 s; .* \(federate g\)")),
+])  # fmt: skip
 def test_a_component_that_takes_its_federate_along_is_named_with_it(bad, federates, code, reason):
     """The others wait for it; none is left, and their rows are kept."""
     with pytest.raises(CosimError, match=rf"bad failed at t = 0\.5 s in doStep: {reason}") as info:

@@ -115,13 +115,11 @@ def test_signals_from_files_units_of_measurement_and_own_steps(pack, xml, federa
     )
     path = pack(
         [
-            "deg Degrees y:output mm:output",
-            "rad Radians u:input m:input",
-            c("p", "Plant", "u:input load:input y:output", own),
-            "g Gain u:input y:output",
+            "deg Degrees y:output mm:output", "rad Radians u:input m:input",
+            c("p", "Plant", "u:input load:input y:output", own), "g Gain u:input y:output",
         ],
         ["deg.y -> rad.u", "deg.mm -> rad.m", "g.y -> p.u", "p.y -> g.u"],
-    )
+    )  # fmt: skip
     t = np.linspace(0.0, 1.0, 5)
     options = {"stop": 1.0, "step": 0.25, "inputs": {"p.load": (t, np.sin(3.0 * t))}}
     one = vdfmu.simulate(path, algorithm="jacobi", **options)

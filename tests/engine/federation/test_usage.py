@@ -19,20 +19,17 @@ def package(pack):
     )
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"split": ["plan"]}, "split: the system has no component 'plan'; did you mean plant"),
-        ({"split": ["a", "plant,a"]}, "split: a is named twice, for the federates a and plant"),
-        ({"split": ["a,a"]}, "split: a is named twice"),
-        ({"split": ["r,a,plant"]}, "split: expected at least two federates, got r; name some of the components r, a"),
-        ({"split": []}, "split: expected at least two federates, got r"),
-        ({"split": ["a"], "only": "plant", "broker": "x:1"}, "no federate is named 'plant'; expected a, r"),
-        ({"split": ["a"], "only": "a"}, "federate a runs alone, and needs the address of a broker"),
-        ({"split": ["a"], "core": "pigeon"}, "core: expected tcp_ss, tcp, zmq, ipc, got 'pigeon'"),
-        ({"split": ["a"], "algorithm": "gauss-seidel"}, "algorithm must be jacobi for federates, got gauss-seidel"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"split": ["plan"]}, "split: the system has no component 'plan'; did you mean plant"),
+    ({"split": ["a", "plant,a"]}, "split: a is named twice, for the federates a and plant"),
+    ({"split": ["a,a"]}, "split: a is named twice"),
+    ({"split": ["r,a,plant"]}, "split: expected at least two federates, got r; name some of the components r, a"),
+    ({"split": []}, "split: expected at least two federates, got r"),
+    ({"split": ["a"], "only": "plant", "broker": "x:1"}, "no federate is named 'plant'; expected a, r"),
+    ({"split": ["a"], "only": "a"}, "federate a runs alone, and needs the address of a broker"),
+    ({"split": ["a"], "core": "pigeon"}, "core: expected tcp_ss, tcp, zmq, ipc, got 'pigeon'"),
+    ({"split": ["a"], "algorithm": "gauss-seidel"}, "algorithm must be jacobi for federates, got gauss-seidel"),
+])  # fmt: skip
 def test_a_wrong_split_is_a_usage_error(package, federates, options, message):
     with pytest.raises(UsageError, match=re.escape(message)):
         vdfmu.federate(package, step=0.1, **options)

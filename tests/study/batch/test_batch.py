@@ -100,14 +100,10 @@ def test_inputs_from_outside_and_both_masters(bench, master):
         assert not bench.needed
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"settings": {"plant.solver": "fixed_2"}},
-        *heavy(*({"units": {"controller": law}} for law in ("disturbance_observer", "virtual_decomposition"))),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [
+    {"settings": {"plant.solver": "fixed_2"}},
+    *heavy(*({"units": {"controller": law}} for law in ("disturbance_observer", "virtual_decomposition"))),
+], ids=str)  # fmt: skip
 def test_a_solver_with_a_fixed_number_of_steps_and_sampled_laws_of_control(bench, options):
     rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, stop=0.05, **options)
     assert_same_runs(rows, others)
@@ -188,14 +184,11 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
     np.testing.assert_allclose(found["end"][rest], well["end"][rest], rtol=0.0, atol=POSITION)
 
 
-@pytest.mark.parametrize(
-    ("over", "options", "words"),
-    [
-        ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
-        ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: decides what is compiled"),
-        ({"plant.mass[1]": "1, 2"}, {"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
-    ],
-)
+@pytest.mark.parametrize(("over", "options", "words"), [
+    ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
+    ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: decides what is compiled"),
+    ({"plant.mass[1]": "1, 2"}, {"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
+])  # fmt: skip
 def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options, words):
     with pytest.raises(UsageError, match=f"engine: batch: {words}(.|\n)*Take the engine fmu"):
         make_plan("planar_tracking", over, **options, engine="batch")

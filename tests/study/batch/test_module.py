@@ -69,16 +69,13 @@ def test_units_that_are_sampled_or_switched_by_time(tmp_path, master):
     assert_same_run(prepare(switched_file(tmp_path), master=master), {"b.period": 0.02, "a.f": 33.0})
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "settings"),
-    [
-        ("planar_tracking", {"stop": 0.1}, {}),
-        ("planar_tracking", {"stop": 0.05}, {"plant.solver": "fixed_2"}),
-        *heavy(("planar_tracking", {"stop": 0.05, "units": {"controller": "disturbance_observer"}}, {})),
-        *heavy(*((n, {"stop": 0.1}, {}) for n in ("tracking", "two_arms", "slider_tracking", "wall", "screw"))),
-        *heavy(("estimation", {"stop": 0.1}, {})),
-    ],
-)
+@pytest.mark.parametrize(("name", "options", "settings"), [
+    ("planar_tracking", {"stop": 0.1}, {}),
+    ("planar_tracking", {"stop": 0.05}, {"plant.solver": "fixed_2"}),
+    *heavy(("planar_tracking", {"stop": 0.05, "units": {"controller": "disturbance_observer"}}, {})),
+    *heavy(*((n, {"stop": 0.1}, {}) for n in ("tracking", "two_arms", "slider_tracking", "wall", "screw"))),
+    *heavy(("estimation", {"stop": 0.1}, {})),
+])  # fmt: skip
 def test_an_arm_with_fixed_steps_or_a_sampled_law_and_the_shipped_scenarios(name, options, settings):
     assert_same_run(prepare(name, **options), settings)
 

@@ -128,31 +128,28 @@ def test_devices_of_a_system_are_part_of_what_the_agent_acts_through(tmp_path):
     env.close()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"hold": 7}, "whole multiple, got 7"),
-        ({"action": "plant.torque"}, "'plant.torque': expected a group of inputs"),
-        ({"seen": ("arm.q",)}, "arm: expected components of"),
-        ({"track": ("trajectory.q_d", "plant.kappa")}, "plant.kappa: expected one of what is seen"),
-        ({"limits": {"plant.x": 1.0}}, "plant.x: expected one of what is seen"),
-        ({"limits": {"plant.q": np.nan}}, "limits: plant.q: expected a finite number above 0, got nan"),
-        ({"hold": 2.5}, "whole multiple, got 2.5"),
-        ({"limit": [1.0, -1.0]}, "limit: expected a finite number above 0, got -1"),
-        ({"limit": [1, 2, 3]}, "limit: expected one number, or 2 for plant.tau, got"),
-        ({"error": 0.0}, "error: expected a finite number above 0, got 0"),
-        ({"effort": -1.0}, "effort: expected a finite number of at least 0, got -1"),
-        (
-            {"vary": {"plant.mass[2]": (1.5, 0.5)}},
-            r"vary: plant.mass\[2\]: expected two finite numbers, the lower first",
-        ),
-        ({"vary": {"plant.mass[2]": 1.0}}, "expected two finite numbers, the lower first, got 1.0"),
-        ({"vary": {"plant.mas[2]": (0.5, 1.5)}}, "plant.mas"),
-        ({"vary": {"plant.mass": (0.5, 1.5)}}, "vary: plant.mass: expected one parameter"),
-        ({"vary": 3}, "^vary: expected a mapping with texts as keys, got 3"),
-        ({"seen": "plant.q"}, "^seen: expected a sequence of texts, got 'plant.q'. Put it into a list"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"hold": 7}, "whole multiple, got 7"),
+    ({"action": "plant.torque"}, "'plant.torque': expected a group of inputs"),
+    ({"seen": ("arm.q",)}, "arm: expected components of"),
+    ({"track": ("trajectory.q_d", "plant.kappa")}, "plant.kappa: expected one of what is seen"),
+    ({"limits": {"plant.x": 1.0}}, "plant.x: expected one of what is seen"),
+    ({"limits": {"plant.q": np.nan}}, "limits: plant.q: expected a finite number above 0, got nan"),
+    ({"hold": 2.5}, "whole multiple, got 2.5"),
+    ({"limit": [1.0, -1.0]}, "limit: expected a finite number above 0, got -1"),
+    ({"limit": [1, 2, 3]}, "limit: expected one number, or 2 for plant.tau, got"),
+    ({"error": 0.0}, "error: expected a finite number above 0, got 0"),
+    ({"effort": -1.0}, "effort: expected a finite number of at least 0, got -1"),
+    (
+        {"vary": {"plant.mass[2]": (1.5, 0.5)}},
+        r"vary: plant.mass\[2\]: expected two finite numbers, the lower first",
+    ),
+    ({"vary": {"plant.mass[2]": 1.0}}, "expected two finite numbers, the lower first, got 1.0"),
+    ({"vary": {"plant.mas[2]": (0.5, 1.5)}}, "plant.mas"),
+    ({"vary": {"plant.mass": (0.5, 1.5)}}, "vary: plant.mass: expected one parameter"),
+    ({"vary": 3}, "^vary: expected a mapping with texts as keys, got 3"),
+    ({"seen": "plant.q"}, "^seen: expected a sequence of texts, got 'plant.q'. Put it into a list"),
+])  # fmt: skip
 def test_what_is_not_there_is_refused(options, message):
     with pytest.raises(UsageError, match=message):
         TrackingTask(short(), **options)
@@ -317,16 +314,13 @@ def test_a_scenario_is_opened_at_the_actions_of_an_environment():
     env.close()
 
 
-@pytest.mark.parametrize(
-    ("actions", "seen", "options", "message"),
-    [
-        ({"load.w": 1.0}, ["load.q"], {}, "'load.w': action must be a free input, but a connection feeds it"),
-        ({"motor.u": 1.0}, ["load.p"], {}, "'load.p': expected a group of outputs"),
-        ({"motor.u": (1.0, -1.0)}, ["load.q"], {}, "limit: expected finite bounds, the lower first"),
-        ({"motor.u": 1.0}, ["load.q"], {"vary": {"motor.R": (1, 2)}}, "vary: motor.R: must be one parameter"),
-        ({"motor.u": 1.0}, ["load.q"], {"hold": 7}, "whole multiple, got 7"),
-    ],
-)
+@pytest.mark.parametrize(("actions", "seen", "options", "message"), [
+    ({"load.w": 1.0}, ["load.q"], {}, "'load.w': action must be a free input, but a connection feeds it"),
+    ({"motor.u": 1.0}, ["load.p"], {}, "'load.p': expected a group of outputs"),
+    ({"motor.u": (1.0, -1.0)}, ["load.q"], {}, "limit: expected finite bounds, the lower first"),
+    ({"motor.u": 1.0}, ["load.q"], {"vary": {"motor.R": (1, 2)}}, "vary: motor.R: must be one parameter"),
+    ({"motor.u": 1.0}, ["load.q"], {"hold": 7}, "whole multiple, got 7"),
+])  # fmt: skip
 def test_wrong_environments_are_refused(drive, actions, seen, options, message):
     with pytest.raises(UsageError, match=message):
         drive.environment(actions, seen, reward_of, **options)

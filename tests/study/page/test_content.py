@@ -127,12 +127,9 @@ def test_figures_have_degrees_or_millimetres_and_torques_on_the_link(kind, angle
     values = {key: (one["unit"], *curves(one)[1][:, 0].tolist()) for key, one in found.items()}
     force = {"deg": "N.m", "mm": "N"}[unit]
     assert values == {
-        "position": (unit, *np.float32([0.25 * angle, 0.5 * angle])),
-        "tracking": (unit, np.float32(0.25 * angle)),
-        "torque": (force, 300.0, 200.0),
-        "compensation": (force, 100.0),
-        "torsion": (unit, np.float32(0.75 * angle)),
-    }
+        "position": (unit, *np.float32([0.25 * angle, 0.5 * angle])), "tracking": (unit, np.float32(0.25 * angle)),
+        "torque": (force, 300.0, 200.0), "compensation": (force, 100.0), "torsion": (unit, np.float32(0.75 * angle)),
+    }  # fmt: skip
 
 
 @pytest.mark.heavy
@@ -292,11 +289,9 @@ def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
         console.print(verdict_table(changed.summary))
     lines = [line.strip() for line in shown.get().splitlines()]
     assert lines[1:] == [
-        "1 of 3 checks pass, 1 doubtful, 1 failed",
-        "✓ good     First: as it should",
-        "✗ failed   Second <b>: 2 > 1",
+        "1 of 3 checks pass, 1 doubtful, 1 failed", "✓ good     First: as it should", "✗ failed   Second <b>: 2 > 1",
         "! doubtful Third: 3, of which there is more to say",
-    ]
+    ]  # fmt: skip
     assert checks_of({}) == []
 
 

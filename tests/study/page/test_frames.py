@@ -114,11 +114,8 @@ def test_the_scene_has_what_the_system_has_an_arm_after_the_one_that_carries_it(
     assert "F_e" not in scene["arms"][0]["signals"]  # of a load with a mass it is a part of the wrench
     (wall,) = scene_of(SystemDescription(load_scenario("wall")))["objects"]
     assert (wall["kind"], wall["direction"], wall["distance"], wall["tool"]) == (
-        "plane",
-        [0.0, 0.0, 1.0],
-        0.73,
-        "plant",
-    )
+        "plane", [0.0, 0.0, 1.0], 0.73, "plant",
+    )  # fmt: skip
     (screw,) = scene_of(SystemDescription(load_scenario("screw")))["objects"]
     assert (screw["kind"], screw["turn"], screw["pitch"]) == ("screw", "screw.turn", 0.5e-3)
     assert screw["forces"] == {"screw.N": "Axial force", "screw.T": "Torque about the axis"}

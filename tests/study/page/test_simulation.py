@@ -130,13 +130,10 @@ def test_a_page_stays_below_its_size(planar, monkeypatch):
     assert re.search(r"larger than 1 MB; make a page of this run alone\.$", found["reason"])
 
 
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"package": Path("none.ssp")}, "its package, system.ssp, is not beside the results"),
-        ({"package": Path(__file__)}, "it was not made with this cache"),
-    ],
-)
+@pytest.mark.parametrize(("changed", "words"), [
+    ({"package": Path("none.ssp")}, "its package, system.ssp, is not beside the results"),
+    ({"package": Path(__file__)}, "it was not made with this cache"),
+])  # fmt: skip
 def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
     found, binaries = found_in(planar, **changed)
     assert list(found) == ["reason"] and not binaries
@@ -144,13 +141,10 @@ def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
     assert words in found["reason"]
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
-        ({"inputs": {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}}, "some of its inputs come from files"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ({"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
+    ({"inputs": {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}}, "some of its inputs come from files"),
+])  # fmt: skip
 def test_a_system_without_a_program_is_not_simulated(tmp_path, options, words):
     vdfmu.run("planar_tracking", stop=0.01, out=tmp_path, reference=False, **options)
     assert words in found_in(tmp_path)[0]["reason"]
@@ -204,11 +198,8 @@ def simulated(browser: Browser, page: Path, changes: list[dict[str, Any]]) -> di
 def assert_same(found: dict[str, np.ndarray], results: Results) -> None:
     compared = [name for name in found if name in set(results.names)]
     assert {name.split("[")[0] for name in compared} >= {
-        "plant.q",
-        "plant.kappa_dot",
-        "controller.tau",
-        "trajectory.q_d",
-    }
+        "plant.q", "plant.kappa_dot", "controller.tau", "trajectory.q_d",
+    }  # fmt: skip
     for name in compared:
         tolerance = TOLERANCES.get(results.units[name], 1e-5)
         np.testing.assert_allclose(found[name], results[name][::10], rtol=0, atol=tolerance, err_msg=name)

@@ -219,10 +219,8 @@ def test_a_link_opens_the_sliders_as_they_were(run, browser):
     browser.run("document.querySelectorAll('.knob .chip')[0].click()")
     browser.run(f"(async () => {{ {DONE} await new Promise(d => setTimeout(d, 400)); }})()")
     address, changes, curves = (
-        browser.run("location.href"),
-        browser.run("report.simulation.changes()"),
-        simulated(browser, 1),
-    )
+        browser.run("location.href"), browser.run("report.simulation.changes()"), simulated(browser, 1),
+    )  # fmt: skip
     assert address.endswith("#controller.K_p=1_1_1.58&plant.mass=2_known")
     browser.open("about:blank")
     browser.open(address)

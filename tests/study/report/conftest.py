@@ -40,13 +40,10 @@ def make_results(n: int, points: int = POINTS, at_rest: bool = False) -> Results
     tau_m = 0.1 * np.cos(np.outer(time, phase))
     q = q_d - 1e-5 * phase * np.sin(5.0 * time)[:, None]
     columns = {
-        "trajectory.q_d": q_d,
-        "plant.q": q,
-        "plant.kappa": q + 1e-4 * phase,
-        "plant.p_O": forward_kinematics(make_robot(TYPES[n]), q)[0],
-        "feedforward.tau_m": tau_m,
+        "trajectory.q_d": q_d, "plant.q": q, "plant.kappa": q + 1e-4 * phase,
+        "plant.p_O": forward_kinematics(make_robot(TYPES[n]), q)[0], "feedforward.tau_m": tau_m,
         "controller.tau": tau_m + 1e-3 * phase * np.cos(7.0 * time)[:, None],
-    }
+    }  # fmt: skip
     names = [f"{name}[{i + 1}]" for name, values in columns.items() for i in range(values.shape[1])]
     signals = [Signal(name, "real", "", column) for column, name in enumerate(names)]
     return Results(time, signals, {"real": np.hstack(list(columns.values()))})

@@ -38,16 +38,13 @@ STABLE = Check("Sampled loops", "good", "stable")
 BOND = {"residual_energy_abs_j": [0.004, 0.004], "exchanged_energy_j": [16.0, 20.0]}
 
 
-@pytest.mark.parametrize(
-    ("value", "unit", "peak", "text"),
-    [
-        (2.89e-6, "m", 0, "2.89 µm"), (0.00289, "mm", 0, "2.89 µm"), (9.72e-5, "deg", 0, "97.2 µdeg"),
-        (999.6e-6, "m", 0, "1 mm"), (0.763, "deg", 0, "0.763 deg"), (0.0999, "deg", 0, "99.9 mdeg"),
-        (-1234.5, "N.m", 0, "−1230 N.m"), (-12345.0, "N.m", 0, "−12.3 kN.m"), (2350.0, "deg", 0, "2350 deg"),
-        (1.68e-18, "N.m", 1.0, "0 N.m"), (4.56e-13, "rad", 0, "4.56·10⁻¹³ rad"), (0.54, "", 0, "0.54"),
-        (float("nan"), "m", 0, "–"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("value", "unit", "peak", "text"), [
+    (2.89e-6, "m", 0, "2.89 µm"), (0.00289, "mm", 0, "2.89 µm"), (9.72e-5, "deg", 0, "97.2 µdeg"),
+    (999.6e-6, "m", 0, "1 mm"), (0.763, "deg", 0, "0.763 deg"), (0.0999, "deg", 0, "99.9 mdeg"),
+    (-1234.5, "N.m", 0, "−1230 N.m"), (-12345.0, "N.m", 0, "−12.3 kN.m"), (2350.0, "deg", 0, "2350 deg"),
+    (1.68e-18, "N.m", 1.0, "0 N.m"), (4.56e-13, "rad", 0, "4.56·10⁻¹³ rad"), (0.54, "", 0, "0.54"),
+    (float("nan"), "m", 0, "–"),
+])  # fmt: skip
 def test_a_number_has_three_digits_and_a_unit_that_fits(value, unit, peak, text):
     assert quantity(value, unit, peak) == text
 
@@ -79,29 +76,26 @@ OFF = {"value": 1.2, "size": 1.66, "unit": "m", "place": "tool", "at_s": 2.0}
 CONTACT = {"value": 85.8, "unit": "N", "at_s": 0.53}
 
 
-@pytest.mark.parametrize(
-    ("figures", "loops", "line"),
-    [
-        ({"unstable": UNSTABLE}, [LOOPS], "Failed: unstable since 0.49 s, joint 5"),
-        # the limit is a consequence, or the cause
-        ({"unstable": UNSTABLE, "saturated": SATURATED}, [LOOPS],
-         f"Failed: unstable since 0.49 s, joint 5; {LIMIT}, since 0.621 s"),
-        ({"unstable": UNSTABLE, "saturated": SATURATED | {"at_s": 0.0}}, [LOOPS],
-         f"Failed: {LIMIT}, from the start; unstable since 0.49 s, joint 5"),
-        ({"saturated": SATURATED, "joint_error": FIGURES["joint_error"], "margin": FIGURES["margin"]}, [STABLE],
-         f"Doubtful: {LIMIT}, since 0.621 s; joint 2 worst, 97.2 µdeg"),
-        ({"path": OFF}, [], "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s"),
-        ({"path": OFF | {"value": 0.17}, "tool_error": {"value": 0.17, "at_s": 2.0}}, [],
-         "Doubtful: off its path, tool off by 0.17 m at most, in a motion of 1.66 m, at 2 s"),
-        ({"path": OFF | {"value": 0.16}, "margin": FIGURES["margin"]}, [STABLE], "Good: stable; modulus margin 0.54"),
-        ({"path": OFF | {"value": 0.17}, "contact": CONTACT}, [],
-         "Good: in contact as meant since 0.53 s, 85.8 N at most"),
-        ({"path": OFF, "contact": CONTACT}, [],  # even there an arm has to follow
-         "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s"),
-        ({"path": OFF | {"value": 0.8, "place": "joint 6"}}, [STABLE], "Good: stable"),
-        ({}, [BLIND], "Doubtful: stability not judged (no derivatives)"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("figures", "loops", "line"), [
+    ({"unstable": UNSTABLE}, [LOOPS], "Failed: unstable since 0.49 s, joint 5"),
+    # the limit is a consequence, or the cause
+    ({"unstable": UNSTABLE, "saturated": SATURATED}, [LOOPS],
+     f"Failed: unstable since 0.49 s, joint 5; {LIMIT}, since 0.621 s"),
+    ({"unstable": UNSTABLE, "saturated": SATURATED | {"at_s": 0.0}}, [LOOPS],
+     f"Failed: {LIMIT}, from the start; unstable since 0.49 s, joint 5"),
+    ({"saturated": SATURATED, "joint_error": FIGURES["joint_error"], "margin": FIGURES["margin"]}, [STABLE],
+     f"Doubtful: {LIMIT}, since 0.621 s; joint 2 worst, 97.2 µdeg"),
+    ({"path": OFF}, [], "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s"),
+    ({"path": OFF | {"value": 0.17}, "tool_error": {"value": 0.17, "at_s": 2.0}}, [],
+     "Doubtful: off its path, tool off by 0.17 m at most, in a motion of 1.66 m, at 2 s"),
+    ({"path": OFF | {"value": 0.16}, "margin": FIGURES["margin"]}, [STABLE], "Good: stable; modulus margin 0.54"),
+    ({"path": OFF | {"value": 0.17}, "contact": CONTACT}, [],
+     "Good: in contact as meant since 0.53 s, 85.8 N at most"),
+    ({"path": OFF, "contact": CONTACT}, [],  # even there an arm has to follow
+     "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s"),
+    ({"path": OFF | {"value": 0.8, "place": "joint 6"}}, [STABLE], "Good: stable"),
+    ({}, [BLIND], "Doubtful: stability not judged (no derivatives)"),
+])  # fmt: skip
 def test_what_a_run_is_known_by_is_told_first(figures, loops, line):
     summary = {"key_figures": figures}
     summary["verdict"] = verdict(summary, [*loops])

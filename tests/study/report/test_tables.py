@@ -57,14 +57,11 @@ def test_tracking_rows_with_and_without_a_paper_and_units_behind_the_numbers_whe
     assert reference_sheet(summary).columns == ("Reference", "Position\n[rad or m]", "Torque\n[N.m or N]")
 
 
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        ({}, "An ideal case: plant and model are identical, and the gains are chosen."),
-        ({"plant_factors": {"mass": 1.02}}, "The plant differs from the model by chosen values."),
-        ({"settings": {"plant.K_f0": "500"}}, "The plant differs from the model by chosen values."),
-    ],
-)
+@pytest.mark.parametrize(("changed", "said"), [
+    ({}, "An ideal case: plant and model are identical, and the gains are chosen."),
+    ({"plant_factors": {"mass": 1.02}}, "The plant differs from the model by chosen values."),
+    ({"settings": {"plant.K_f0": "500"}}, "The plant differs from the model by chosen values."),
+])  # fmt: skip
 def test_below_the_errors_stands_why_they_are_small(changed, said):
     assert tracking_sheet({**TRACKING, **changed}).notes[-1].startswith(said)
     assert "chosen" not in str(tracking_sheet({**TRACKING, **changed, "paper": {}}).notes)

@@ -64,13 +64,10 @@ def test_an_entry_that_is_there_twice_is_a_note_and_one_that_is_missing_a_proble
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize(
-    ("code", "said"),
-    [
-        ("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n", "the process crashed (signal 11) in a run of 10"),
-        ("import os\nos._exit(0)\n", "the unit ended the process in a run of 10 steps"),
-    ],
-)
+@pytest.mark.parametrize(("code", "said"), [
+    ("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n", "the process crashed (signal 11) in a run of 10"),
+    ("import os\nos._exit(0)\n", "the unit ended the process in a run of 10 steps"),
+])  # fmt: skip
 def test_a_unit_that_ends_its_process_is_reported(changed, code, said):
     (problem,) = check_file(changed("none", {SCRIPT: code}))
     assert problem.startswith(said)
@@ -139,13 +136,10 @@ EXCHANGE = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1"><Mode
 <ModelVariables/><ModelStructure/></fmiModelDescription>"""
 
 
-@pytest.mark.parametrize(
-    ("text", "standard", "note"),
-    [
-        (OLD, "FMI 1.0", "FMI 1.0: fmpy and other importers run it"),
-        (EXCHANGE, "FMI 2.0", "no co-simulation: a master needs it"),
-    ],
-)
+@pytest.mark.parametrize(("text", "standard", "note"), [
+    (OLD, "FMI 1.0", "FMI 1.0: fmpy and other importers run it"),
+    (EXCHANGE, "FMI 2.0", "no co-simulation: a master needs it"),
+])  # fmt: skip
 def test_an_fmu_of_fmi_1_and_one_without_co_simulation_are_told_in_words(tmp_path, text, standard, note):
     (tmp_path / "m.fmu").write_bytes(zipped({"modelDescription.xml": text}))
     report = inspect_file(tmp_path / "m.fmu")
@@ -154,14 +148,11 @@ def test_an_fmu_of_fmi_1_and_one_without_co_simulation_are_told_in_words(tmp_pat
     assert any(p.startswith("no binary for this platform") for p in report.problems)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('fmiVersion="2.0"', 'fmiVersion="2.0.4"', "fmiVersion is '2.0.4'; expected 1.0, 2.0 or 3.0"),
-        ('fmiVersion="2.0"', 'fmiVersion=""', "has no fmiVersion"),
-        ("<DefaultExperiment[^/>]*", "<DefaultExperiment tolerance='1' stepSize='-1'", "stepSize is '-1'; expected"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('fmiVersion="2.0"', 'fmiVersion="2.0.4"', "fmiVersion is '2.0.4'; expected 1.0, 2.0 or 3.0"),
+    ('fmiVersion="2.0"', 'fmiVersion=""', "has no fmiVersion"),
+    ("<DefaultExperiment[^/>]*", "<DefaultExperiment tolerance='1' stepSize='-1'", "stepSize is '-1'; expected"),
+])  # fmt: skip
 def test_a_version_or_experiment_that_is_odd_is_told_and_not_run(fmus, changed, old, new, said):
     text = re.sub(old, new, members(fmus["plant"])["modelDescription.xml"].decode())
     report = inspect_file(changed("\0", {"modelDescription.xml": text}))

@@ -43,13 +43,10 @@ def problems(tmp_path):
 def test_references_that_lead_nowhere_hide_no_other_fault(problems):
     assert problems(local("a", 3, '<Real declaredType="Angle" start="0.5"/>', 'initial="exact"')) == []
     found = problems(
-        local("u", 3, '<Real unit="furlong" displayUnit="mile"/>'),
-        local("d", 4, '<Real derivative="99"/>'),
-        local("t", 5, '<Real declaredType="None"/>'),
-        local("p", 6, '<Real start="0"/>', 'causality="parameter"'),
-        local("s", 7, '<Real displayUnit="deg"/>'),
-        of="1 42",
-    )
+        local("u", 3, '<Real unit="furlong" displayUnit="mile"/>'), local("d", 4, '<Real derivative="99"/>'),
+        local("t", 5, '<Real declaredType="None"/>'), local("p", 6, '<Real start="0"/>', 'causality="parameter"'),
+        local("s", 7, '<Real displayUnit="deg"/>'), of="1 42",
+    )  # fmt: skip
     where = "modelDescription.xml, line"
     assert found == [
         f"{where} 8: variable 'd': derivative='99': expected the index of a variable, from 1 to 7",

@@ -118,17 +118,14 @@ def test_results_that_only_the_manifest_names_are_compared_with_quotes_arrays_an
     assert table.columns["b"].tolist() == [[1.0], [0.0]]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("time,x\n", "expected a head with 'time' and variables, and at least one row"),
-        ("time,x\n0,a\n", "line 2: could not convert"),
-        ("time,x\n0,1\n1,1 2\n", "column 'x': expected the same number of elements"),
-        ("time,x\n1,1\n0,1\n", "times must not decrease"),
-        ("time,x\n0,1\nnan,1\n", "line 3: times must be finite"),
-        ("time,x\n0,1\ninf,1\n", "line 3: times must be finite"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("time,x\n", "expected a head with 'time' and variables, and at least one row"),
+    ("time,x\n0,a\n", "line 2: could not convert"),
+    ("time,x\n0,1\n1,1 2\n", "column 'x': expected the same number of elements"),
+    ("time,x\n1,1\n0,1\n", "times must not decrease"),
+    ("time,x\n0,1\nnan,1\n", "line 3: times must be finite"),
+    ("time,x\n0,1\ninf,1\n", "line 3: times must be finite"),
+])  # fmt: skip
 def test_a_table_that_is_none(text, message):
     with pytest.raises(ValueError, match=message):
         read_table(text)

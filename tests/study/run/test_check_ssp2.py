@@ -80,12 +80,10 @@ def test_all_faults_of_connectors_and_connections_come_at_once(package):
         component("PDController", connector("q_d", "input", 0), connector("q_d_dot", "input", of="Int32")),
         component("Plant", connector("q", "output"), connector("E_kin", "output", 0)),
         links=connections(
-            "Plant.E_kin PDController.q_d",
-            "Plant.q PDController.q_d",
-            "Plant.q PDController.nothing",
+            "Plant.E_kin PDController.q_d", "Plant.q PDController.q_d", "Plant.q PDController.nothing",
             "Plant.q Nobody.q",
         ),
-    )
+    )  # fmt: skip
     assert inspect_file(package(text), run=False).problems == [
         "connection Plant.q -> PDController.q_d: duplicate source, PDController.q_d is already fed by Plant.E_kin",
         "connection Plant.q -> PDController.nothing: PDController declares no connector 'nothing'",
@@ -144,17 +142,14 @@ def test_values_are_held_against_the_variables_that_their_names_lead_to(package)
     ]
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "unit", "fault"),
-    [
-        ("tolerance", "0.1", "", ""),
-        ("tolerance", "1", "", "expected at most 0.1, the limit of the FMU, got 1"),
-        ("tolerance", "20", "percent", "expected at most 0.1, the limit of the FMU, got 0.2"),
-        ("tolerance", "5", "percent", ""),
-        ("q_dot_0", "1e300 -1e300", "", ""),  # no limits
-        ("mass", "1 -1", "", "expected at least 1e-12, the limit of the FMU, got -1"),
-    ],
-)
+@pytest.mark.parametrize(("name", "value", "unit", "fault"), [
+    ("tolerance", "0.1", "", ""),
+    ("tolerance", "1", "", "expected at most 0.1, the limit of the FMU, got 1"),
+    ("tolerance", "20", "percent", "expected at most 0.1, the limit of the FMU, got 0.2"),
+    ("tolerance", "5", "percent", ""),
+    ("q_dot_0", "1e300 -1e300", "", ""),  # no limits
+    ("mass", "1 -1", "", "expected at least 1e-12, the limit of the FMU, got -1"),
+])  # fmt: skip
 def test_values_lie_within_the_limits_of_the_fmu(package, name, value, unit, fault):
     size = len(value.split())
     inner = given(parameter(name, value, unit=unit, size=size if size > 1 else 0))

@@ -99,13 +99,10 @@ def of_time(system):
     return [action.unit for action in early.actions if isinstance(action, Evaluate)]
 
 
-@pytest.mark.parametrize(
-    ("settings", "units"),
-    [
-        ({}, ["trajectory", "feedforward"]),  # the feedforward reads no measurement, though it is connected to some
-        ({"feedforward.mode": 1}, ["trajectory"]),
-    ],
-)
+@pytest.mark.parametrize(("settings", "units"), [
+    ({}, ["trajectory", "feedforward"]),  # the feedforward reads no measurement, though it is connected to some
+    ({"feedforward.mode": 1}, ["trajectory"]),
+])  # fmt: skip
 def test_what_depends_on_the_time_alone_is_calculated_once_a_time(settings, units):
     system = WiredUnits(described("tracking", settings))
     assert of_time(system) == units

@@ -147,14 +147,9 @@ def test_the_algorithms_do_not_match_each_other(tmp_path):
 @pytest.mark.heavy
 def test_required_velocities_and_settings_reach_the_reference(tmp_path):
     settings = {
-        "feedforward__mode": "vdc",
-        "controller__velocity": "kappa_dot",
-        "plant__equilibrium": "false",
-        "plant__tau_s_0[1]": "3.0",
-        "plant__q_0[2]": "0.05",
-        "controller__tau_max": "2.0",
-        "plant__mass[1]": "4.0",
-    }
+        "feedforward__mode": "vdc", "controller__velocity": "kappa_dot", "plant__equilibrium": "false",
+        "plant__tau_s_0[1]": "3.0", "plant__q_0[2]": "0.05", "controller__tau_max": "2.0", "plant__mass[1]": "4.0",
+    }  # fmt: skip
     case = Case(tmp_path, "planar_tracking", "1e-9", **settings)
     case.require_same("gauss-seidel", 1e-3, 0.3)
 

@@ -111,12 +111,9 @@ def made(connections, values=None, **units):
 
 H, STOP = 0.01, 1.0
 CONTROLLED = {
-    "wish.r": ["feedback.r"],
-    "feedback.u": ["oscillator.u"],
-    "oscillator.x": ["sensor.x"],
-    "oscillator.a": ["sensor.a"],
-    "sensor.z": ["feedback.z"],
-}
+    "wish.r": ["feedback.r"], "feedback.u": ["oscillator.u"], "oscillator.x": ["sensor.x"],
+    "oscillator.a": ["sensor.a"], "sensor.z": ["feedback.z"],
+}  # fmt: skip
 
 
 def moved(x, v, u, duration):

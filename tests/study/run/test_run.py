@@ -221,17 +221,14 @@ def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
     assert len(results.time) == 11
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
-        ({"step": math.nan}, "step: expected a positive finite time, got nan s"),
-        ({"stop": -1.0}, "stop: expected a positive finite time, got -1 s"),
-        ({"step": 0.003}, "stop: expected a multiple of step = 0.003 s, got 2 s. The nearest is 2.001 s"),
-        ({"master": "gauss"}, "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'"),
-        ({"robot": "manipulator_7dof"}, "manipulator_7dof"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
+    ({"step": math.nan}, "step: expected a positive finite time, got nan s"),
+    ({"stop": -1.0}, "stop: expected a positive finite time, got -1 s"),
+    ({"step": 0.003}, "stop: expected a multiple of step = 0.003 s, got 2 s. The nearest is 2.001 s"),
+    ({"master": "gauss"}, "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'"),
+    ({"robot": "manipulator_7dof"}, "manipulator_7dof"),
+])  # fmt: skip
 def test_a_wrong_option_is_refused_before_anything_is_built(tmp_path, options, words):
     with pytest.raises((UsageError, ModelError), match=words.replace(".", r"\.")):
         vdfmu.run("planar_tracking", out=tmp_path / "out", **options)

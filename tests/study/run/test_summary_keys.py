@@ -36,18 +36,15 @@ def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
     assert all(key.text.endswith(".") for key in KEYS.values())
 
 
-@pytest.mark.parametrize(
-    ("found", "said"),
-    [
-        ({"separation": {"change": 1.0}}, "separation.max_position_difference_rad: is missing"),
-        (
-            {"verdict": {"state": "good", "words": "", "checks": [{"name": "a", "state": "good"}]}},
-            "verdict.checks[1].text: is missing",
-        ),
-        ({"position_units": ["deg", "ft"]}, 'position_units[2]: expected deg or mm, got "ft"'),
-        ({"power_bond": 3}, "power_bond: expected a table, got 3"),
-    ],
-)
+@pytest.mark.parametrize(("found", "said"), [
+    ({"separation": {"change": 1.0}}, "separation.max_position_difference_rad: is missing"),
+    (
+        {"verdict": {"state": "good", "words": "", "checks": [{"name": "a", "state": "good"}]}},
+        "verdict.checks[1].text: is missing",
+    ),
+    ({"position_units": ["deg", "ft"]}, 'position_units[2]: expected deg or mm, got "ft"'),
+    ({"power_bond": 3}, "power_bond: expected a table, got 3"),
+])  # fmt: skip
 def test_faults_of_a_summary_are_said(found, said):
     assert typed(found, {name: key.of for name, key in KEYS.items()})[1] == [said]
 

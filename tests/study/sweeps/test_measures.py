@@ -27,25 +27,22 @@ def results():
     return Results(T, signals, {"real": np.column_stack([Q, D, 1.0 - np.exp(-3.0 * T)])})
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("rms(motion.q_d - plant.q)", np.sqrt(np.mean((D - Q) ** 2, axis=0))),
-        ("peak(plant.q[1])", np.sin(T).max()),
-        ("max(plant.q) - min(plant.q)", np.ptp(Q, axis=0)),
-        ("worst(final(abs(plant.q)))", max(abs(np.sin(2.0)), 1.0)),
-        ("sum(mean(plant.q))", Q.mean(axis=0).sum()),
-        ("max(norm(plant.q))", np.linalg.norm(Q, axis=1).max()),
-        ("integral(plant.q[2])", 1.0),  # the trapezoidal rule is exact for lines
-        ("at(plant.q[2], 0.5)", 0.25),
-        ("first(motion.q_d[1]) ** 2 + 2", 3.0),
-        ("mean(plant.q[2] > 0.5)", np.mean(0.5 * T > 0.5)),
-        ("degrees(final(plant.q[2]))", 180.0 / np.pi),
-        ("std(plant.q)", Q.std(axis=0)),
-        ("-least(final(plant.q))", -min(np.sin(2.0), 1.0)),
-        ("rms(plant.q - final(plant.q))", np.sqrt(np.mean((Q - Q[-1]) ** 2, axis=0))),
-    ],
-)
+@pytest.mark.parametrize(("text", "value"), [
+    ("rms(motion.q_d - plant.q)", np.sqrt(np.mean((D - Q) ** 2, axis=0))),
+    ("peak(plant.q[1])", np.sin(T).max()),
+    ("max(plant.q) - min(plant.q)", np.ptp(Q, axis=0)),
+    ("worst(final(abs(plant.q)))", max(abs(np.sin(2.0)), 1.0)),
+    ("sum(mean(plant.q))", Q.mean(axis=0).sum()),
+    ("max(norm(plant.q))", np.linalg.norm(Q, axis=1).max()),
+    ("integral(plant.q[2])", 1.0),  # the trapezoidal rule is exact for lines
+    ("at(plant.q[2], 0.5)", 0.25),
+    ("first(motion.q_d[1]) ** 2 + 2", 3.0),
+    ("mean(plant.q[2] > 0.5)", np.mean(0.5 * T > 0.5)),
+    ("degrees(final(plant.q[2]))", 180.0 / np.pi),
+    ("std(plant.q)", Q.std(axis=0)),
+    ("-least(final(plant.q))", -min(np.sin(2.0), 1.0)),
+    ("rms(plant.q - final(plant.q))", np.sqrt(np.mean((Q - Q[-1]) ** 2, axis=0))),
+])  # fmt: skip
 def test_values(results, text, value):
     found = read_measures([f"m={text}"])[0].of(results)
     names = ["m"] if np.ndim(value) == 0 else ["m[1]", "m[2]"]
@@ -62,15 +59,12 @@ def test_settling_is_when_a_signal_stays_near_its_end_and_a_function_is_called_w
     assert measure.of(results) == {"rows": 201.0}
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("peak(inner.part.x / norm(inner.part.x))", "several elements in norm, got inner.part.x"),
-        ("worst(rms(inner.part.x))", r"several elements in worst, got rms\(inner.part.x\)"),
-        ("settling(plant.q, -1)", "expected a band above 0, got -1"),
-        ("9**9**9**9 * rms(plant.q[1])", "OverflowError"),  # as a whole number it has more digits than memory
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("peak(inner.part.x / norm(inner.part.x))", "several elements in norm, got inner.part.x"),
+    ("worst(rms(inner.part.x))", r"several elements in worst, got rms\(inner.part.x\)"),
+    ("settling(plant.q, -1)", "expected a band above 0, got -1"),
+    ("9**9**9**9 * rms(plant.q[1])", "OverflowError"),  # as a whole number it has more digits than memory
+])  # fmt: skip
 def test_functions_refuse_signals_that_they_are_not_for(results, text, words):
     with pytest.raises(UsageError, match=words):
         read_measures([f"m={text}"])[0].of(results)
@@ -160,20 +154,16 @@ def made(source, **names):
 HELPED = "def helper(x): return {scale} * x\ndef measure(results): return helper(len(results)) + K"
 
 
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [
-        (made(HELPED.format(scale=2), K=1), made(HELPED.format(scale=2), K=2)),
-        (made(HELPED.format(scale=2), K=1), made(HELPED.format(scale=3), K=1)),
-        (made("measure = lambda r, *, a=1: a"), made("measure = lambda r, *, a=2: a")),
-        (made("def f(g):\n  return lambda r: g(r)\nmeasure = f(lambda r: 1)"),
-         made("def f(g):\n  return lambda r: g(r)\nmeasure = f(lambda r: 2)")),
-        (made("measure = lambda r: T[0](r)", T=[made("measure = len")]), made("measure = lambda r: T[0](r)", T=[max])),
-        (made("class A:\n  def f(self): return 1\na = A()\nmeasure = lambda r: a.f()"),
-         made("class A:\n  def f(self): return 2\na = A()\nmeasure = lambda r: a.f()")),
-    ],
-    ids=["global", "helper", "keyword", "closure", "list", "class"],
-)  # fmt: skip
+@pytest.mark.parametrize(("first", "second"), [
+    (made(HELPED.format(scale=2), K=1), made(HELPED.format(scale=2), K=2)),
+    (made(HELPED.format(scale=2), K=1), made(HELPED.format(scale=3), K=1)),
+    (made("measure = lambda r, *, a=1: a"), made("measure = lambda r, *, a=2: a")),
+    (made("def f(g):\n  return lambda r: g(r)\nmeasure = f(lambda r: 1)"),
+     made("def f(g):\n  return lambda r: g(r)\nmeasure = f(lambda r: 2)")),
+    (made("measure = lambda r: T[0](r)", T=[made("measure = len")]), made("measure = lambda r: T[0](r)", T=[max])),
+    (made("class A:\n  def f(self): return 1\na = A()\nmeasure = lambda r: a.f()"),
+     made("class A:\n  def f(self): return 2\na = A()\nmeasure = lambda r: a.f()")),
+], ids=["global", "helper", "keyword", "closure", "list", "class"])  # fmt: skip
 def test_the_digest_has_what_a_function_refers_to(first, second):
     assert function_digest(first) != function_digest(second)
     assert function_digest(first) == function_digest(first)

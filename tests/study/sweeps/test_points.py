@@ -12,14 +12,11 @@ def one(text):
     return read_axes([text])[0]
 
 
-@pytest.mark.parametrize(
-    ("form", "values"),
-    [
-        ("lin(1, 3, 5)", [1.0, 1.5, 2.0, 2.5, 3.0]), ("log(1, 100, 3)", [1.0, 10.0, 100.0]),
-        ("log(-1, -100, 3)", [-1.0, -10.0, -100.0]), ("1, 2.5, 7", [1, 2.5, 7]), ("[4, 5]", [4, 5]),
-        ("inverse, vdc", ["inverse", "vdc"]), ("1, two", ["1", "two"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("form", "values"), [
+    ("lin(1, 3, 5)", [1.0, 1.5, 2.0, 2.5, 3.0]), ("log(1, 100, 3)", [1.0, 10.0, 100.0]),
+    ("log(-1, -100, 3)", [-1.0, -10.0, -100.0]), ("1, 2.5, 7", [1, 2.5, 7]), ("[4, 5]", [4, 5]),
+    ("inverse, vdc", ["inverse", "vdc"]), ("1, two", ["1", "two"]),
+])  # fmt: skip
 def test_values_of_a_grid(form, values):
     axis = one(f"a.b={form}")
     exact = isinstance(values[0], str)
@@ -29,15 +26,10 @@ def test_values_of_a_grid(form, values):
     assert starred.factor and str(starred) == "a.b=*lin(0.9, 1.1, 3)"
 
 
-@pytest.mark.parametrize(
-    ("form", "law"),
-    [
-        ("lin(2, 5)", stats.uniform(2.0, 3.0)),
-        ("log(0.1, 10)", stats.loguniform(0.1, 10.0)),
-        ("normal(3, 0.5)", stats.norm(3.0, 0.5)),
-        ("lognormal(2, 0.3)", stats.lognorm(0.3, scale=2.0)),
-    ],
-)
+@pytest.mark.parametrize(("form", "law"), [
+    ("lin(2, 5)", stats.uniform(2.0, 3.0)), ("log(0.1, 10)", stats.loguniform(0.1, 10.0)),
+    ("normal(3, 0.5)", stats.norm(3.0, 0.5)), ("lognormal(2, 0.3)", stats.lognorm(0.3, scale=2.0)),
+])  # fmt: skip
 def test_shares_are_those_of_the_distribution(form, law):
     u = np.linspace(0.01, 0.99, 99)
     # the same functions in another order: rounding of a few units
@@ -128,21 +120,18 @@ def test_a_file_that_cannot_be_read_is_said(tmp_path, content, words):
         draw([], str(path))
 
 
-@pytest.mark.parametrize(
-    ("over", "sample", "n", "words"),
-    [
-        (["a=lin(0, 1)"], "grid", None, "or their number"),
-        (["a=lin(0, 1, 3)"], "grid", 10, "^points: a grid .* leave it out"),
-        (["a=lin(0, 1)"], "lhs", None, "number of points"),
-        (["a=lin(0, 1)"], "lhs", 0, "number of points"),
-        ([], "grid", None, "^vary: expected at least one axis"),
-        ([f"a{i}=lin(0, 1, 100)" for i in range(4)], "grid", None, "at most"),
-        (["a=1"], "points.csv", None, "expected no axis with it"),
-        (["a=1"], "lhz", 3, "expected grid, lhs"),
-        (["a=lin(0, 1)"], "saltelli", 10**7, "at most"),
-        (["a=lin(0, 1)"], "lhs", -1, "seed: expected a number of at least 0, got -1"),
-    ],
-)
+@pytest.mark.parametrize(("over", "sample", "n", "words"), [
+    (["a=lin(0, 1)"], "grid", None, "or their number"),
+    (["a=lin(0, 1, 3)"], "grid", 10, "^points: a grid .* leave it out"),
+    (["a=lin(0, 1)"], "lhs", None, "number of points"),
+    (["a=lin(0, 1)"], "lhs", 0, "number of points"),
+    ([], "grid", None, "^vary: expected at least one axis"),
+    ([f"a{i}=lin(0, 1, 100)" for i in range(4)], "grid", None, "at most"),
+    (["a=1"], "points.csv", None, "expected no axis with it"),
+    (["a=1"], "lhz", 3, "expected grid, lhs"),
+    (["a=lin(0, 1)"], "saltelli", 10**7, "at most"),
+    (["a=lin(0, 1)"], "lhs", -1, "seed: expected a number of at least 0, got -1"),
+])  # fmt: skip
 def test_what_does_not_fit_together_is_said(over, sample, n, words):
     with pytest.raises(UsageError, match=words):
         draw(read_axes(over), sample, *((3, -1) if words.startswith("seed") else (n,)))

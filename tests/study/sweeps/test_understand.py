@@ -108,16 +108,13 @@ def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("over", "sample", "n", "kinds"),
-    [
-        ({"f.a": "log(1, 100, 7)", "f.b": "lin(0, 5, 6)"}, "grid", None, {"tornado"}),
-        ({f"f.x{i}": "lin(1, 2)" for i in range(11)}, "lhs", 120, {"tornado"}),
-        ({"f.a": "lin(0, 1, 9)"}, "grid", None, {"curve"}),
-        ({"f.a": "lin(0, 1, 9)", "f.m": "one, two"}, "grid", None, {"tornado"}),
-        ({"f.a": "lin(0, 1)", "f.b": "lin(0, 1)"}, "morris", 8, {"tornado"}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("over", "sample", "n", "kinds"), [
+    ({"f.a": "log(1, 100, 7)", "f.b": "lin(0, 5, 6)"}, "grid", None, {"tornado"}),
+    ({f"f.x{i}": "lin(1, 2)" for i in range(11)}, "lhs", 120, {"tornado"}),
+    ({"f.a": "lin(0, 1, 9)"}, "grid", None, {"curve"}),
+    ({"f.a": "lin(0, 1, 9)", "f.m": "one, two"}, "grid", None, {"tornado"}),
+    ({"f.a": "lin(0, 1)", "f.b": "lin(0, 1)"}, "morris", 8, {"tornado"}),
+])  # fmt: skip
 def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, over, sample, n, kinds):
     found = study(tmp_path / "s", over, lambda a, *others: 1e-3 + a**3, sample, n, fail=[2])
     files = found.plot(out=tmp_path / "figures")
@@ -232,11 +229,8 @@ def test_a_study_knows_the_units_of_its_axes_and_measures(tmp_path):
         measure=["error=rms(trajectory.q_d - plant.q)"], out=tmp_path / "study",
     )  # fmt: skip
     assert found.facts["units"] == {
-        "plant.K_f0[2]": "N.m/rad",
-        "plant.mass": "",
-        "feedforward.mode": "",
-        "error": "rad",
-    }
+        "plant.K_f0[2]": "N.m/rad", "plant.mass": "", "feedforward.mode": "", "error": "rad",
+    }  # fmt: skip
 
 
 def test_parts_do_not_repeat_what_the_study_is_and_the_worst_point_has_the_largest_value(tmp_path):

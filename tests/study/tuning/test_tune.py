@@ -251,29 +251,26 @@ def test_the_command_shows_before_and_after(tmp_path):
     assert "[controller]\nK_p = [" in result.output
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"vary": ["controller.K_x"]}, "controller.K_x: controller has no K_x"),
-        ({"vary": ["controller.K_p=normal(1, 2)"]}, "expected lin.FROM, TO. or log.FROM, TO."),
-        ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
-        ({"vary": ["trajectory.t_start"]}, "trajectory.t_start: expected a range, got 0 to 0"),  # a start value
-        ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
-        ({"vary": ["plant.mass"], "margin": 0.5}, "expected other parameters than those of the plant"),
-        ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
-        ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
-        ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),
-        ({"method": "best"}, "method: expected both, global, local, got best"),
-        ({"combine": "all"}, "combine: expected mean or worst, got all"),
-        ({"evaluations": 0}, "evaluations: expected at least 1, got 0"),
-        ({"time_limit": -1.0}, "time_limit: expected a positive time, got -1 s"),
-        ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
-        ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
-        ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
-        ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
-        ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "words"), [
+    ({"vary": ["controller.K_x"]}, "controller.K_x: controller has no K_x"),
+    ({"vary": ["controller.K_p=normal(1, 2)"]}, "expected lin.FROM, TO. or log.FROM, TO."),
+    ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
+    ({"vary": ["trajectory.t_start"]}, "trajectory.t_start: expected a range, got 0 to 0"),  # a start value
+    ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
+    ({"vary": ["plant.mass"], "margin": 0.5}, "expected other parameters than those of the plant"),
+    ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
+    ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
+    ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),
+    ({"method": "best"}, "method: expected both, global, local, got best"),
+    ({"combine": "all"}, "combine: expected mean or worst, got all"),
+    ({"evaluations": 0}, "evaluations: expected at least 1, got 0"),
+    ({"time_limit": -1.0}, "time_limit: expected a positive time, got -1 s"),
+    ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
+    ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
+    ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
+    ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
+    ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
+])  # fmt: skip
 def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
     given = {"vary": GAINS, "cost": ERRORS, "out": tmp_path / "search", "stop": 0.1, **options}
     with pytest.raises(UsageError, match=words):

@@ -45,15 +45,12 @@ def test_ellipsoids_have_the_inertia_of_their_links(name):
         np.testing.assert_allclose(inertia, robot.inertia[i], atol=1.01e-4 * np.abs(robot.inertia[i]).max())
 
 
-@pytest.mark.parametrize(
-    ("mass", "inertia", "note"),
-    [
-        (0.0, np.eye(3), "link 1 has no mass"),
-        (1.0, np.zeros((3, 3)), "link 1 is a point mass"),
-        (1.0, np.diag([-1.0, 1.0, 1.0]), "no body has principal moments -1, 1, 1"),
-        (1.0, np.diag([1.0, 1.0, 3.0]), "no body has principal moments 1, 1, 3"),
-    ],
-)
+@pytest.mark.parametrize(("mass", "inertia", "note"), [
+    (0.0, np.eye(3), "link 1 has no mass"),
+    (1.0, np.zeros((3, 3)), "link 1 is a point mass"),
+    (1.0, np.diag([-1.0, 1.0, 1.0]), "no body has principal moments -1, 1, 1"),
+    (1.0, np.diag([1.0, 1.0, 3.0]), "no body has principal moments 1, 1, 3"),
+])  # fmt: skip
 def test_what_no_ellipsoid_has_is_said(mass, inertia, note):
     parts, notes = inertia_parts(of(mass, inertia))
     assert len(notes) == 1

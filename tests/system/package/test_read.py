@@ -20,15 +20,12 @@ def test_entries_outside_the_package_are_refused(tmp_path, name):
     assert list(tmp_path.iterdir()) == [tmp_path / "x.ssp"]
 
 
-@pytest.mark.parametrize(
-    ("limit", "value", "sizes", "expected"),
-    [
-        ("MEMBER_LIMIT", 1000, [1000, 1001], "entry '1' has 1001 bytes; the limit is 1000"),
-        ("TOTAL_LIMIT", 1500, [1000, 1000], "the limit is 1500"),
-        ("COUNT_LIMIT", 10, [0] * 10, "has 11 entries; the limit is 10"),
-        ("DIRECTORY_LIMIT", 205, [0, 0, 0], "has a directory of 206 bytes; the limit is 205. Pack fewer files"),
-    ],
-)
+@pytest.mark.parametrize(("limit", "value", "sizes", "expected"), [
+    ("MEMBER_LIMIT", 1000, [1000, 1001], "entry '1' has 1001 bytes; the limit is 1000"),
+    ("TOTAL_LIMIT", 1500, [1000, 1000], "the limit is 1500"),
+    ("COUNT_LIMIT", 10, [0] * 10, "has 11 entries; the limit is 10"),
+    ("DIRECTORY_LIMIT", 205, [0, 0, 0], "has a directory of 206 bytes; the limit is 205. Pack fewer files"),
+])  # fmt: skip
 def test_what_is_large_is_refused(tmp_path, monkeypatch, limit, value, sizes, expected):
     monkeypatch.setattr(limits, limit, value)
     (found,) = problems(write(tmp_path / "x.ssp", ssd(), {str(k): bytes(size) for k, size in enumerate(sizes)}))

@@ -122,14 +122,11 @@ def test_an_xinclude_is_refused(tmp_path):
     assert "has an XInclude, not allowed" in found
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        "..%2fout.fmu", "%2e%2e/out.fmu", "..%5cout.fmu", "resources/../../out.fmu", "/etc/out.fmu", "%2Fetc/out.fmu",
-        "//host/out.fmu", "http://localhost:1/out.fmu", "file:///etc/out.fmu", "C:/out.fmu", "C:\\out.fmu",
-        "a.fmu?x=1",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("source", [
+    "..%2fout.fmu", "%2e%2e/out.fmu", "..%5cout.fmu", "resources/../../out.fmu", "/etc/out.fmu", "%2Fetc/out.fmu",
+    "//host/out.fmu", "http://localhost:1/out.fmu", "file:///etc/out.fmu", "C:/out.fmu", "C:\\out.fmu",
+    "a.fmu?x=1",
+])  # fmt: skip
 def test_sources_outside_the_package_are_refused(tmp_path, source):
     found = problems(write(tmp_path / "x.ssp", ssd(elements(component("a", source, binding(source)))), {"a.fmu": b""}))
     assert len(found) == 2
