@@ -161,10 +161,12 @@ def run_package(
     """
     if robot is not None and not live:
         raise UsageError("--robot: expected --live, which it is for.")
-    package, label, kept = _package_of(parts, connect or [])
+    package, source, kept = _package_of(parts, connect or [])
+    if source is not None and options["out"] is None:
+        options["out"] = Path("results", package.stem)
     with live_view(live, port, robot) as observer:
         options["observer"] = observer
-        _run_package(package, unpack_limit, label, **options)
+        _run_package(package, unpack_limit, source, **options)
     del kept
 
 
@@ -278,7 +280,7 @@ def report(
 
 
 def _run_package(
-    package: Path, unpack_limit: int | None, label: str | None = None, **options: Unpack[SystemOptions]
+    package: Path, unpack_limit: int | None, source: str | None = None, **options: Unpack[SystemOptions]
 ) -> None:
     """Run a package with what a command line says, and print what the run was."""
     from vdfmu.engine.package.limits import package_limit
@@ -291,7 +293,7 @@ def _run_package(
     try:
         with unit_messages() as log, package_limit(unpack_limit):
             options["log"] = log
-            results = run_system(package, label, **options)
+            results = run_system(package, source, **options)
     except (CosimError, Interrupted) as error:
         if error.results is not None:
             from vdfmu.study.report.page import write_failed  # takes long to import

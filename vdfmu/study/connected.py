@@ -268,7 +268,8 @@ def load(source: Scenario | str | os.PathLike[str]) -> System:
     """
     ending = "" if isinstance(source, Scenario) else Path(source).suffix.lower()
     if ending == ".fmu":
-        return connect({_word(Path(source).stem): source})  # pyright: ignore[reportArgumentType]
+        name = _word(Path(source).stem)  # pyright: ignore[reportArgumentType]
+        return connect({name: source}, name=name)  # pyright: ignore[reportArgumentType]
     if ending == ".ssp":
         return System(Path(source))  # pyright: ignore[reportArgumentType]
     with ExitStack() as stack:
