@@ -254,7 +254,7 @@ def judge(
 ) -> None:
     """Judge the error by communication of a system of FMUs.
 
-    Three runs with the step, its half and its quarter give the error of each connected signal.
+    Three runs with the step, its half and its quarter give the error of each signal behind a connection.
     The exit code is 0 if the system is right, 1 if not, 3 if this is not decided.
     """
     from vdfmu.study.connected import load as load_system
