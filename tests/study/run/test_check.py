@@ -78,12 +78,12 @@ def test_a_unit_without_its_script_is_a_problem_and_not_a_crash(changed, tmp_pat
 def test_a_unit_that_ends_its_process_is_reported_with_the_signal(changed):
     path = changed("none", {SCRIPT: "import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n"})
     (problem,) = check_file(path)
-    assert problem.startswith("the process crashed (signal 11) in a run of 10 steps")
+    assert problem.startswith("the process crashed (signal 11) in instantiate of a run of 10 steps")
 
 
 def test_a_unit_that_ends_its_process_without_an_error_is_reported(changed):
     path = changed("none", {SCRIPT: "import os\nos._exit(0)\n"})
-    assert check_file(path) == ["the unit ended the process in a run of 10 steps"]
+    assert check_file(path) == ["the unit ended the process in instantiate of a run of 10 steps"]
 
 
 def test_a_binary_for_another_platform_only_is_named(changed):
@@ -153,7 +153,7 @@ def test_an_fmu_of_fmi_1_and_one_without_co_simulation_are_told_in_words(tmp_pat
         "<ModelVariables/><ModelStructure/></fmiModelDescription>"
     )
     for text, standard, note in (
-        (description, "FMI 1.0", "FMI 1.0: fmpy and other importers run it"),
+        (description, "FMI 1.0", "FMI 1.0 for model exchange: fmpy runs it"),
         (exchange, "FMI 2.0", "no co-simulation: a master needs it"),
     ):
         with zipfile.ZipFile(tmp_path / "m.fmu", "w") as file:

@@ -23,6 +23,8 @@ _RUNS = 6
 class Bank:
     """All outputs and connected inputs of one kind, in one array: ``[outputs | inputs]``.
 
+    Local variables are the outputs of an FMU that has none.
+
     FMI calls fill it in place where they have the same type, one window for each unit's outputs and one
     for its inputs. In an input window the fresh inputs (see `Schedule`) come first.
     """
@@ -36,7 +38,7 @@ class Bank:
         self.output_windows: dict[str, slice] = {}
         self.input_windows: dict[str, slice] = {}
         for unit, description in checked.sources.items():
-            own = [v for v in description.named("output") if v.kind == kind]
+            own = [v for v in description.recordable if v.kind == kind]
             self.output_windows[unit] = slice(len(outputs), len(outputs) + len(own))
             outputs += [(unit, v) for v in own]
             fed = [

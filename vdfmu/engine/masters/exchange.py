@@ -187,7 +187,8 @@ class Exchange:
                 found.append((2 * order[unit] + int(i >= bank.outputs.size), signal))
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
-                self._watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
+                outputs = {i for i in chosen if bank.variables[i][1].causality == "output"}
+                self._watched = np.array(sorted(read | outputs), np.intp)
                 self._all_finite = _finite(bank.outputs, self._watched)
             if chosen:
                 stores.append(_store(rec, bank.memory, chosen))

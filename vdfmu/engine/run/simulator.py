@@ -33,7 +33,7 @@ from vdfmu.engine.run.session import Session
 
 @with_options
 def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]) -> Results:
-    """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
+    """Co-simulate a system of FMUs; those for model exchange are integrated.
 
     Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. How the algorithms pass values on
     is described in `vdfmu.engine.plan.schedule.make_schedule`.
