@@ -16,8 +16,7 @@ from vdfmu.study.options import RobotOptions
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
     from vdfmu.base.arrays import Floats
-    from vdfmu.study.identify.fit import Identified
-    from vdfmu.study.identify.score import LogScore
+    from vdfmu.study.identify.fit import Identified, LogScore
 
 
 _DESIGN = "Instead of a log"
@@ -147,7 +146,7 @@ def identify(
     _print(found, arm.joint_labels, None if true is None else found.of(true))
     scored, units = None, tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
     if other is not None and second is not None:
-        from vdfmu.study.identify.score import score
+        from vdfmu.study.identify.fit import score
 
         scored = score(found, arm, rows, second)
         _print_score(other.name, scored, arm.joint_labels, units)
@@ -160,7 +159,7 @@ def identify(
         written.append(plot)
     if residuals is not None:
         from vdfmu.base.style import save
-        from vdfmu.study.identify.score import score
+        from vdfmu.study.identify.fit import score
         from vdfmu.study.report.drawings import draw_residuals
 
         left = scored or score(found, arm, rows, rows)

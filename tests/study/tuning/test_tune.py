@@ -24,8 +24,7 @@ from vdfmu.study.analysis.loops import run_along
 from vdfmu.study.sweeps.job import Job, WiredSystem
 from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.worker import KILLED
-from vdfmu.study.tuning.evaluate import Evaluations
-from vdfmu.study.tuning.problem import make_problem
+from vdfmu.study.tuning.problem import Evaluations, make_problem
 
 ERRORS = "rms(trajectory.q_d - plant.q)"
 SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}

@@ -84,7 +84,7 @@ def linearize(
     opened : sequence of str
         For a system: inputs whose connections are cut; the signals that would reach them are the last outputs.
     **options : Any
-        For a system: `master`, `settings`, `backend`, see :func:`vdfmu.study.analysis.system.linearized`.
+        For a system: `master`, `settings`, `backend`, see :func:`vdfmu.study.analysis.loops.linearized`.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def linearize(
     if not isinstance(system, Robot) and place.ndim == 0:
         if dry:
             raise UsageError("linearize: dry: this is for an arm; a system has the friction of its parameters.")
-        from vdfmu.study.analysis.system import linearized
+        from vdfmu.study.analysis.loops import linearized
 
         found = linearized(system, float(place), **options)
         return found.sampled(opened) if sampled else found.continuous(opened)

@@ -27,7 +27,7 @@ from vdfmu.base.progress import counted
 from vdfmu.base.toml_file import toml_text
 from vdfmu.study.identify.fit import PRIOR, Identified, check_settings, identify
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.regressor import link_covariance, regressor
+from vdfmu.study.identify.problem import link_covariance, regressor
 from vdfmu.study.identify.rows import file_torques, rows_of, slope
 from vdfmu.study.identify.search import expected_deviations
 

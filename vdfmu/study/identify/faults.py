@@ -7,7 +7,7 @@ likely is noted.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -17,8 +17,7 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import LARGEST_NUMBER
-from vdfmu.study.identify.log_files import LogColumn
-from vdfmu.study.identify.regressor import regressor
+from vdfmu.study.identify.problem import regressor
 
 _UNEVEN = 0.01
 """Largest difference of a time step from the middle one, as a share, of rows that are taken as they are."""
@@ -40,6 +39,14 @@ _ROWS = 1000
 """Rows, at most, at which torques are compared with the motion."""
 _FEWER = 0.25
 """Share of the power that a torque leaves with its own joint, below which it fits another one better."""
+
+
+class LogColumn(NamedTuple):
+    """Values at times [s], and their unit; empty if the file has none."""
+
+    t: Floats
+    values: Floats
+    unit: str
 
 
 def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[str], problems: list[str]) -> Floats:

@@ -16,8 +16,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.study.identify.faults import fastest
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.problem import IdentificationProblem, TorqueParts
-from vdfmu.study.identify.regressor import Regressor, base_parameters, regressor
+from vdfmu.study.identify.problem import IdentificationProblem, Regressor, TorqueParts, base_parameters, regressor
 
 _BANDS = 3.0
 """The band of the second filter: times the frequency below which nearly all of the velocities' power is."""

@@ -13,7 +13,7 @@ from typing import Any
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.sweeps.job import Row, Task
-from vdfmu.study.sweeps.local import Chunks
+from vdfmu.study.sweeps.study import Chunks
 from vdfmu.study.sweeps.worker import Worker
 
 _PATIENCE = 300.0

@@ -25,8 +25,7 @@ from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOp
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.study import check_workers
-from vdfmu.study.tuning.evaluate import Evaluations, Score, SpentError
-from vdfmu.study.tuning.problem import make_problem
+from vdfmu.study.tuning.problem import Evaluations, Score, SpentError, make_problem
 from vdfmu.system.scenario.values import group_value
 
 _MISSED = 10.0
