@@ -35,35 +35,18 @@ if TYPE_CHECKING:
 
 def modes(
     robot: RobotArgument,
-    pose: Annotated[
-        str | None,
-        Option(
-            "Positions of the joints in rad or m (default 0).",
-            metavar="'Q1 Q2 ...'",
-            more="If end stops exclude 0, the middle between them.",
-        ),
-    ] = None,
-    scenario: Annotated[
-        str | None, Option("Modes over its motion, with a picture.", metavar="SCENARIO", names=known_scenarios)
-    ] = None,
-    bode: Annotated[
-        int | None,
-        Option(
-            "Draw the frequency response of a joint.",
-            metavar="JOINT",
-            more="Its rotor and link answer to its motor torque.",
-        ),
-    ] = None,
+    pose: Annotated[str | None, Option("Positions of the joints in rad or m (default 0).", metavar="'Q1 Q2 ...'",
+        more="If end stops exclude 0, the middle between them.")] = None,
+    scenario: Annotated[str | None, Option("Modes over its motion, with a picture.", metavar="SCENARIO",
+        names=known_scenarios)] = None,
+    bode: Annotated[int | None, Option("Draw the frequency response of a joint.", metavar="JOINT",
+        more="Its rotor and link answer to its motor torque.")] = None,
     dry: Annotated[bool, Option("Keep Coulomb and Stribeck friction, at rest.", flag="--dry-friction")] = False,
-    out: Annotated[
-        Path | None,
-        Option(
-            "Picture of --scenario or --bode.", more="Default: SCENARIO_modes.png or ROBOT_bode.png in this folder."
-        ),
-    ] = None,
+    out: Annotated[Path | None, Option("Picture of --scenario or --bode.",
+        more="Default: SCENARIO_modes.png or ROBOT_bode.png in this folder.")] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
-) -> None:
+) -> None:  # fmt: skip
     """Print the modes of an arm at rest.
 
     Natural frequencies, damping and shapes, with motors free and held.
@@ -183,16 +166,13 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
 def margins(
     system: Annotated[str, Positional("Scenario, or a system package.", metavar="[SCENARIO|FILE.ssp]")] = "tracking",
     robot: RobotOption = None,
-    at: Annotated[
-        list[float] | None,
-        Option("Time of the run in s. Repeatable.", more="Default: the times with the smallest margins."),
-    ] = None,
-    opened: Annotated[
-        list[str] | None, Option("Input to open a loop at (default tau). Repeatable.", flag="--loop", metavar="INPUT")
-    ] = None,
+    at: Annotated[list[float] | None, Option("Time of the run in s. Repeatable.",
+        more="Default: the times with the smallest margins.")] = None,
+    opened: Annotated[list[str] | None, Option("Input to open a loop at (default tau). Repeatable.", flag="--loop",
+        metavar="INPUT")] = None,
     as_json: JsonOption = False,
     **options: Unpack[LoopOptions],
-) -> None:
+) -> None:  # fmt: skip
     """Print the smallest stability margins of each loop over a run.
 
     They include the delays of the master. The exit code is 1 if the run is unstable.
@@ -235,23 +215,17 @@ def margins(
 
 def judge(
     system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO")],
-    wanted: Annotated[
-        float, Option("Largest error wanted, in % of a signal's peak.", metavar="PERCENT", more="Default 1.")
-    ] = 1.0,
+    wanted: Annotated[float, Option("Largest error wanted, in % of a signal's peak.", metavar="PERCENT",
+        more="Default 1.")] = 1.0,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
     master: Annotated[str | None, master_option] = None,
     settings: Annotated[Mapping[str, Any] | None, settings_option] = None,
-    meant: Annotated[
-        str | None,
-        Option(
-            "Meaning of discrete outputs without a declared period.",
-            choices=("sampled", "continuous"),
-            more="Sampled components keep the step as their period. By default both readings are printed.",
-        ),
-    ] = None,
+    meant: Annotated[str | None, Option("Meaning of discrete outputs without a declared period.",
+        choices=("sampled", "continuous"),
+        more="Sampled components keep the step as their period. By default both readings are printed.")] = None,
     as_json: JsonOption = False,
-) -> None:
+) -> None:  # fmt: skip
     """Judge the error by communication of a system of FMUs.
 
     Three runs with the step, its half and its quarter give the error of each connected signal.

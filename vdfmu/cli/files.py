@@ -38,33 +38,21 @@ if TYPE_CHECKING:
 
 
 def build(
-    scenario: Annotated[
-        str,
-        Positional(
-            "Scenario, or a unit.",
-            metavar="[SCENARIO|UNIT]",
-            more="A name or a file; a unit is controller, my_unit.py or my_units.py:Name.",
-        ),
-    ] = "tracking",
+    scenario: Annotated[str, Positional("Scenario, or a unit.", metavar="[SCENARIO|UNIT]",
+        more="A name or a file; a unit is controller, my_unit.py or my_units.py:Name.")] = "tracking",
     robot: RobotOption = None,
     out: Annotated[Path, Option("Folder of the FMUs.")] = Path("fmus"),
     backend: BackendOption = None,
     fmi: FmiOption = PYTHON_FMI.name,
-    platform: Annotated[
-        list[str] | None,
-        Option(
-            "x86_64-windows, .. or all. Repeatable.",
-            metavar="NAME",
-            more="Default: this machine. wasm32 is a module of WebAssembly.",
-        ),
-    ] = None,
+    platform: Annotated[list[str] | None, Option("x86_64-windows, .. or all. Repeatable.", metavar="NAME",
+        more="Default: this machine. wasm32 is a module of WebAssembly.")] = None,
     sources: Annotated[bool, Option("Carry the C of native FMUs in them.")] = True,
     target: Annotated[str, Option("efmi is code for microcontrollers.", choices=("fmi", "efmi"))] = "fmi",
     precision: Annotated[str, Option("Floating-point type of eFMI code.", choices=("double", "float32"))] = "double",
     step: Annotated[float | None, Option("Step of eFMI code in s.", more="Default: the scenario's, or 0.001.")] = None,
     settings: SetOption = None,
     overwrite: ForeignOption = False,
-) -> None:
+) -> None:  # fmt: skip
     """Build the FMUs of a scenario, or the FMU of a unit.
 
     The scenario's values are their start values.
@@ -147,15 +135,14 @@ def container(
 def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
-    form: Annotated[
-        str, Option("Version of SSP; 2.0 holds FMUs of FMI 3.0.", flag="--ssp", choices=tuple(SSP_FORMATS))
-    ] = SSP_1.name,
+    form: Annotated[str, Option("Version of SSP; 2.0 holds FMUs of FMI 3.0.", flag="--ssp",
+        choices=tuple(SSP_FORMATS))] = SSP_1.name,
     out: Annotated[Path | None, Option("File to write (default SCENARIO.ssp).")] = None,
     apart: Annotated[bool, Option("Wire arms from their links and joints.", flag="--decomposed")] = False,
     backend: BackendOption = None,
     settings: SetOption = None,
     overwrite: ForeignOption = False,
-) -> None:
+) -> None:  # fmt: skip
     """Pack the system of a scenario as an SSP.
 
     FMUs and parameters are inside. The FMUs have the scenario's values as start values too, for importers that do not
@@ -203,14 +190,13 @@ def reference(
 
 
 def check(
-    file: Annotated[
-        Path, Positional("FMU, SSP, SSD, TOML file or unit.", more="Of any tool; a unit is a file such as my_unit.py.")
-    ],
+    file: Annotated[Path, Positional("FMU, SSP, SSD, TOML file or unit.",
+        more="Of any tool; a unit is a file such as my_unit.py.")],
     no_run: Annotated[bool, Option("Read only; do not run the units' code.")] = False,
     as_json: JsonOption = False,
     unpack_limit: UnpackOption = None,
     robot: Annotated[str, option_of(RobotOptions, "robot", "Robot of a unit or system.")] = "planar_2dof",
-) -> None:
+) -> None:  # fmt: skip
     """Check an FMU or a system.
 
     Checks schema, rules, binaries for this platform, ten steps and reference results. The steps run code of the file

@@ -25,81 +25,40 @@ _CLOSE = 0.5
 
 
 def identify(
-    log: Annotated[
-        Path | None,
-        Positional(
-            "Log of a motion.",
-            more="Results of a run, CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads.",
-        ),
-    ] = None,
-    robot: Annotated[
-        str | None, option_of(RobotOptions, "robot", "Robot to start from: kinematics, ratios, the rest.")
-    ] = None,
-    column: Annotated[
-        dict[str, str] | None,
-        Option(
-            "Column of the log: 'tau=I{} [-1.81 N.m]'.",
-            flag="--column",
-            metavar="WHAT=NAME",
-            typed=TEXTS,
-            read=partial(read_settings, option="--column", form="WHAT=NAME, such as q=q_{}"),
-            more="WHAT is kappa, theta, tau, tau_link or q, or of one joint q[2]. NAME has {} for the joint. A unit "
-            "may follow in brackets, with a factor.",
-        ),
-    ] = None,
-    time: Annotated[
-        str, Option("Column of the times.", metavar="NAME", more="s, ms, us or ns may follow in brackets.")
-    ] = "",
+    log: Annotated[Path | None, Positional("Log of a motion.",
+        more="Results of a run, CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads.")] = None,
+    robot: Annotated[str | None, option_of(RobotOptions, "robot",
+        "Robot to start from: kinematics, ratios, the rest.")] = None,
+    column: Annotated[dict[str, str] | None, Option("Column of the log: 'tau=I{} [-1.81 N.m]'.", flag="--column",
+        metavar="WHAT=NAME", typed=TEXTS,
+        read=partial(read_settings, option="--column", form="WHAT=NAME, such as q=q_{}"),
+        more="WHAT is kappa, theta, tau, tau_link or q, or of one joint q[2]. NAME has {} for the joint. A unit may "
+        "follow in brackets, with a factor.")] = None,
+    time: Annotated[str, Option("Column of the times.", metavar="NAME",
+        more="s, ms, us or ns may follow in brackets.")] = "",
     band: Annotated[float | None, Option("Band of the equations in Hz.", more="Default: from the motion.")] = None,
-    prior: Annotated[
-        float,
-        Option(
-            "How far the links of the robot may be off.",
-            metavar="SHARE",
-            more="A share of masses and moments of inertia, and for centres of mass of the radius of gyration; inf if "
-            "nothing is known.",
-        ),
-    ] = 0.2,
-    other: Annotated[
-        Path | None, Option("Another log, to score the model with.", flag="--score", metavar="LOG")
-    ] = None,
+    prior: Annotated[float, Option("How far the links of the robot may be off.", metavar="SHARE",
+        more="A share of masses and moments of inertia, and for centres of mass of the radius of gyration; inf if "
+        "nothing is known.")] = 0.2,
+    other: Annotated[Path | None, Option("Another log, to score the model with.", flag="--score",
+        metavar="LOG")] = None,
     truth: Annotated[str | None, Option("Robot with the true values, to compare.", metavar="ROBOT")] = None,
     plot: Annotated[Path | None, Option("Picture of torques and residuals to draw.")] = None,
-    residuals: Annotated[
-        Path | None,
-        Option(
-            "Picture of the residuals over speed, load, ..",
-            more="Over speed, load, position and time, of the other log if there is one.",
-        ),
-    ] = None,
+    residuals: Annotated[Path | None, Option("Picture of the residuals over speed, load, ..",
+        more="Over speed, load, position and time, of the other log if there is one.")] = None,
     out: Annotated[Path | None, Option("Robot file to write; with --design the motion.")] = None,
     overwrite: OverwriteOption = False,
-    design: Annotated[
-        str | None,
-        Option(
-            "Choose the best motion to log for this robot.",
-            group=_DESIGN,
-            metavar="ROBOT",
-            more="It determines the parameters best; the width of their intervals is predicted.",
-        ),
-    ] = None,
+    design: Annotated[str | None, Option("Choose the best motion to log for this robot.", group=_DESIGN,
+        metavar="ROBOT", more="It determines the parameters best; the width of their intervals is predicted.")] = None,
     duration: Annotated[float | None, Option("Duration of the motion in s (default 60).", group=_DESIGN)] = None,
-    pose: Annotated[
-        str | None,
-        Option(
-            "Pose about which joints move (default several).",
-            group=_DESIGN,
-            metavar="'Q1 Q2 ...'",
-            more="Default: several about the middle.",
-        ),
-    ] = None,
+    pose: Annotated[str | None, Option("Pose about which joints move (default several).", group=_DESIGN,
+        metavar="'Q1 Q2 ...'", more="Default: several about the middle.")] = None,
     step: Annotated[float | None, Option("Step of the log in s (default 0.002).", group=_DESIGN)] = None,
     bits: Annotated[int | None, Option("Bits of the encoders (default 17).", group=_DESIGN)] = None,
-    noise: Annotated[
-        float | None, Option("Noise of torques over the largest (default 0.005).", group=_DESIGN, metavar="SHARE")
-    ] = None,
+    noise: Annotated[float | None, Option("Noise of torques over the largest (default 0.005).", group=_DESIGN,
+        metavar="SHARE")] = None,
     no_links: Annotated[bool, Option("There are no encoders behind the gears.", group=_DESIGN)] = False,
-) -> None:
+) -> None:  # fmt: skip
     """Estimate the parameters of an arm from a log of its motion.
 
     These are drives, friction, springs and base parameters.

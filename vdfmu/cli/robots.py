@@ -79,15 +79,13 @@ def import_file(
     file: Annotated[Path, Positional("URDF, or MuJoCo file (MJCF).")],
     base: Annotated[str | None, Option("Fixed link (default the root).", metavar="LINK")] = None,
     tip: Annotated[str | None, Option("Last link of the arm (default the last).", metavar="LINK")] = None,
-    drives: Annotated[
-        Path | None, Option("TOML file with drives, by names of joints.", more="Missing values are assumed.")
-    ] = None,
-    density: Annotated[
-        float | None, Option("Density in kg/m3 of bodies without a mass.", more="For boxes, cylinders and spheres.")
-    ] = None,
+    drives: Annotated[Path | None, Option("TOML file with drives, by names of joints.",
+        more="Missing values are assumed.")] = None,
+    density: Annotated[float | None, Option("Density in kg/m3 of bodies without a mass.",
+        more="For boxes, cylinders and spheres.")] = None,
     out: Annotated[Path | None, Option("Robot file to write (default FILE.toml).")] = None,
     overwrite: OverwriteOption = False,
-) -> None:
+) -> None:  # fmt: skip
     """Write a robot file from a URDF or a MuJoCo file.
 
     The file names the source of each number.

@@ -49,18 +49,12 @@ app = _SweepGroup(
 )
 def run(
     scenario: Annotated[str, Positional("Scenario, or a system package, .ssp.", names=known_scenarios)] = "tracking",
-    vary: Annotated[
-        list[str] | None,
-        Option(
-            "Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.",
-            metavar="TARGET=FORM",
-            more="TARGET is a parameter, or robot, master, step, stop, unit:COMPONENT. FORM is lin(a, b, n), "
-            "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before "
-            "it makes factors: *lin(0.9, 1.1).",
-        ),
-    ] = None,
+    vary: Annotated[list[str] | None, Option("Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.", metavar="TARGET=FORM",
+        more="TARGET is a parameter, or robot, master, step, stop, unit:COMPONENT. FORM is lin(a, b, n), log(a, b, n), "
+        "normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before it makes factors: "
+        "*lin(0.9, 1.1).")] = None,
     **options: Unpack[SweepOptions],
-) -> None:
+) -> None:  # fmt: skip
     """Run a scenario at many points, and keep a row for each.
 
     After Ctrl-C or a kill the same command continues where it stopped.
@@ -79,25 +73,18 @@ def run(
 
 
 StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
-ByOption = Annotated[
-    str | None,
-    Option(
-        "Measure or column (default the first).",
-        metavar="NAME",
-        more="Of a measure with several elements the largest counts.",
-    ),
-]
+ByOption = Annotated[str | None, Option("Measure or column (default the first).", metavar="NAME",
+    more="Of a measure with several elements the largest counts.")]  # fmt: skip
 
 
 @app.command(example="vdfmu sweep plot results/sweep_tracking --by error")
 def plot(
     study: StudyArgument,
     by: ByOption = None,
-    kind: Annotated[
-        str | None, Option("Figure (default all that fit).", choices=("curve", "tornado", "indices"))
-    ] = None,
+    kind: Annotated[str | None, Option("Figure (default all that fit).",
+        choices=("curve", "tornado", "indices"))] = None,
     out: Annotated[Path | None, Option("Folder (default the study's).")] = None,
-) -> None:
+) -> None:  # fmt: skip
     """Draw a measure of a study over its axes."""
     from vdfmu.study.sweeps.sweep import Sweep
 
@@ -127,12 +114,11 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 @app.command(example="vdfmu sweep report results/sweep_tracking")
 def report(
     study: StudyArgument,
-    out: Annotated[
-        Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).", more="FILE.tex has the measures.")
-    ] = None,
+    out: Annotated[Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).",
+        more="FILE.tex has the measures.")] = None,
     simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,
-) -> None:
+) -> None:  # fmt: skip
     """Write the page of a study.
 
     It has linked figures of the points, the measures, and failures by cause.
@@ -165,25 +151,13 @@ def _say_measures(found: Any) -> None:
 def tune(
     scenario: ScenarioArgument = "tracking",
     *,
-    vary: Annotated[
-        list[str],
-        Option(
-            "Parameter to search: 'controller.K_p'. Repeatable.",
-            metavar="TARGET[=FORM]",
-            more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
-            "one.",
-        ),
-    ],
-    cost: Annotated[
-        str,
-        Option(
-            "Cost: 'worst(rms(trajectory.q_d - plant.q))'.",
-            metavar="EXPR",
-            more="Of several elements the mean of their ratios to the start, each at most 1.",
-        ),
-    ],
+    vary: Annotated[list[str], Option("Parameter to search: 'controller.K_p'. Repeatable.", metavar="TARGET[=FORM]",
+        more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
+        "one.")],
+    cost: Annotated[str, Option("Cost: 'worst(rms(trajectory.q_d - plant.q))'.", metavar="EXPR",
+        more="Of several elements the mean of their ratios to the start, each at most 1.")],
     **options: Unpack[TuneOptions],
-) -> None:
+) -> None:  # fmt: skip
     """Search parameters that minimise a cost.
 
     The cost may be over a spread of robots and within limits. After Ctrl-C or a kill the same command continues where

@@ -80,9 +80,8 @@ ForeignOption = Annotated[bool, Option("Replace files that vdfmu did not write t
 JsonOption = Annotated[bool, Option("Print JSON instead of tables.", flag="--json")]
 FmiOption = Annotated[str, option_of(ScenarioRunOptions, "fmi_version")]
 SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "settings")]
-UnpackOption = Annotated[
-    int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE", typed=str, read=_bytes)
-]
+UnpackOption = Annotated[int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE",
+    typed=str, read=_bytes)]  # fmt: skip
 
 
 def say(text: str) -> None:
