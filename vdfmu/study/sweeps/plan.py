@@ -42,14 +42,8 @@ TRACKING = {
 def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict[str, str], tuple[float, float]]:
     """Check a system, and the axes by one of their values.
 
-    Returns
-    -------
-    names
-        Signals that it can record.
-    units
-        Units of all its variables that have one, with and without indices.
-    times
-        Start and stop [s].
+    Returns the signals that it can record, the units of its variables by names with and without indices, and start and
+    stop [s].
     """
     parameters = dict(system.options.get("parameters", {}))
     for axis in axes:
@@ -91,7 +85,7 @@ def check_overlap(axes: Sequence[Axis], system: WiredSystem) -> None:
         if "" not in over:
             problems.append(
                 f"{target}: has no effect, as {', '.join(sorted(over))} after it sets the same; leave one out, or give "
-                "the one of more elements first."
+                "the axis of more elements first."
             )
         later |= dict.fromkeys(names, target)
     if problems:
@@ -103,7 +97,9 @@ def try_measures(names: Sequence[str], measures: Sequence[Measure], times: tuple
     signals = [Signal(name, "real", "", 0) for name in names]
     zeros = Results(np.array(times), signals, {"real": np.zeros((2, 1))})
     problems: list[str] = []
-    for measure in (one for one in measures if one.function is None):
+    for measure in measures:
+        if measure.function is not None:
+            continue
         try:
             measure.of(zeros)
         except UsageError as error:
@@ -113,17 +109,17 @@ def try_measures(names: Sequence[str], measures: Sequence[Measure], times: tuple
 
 
 def default_measures(names: Sequence[str]) -> list[Measure]:
-    """Return the measures of a tracking loop; UsageError where there is none."""
+    """Return the measures of a tracking loop; UsageError for another system."""
     if not {"trajectory.q_d[1]", "plant.q[1]", "controller.tau[1]"} <= set(names):
         raise UsageError(
             "measure: expected at least one, such as 'error=rms(a.x - b.y)'; only the loop of trajectory, controller "
-            "and plant has some of its own."
+            "and plant has default measures."
         )
     return read_measures(TRACKING)
 
 
 def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[str]) -> list[str]:
-    """Return patterns of what a run records; UsageError for unknown signals."""
+    """Return patterns of the signals to record; UsageError for unknown signals."""
     known = set(names)
     groups = {name.partition("[")[0] for name in names}
     record: list[str] = list(keep)
@@ -147,7 +143,7 @@ def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[s
 
 
 _FEW = 2 * LANES
-"""Points of a system from which a program is compiled without being asked for."""
+"""Fewest points of a system for a program by default."""
 _MOST_SYSTEMS = 200
 
 
@@ -197,7 +193,7 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
     if len(combinations) > _MOST_SYSTEMS:
         raise UsageError(
             f"{', '.join(axis.target for axis in switches)}: expected at most {_MOST_SYSTEMS} different systems, got "
-            f"{len(combinations)}; each is a package of its own."
+            f"{len(combinations)}; each is a package."
         )
     is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
     wire = _of_package if is_package else of_scenario
@@ -269,7 +265,7 @@ def name_of(scenario: Any) -> str:
 
 
 def digest(*parts: bytes) -> str:
-    """Return a key that tells contents apart."""
+    """Return a short SHA-256 of contents."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
@@ -292,7 +288,7 @@ def _of_package(
     wrong += [axis.target for axis in axes if axis.factor]
     wrong += [name for name in ("backend", "tolerance") if options.get(name) is not None]
     if wrong:
-        raise UsageError(f"{', '.join(wrong)}: for a scenario; {package} is a package, whose units are what they are.")
+        raise UsageError(f"{', '.join(wrong)}: expected a scenario, got the package {package}, whose units are fixed.")
     given: dict[str, Any] = {**options, **switched}
     hold = bool(given.get("input_hold"))
     chosen = {**pick(CouplingOptions, given), "algorithm": given.get("master")}

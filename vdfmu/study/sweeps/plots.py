@@ -24,7 +24,7 @@ from vdfmu.study.sweeps.table import Side, StudyTable, View, groups, view
 
 COLOUR_MAP = "viridis"
 _LONG = 20
-"""Characters of a label beyond which its unit has a line of its own."""
+"""Longest label [characters] with its unit in one line."""
 LOW, HIGH, FAILED = style.COLORS[0], style.COLORS[4], style.COLORS[1]
 
 
@@ -71,7 +71,7 @@ def legend_of(shown: View) -> list[Line2D]:
 
 
 def at_bottom(axes: Axes, x: NDArray[Any]) -> None:
-    """Mark failed points, which have no height."""
+    """Mark failed points below the axes."""
     axes.plot(x, np.full(len(x), 0.03), "x", color=FAILED, ms=4, transform=axes.get_xaxis_transform())
 
 
@@ -130,7 +130,7 @@ def _tornado(shown: View) -> Figure:
     ]
     words = (
         "Bars: mean of the measure at the lowest and at the highest value of an axis, or in the lowest and highest "
-        "fifth of its points, where it has more than five values; of words the least and the largest mean. Thin line: "
+        "fifth of its points if it has more than five values; of words the least and the largest mean. Thin line: "
         "range of the means of all fifths. Vertical line: mean of all points. Words at the bars: values of the axis."
     )
     title = f"{shown.value.label} from low to high of each axis"
@@ -217,7 +217,7 @@ def _no_curve(shown: View) -> str:
 def _no_indices(shown: View) -> str:
     if shown.study.facts["sample"] not in ("saltelli", "morris"):
         return f"a study with --sample saltelli or morris, got {shown.study.facts['sample']}"
-    return "all points, of which some have no value" if shown.failed.any() else ""
+    return "all points, got some without a value" if shown.failed.any() else ""
 
 
 KINDS: dict[str, tuple[Callable[[View], Figure], Callable[[View], str]]] = {

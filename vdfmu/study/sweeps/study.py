@@ -29,7 +29,7 @@ class Chunks:
     """Hands out consecutive `points` in their order, as many as take some seconds, fewer towards the end.
 
     A chunk has the tasks of `size` points, by default by the time that they take, at most `LARGEST`; and a multiple of
-    those that are run side by side, `together`.
+    the number of points that run side by side, `together`.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Chunks:
             self._seconds += seconds
 
     def take(self, parts: int) -> list[Task] | None:
-        """Return the next chunk, by default at most one of `parts` of the rest; None if there is none."""
+        """Return the next chunk, by default at most one of `parts` of the rest; None at the end."""
         with self._lock:
             size = self._size
             if size is None:
@@ -87,7 +87,7 @@ class LocalWorkers:
         self._threads = ThreadPoolExecutor(count)
 
     def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
-        """Run chunks, and tell their rows as they are done, even of a chunk that is interrupted.
+        """Run chunks; call `tell` with rows as they are done, even of a chunk that is interrupted.
 
         `advance` is called with the number of points done since the last time.
         """
@@ -149,10 +149,10 @@ class LocalWorkers:
 
 
 class Study:
-    """Points of a job, run by at most `most` workers, which live as long as the study, and kept in a ledger.
+    """Points of a job, run by at most `most` workers that live as long as the study, and kept in a ledger.
 
-    `ask` runs points: a sweep asks for all, a search for a generation. `tell` keeps rows. Rows that a ledger has stay,
-    whatever ends the process: the same study asks for the other points.
+    `ask` runs points: a sweep asks for all, a search for a generation. Rows in the ledger survive the process: the same
+    study asks for the other points.
     """
 
     def __init__(
@@ -179,7 +179,7 @@ class Study:
         self, points: Sequence[int] | NDArray[np.intp], task: Callable[[int], Task],
         advance: Callable[[int], None] = lambda points: None,
     ) -> None:  # fmt: skip
-        """Run points, in ascending order, by their tasks, and tell their rows, in chunks as they are done.
+        """Run points, in ascending order, by their tasks, and keep their rows, in chunks as they are done.
 
         `advance` is called with the number of points done since the last time. VdfmuError if points are missing.
         """

@@ -32,10 +32,7 @@ _HEAD = {"point": int, "failed": (str, type(None)), "failed_at": (float, int, ty
 
 
 class Worker:
-    """Runs points of a pickled `Job` in a process of its own, which lives from point to point.
-
-    A point has the time `time_limit` [s]; beyond it the process is ended.
-    """
+    """Runs points of a pickled `Job` in one process; a point that takes longer than `time_limit` [s] ends it."""
 
     def __init__(self, job: bytes, time_limit: float | None = None) -> None:
         self._job = job
@@ -104,7 +101,7 @@ class Worker:
             child.kill()
 
     def close(self) -> None:
-        """Let the process end, and remove what it left in its temporary folder."""
+        """Let the process end, and remove its temporary folder."""
         with self._folders:
             if self._child is not None:
                 self._end(self._child)
@@ -119,7 +116,7 @@ class Worker:
             self._together = ready
         elif not self._stopped.is_set():
             raise VdfmuError(
-                f"a worker could not be started: {ready}. The package must be importable, with what its measures need."
+                f"a worker could not be started: {ready}. Check that the package and its measures can be imported."
             )
 
     def _reply(self, child: Child) -> Any:
@@ -138,7 +135,7 @@ class Worker:
         return f"a component ended the process (exit code {code}){f': {shown(last)}' if last else ''}"
 
     def _end(self, child: Child) -> tuple[int, str]:
-        """End the process; return its exit code and the end of what it printed."""
+        """End the process; return its exit code and the end of its output."""
         self._child = None
         code, _, said = child.end()
         self._folders.close()

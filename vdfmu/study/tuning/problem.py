@@ -57,7 +57,7 @@ class Problem:
     margin: Floats
     """(n,): Required modulus margin of each loop; empty without."""
     rate: float
-    """Rate [1/s] with which a mode may grow: 0, or with the margin of the start the start's."""
+    """Largest growth rate [1/s] of a mode: 0, or with the margin of the start the start's."""
 
     @property
     def names(self) -> list[str]:
@@ -151,7 +151,7 @@ def make_problem(
 def _poses(scenario: Scenario, settings: Mapping[str, Any], varied: Sequence[str]) -> Poses:
     """Return the loops along the run of a scenario, whose components stay until nothing refers to them."""
     if "plant" in varied:
-        raise UsageError("margin: expected other parameters than those of the plant to vary.")
+        raise UsageError("margin: expected parameters of other components than the plant to vary.")
     stack = ExitStack()
     try:
         poses, *_ = stack.enter_context(run_along(scenario, again=True, settings=settings))
@@ -252,9 +252,9 @@ class Score:
     values: Floats
     """(d,)."""
     number: int | None
-    """Number of the evaluation; None where the margin was missed and nothing was run."""
+    """Number of the evaluation; None if the margin was missed and nothing was run."""
     cost: Floats
-    """(k,): Elements of the cost over all robots; infinite where a run failed."""
+    """(k,): Elements of the cost over all robots; infinite if a run failed."""
     failed: int
     """Runs that failed."""
     excess: Floats
