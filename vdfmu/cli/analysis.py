@@ -47,10 +47,7 @@ def modes(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:  # fmt: skip
-    """Print the modes of an arm at rest.
-
-    Natural frequencies, damping and shapes, with motors free and held.
-    """
+    """Print the modes of an arm at rest. Natural frequencies, damping and shapes, with motors free and held."""
     from vdfmu.base.errors import UsageError
 
     if scenario is not None:
@@ -99,9 +96,7 @@ def _numbers(found: Modes) -> dict[str, Any]:
 
 def _print(motors: str, q: list[float], found: Modes) -> None:
     where = " ".join(f"{number:g}" for number in q)
-    shown = table(
-        "Hz", "damping", "spring", "", "displacement of joints 1, 2, ...", title=f"Motors {motors}, at {where}"
-    )
+    shown = table("Hz", "damping", "spring", "", "displacement of joints 1, 2, ..", title=f"Motors {motors} at {where}")
     for i, (frequency, damping) in enumerate(zip(found.frequency, found.damping, strict=True)):
         joint = found.joint[i]
         shapes = {"links": found.links[i]} | ({"rotors": found.rotors[i]} if motors == "free" else {})
@@ -240,9 +235,7 @@ def judge(
     if as_json:
         say_json(judged.to_dict())
     else:
-        shown = table(
-            "signal", "error", "half / whole", "at", title=f"Stepped by {judged.step:g} s, {judged.algorithm}"
-        )
+        shown = table("signal", "error", "half / whole", "at", title=f"Step {judged.step:g} s, {judged.algorithm}")
         for signal in judged.signals[:_MOST_SIGNALS]:
             shown.add_row(signal.name, f"{100.0 * signal.error:.2g} %", f"{signal.q:.2g}", f"{signal.time:.4g} s")
         if judged.signals:
@@ -262,10 +255,7 @@ def motion(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Print peak speed, acceleration and torque of a motion.
-
-    The torques are those of the rigid links.
-    """
+    """Print peak speed, acceleration and torque of a motion. The torques are those of the rigid links."""
     import numpy as np
 
     from vdfmu.arm.dynamics import inverse_dynamics

@@ -127,9 +127,7 @@ class App(Described, click.Group):
 def _usage(error: Any, words: Sequence[str]) -> str:
     """Return the message of wrong usage, with the way out."""
     if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
-        known = {
-            word.lstrip("-"): word for each in error.ctx.command.params for word in (*each.opts, *each.secondary_opts)
-        }
+        known = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
         close = [known[word] for word in get_close_matches(error.option_name.lstrip("-"), known)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")

@@ -53,10 +53,7 @@ def build(
     settings: SetOption = None,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
-    """Build the FMUs of a scenario, or the FMU of a unit.
-
-    The scenario's values are their start values.
-    """
+    """Build the FMUs of a scenario, or the FMU of a unit. The scenario's values are their start values."""
     chosen = None if _is_unit(scenario) else load(scenario, robot, settings)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
@@ -112,10 +109,7 @@ def container(
     settings: SetOption = None,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Fold the system of a scenario into one native FMU.
-
-    The FMU steps its units without a master.
-    """
+    """Fold the system of a scenario into one native FMU. The FMU steps its units without a master."""
     chosen = load(scenario, robot, settings)
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.container import write_container

@@ -131,9 +131,7 @@ def identify(
 
         made, notes = identified_robot(found, arm, log.name)
         say_notes(notes)
-        write_whole(
-            targets[out], [robot_text(made, f"{arm.name}, identified from {log.name} by vdfmu identify.").encode()]
-        )
+        write_whole(targets[out], [robot_text(made, f"{arm.name}, identified from {log.name} by vdfmu.").encode()])
         written.append(out)
     if written:
         say_written(*written)

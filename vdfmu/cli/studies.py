@@ -93,10 +93,7 @@ def plot(
 
 @app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
 def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
-    """Print Sobol or Morris indices of a study.
-
-    The study needs --sample saltelli or morris.
-    """
+    """Print Sobol or Morris indices of a study. The study needs --sample saltelli or morris."""
     from vdfmu.study.sweeps.indices import CONFIDENCE
     from vdfmu.study.sweeps.sweep import Sweep
 
@@ -119,10 +116,7 @@ def report(
     simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
-    """Write the page of a study.
-
-    It has linked figures of the points, the measures, and failures by cause.
-    """
+    """Write the page of a study. It has linked figures of the points, the measures, and failures by cause."""
     from vdfmu.study.report.latex import SUFFIX, write_tables
     from vdfmu.study.report.page import NAME
     from vdfmu.study.sweeps.sweep import Sweep
@@ -173,8 +167,5 @@ def tune(
     for name, before, after in found.table():
         shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
     tell(shown, (found.folder / "tuned.toml").read_text().rstrip())
-    say(
-        f"{found.evaluations} evaluations, {found.failed} runs failed, {found.missed} values missed the margin and "
-        "were not run."
-    )
+    say(f"{found.evaluations} evaluations, {found.failed} failed runs, {found.missed} values without the margin.")
     say_written(*(found.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")))

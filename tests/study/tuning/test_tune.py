@@ -223,7 +223,7 @@ def test_a_start_without_margin_is_noted(tmp_path):
         "tracking", ["controller.K_p[1]"], ERRORS, stop=2.6, margin="same", master="jacobi", evaluations=1, out=tmp_path
     )
     first, second = found.notes
-    assert first == "margin: a mode grows at the start, so that same asks of its loops that none grows faster."
+    assert first == "margin: a mode grows at the start, so same demands that none grows faster."
     assert second.startswith("margin: a mode grows by 2.2 1/s at joint 3, from 0.3") and found.after.feasible
 
 

@@ -30,14 +30,14 @@ def without_dry_friction(unit: Evaluation) -> None:
 
 
 def least_dry_friction(values: Mapping[str, Any]) -> dict[str, float]:
-    """Return the parameters of :func:`without_dry_friction` by their full names, of those of a unit."""
+    """Return the parameters of :func:`without_dry_friction` among the values of a unit, by full names."""
     groups = {name: name.partition("[")[0] for name in values}
     dry = dry_friction({*groups.values()})
     return {name: PARAMETERS[group].smallest or 0.0 for name, group in groups.items() if group in dry}
 
 
 def fast_states(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
-    """Return indices of the plant's states except temperatures, which take minutes, and bristles unless `dry`."""
+    """Return indices of the plant's states without the slow temperatures, and without bristles unless `dry`."""
     still = {
         option.state.name
         for option in OPTIONS.values()
@@ -76,8 +76,8 @@ def linearize(
     at : (n,) [rad or m], or float [s]
         Positions of the joints, or the time.
     dry : bool
-        For an arm: whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54).
-        Viscous friction stays in any case.
+        For an arm: keep Coulomb and Stribeck friction, with the slope at rest of their regularisation (54). Viscous
+        friction stays in any case.
     sampled : bool
         For a system: from one communication point to the next, with the delays of the master, instead of continuous
         time.
@@ -94,7 +94,7 @@ def linearize(
     Raises
     ------
     UsageError
-        For a pose of anything but a robot; for a wrong number of positions or one that is not finite, or an arm with
+        For a pose of anything but a robot; for positions of a wrong number or not finite, or an arm with
         limits that is beyond an end stop or heavier than its motors can hold; for FMUs without derivatives.
     CosimError
         If the run to the time fails.

@@ -15,9 +15,9 @@ from vdfmu.engine.linear.loops import Complex
 
 _POINTS = 2000
 _SLOWEST = 1.0
-"""Frequency [Hz] from which resonances are marked."""
+"""Lowest frequency [Hz] of marked resonances."""
 _DAMPED = 0.3
-"""Damping ratio from which they are not marked: there is no peak."""
+"""Damping ratio of the last marked resonance: beyond it there are no peaks."""
 
 
 class Bode(NamedTuple):
@@ -71,7 +71,7 @@ def bode(system: StateSpace, source: str, outputs: Sequence[str]) -> Bode:
 def _oscillating(s: Any, fastest: float) -> Floats:
     """Frequencies [Hz] of lightly damped poles or zeros, from low to high.
 
-    Zeros at infinity, which rounding makes very large numbers, are beyond 100 times the `fastest` pole [1/s].
+    Zeros at infinity are, by rounding, beyond 100 times the `fastest` pole [1/s].
     """
     size = np.abs(s)
     chosen = (s.imag > 0.0) & (size > 2.0 * np.pi * _SLOWEST) & (size <= 100.0 * fastest)

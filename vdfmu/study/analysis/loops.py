@@ -1,7 +1,7 @@
-"""The loops of a scenario or package along its run, in one way for all commands: their margins, and what grows.
+"""The loops of a scenario or package along its run, in one way for all commands: their margins, and growing modes.
 
 A run is linearised at some of its rows, see :class:`vdfmu.engine.linear.growth.Poses`, with the friction that it has.
-The loops of plants with friction "split", which excites itself, are judged without dry friction if they grow with it.
+Friction "split" excites itself. The loops of its plants are judged without dry friction if they grow with it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def packaged(
     """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
 
     The system is a scenario, its name or file, or an ``.ssp``; `settings` change its parameters, `backend` is the kind
-    of a scenario's FMUs, ``native`` or ``python``. `master` and `coupling` replace its own.
+    of a scenario's FMUs. `master` and `coupling` replace its options.
     """
     given = {name: value for name, value in coupling.items() if value is not None}
     if not isinstance(system, Scenario):
@@ -80,7 +80,7 @@ TIED = (Tied("tau_s", "kappa", "kappa_dot"),)
 
 
 class Judged(NamedTuple):
-    """The loops by which a run is judged."""
+    """The loops that decide on a run."""
 
     loops: Along
     growth: Growth
@@ -97,10 +97,7 @@ def poses_of(system: SystemDescription, **options: Any) -> Poses:
 
 
 def judged(poses: Poses, begin: float, end: float, failed: bool = False) -> Judged:
-    """Return the loops by which a run from `begin` to `end` [s] is judged.
-
-    If it `failed` there, what grows faster than a slow mode is the cause.
-    """
+    """Return the loops that decide on a run, times in s. If it `failed`, growth beyond `SLOW` is the cause."""
     growth = poses.loops.growth(begin, end)
     if failed and growth.rate > SLOW:
         return Judged(poses.loops, growth._replace(exponent=math.inf))
@@ -148,7 +145,7 @@ def words_of(found: Judged) -> tuple[str, str]:
 
 
 def since(time: float) -> str:
-    """Return the words for a time [s] from which something holds."""
+    """Return the words for a begin [s]."""
     return f"since {time:.3g} s" if time else "from the start"
 
 
@@ -185,9 +182,7 @@ def run_along(
             grid = simulator.grid(None, None, None)
             rows = [round((t - grid.begin) / grid.step) if math.isfinite(t) else -1 for t in at]
             if beyond := [f"{t:g}" for t, row in zip(at, rows, strict=True) if not 0 <= row <= grid.n]:
-                raise UsageError(
-                    f"at: expected times of the run, {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s."
-                )
+                raise UsageError(f"at: expected {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s.")
             known: dict[str, Any] = {"opened": opened, "more": rows, "again": again, "noted": True}
             if isinstance(scenario, Scenario):
                 poses = poses_of(SystemDescription(scenario, system_values(scenario, options.get("settings"))), **known)
@@ -211,7 +206,7 @@ class SystemMargins(NamedTuple):
     names: tuple[str, ...]
     """Inputs at which the loops are opened."""
     times: list[float]
-    """Times [s], (m,): those asked for, or all by which the run is judged."""
+    """Times [s], (m,): the times asked for, or all that decide on the run."""
     margins: list[Margins]
     """Margins at each time."""
     judged: Judged
@@ -243,7 +238,7 @@ def margins_along(
     opened : sequence of str
         Connected inputs at which the loops are opened; default the motor torques, ``tau``, of all components.
     at : sequence of float [s]
-        Times, rounded to communication points; default those by which the run is judged.
+        Times, rounded to communication points; default all that decide on the run.
     **options
         :class:`vdfmu.study.options.LoopOptions`.
 

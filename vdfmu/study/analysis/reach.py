@@ -26,10 +26,10 @@ from vdfmu.system.scenario import Scenario, load_scenario
 
 _DAMPING = 0.5
 _DAMPED = 2.0
-"""Rate [1/s] with which all that a joint does decays by itself, beside what the controller does: friction of the drive,
-without which no gains keep a delayed loop from driving the spring's mode."""
+"""Decay rate [1/s] of a joint by the friction of its drive. Without friction no gains keep a delayed loop from driving
+the spring's mode."""
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
-"""N of the first try, the factor from one try to the next, and N where the search ends."""
+"""N of the first try, the factor from one try to the next, and the last N."""
 _INERTIAS = 5
 """Inertias of the links that a joint's loop is tried with, from the smallest to the largest."""
 
@@ -45,7 +45,7 @@ class Gains(NamedTuple):
 def joint_gains(
     J: float, K: float, inertias: Floats, step: float, margin: float = 0.5, name: str = "the joint"
 ) -> tuple[float, float, float]:
-    """Gains of one joint, K_p and K_v, and its modulus margin, which is at least `margin`.
+    """Gains of one joint, K_p and K_v, and its modulus margin, at least `margin`.
 
     The joint has the rotor inertia `J` [kg m2 or kg] and the stiffness `K` [N m/rad or N/m], link-side, and sees the
     `inertias` (m,) of links; messages have its `name`. UsageError if the smallest gains of the search miss the margin.
@@ -112,7 +112,7 @@ _STEP = 1e-3
 _FAR = {"revolute": 0.5, "prismatic": 0.1}
 """How far each joint moves [rad, m], where its end stops leave room."""
 _MANY = 8
-"""Joints from which each moves less, so that long arms bend and do not coil."""
+"""Most joints that move the whole way: long arms bend and do not coil."""
 _ROOM = 0.4
 """Share of the way to the end stop that a joint moves at most."""
 _AWAY = 0.1
@@ -122,7 +122,7 @@ _TIMES = (1.0, 2.0, 4.0, 8.0, 16.0)
 _RESERVE = 0.7
 """Largest share of a motor's capacity that the motion takes."""
 _POINTS = 21
-_STRONG = f"It takes at most {100 * _RESERVE:g} % of what the motors can give."
+_STRONG = f"It takes at most {100 * _RESERVE:g} % of the capacity of the motors."
 _WEAK = "the motors are too weak to move or to hold the arm: see their torques"
 
 _TEXT = """\
@@ -215,7 +215,7 @@ def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
 
 
 def _within(robot: Robot, start: Floats, end: Floats, T: float) -> bool:
-    """Whether the motors give what the motion takes, with some reserve."""
+    """Whether the motors give the torques of the motion, with some reserve."""
     if not robot.limits:
         return T > _TIMES[0]  # no fast motion if the speeds are unknown
     motions = [desired_motion(t, start, end, T) for t in np.linspace(0.0, T, _POINTS)]

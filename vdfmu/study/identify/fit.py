@@ -4,7 +4,7 @@ For each joint there are two equations, link-side, with base parameters pi of th
 
     ell (tau - tau_0) - J (kappa_ddot + carried) - xi(kappa_dot) - tau_s = 0      rotor (7), (10)-(11), friction (54)
     kappa - q - theta_err - D(tau_s) - offset - delay_q kappa_dot = 0             spring (2)-(3), where q is measured
-    tau_s = Y pi + R J + what a counterbalance asks for                           links (44)-(47)
+    tau_s = Y pi + R J + torque of a counterbalance                               links (44)-(47)
 
 with tau later by ``delay_tau`` than positions. Positions go through a Butterworth filter, forward and backward, so
 without phase, and are differentiated by central differences of fourth order. Then both equations go through a second
@@ -35,7 +35,7 @@ from vdfmu.study.identify.rows import Rows, file_torques, rows_of
 from vdfmu.study.identify.search import Weak, solve
 
 PRIOR = 0.2
-"""Share by which masses, moments of inertia and, of radii of gyration, centres of mass of a robot file may be off."""
+"""Errors of masses, moments of inertia and, over radii of gyration, centres of mass of a robot file, as a share."""
 _STILL = 1e-4
 """Range of a joint [rad or m] below which it did not move."""
 _APART = 0.5
@@ -58,7 +58,7 @@ class Identified:
     held: Mapping[str, str]
     """Parameters that are not identified and keep their values: why, and the way out."""
     weak: Mapping[str, Weak]
-    """Parameters that are near the robot file's value since the log tells little of them."""
+    """Parameters near the robot file's value, since the log hardly determines them."""
     torque_level: Floats
     """(n,) [N.m or N]: Root mean square of the spring torques."""
     stiffness: Floats
@@ -67,7 +67,7 @@ class Identified:
     x: Floats
     """(p,): All parameters in SI units, also the constants between encoders."""
     lag: Floats
-    """(n,): Delays of encoders of links for which positions were corrected [s]."""
+    """(n,): Corrected delays of encoders of links [s]."""
     band: float
     """[Hz]."""
     t: Floats
@@ -97,7 +97,7 @@ class Identified:
         return float(self.values[self.names.index("delay_tau")])
 
     def of(self, robot: Robot) -> list[float]:
-        """Return the values that another robot has for the parameters, in the same order; 0 for those of sensors."""
+        """Return the values that another robot has for the parameters, in the same order; 0 for sensors."""
         values = np.zeros(len(self.names))
         values[self.links] = self.base.matrix @ body_parameters(robot)
         for k, name in enumerate(self.names):
@@ -117,9 +117,8 @@ class Identified:
         ]
         if unseen := _numbers(~self.seen):
             notes.append(
-                f"the log has no positions of links of joint {unseen}, so stiffnesses are those of the robot file, by "
-                "which links are placed, and whose errors are not in the intervals: log them by encoders behind the "
-                "gears, or with the rotors' by a camera or tracker"
+                f"the log lacks positions of links of joint {unseen}, so stiffnesses are the robot file's, and their "
+                "errors are not in the intervals: log them by encoders behind the gears, or by a camera or tracker"
             )
         return notes
 
@@ -129,10 +128,10 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
 
     The robot has kinematics, ratios, width of the friction's sign and kinematic error; its values are the start, and
     parameters that are not identified keep them. The band [Hz] of the equations is by default three times the frequency
-    below which 99.9 % of the velocities' power lie, or wider if the log is short. `prior` is the share by which masses,
-    moments of inertia and, of radii of gyration, centres of mass of the robot file may be off; infinity if nothing is
-    known. UsageError for joints that did not move, or whose rotor and link did not move alike; a log that is too short
-    for the band, or tells nothing; the split arrangement of friction.
+    below which 99.9 % of the velocities' power lie, wider if the log is short. `prior` is the error of masses, moments
+    of inertia and, over radii of gyration, centres of mass of the robot file, as a share; infinity if nothing is known.
+    UsageError for joints that did not move, or whose rotor and link did not move alike; a log that is too short for the
+    band; the split arrangement of friction.
     """
     check_settings(robot, band, prior)
     moved = np.ptp(log.kappa, axis=0)
@@ -140,8 +139,8 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
         raise UsageError(f"{log.where}: joint {still} did not move: nothing can be told of it. Log a motion of all.")
     if log.q is not None and (apart := _numbers(np.ptp(np.nan_to_num(log.kappa - log.q), axis=0) > _APART * moved)):
         raise UsageError(
-            f"{log.where}: joint {apart}: expected rotors, divided by the ratio, and links to move alike, to what the "
-            "springs give way. Check units, ratios, signs and order of the columns kappa and q."
+            f"{log.where}: joint {apart}: expected rotors, divided by the ratio, and links to move alike. "
+            "Check units, ratios, signs and order of the columns kappa and q."
         )
     problem, t, band, lag = rows_of(log, robot, band)
     narrower = rows_of(log, robot, band, lag, share=0.5).problem
@@ -174,22 +173,22 @@ def _numbers(chosen: Any) -> str:
 def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:
     """Return the robot with the identified values, whose sources name the log, and notes.
 
-    Base parameters leave the parameters of the links open: of all that match, the ones nearest to the robot file are
-    taken, of the same shape if possible. If these are not parameters of bodies, the links stay as they are. `robot` is
-    the one used for the identification, and `where` names the log, for sources.
+    Base parameters leave the parameters of the links open: the nearest to the robot file are taken, of the same shape
+    if possible. If these are not parameters of bodies, the links stay as they are. `robot` is the start of the
+    identification, and `where` names the log, for sources.
     """
     values = dict(zip(found.names, found.values, strict=True))
     sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
     text = f"Identified from {where}"
     deviation = dict(zip(found.names, found.deviation, strict=True))
     for name in (*DRIVES, *SPRINGS, *(["F_cb"] if robot.counterbalance else [])):
-        own = [f"{name}[{i + 1}]" for i in range(robot.n)]
-        arrays[name] = np.array([values.get(each, here) for each, here in zip(own, getattr(robot, name), strict=True)])
-        for i, each in enumerate(own):
+        elements = [f"{name}[{i + 1}]" for i in range(robot.n)]
+        arrays[name] = np.array([values.get(e, here) for e, here in zip(elements, getattr(robot, name), strict=True)])
+        for i, each in enumerate(elements):
             if each not in found.held and deviation.get(each, 0.0) > 0.0:
                 path = PARAMETERS[name].path.replace("joints", f"joints[{i + 1}]", 1)
-                told = f"{text}, +- {1.96 * deviation[each]:.2g} (95 %)"
-                sources[path] = f"{told}, near {sources.get(path, 'the robot file')}" if each in found.weak else told
+                source = f"{text}, +- {1.96 * deviation[each]:.2g} (95 %)"
+                sources[path] = f"{source}, near {sources.get(path, 'the robot')}" if each in found.weak else source
     made = robot.with_parameters(**arrays)
     links = _links(found, robot)
     if robot.payload:
@@ -198,7 +197,7 @@ def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot
         try:
             bodies = check_robot(made.with_parameters(**links))
         except ModelError as error:
-            notes.append(f"the links stay as they are, for what was identified is that of no bodies: {error}")
+            notes.append(f"the links stay as they are, since no bodies have the identified parameters: {error}")
         else:
             made = bodies
             nearest = f"{text}: with its base parameters, nearest to the robot file"
@@ -235,9 +234,9 @@ class LogScore(NamedTuple):
     """Root mean square of the measured torques."""
     torque_left: Floats
     torque_most: Floats
-    """Root mean square and largest size of what the model leaves of them."""
+    """Root mean square and largest size of their residuals in the model."""
     rigid_left: Floats
-    """Root mean square of what five terms leave that were fitted to the same log as the model: a constant,
+    """Root mean square of their residuals in five terms, fitted to the same log as the model: a constant,
     acceleration, speed, its sign, and the robot file's gravity."""
     deformation: Floats
     deformation_left: Floats
@@ -247,7 +246,7 @@ class LogScore(NamedTuple):
     rows: Rows
     torque_error: Floats
     deformation_error: Floats
-    """(k, n): What is left in the rows."""
+    """(k, n): Residuals in the rows."""
     load: Floats
     """(k, n): Spring torques of the model [N.m or N]."""
 
@@ -255,7 +254,7 @@ class LogScore(NamedTuple):
 def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
     """Score on a log the parameters that were identified on another, in the same band.
 
-    A constant between the encoders is the log's own: incremental encoders count from where they start.
+    A constant between the encoders is the log's own: incremental encoders count from their start.
     """
     if (log.q is None) != (fitted.q is None):
         sides = ["without" if each.q is None else "with" for each in (fitted, log)]

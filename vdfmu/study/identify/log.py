@@ -35,7 +35,7 @@ def split_unit(heading: str) -> tuple[str, str]:
 
 
 def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn]:
-    """Return the columns of a file, of which `time` names that of the times; what was assumed is noted."""
+    """Return the columns of a file; `time` names the times; assumptions are noted."""
     suffix = path.suffix.lower()
     found = READERS[suffix](path) if suffix in READERS else _csv(path)
     if isinstance(found, Results):
@@ -55,9 +55,7 @@ def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn
     stamps, own = found[name]
     unit = unit or own or (match[1] if (match := re.fullmatch(r".*_(m?s|us|ns)", name)) else "")
     if unit not in _SECONDS:
-        raise UsageError(
-            f"{path}: {name}: expected the unit s, ms, us or ns, got {unit!r}. Give it: --time '{name} [s]'."
-        )
+        raise UsageError(f"{path}: {name}: expected s, ms, us or ns, got {unit!r}. Give it: --time '{name} [s]'.")
     whole = stamps.dtype.kind in "iu"  # times since 1970 in ns have more digits than a float
     t = np.asarray(stamps - stamps[0] if whole and len(stamps) else stamps, float).reshape(-1) * _SECONDS[unit]
     if name != "time":
@@ -81,7 +79,7 @@ def _csv(path: Path) -> Results | _Found:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
         known = ", ".join(READERS.names())
-        text = f"{path}: expected a CSV file, got what cannot be read: {why}. Readers: {known}; a package can add one."
+        text = f"{path}: expected a CSV file, got: {why}. Readers: {known}; a package can add one."
         raise UsageError(text) from None
     if len(rows) > 1 and rows[0][0] == "time" and rows[1][0] == "s":
         return Results.read(path)
@@ -146,7 +144,7 @@ READERS: PluginTable[Callable[[Path], Results | _Found]] = PluginTable(
     PLUGINS, {".csv": _csv, ".txt": _csv, ".mat": _mat, ".parquet": _parquet}, prefix="."
 )
 """Readers by suffix. Each returns results, or columns: name to numbers and unit, "" for none. Columns have one length,
-or each has times of its own [s] before its numbers."""
+or each has its times [s] before its numbers."""
 
 
 _KNOWN = {
@@ -158,7 +156,7 @@ _KNOWN = {
 }
 """Quantities taken from a log, to its columns; {} is the joint, from 1."""
 _OTHER = {"kappa": "theta", "theta": "kappa", "tau": "tau_link", "tau_link": "tau"}
-"""A quantity that is not looked for where the other of its side of the gear is named."""
+"""A quantity that is not looked for if the other quantity of its side of the gear is named."""
 _KUKA = (
     {"kappa": "rec.act_pos_mot_deg[{}] [deg]", "q": "rec.act_pos_se_deg[{}] [deg]", "tau": "rec.act_torque_abs_nm[{}]"},
     {"kappa": "q_mot_meas[{}] [deg]", "q": "q_se_meas[{}] [deg]", "tau_link": "tau_meas[{}]"},
@@ -166,7 +164,7 @@ _KUKA = (
 )
 """Forms of the public files of the KUKA KR300 R2500: a record, one of the later data set, and one of its training."""
 _START = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)
-"""Pose [deg], counted as KUKA does, in which a record of the first form starts and its positions are zero."""
+"""Pose [deg], counted as KUKA does, at the start of a record of the first form and its positions are zero."""
 _GIVES_WAY = 5.0
 """Difference [deg] from it that the file's feedforward may have: it lets axis 5 give way by 2.9."""
 _FACTORS = {
@@ -193,7 +191,7 @@ class Log(NamedTuple):
     q: Floats | None
     """Link positions [rad or m], if any are measured; NaN in all rows of a joint without an encoder behind its gear."""
     notes: tuple[str, ...] = ()
-    """What was assumed and corrected."""
+    """Assumptions and corrections."""
 
     @property
     def step(self) -> float:
@@ -219,7 +217,7 @@ def read_log(
         ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or 0 or by its name in the robot file,
         such as ``axis{}_pos``, or ``{}`` alone for columns headed by the names; a unit may follow, with a factor:
         ``current_{} [-1.81 N.m]``. ``q[2]`` and so on name the column of one joint. Joints without a column of ``q``
-        have no encoder behind their gears.
+        lack an encoder behind their gears.
     time : str, optional
         Column of the times, with its unit: ``stamp [us]``; by default one called ``time``, ``t`` or so.
 
@@ -234,9 +232,7 @@ def read_log(
     known = {*_KNOWN, *(f"{what}[{i + 1}]" for what in _KNOWN for i in range(robot.n))}
     if wrong := [name for name in given if name not in known]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected some of {', '.join(_KNOWN)}.")
-    if wrong := [
-        f"{what}={name}" for what, name in given.items() if what in _KNOWN and "{}" not in name and robot.n > 1
-    ]:
+    if wrong := [f"{k}={name}" for k, name in given.items() if k in _KNOWN and "{}" not in name and robot.n > 1]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected a name with {{}} for the joint.")
     notes: list[str] = []
     problems: list[str] = []
@@ -349,7 +345,7 @@ def _converted(
     if not given and not unit and robot.joint_types[i] == "revolute" and what in ("kappa", "q") and span > WIDE_ANGLE:
         problems.append(
             f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
-            f"{span:.4g}, which looks like degrees, or like a motor's that is to be named theta; got none"
+            f"{span:.4g}, as degrees do, or a motor's angle that is to be named theta; got none"
         )
     values = column.values * (float(factor) * _FACTORS[kind].get(unit, 1.0))
     if kind == "angle":

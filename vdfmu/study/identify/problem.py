@@ -110,7 +110,7 @@ def _skew(v: Floats) -> Floats:
 
 
 _STATES = 100
-"""States from which the columns are made: ten times as many rows as columns for ten joints."""
+"""Random states for the columns: ten times as many rows as columns for ten joints."""
 _ZERO = 1e-8
 """Part of a column's size below which the remainder is rounding."""
 
@@ -224,7 +224,7 @@ class IdentificationProblem:
     filtered: TorqueParts
     """Of the k rows."""
     acceleration: Floats
-    """(k, n): of rotors, and of what carries them [rad/s2 or m/s2]."""
+    """(k, n): of rotors, and of the links that carry them [rad/s2 or m/s2]."""
     tau: Floats
     tau_dot: Floats
     """(k, n): Motor torques, link-side [N.m or N], and their rates."""
@@ -238,7 +238,7 @@ class IdentificationProblem:
     position: Floats
     """(k, n): Filtered positions of links."""
     speed: Floats
-    """(k, n): Filtered velocities of rotors, by which encoders that are late lie behind."""
+    """(k, n): Filtered velocities of rotors, for encoders that are late."""
     velocity: Floats
     """(m, n): Velocities of rotors at all samples, for friction [rad/s or m/s]."""
     narrow: Callable[[Floats], Floats]
@@ -290,7 +290,7 @@ class IdentificationProblem:
     def jacobian(self, x: Floats) -> list[Floats]:
         """Return the derivatives (k, n, p) of the residuals by all parameters.
 
-        Of the compliance it takes the value at the filtered torque, which changes steps of the search, not its end.
+        It takes the compliance at the filtered torque. That changes steps of the search, not its end.
         """
         robot, at, n = self.robot, self.places, self.robot.n
         each = np.arange(n)

@@ -54,9 +54,7 @@ def indices(study: StudyTable, measure: str | None = None) -> Indices:
     """
     sample, n, d = study.facts["sample"], study.facts["n"], len(study.axes)
     if sample not in ("saltelli", "morris"):
-        raise UsageError(
-            f"{study.path}: indices need a study with --sample saltelli or morris, got {sample}. Try 'sweep plot'."
-        )
+        raise UsageError(f"{study.path}: indices need --sample saltelli or morris, got {sample}. Try 'sweep plot'.")
     values = np.full(n, np.nan)
     values[study["point"]] = study.values(measure)
     missing = np.flatnonzero(~np.isfinite(values))

@@ -150,9 +150,7 @@ class Ledger:
             except BrokenError as error:
                 self._set_aside(error)
                 continue
-            good = self._arrow.array(
-                [words is None or not words.startswith(again) for words in rows["failed"].to_pylist()]
-            )
+            good = self._arrow.array([why is None or not why.startswith(again) for why in rows["failed"].to_pylist()])
             kept = rows.filter(good)
             if kept.num_rows < rows.num_rows:
                 points = kept["point"].to_numpy()

@@ -99,9 +99,7 @@ def _measures(study: StudyTable) -> str:
         unit = study.facts["units"].get(column.partition("[")[0], "")
         cells = [escape(column) + _unit(unit), *map(escape, ends)]
         if point:
-            values = ", ".join(
-                f"{axis}{factors[axis]} {_value(value)}" for axis, value in columns[places[int(point)]].items()
-            )
+            values = ", ".join(f"{name}{factors[name]} {_value(x)}" for name, x in columns[places[int(point)]].items())
             cells.append(f'<button type="button" data-point="{point}">{escape(_short(values))}</button>')
         else:
             cells.append("")

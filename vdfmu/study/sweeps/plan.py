@@ -123,9 +123,7 @@ def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[s
     known = set(names)
     groups = {name.partition("[")[0] for name in names}
     record: list[str] = list(keep)
-    problems = [
-        f"record: no output or connected input is called {text}." for text in keep if not matching(names, [text])
-    ]
+    problems = [f"record: no output or connected input is called {k}." for k in keep if not matching(names, [k])]
     for measure in measures:
         for signal in measure.signals:
             if signal in known or signal == "*":

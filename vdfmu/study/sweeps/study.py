@@ -187,9 +187,7 @@ class Study:
         self._missing = len(points)
         self._workers.run(chunks, self.tell, advance)
         if self._missing:
-            raise VdfmuError(
-                f"{self.ledger.folder}: {self._missing} points are missing: give the same command again to run them."
-            )
+            raise VdfmuError(f"{self.ledger.folder}: {self._missing} points are missing: give the same command again.")
 
     def tell(self, rows: list[Row]) -> None:
         """Keep the rows of consecutive points."""

@@ -115,9 +115,7 @@ class Worker:
         if isinstance(ready, list):
             self._together = ready
         elif not self._stopped.is_set():
-            raise VdfmuError(
-                f"a worker could not be started: {ready}. Check that the package and its measures can be imported."
-            )
+            raise VdfmuError(f"a worker could not be started: {ready}. Check that its measures can be imported.")
 
     def _reply(self, child: Child) -> Any:
         """Return the next message, or, as text, why none came."""
@@ -155,9 +153,6 @@ def _rows(message: Any, points: Sequence[int]) -> list[Row] | str:
     if not good:
         return _WRITTEN
     try:
-        return [
-            {key: np.array(value, float) if isinstance(value, list) else value for key, value in row.items()}
-            for row in message
-        ]
+        return [{k: np.array(v, float) if isinstance(v, list) else v for k, v in row.items()} for row in message]
     except (ValueError, TypeError):
         return _WRITTEN

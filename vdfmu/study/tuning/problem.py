@@ -364,6 +364,5 @@ class Evaluations(Study):
             for name in names
             if name.partition("[")[0] in problem.plan.facts["measures"] and name not in columns
         }
-        return Score(
-            np.array(key), number, cost, failed, np.nan_to_num(excess, nan=np.inf, posinf=np.inf), modulus, measures
-        )
+        missed = np.nan_to_num(excess, nan=np.inf, posinf=np.inf)
+        return Score(np.array(key), number, cost, failed, missed, modulus, measures)

@@ -238,9 +238,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
         if before.failed:
             found.notes.append(f"{before.failed} of the runs with the scenario's own values failed.")
         if options["margin"] == "same" and not problem.margin.all():
-            found.notes.append(
-                "margin: a mode grows at the start, so that same asks of its loops that none grows faster."
-            )
+            found.notes.append("margin: a mode grows at the start, so same demands that none grows faster.")
         loops = problem.loops(after.values)
         if not after.feasible:
             found.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
