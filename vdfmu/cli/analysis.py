@@ -115,13 +115,11 @@ def _print(motors: str, q: list[float], found: Modes) -> None:
 
 def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path, as_json: bool) -> None:
     from vdfmu.base.style import save
-    from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.bode import joint_bode
     from vdfmu.study.report.drawings import draw_bode
 
-    system = linearize(robot, q, dry=dry)
-    found = joint_bode(system, joint)
-    unit = system.output_units[system.outputs.index(f"q_dot[{joint}]")]
+    found = joint_bode(robot, q, joint, dry)
+    unit = "m/s" if robot.joint_types[joint - 1] == "prismatic" else "rad/s"
     where = " ".join(f"{number:g}" for number in q)
     curves: dict[str, Any] = dict(zip(("rotor", "link"), found.response, strict=True))
     title = f"Motor torque of joint {joint} to velocities: {robot.name} at {where}"
@@ -173,7 +171,7 @@ def margins(
     They include the delays of the master. The exit code is 1 if the run is unstable.
     """
     from vdfmu.base.errors import UsageError
-    from vdfmu.study.analysis.loops import margins_along, words_of
+    from vdfmu.study.analysis.loops import margins_along
 
     package = system.lower().endswith(".ssp")
     if package and robot is not None:
@@ -195,7 +193,7 @@ def margins(
         style = ("bold" if mark else None) if modulus else "red"
         cells = numbers if modulus else ("none", "", "", "")
         shown.add_row(name, f"{t:.4g} s", *cells, f"{each.rate:.3g} 1/s", style=style)
-    state, words = words_of(found.judged)
+    state, words = found.judged.words
     if as_json:
         say_json({"step": found.step, "master": found.algorithm, "state": state, "text": words, "margins": rows})
     else:
@@ -227,7 +225,6 @@ def judge(
     The exit code is 0 if the system is right, 1 if not, 3 if this is not decided.
     """
     from vdfmu.study.connected import load as load_system
-    from vdfmu.study.referee import RIGHT, WRONG
 
     judged = load_system(system).judge(
         wanted / 100.0, stop=stop, step=step, values=settings, algorithm=master, meant=meant
@@ -240,9 +237,9 @@ def judge(
             shown.add_row(signal.name, f"{100.0 * signal.error:.2g} %", f"{signal.q:.2g}", f"{signal.time:.4g} s")
         if judged.signals:
             console.print(shown)
-        (say if judged.verdict == RIGHT else say_error)(str(judged))
-    if judged.verdict != RIGHT:
-        raise SystemExit(1 if judged.verdict == WRONG else 3)
+        (say if judged.right else say_error)(str(judged))
+    if not judged.right:
+        raise SystemExit(3 if judged.right is None else 1)
 
 
 _MOST_SIGNALS = 8

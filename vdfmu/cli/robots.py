@@ -114,25 +114,20 @@ def reach(
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
-    from vdfmu.study.analysis.loops import told
     from vdfmu.study.analysis.reach import write_reach
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     found = write_reach(robot, target)
     shown = table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg")
     labels = load_robot(robot).joint_labels
-    margins, notes = None, list(found.notes)
-    if found.margins is not None:
-        margins = found.margins.judged.loops.margins()
-        notes += filter(None, [told(found.margins.judged.loops)])
     for i, (K_p, K_v) in enumerate(zip(found.gains.K_p, found.gains.K_v, strict=True)):
         numbers = ()
-        if margins is not None:
-            modulus, gain, phase = (float(margin[i]) for margin in margins[:3])
+        if found.margins is not None:
+            modulus, gain, phase = (float(margin[i]) for margin in found.margins[:3])
             numbers = f"{modulus:.2f}", f"{gain:.2f}", f"{math.degrees(phase):.0f}"
         shown.add_row(labels[i], f"{K_p:.4g}", f"{K_v:.4g}", *numbers)
     console.print(shown)
-    say_notes(notes)
+    say_notes(found.notes)
     say_written(target, more=f". Run it with 'vdfmu run {target}'; margins are the smallest along it")
 
 

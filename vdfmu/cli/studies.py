@@ -59,14 +59,9 @@ def run(
 
     After Ctrl-C or a kill the same command continues where it stopped.
     """
-    from vdfmu.study.sweeps.sweep import default_folder, sweep
+    from vdfmu.study.sweeps.sweep import sweep
 
-    options["out"] = options["out"] or default_folder(scenario)
-    try:
-        found = sweep(scenario, vary or (), **options)
-    except KeyboardInterrupt as error:
-        error.add_note(f"What was done is in {options['out']}: give the same command again to go on.")
-        raise
+    found = sweep(scenario, vary or (), **options)
     say_notes(found.notes)
     _say_measures(found)
     say_written(found.path, more=f", {len(found)} points")
@@ -94,7 +89,6 @@ def plot(
 @app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
 def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
     """Print Sobol or Morris indices of a study. The study needs --sample saltelli or morris."""
-    from vdfmu.study.sweeps.indices import CONFIDENCE
     from vdfmu.study.sweeps.sweep import Sweep
 
     found = Sweep(study).indices(by)
@@ -105,7 +99,7 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
     for name, row in found.rows():
         shown.add_row(name, *(row.get(index, "") for index in found.values))
     console.print(shown)
-    say(f"± the half-width of the {100 * CONFIDENCE:.0f} % confidence interval, by bootstrap.")
+    say(f"± the half-width of the {100 * found.confidence:.0f} % confidence interval, by bootstrap.")
 
 
 @app.command(example="vdfmu sweep report results/sweep_tracking")

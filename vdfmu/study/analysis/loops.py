@@ -86,7 +86,12 @@ class Judged(NamedTuple):
     growth: Growth
     """Where disturbances grow most, beyond the rate `SLOW`."""
     excited: str = ""
-    """Where friction excites itself, if the loops are those without dry friction."""
+    """Where friction excites itself, if the loops are without dry friction."""
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """State of a run by its loops, ``good``, ``doubtful`` or ``failed``, and its words in all commands."""
+        return _words(self)
 
 
 def poses_of(system: SystemDescription, **options: Any) -> Poses:
@@ -123,8 +128,7 @@ def told(loops: Along) -> str:
     )
 
 
-def words_of(found: Judged) -> tuple[str, str]:
-    """Return the state of a run by its loops, ``good``, ``doubtful`` or ``failed``, and its words in all commands."""
+def _words(found: Judged) -> tuple[str, str]:
     growth, loops = found.growth, found.loops
     before = f"friction 'split' excites itself, most at {found.excited}; without dry friction " if found.excited else ""
     if growth.unstable:
@@ -215,7 +219,7 @@ class SystemMargins(NamedTuple):
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
-        return ": ".join(words_of(self.judged))
+        return ": ".join(self.judged.words)
 
     def least(self, loop: int) -> int:
         """Return which of the times has the least modulus margin of a loop; without any, the fastest growth."""

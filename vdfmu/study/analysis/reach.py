@@ -20,8 +20,8 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.state_space import Linear, held
 from vdfmu.base.toml_file import locate, toml_value
-from vdfmu.engine.linear.loops import Loop
-from vdfmu.study.analysis.loops import SystemMargins, margins_along
+from vdfmu.engine.linear.loops import Loop, Margins
+from vdfmu.study.analysis.loops import margins_along, told
 from vdfmu.system.scenario import Scenario, load_scenario
 
 _DAMPING = 0.5
@@ -154,8 +154,8 @@ class Reach(NamedTuple):
 
     path: Path
     gains: Gains
-    margins: SystemMargins | None
-    """None if they are not known: the last note says why."""
+    margins: Margins | None
+    """Smallest margins of each loop; None if they are not known: the last note says why."""
     notes: list[str]
 
 
@@ -166,9 +166,10 @@ def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> R
     written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
     gains, notes = _write(load_robot(robot), place.stem, written, path)
     try:
-        return Reach(path, gains, margins_along(path), notes)
+        margins = margins_along(path)
     except UsageError as error:
         return Reach(path, gains, None, [*notes, f"margins of the whole arm: {error}"])
+    return Reach(path, gains, margins.judged.loops.margins(), [*notes, *filter(None, [told(margins.judged.loops)])])
 
 
 def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:

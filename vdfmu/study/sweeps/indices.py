@@ -33,6 +33,7 @@ class Indices:
     ``sigma``, its deviation, (d,): 0 for an axis without curvature and interaction."""
     widths: dict[str, Floats]
     """Half-widths, of the same shapes; of Morris' indices for ``mu_star`` alone."""
+    confidence: float = CONFIDENCE
 
     def rows(self) -> list[tuple[str, dict[str, str]]]:
         """Return a line for each axis, then for each pair: name, and by index its value ± half-width as text."""

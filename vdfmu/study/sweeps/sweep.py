@@ -107,7 +107,7 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
         raise UsageError(f"chunk: expected a number of points of at least 1, got {chunk}.")
     check_workers(options)
     plan = make_plan(scenario, vary, **pick(PlanOptions, options))
-    folder = default_folder(scenario) if options["out"] is None else Path(options["out"])
+    folder = Path("results") / f"sweep_{name_of(scenario)}" if options["out"] is None else Path(options["out"])
     with Ledger(folder, plan.facts, plan.key, plan.points, options["overwrite"]) as ledger:
         done = ledger.done(again="" if options["retry"] else KILLED)
         finished, total = int(done.sum()), len(plan)
@@ -119,13 +119,12 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
 
         advance(0)
         if finished < total:
-            with Study(plan.job, ledger, options, total - finished, chunk) as study:
-                study.ask(np.flatnonzero(~done), plan.task, advance)
+            try:
+                with Study(plan.job, ledger, options, total - finished, chunk) as study:
+                    study.ask(np.flatnonzero(~done), plan.task, advance)
+            except KeyboardInterrupt as error:
+                error.add_note(f"Finished points are in {folder}: give the same command again to go on.")
+                raise
         study_table = Sweep(ledger.finish(), notes=ledger.notes)
     study_table.notes += study_table.undefined()
     return study_table
-
-
-def default_folder(scenario: Any) -> Path:
-    """Return ``results/sweep_NAME``."""
-    return Path("results") / f"sweep_{name_of(scenario)}"
