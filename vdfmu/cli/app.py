@@ -1,4 +1,4 @@
-"""Commands that show what they do: ``--quiet``, ``--verbose`` and the line that moves, of all by one mechanism."""
+"""Commands with ``--quiet``, ``--verbose`` and progress bars."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of,
 from vdfmu.cli.terminal import console, fail
 
 COMPLETE = "_VDFMU_COMPLETE"
-"""Variable by which the shell asks for completions."""
+"""Variable of the shell that asks for completions."""
 
 
 class Described(click.Command):
@@ -152,7 +152,7 @@ def set_verbosity(quiet: bool = False, verbose: bool = False) -> None:
 
 
 def reset_verbosity() -> None:
-    """Show what commands show by default, in a process that runs several of them."""
+    """Restore the default verbosity, in a process that runs several commands."""
     errors.quiet = False
     LOG.setLevel(logging.NOTSET)
     for handler in list(LOG.handlers):
@@ -161,7 +161,7 @@ def reset_verbosity() -> None:
 
 
 class _Lines(logging.Handler):
-    """Prints what is logged above the bars: warnings as notes, details with the time since the command began."""
+    """Prints log records above the bars: warnings as notes, details with the time since the command began."""
 
     def __init__(self) -> None:
         super().__init__()

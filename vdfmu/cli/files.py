@@ -81,7 +81,7 @@ def build(
 
 
 def _is_unit(name: str) -> bool:
-    """Whether what is to be built is a unit, by its file or its name; a scenario of the same name goes first."""
+    """Whether the name or file to build is a unit; a scenario of the same name goes first."""
     if name.partition(":")[0].endswith(".py"):
         return True
     units = {path.stem for path in (PACKAGE / "arm" / "units").rglob("[!_]*.py")}  # to import them takes long
@@ -91,7 +91,7 @@ def _is_unit(name: str) -> bool:
 
 
 def _values(scenario: Scenario, backend: str | None, settings: Mapping[str, str] | None) -> dict[str, dict[str, Any]]:
-    """Say what is odd about a scenario that is to be built, and return the values of its components."""
+    """Print notes on a scenario to build, and return the values of its components."""
     from vdfmu.compiler.fmu.build import build_notes
     from vdfmu.system.scenario.check import model_notes
     from vdfmu.system.scenario.values import system_values
@@ -168,7 +168,7 @@ def reference(
     settings: SetOption = None,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Write a folder with which another tool can be compared.
+    """Write a folder to compare another tool.
 
     It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.
     """
@@ -200,7 +200,7 @@ def check(
     from vdfmu.engine.package.limits import package_limit
 
     def say_runs(what: str) -> None:
-        say_notes([f"runs code of {what} in a process of its own; --no-run reads only"])
+        say_notes([f"runs code of {what} in another process; --no-run reads only"])
 
     source = file.suffix.lower() in (".toml", ".py")
     try:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _DESIGN = "Instead of a log"
 _CLOSE = 0.5
-"""Correlation from which a note names it."""
+"""Smallest correlation that a note names."""
 
 
 def identify(
@@ -57,7 +57,7 @@ def identify(
     bits: Annotated[int | None, Option("Bits of the encoders (default 17).", group=_DESIGN)] = None,
     noise: Annotated[float | None, Option("Noise of torques over the largest (default 0.005).", group=_DESIGN,
         metavar="SHARE")] = None,
-    no_links: Annotated[bool, Option("There are no encoders behind the gears.", group=_DESIGN)] = False,
+    no_links: Annotated[bool, Option("Assume no encoders behind the gears.", group=_DESIGN)] = False,
 ) -> None:  # fmt: skip
     """Estimate the parameters of an arm from a log of its motion.
 
@@ -85,7 +85,7 @@ def identify(
         return
     assert log is not None
     if robot is None:
-        raise UsageError("identify: expected --robot ROBOT, from which the identification starts.")
+        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
     wanted = [path for path in (plot, residuals, out) if path is not None]
@@ -131,7 +131,8 @@ def identify(
 
         made, notes = identified_robot(found, arm, log.name)
         say_notes(notes)
-        write_whole(targets[out], [robot_text(made, f"{arm.name}, identified from {log.name} by vdfmu.").encode()])
+        head = f"{arm.name}, identified from {log.name} by vdfmu identify."
+        write_whole(targets[out], [robot_text(made, head).encode()])
         written.append(out)
     if written:
         say_written(*written)
@@ -141,7 +142,7 @@ def _design(
     robot: str, duration: float | None, pose: str | None, sensors: dict[str, Any], band: float | None, prior: float,
     out: Path | None, overwrite: bool,
 ) -> None:  # fmt: skip
-    """Choose a motion, write it, and print what to expect of it."""
+    """Choose a motion, write it, and print the expected intervals."""
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.files import write_whole
     from vdfmu.cli.analysis import read_pose
@@ -208,7 +209,7 @@ def _same_chain(one: Robot, other: Robot) -> bool:
 
 
 def _weak(found: Identified) -> list[str]:
-    """Return notes on what the log says little about, by the way out."""
+    """Return notes on weak parameters, by the way out."""
     by_advice: dict[str, list[str]] = {}
     links = [name for name in found.weak if name in found.base.names]
     for name, why in found.weak.items():
@@ -233,7 +234,7 @@ def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str
     shown = table(
         "joint", f"torque\n{unit}", f"left\n{unit}", "left\n%", f"most\n{unit}", "5 terms\n%",
         f"deform.\n{angle}", f"left\n{angle}", "left\n%", f"most\n{angle}",
-        title=f"\n{name}, link-side: root mean squares and most of what is left; % left by five terms of a rigid model",
+        title=f"\n{name}, link-side: root mean squares and largest residuals; % left by five terms of a rigid model",
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:

@@ -98,7 +98,7 @@ def import_file(
     assumed = [joint_free(key) for key, source in robot.sources.items() if source.startswith("Assumed")]
     if assumed:
         names = ", ".join(key.removeprefix("joints.") for key in dict.fromkeys(assumed))
-        say_notes([f"assumed, for --drives to give what is known: {names}."])
+        say_notes([f"assumed: {names}. Give known values by --drives."])
     say_written(target, more=f", {robot.n} joint{'s' * (robot.n > 1)}")
 
 

@@ -57,7 +57,7 @@ def run(
 ) -> None:  # fmt: skip
     """Run a scenario at many points, and keep a row for each.
 
-    After Ctrl-C or a kill the same command continues where it stopped.
+    After Ctrl-C or a kill the same command resumes.
     """
     from vdfmu.study.sweeps.sweep import sweep
 
@@ -148,8 +148,7 @@ def tune(
 ) -> None:  # fmt: skip
     """Search parameters that minimise a cost.
 
-    The cost may be over a spread of robots and within limits. After Ctrl-C or a kill the same command continues where
-    it stopped.
+    The cost may be over a spread of robots and within limits. After Ctrl-C or a kill the same command resumes.
     """
     from vdfmu.study.sweeps.sweep import Sweep
     from vdfmu.study.tuning.tune import tune as run_tune
