@@ -214,7 +214,7 @@ def judge(
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
     master: Annotated[str | None, master_option] = None,
     settings: Annotated[Mapping[str, Any] | None, settings_option] = None,
-    meant: Annotated[str | None, Option("Meaning of discrete outputs without a declared period.",
+    meant: Annotated[str | None, Option("Meaning of discrete outputs without a period.",
         choices=("sampled", "continuous"),
         more="Sampled components keep the step as their period. By default both readings are printed.")] = None,
     as_json: JsonOption = False,

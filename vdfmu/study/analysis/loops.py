@@ -18,12 +18,11 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import with_options
 from vdfmu.engine.linear.growth import Along, Growth, Poses
-from vdfmu.engine.linear.linearise import linear_system
+from vdfmu.engine.linear.linearise import LinearSystem, linear_system
 from vdfmu.engine.linear.loops import SLOW, Margins, Tied
-from vdfmu.engine.linear.system import LinearSystem
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run.simulator import Simulator
+from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.options import LoopOptions
 from vdfmu.system.package.description import SystemDescription

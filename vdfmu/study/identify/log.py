@@ -18,7 +18,7 @@ from vdfmu.base.files import read_text
 from vdfmu.base.measure import WIDE_ANGLE
 from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.base.unpack import mat_variables
-from vdfmu.engine.results import parquet
+from vdfmu.engine.results.parquet import read_table
 from vdfmu.engine.results.results import Results
 from vdfmu.study.identify.faults import LogColumn, check_motion, check_torques, even_times, unwrapped
 
@@ -125,7 +125,7 @@ def _mat(path: Path) -> Results | _Found:
 
 
 def _parquet(path: Path) -> Results | _Found:
-    schema, table = parquet.read_table(path)
+    schema, table = read_table(path)
     if b"vdfmu" in (schema.metadata or {}):
         return Results.read(path)
     found: dict[str, tuple[Any, str]] = {}

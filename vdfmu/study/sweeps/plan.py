@@ -22,8 +22,7 @@ from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.batch.engine import LANES, BatchProgram
 from vdfmu.study.options import ENGINES, PlanOptions, ScenarioOptions
 from vdfmu.study.sweeps.axes import Axis, Points, draw, is_option, read_axes

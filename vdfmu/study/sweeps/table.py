@@ -185,7 +185,7 @@ class StudyTable:
         row, source, was = self.row(which, by), self.facts["source"], self.facts["systems"]
         if source.endswith(".ssp"):
             values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
-            raise UsageError(f"{self.path}: is a study of a package: 'vdfmu simulate {source}' runs it, with {values}.")
+            raise UsageError(f"{self.path}: is a study of a package: 'vdfmu run {source}' runs it, with {values}.")
         system, options = self.system(row)
         if digest(system.content) not in [each["package"] for each in was]:
             self.notes.append(f"{source}: its values, units or robot have changed since the study.")
