@@ -13,8 +13,7 @@ from typing import Any
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.sweeps.job import Row, Task
-from vdfmu.study.sweeps.study import Chunks
-from vdfmu.study.sweeps.worker import Worker
+from vdfmu.study.sweeps.worker import Chunks, Worker
 
 _PATIENCE = 300.0
 """Time [s] that a scheduler, or all of its workers, may be gone."""

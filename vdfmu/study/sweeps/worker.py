@@ -1,16 +1,17 @@
-"""A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs."""
+"""Workers of a parameter study: processes that run chunks of points, replaced if a point kills them or hangs."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from itertools import takewhile
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import temporary_folder
@@ -29,6 +30,56 @@ KILLED = "the process was killed (SIGKILL)"
 _WRITTEN = "a component wrote into the pipe of the worker"
 _HEAD = {"point": int, "failed": (str, type(None)), "failed_at": (float, int, type(None)), "wall_s": (float, int)}
 """Keys that each row has, and their types; the others are measures."""
+
+
+LARGEST = 50
+"""Most points in a chunk."""
+_SECONDS = 10.0
+"""Time [s] that a chunk should take: the most that is lost when all is killed."""
+
+
+class Chunks:
+    """Hands out consecutive `points` in their order, as many as take some seconds, fewer towards the end.
+
+    A chunk has the tasks of `size` points, by default by the time that they take, at most `LARGEST`; and a multiple of
+    the number of points that run side by side, `together`.
+    """
+
+    def __init__(
+        self, points: NDArray[np.intp], task: Callable[[int], Task], size: int | None = None, together: int = 1
+    ) -> None:
+        self._open = points
+        self._task, self._size, self._next, self._together = task, size, 0, together
+        self._lock = threading.Lock()
+        self._points, self._seconds = 0, 0.0
+
+    def note(self, seconds: float) -> None:
+        """Take into account how long a point took."""
+        with self._lock:
+            self._points += 1
+            self._seconds += seconds
+
+    def take(self, parts: int) -> list[Task] | None:
+        """Return the next chunk, by default at most one of `parts` of the rest; None at the end."""
+        with self._lock:
+            size = self._size
+            if size is None:
+                mean = self._seconds / self._points if self._points else np.inf
+                size = int(np.clip(_SECONDS / mean, 1, LARGEST)) if mean > 0.0 else LARGEST
+                size = min(size, -(-(len(self._open) - self._next) // parts))
+                size = -(-size // self._together) * self._together
+            part = self._open[self._next : self._next + size]
+            if not len(part):
+                return None
+            gaps = np.flatnonzero(np.diff(part) > 1)
+            part = part[: gaps[0] + 1] if len(gaps) else part
+            self._next += len(part)
+        return [self._task(int(point)) for point in part]
+
+    def stop(self) -> None:
+        """Hand out no more chunks."""
+        with self._lock:
+            self._next = len(self._open)
 
 
 class Worker:
