@@ -13,7 +13,8 @@ from vdfmu.base.errors import CosimError
 from vdfmu.cli.commands import app
 from vdfmu.engine.linear.growth import Growth
 from vdfmu.engine.run import Simulator
-from vdfmu.study.analysis.loops import grown, margins_along, packaged, run_along, told
+from vdfmu.study.analysis.arm_space import packaged
+from vdfmu.study.analysis.loops import grown, margins_along, run_along, told
 from vdfmu.study.analysis.reach import write_reach
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks

@@ -14,7 +14,8 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
 from vdfmu.cli.commands import app
 from vdfmu.engine.linear.loops import Loop
-from vdfmu.study.analysis.loops import linearized, margins_along
+from vdfmu.study.analysis.arm_space import linearized
+from vdfmu.study.analysis.loops import margins_along
 
 AT_REST = {  # the planar arm held where it starts, without dry friction
     "trajectory.q_end": [-1.2, 0.4], "trajectory.q_start": [-1.2, 0.4], "plant.q_0": [-1.2, 0.4],

@@ -9,70 +9,22 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import with_options
 from vdfmu.engine.linear.growth import Along, Growth, Poses
-from vdfmu.engine.linear.linearise import LinearSystem, linear_system
 from vdfmu.engine.linear.loops import SLOW, Margins, Tied
-from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run import Simulator
-from vdfmu.study.analysis.arm_space import least_dry_friction
+from vdfmu.study.analysis.arm_space import least_dry_friction, packaged
 from vdfmu.study.options import LoopOptions
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.values import system_values
-
-
-@contextmanager
-def packaged(
-    system: Scenario | str | os.PathLike[str],
-    settings: Mapping[str, Any] | None = None,
-    backend: str | None = None,
-    master: str | None = None,
-    **coupling: Unpack[CouplingOptions],
-) -> Generator[tuple[Path, dict[str, Any]]]:
-    """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
-
-    The system is a scenario, its name or file, or an ``.ssp``; `settings` change its parameters, `backend` is the kind
-    of a scenario's FMUs. `master` and `coupling` replace its options.
-    """
-    given = {name: value for name, value in coupling.items() if value is not None}
-    if not isinstance(system, Scenario):
-        if Path(system).suffix.lower() == ".ssp":
-            yield Path(system), {**given, "parameters": settings, "algorithm": master}
-            return
-        system = load_scenario(system)
-    values = system_values(system, settings)
-    with temporary_folder("vdfmu_") as folder:
-        built = cached_fmus(system, folder, backend)
-        own = system.coupling if master in (None, system.master) else {**system.options, "algorithm": master}
-        options = {**own, **given, "inputs": system.inputs, "input_hold": system.input_hold}
-        yield write_ssp(system, built, Path(folder) / "system.ssp", values, mixed=True), options
-
-
-def linearized(
-    system: Scenario | str | os.PathLike[str],
-    at: float | None = None,
-    *,
-    master: str | None = None,
-    settings: Mapping[str, Any] | None = None,
-    backend: str | None = None,
-) -> LinearSystem:
-    """Linearise the components of a scenario or package at a time of its run, by default its start.
-
-    For the others see :func:`packaged`, for errors :func:`vdfmu.engine.linear.linearise.linear_system`.
-    """
-    with packaged(system, settings, backend, master) as (package, options):
-        return linear_system(package, at, **options)
-
 
 TIED = (Tied("tau_s", "kappa", "kappa_dot"),)
 """The torque of a drive's spring follows from the position of its rotor, whose rate is the rotor's speed."""
