@@ -261,6 +261,14 @@ def connect(
 def load(source: Scenario | str | os.PathLike[str]) -> System:
     """Load a system: a package (``.ssp``), one FMU (``.fmu``), or a scenario by name or file.
 
+    Parameters
+    ----------
+    source : Scenario, str or path
+
+    Returns
+    -------
+    System
+
     Raises
     ------
     UsageError, SspError, ModelError
