@@ -1,4 +1,4 @@
-"""Commands that show what they do: ``--quiet``, ``--verbose`` and the line that moves, of all by one mechanism."""
+"""Commands with ``--quiet``, ``--verbose`` and progress bars."""
 
 from __future__ import annotations
 
@@ -28,7 +28,14 @@ from vdfmu.cli.terminal import console, fail
 _FMUS = re.compile(r"[^-].*\.(ssp|fmu)|\w+=.*\.(fmu|py)", re.IGNORECASE)
 """A package, an FMU, or a component with its FMU or unit."""
 COMPLETE = "_VDFMU_COMPLETE"
-"""Variable by which the shell asks for completions."""
+"""Variable of the shell that asks for completions."""
+
+
+COMPILER = Option(
+    "C compiler for this machine: zig, gcc, clang.", default=None, metavar="PROGRAM",
+    more="Default: the variable VDFMU_COMPILER, else ziglang if it is installed, else cc, gcc or clang.",
+)  # fmt: skip
+"""Option of the commands that build FMUs."""
 
 
 class Described(click.Command):
@@ -40,8 +47,10 @@ class Described(click.Command):
     """Command of the same name for files."""
 
     def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
+        given = settings.get("params", ())
         settings["params"] = [
-            *settings.get("params", ()),
+            *given,
+            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in given) else []),
             parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
@@ -70,6 +79,8 @@ class Described(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, below a line that moves."""
         set_verbosity(ctx.params.pop("quiet"), ctx.params.pop("verbose"))
+        if (chosen := ctx.params.pop("compiler", None)) is not None:
+            os.environ["VDFMU_COMPILER"] = chosen  # of other processes too
         if isinstance(self, click.Group):
             return super().invoke(ctx)
         with Bars(ctx.command_path.partition(" ")[2]) as bars, showing(bars.update):
@@ -144,9 +155,7 @@ class App(Described, click.Group):
 def _usage(error: Any, words: Sequence[str]) -> str:
     """Return the message of wrong usage, with the way out."""
     if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
-        known = {
-            word.lstrip("-"): word for each in error.ctx.command.params for word in (*each.opts, *each.secondary_opts)
-        }
+        known = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
         close = [known[word] for word in get_close_matches(error.option_name.lstrip("-"), known)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")
@@ -171,7 +180,7 @@ def set_verbosity(quiet: bool = False, verbose: bool = False) -> None:
 
 
 def reset_verbosity() -> None:
-    """Show what commands show by default, in a process that runs several of them."""
+    """Restore the default verbosity, in a process that runs several commands."""
     errors.quiet = False
     LOG.setLevel(logging.NOTSET)
     for handler in list(LOG.handlers):
@@ -180,7 +189,7 @@ def reset_verbosity() -> None:
 
 
 class _Lines(logging.Handler):
-    """Prints what is logged above the bars: warnings as notes, details with the time since the command began."""
+    """Prints log records above the bars: warnings as notes, details with the time since the command began."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""``vdfmu doctor``: what is installed, what a missing package costs, and where the cache is."""
+"""``vdfmu doctor``: installed packages, effects of missing packages, the cache."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vdfmu.base.standards import WITHOUT_NATIVE
 WITHOUT = {
     "native": WITHOUT_NATIVE,
     "parquet": "results are CSV, three times the size",
-    "matlab": "no logs from MATLAB files of version 7.3; those of version 5 need nothing",
+    "matlab": "no logs from MATLAB files of version 7.3; files of version 5 need nothing",
     "sweep": "no parameter studies (vdfmu sweep) and no tuning",
     "federate": "a system runs in one process only",
     "notebook": "no jupyter lab, no to_pandas(), no to_xarray(), no bars in a notebook",
@@ -20,17 +20,17 @@ WITHOUT = {
     "learn": "no environments for reinforcement learning",
     "robots": "no robots from MJCF; those from URDF need nothing",
 }
-"""Extra of the package that a user installs, and what is not there without it."""
+"""Extra of the package to the effect of its absence."""
 
 
 def doctor() -> None:
-    """Say what is installed and what a missing package costs."""
+    """Print the installed packages and the effects of missing packages."""
     from vdfmu.base.errors import FmuError
     from vdfmu.base.version import __version__
     from vdfmu.cli.cache import say_cache
     from vdfmu.cli.extras import installed
     from vdfmu.cli.terminal import say
-    from vdfmu.compiler.c.platforms import compiler_version, native_available, this_platform
+    from vdfmu.compiler.c.platforms import compiler, native_available, this_platform
 
     try:
         here = this_platform()
@@ -41,8 +41,11 @@ def doctor() -> None:
     packages, missing = installed("")
     say(f"Needs    {', '.join(packages)}")
     if native_available():
-        say(f"Compiler {compiler_version()}: native FMUs for this and all other platforms")
-    for extra, without in WITHOUT.items():
+        own = compiler(here)
+        others = "this and all other platforms" if own.is_zig else "this platform; the others need ziglang"
+        say(f"Compiler {own.name}: native FMUs for {others}")
+    own_only = {"native": "native FMUs for this platform only, no engine batch"} if native_available() else {}
+    for extra, without in (WITHOUT | own_only).items():
         there, lacks = installed(extra)
         if not there + lacks:  # of an installation before this version
             lacks = ["it is"]

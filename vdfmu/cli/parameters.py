@@ -19,7 +19,7 @@ WIDTH = 80
 _FLAGS = 29
 """Columns of the help before the text of an option."""
 _TASKS = {
-    "System": "robot set unit backend fmi input input-hold variant",
+    "System": "robot set unit backend compiler fmi input input-hold variant",
     "Time": "start stop step at",
     "Coupling": "master adaptive tolerance isolate memory-limit wait-limit ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
@@ -52,7 +52,7 @@ _KINDS: dict[Any, click.ParamType[Any]] = {
 
 
 def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
-    """Return the arguments and options of a command, with those of its ``**options``."""
+    """Return the arguments and options of a command, also of its ``**options``."""
     found: list[click.Parameter] = []
     for one in inspect.signature(function, eval_str=True).parameters.values():
         if one.kind is not one.VAR_KEYWORD:

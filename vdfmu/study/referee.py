@@ -78,6 +78,11 @@ class Judgement:
     algorithm: str = ""
     signals: tuple[SignalError, ...] = ()
 
+    @property
+    def right(self) -> bool | None:
+        """Whether the system is right; None if this is not decided."""
+        return None if self.verdict == OPEN else self.verdict == RIGHT
+
     def __str__(self) -> str:
         return self.text
 

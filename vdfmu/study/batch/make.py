@@ -8,12 +8,12 @@ from collections.abc import Iterable, Iterator
 import casadi as ca
 import numpy as np
 
-from vdfmu.base.errors import KernelError, UsageError
+from vdfmu.base.errors import FmuError, KernelError, UsageError
 from vdfmu.base.files import data_path
 from vdfmu.compiler.c.compile import Compilation, compile_libraries
 from vdfmu.compiler.c.functions import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN
-from vdfmu.compiler.c.platforms import native_available, this_platform
+from vdfmu.compiler.c.platforms import this_platform, zig
 from vdfmu.compiler.c.text import head
 from vdfmu.compiler.unit.evaluate import Call, Evaluation, Traced
 from vdfmu.study.batch.engine import BatchProgram
@@ -29,7 +29,7 @@ _ROUNDS = {ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD}
 def lane_sources(program: SystemProgram) -> tuple[dict[str, bytes], list[list[int]]]:
     """Return file name to content of the C, and the places set by each call that runs only where these are recorded.
 
-    Choices are compiled as they are in the memory of the system. KernelError if a traced function has no C text.
+    Choices are compiled as they are in the memory of the system. KernelError for a function without C text.
     """
     code = _LaneCode(program)
     folder = data_path("fmu_src")
@@ -52,7 +52,7 @@ class _LaneCode(Code):
         """Unit and function to the places that a call sets whose results no unit reads."""
 
     def call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
-        """Yield the lines of a call; outputs that nothing reads are calculated where they are recorded."""
+        """Yield the lines of a call; outputs that nothing reads are calculated if they are recorded."""
         lines = super().call(name, unit, call)
         if call in unit.interface.program.outputs:
             places = [place for group in call.sets for place in self._places(name, unit, group)]
@@ -161,8 +161,10 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
 
     UsageError, with all reasons, if it cannot be run in lanes.
     """
-    if not native_available():
-        raise UsageError("it needs the compiler ziglang: pip install 'vdfmu[native]'")
+    try:
+        zig()
+    except FmuError:
+        raise UsageError("it needs the compiler ziglang: pip install 'vdfmu[native]'") from None
     program = SystemProgram(description, varied)
     try:
         files, optional = lane_sources(program)
@@ -171,7 +173,7 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
     platform = this_platform()
     levels = LEVELS if platform.startswith("x86_64") else LEVELS[:1]
     libraries = compile_libraries(
-        Compilation("lanes", files, platform, (*FLAGS, f"-DLANES={width}", *flags)) for width, flags in levels
+        Compilation("lanes", files, platform, (*FLAGS, f"-DLANES={width}", *flags), zig=True) for width, flags in levels
     )
     fed = np.array([place for place, _ in program.system.outside], dtype=np.int64)
     grid = program.grid
