@@ -20,7 +20,7 @@ from vdfmu.base.toml_tables import Problems, Table
 
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _TABLES: tuple[Section, ...] = (*PARTS, "link")
-_FULL = 0.95
+FULL = 0.95
 """Limit of the speed over the motor's no-load speed. The torque is the whole effort up to that limit."""
 _ACCELERATION = 10.0
 """Assumed acceleration [rad/s2, m/s2] of a joint whose file has no torque, in addition to its weight."""
@@ -53,7 +53,7 @@ def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], g
         like = assumed[kind]
         numbers = {row.path: chosen[i][row.path] for row in section("link") if row.path in chosen[i]}
         source = f"Assumed: {like['source']}, for the largest torque in the comment above the joint"
-        ratio = chosen[i].get(PARAMETERS["ell"].path, (like["drive"]["ell"], ""))[0]
+        ratio = chosen[i].get(PARAMETERS["ell"].path, (float(f"{like['drive']['ell']:.6g}"), ""))[0]
         for row in (row for part in parts for row in section(part)):
             scale = (rating / like["rating"]) ** measure(row.unit(kind)).exponents.get("kg", 0)
             if row.path in chosen[i]:
@@ -85,7 +85,7 @@ def _numbers_of_file(body: Body, file: str, chosen: Numbers) -> Numbers:
             numbers[row.path] = value, f"{file}: {row.given} of the joint"
     numbers.pop(share, None)
     if top in numbers and top not in chosen:
-        full, (speed, source) = chosen.get(share, (_FULL, ""))[0], numbers[top]
+        full, (speed, source) = chosen.get(share, (FULL, ""))[0], numbers[top]
         numbers[share] = full, f"{source}, up to which there is the whole torque"
         numbers[top] = speed / (full or 1.0), f"{source}, over {full:g}" if full else source
     return numbers
