@@ -11,6 +11,7 @@ import numpy as np
 from vdfmu.arm.imports.tree import MOVING, Body, Numbers
 from vdfmu.arm.robot.catalogue import NAMED, tables_of
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
+from vdfmu.arm.robot.plain import PLAIN, in_paper_words
 from vdfmu.arm.robot.robot_file import section_numbers
 from vdfmu.base.files import data_path
 from vdfmu.base.measure import measure
@@ -133,7 +134,11 @@ def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -
         for body, numbers in zip(bodies, chosen, strict=True):
             if body.joint.name in matched:
                 kind = MOVING[body.joint.kind]
-                own = _numbers_of_table(table, kind, source)
+                paper, words = in_paper_words(here, entry, pattern, kind)
+                own = _numbers_of_table(Table(here, paper, pattern, None), kind, source)
+                for place, text in words.items():
+                    key = place.replace(pattern, "joints", 1)
+                    own[key] = own[key][0], f"{text}; {source}"
                 ell = own.get(PARAMETERS["ell"].path, (None,))[0]
                 entries = {part: table.data[part] for part in NAMED if part in table.data}
                 if entries:  # a later table may name the gear or the motor alone
@@ -151,7 +156,8 @@ def _numbers_of_table(table: Table, kind: str, source: str) -> Numbers:
     """Return the numbers in a table of a file of drives, for a type of joint."""
     numbers: Numbers = {}
     for part in _TABLES:
-        inner = table.optional_table(part, tuple(row.key for row in section(part)))
+        known = [*(row.key for row in section(part)), *(PLAIN if part == "drive" else ())]
+        inner = table.optional_table(part, known)
         values = section_numbers(inner, part, kind, inner.data)
         numbers |= {PARAMETERS[name].path: (value, source) for name, value in values.items()}
     return numbers

@@ -15,6 +15,7 @@ from vdfmu.arm.robot.catalogue import NAMED, filled_from_catalogue
 from vdfmu.arm.robot.own_drive import drive_text, robot_class
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
+from vdfmu.arm.robot.plain import PLAIN, in_paper_words
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.arrays import Floats
@@ -64,8 +65,9 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     read: list[dict[str, Any]] = []
     of_catalogue: dict[str, str] = {}
     for i, joint in enumerate(cast("list[Any]", joints or []), 1):
+        joint, of_words = in_paper_words(problems, joint, f"joints[{i}]")
         joint, where_from = filled_from_catalogue(problems, joint, f"joints[{i}]")
-        of_catalogue |= where_from
+        of_catalogue |= where_from | of_words
         read.append(_joint(problems, joint, f"joints[{i}]", made))
     names = [joint["name"] for joint in read]
     for i, name_of in enumerate(names, 1):
@@ -141,7 +143,7 @@ def _joint(problems: Problems, data: object, path: str, made: type[Robot]) -> di
     check_rotation(problems, f"{path}.rotation", joint["rotation"])
     parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
     for part in parts:
-        joint |= section_numbers(table.table(part, _keys(part)), part, kind)
+        joint |= section_numbers(table.table(part, [*_keys(part), *(PLAIN if part == "drive" else ())]), part, kind)
     for part in own:
         rows = [row for row in made.rows.values() if row.section == part]
         joint |= section_numbers(table.optional_table(part, [row.key for row in rows]), part, kind, rows=rows)
@@ -199,7 +201,7 @@ def _inertia(table: Table, row: Row, options: dict[str, Any]) -> Floats:
 def _sources(file: Table, made: type[Robot]) -> dict[str, str]:
     """Read [sources], whose keys may be quoted or nested: "joints.link.mass" or joints.link.mass."""
     texts: dict[str, str] = {}
-    keys = [row.path for row in made.rows.values()]
+    keys = [*(row.path for row in made.rows.values()), *(f"joints.drive.{word}" for word in PLAIN)]
 
     def walk(value: object, path: str) -> None:
         if isinstance(value, dict):
