@@ -31,7 +31,7 @@ def _keys(name: Section) -> list[str]:
 
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", *ENDS, "drive", *_keys("robot"), "payload", "joints",
+    "name", "description", "friction", "rotor_coupling", *ENDS, "folded", "drive", *_keys("robot"), "payload", "joints",
     "sources", "visuals",
 )  # fmt: skip
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED, "name")
@@ -49,6 +49,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     rotor_coupling = file.flag("rotor_coupling", True)
     flags = {flag: file.flag(flag, False) for flag in ENDS}
+    folded = file.flag("folded", True)
     whole = section_numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:
         whole |= section_numbers(file.table("payload", _keys("payload")), "payload")
@@ -87,7 +88,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     return made(
         name=name, description=description, joint_types=tuple(cast(str, joint["type"]) for joint in read),
         joint_names=tuple(names), friction=friction, rotor_coupling=rotor_coupling, sources=of_catalogue | sources,
-        payload="payload" in file.data, visuals=visuals, **options, **flags, **arrays,
+        payload="payload" in file.data or not folded, folded=folded, visuals=visuals, **options, **flags, **arrays,
     )  # fmt: skip
 
 
