@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,7 +36,11 @@ _STEP = 5e-4
 
 
 class ExportedJoint(NamedTuple):
-    """The numbers of one joint, in SI units."""
+    """The numbers of one joint, in SI units.
+
+    `rotor` is the inertia of the rotor about its axis, `effort` the largest torque of the motor, infinite for none.
+    Friction is viscous and Coulomb, on the link link-side, on the rotor motor-side.
+    """
 
     name: str
     slides: bool
@@ -45,14 +50,10 @@ class ExportedJoint(NamedTuple):
     stops: tuple[float, float] | None
     stiffness: float
     rotor: float
-    """Inertia of the rotor about its axis [kg.m2]."""
     ell: float
     link_friction: tuple[float, float]
-    """Viscous and Coulomb friction on the link, link-side."""
     rotor_friction: tuple[float, float]
-    """Viscous and Coulomb friction on the rotor, motor-side."""
     effort: float
-    """Largest torque of the motor, motor-side; infinite for none [N.m]."""
 
     @property
     def friction(self) -> tuple[float, float]:
@@ -81,10 +82,8 @@ def export_robot(
 
     Raises
     ------
-    UsageError
-        For another format.
-    ModelError
-        If the robot is not physical.
+    UsageError, ModelError
+        For another format, or a robot that is not physical.
     """
     arm = check_robot(robot if isinstance(robot, Robot) else load_robot(robot))
     form = to or _SUFFIXES.get(Path(path).suffix.lower(), "")
@@ -97,31 +96,28 @@ def export_robot(
     return notes
 
 
-def _joints(robot: Robot) -> list[ExportedJoint]:
+def _joints(robot: Robot) -> Iterator[ExportedJoint]:
     compliance = np.broadcast_to(spring(robot, np.zeros(robot.n)).compliance, robot.n)
     split = robot.friction == "split"
-    joints: list[ExportedJoint] = []
     for i, kind in enumerate(robot.joint_types):
-        ell, f_v, f_c = float(robot.ell[i]), float(robot.f_v[i]), float(robot.f_c[i])
-        stops = float(robot.q_min[i]), float(robot.q_max[i])
-        joints.append(
-            ExportedJoint(
-                name=(robot.joint_names[i] if robot.joint_names else "") or f"joint_{i + 1}",
-                slides=kind == "prismatic", R=robot.rotation[i], p=robot.offset[i], body=Mass(*robot.body(i)),
-                stops=stops if robot.limits and min(map(abs, stops)) < _NONE else None,
-                stiffness=float(1.0 / compliance[i]), rotor=float(robot.I_m[i]) / ell, ell=ell,
-                link_friction=(f_v, f_c) if split else (0.0, 0.0),
-                rotor_friction=(0.0, float(robot.f_ck[i])) if split else (f_v / ell**2, f_c / ell),
-                effort=float(robot.tau_stall[i]) if robot.limits else np.inf,
-            )
+        ell, f_v, f_c, *stops = (float(a[i]) for a in (robot.ell, robot.f_v, robot.f_c, robot.q_min, robot.q_max))
+        yield ExportedJoint(
+            name=(robot.joint_names[i] if robot.joint_names else "") or f"joint_{i + 1}",
+            slides=kind == "prismatic", R=robot.rotation[i], p=robot.offset[i], body=Mass(*robot.body(i)),
+            stops=(stops[0], stops[1]) if robot.limits and min(map(abs, stops)) < _NONE else None,
+            stiffness=float(1.0 / compliance[i]), rotor=float(robot.I_m[i]) / ell, ell=ell,
+            link_friction=(f_v, f_c) if split else (0.0, 0.0),
+            rotor_friction=(0.0, float(robot.f_ck[i])) if split else (f_v / ell**2, f_c / ell),
+            effort=float(robot.tau_stall[i]) if robot.limits else np.inf,
         )  # fmt: skip
-    return joints
 
 
 def _left_out(robot: Robot, form: str, springs: bool) -> Iterator[str]:
     """Yield notes on the numbers of the robot that a file does not have."""
     if not springs:
         yield "springs of the drives: K_f0, c_f, K_w0, c_w."
+        if form == "MJCF" and robot.rotor_coupling:
+            yield "turning of the rotors with the links that carry them: rotor_coupling."
     elif np.any(robot.c_f > 1e-6) or np.any(robot.c_w > 1e-6):
         yield "stiffening of the springs: c_f, c_w. A spring has its stiffness at rest."
     if form == "URDF":
@@ -145,7 +141,7 @@ def _left_out(robot: Robot, form: str, springs: bool) -> Iterator[str]:
 
 
 def _mjcf(robot: Robot, rigid: bool) -> tuple[bytes, list[str]]:
-    joints, notes = _joints(robot), list(_left_out(robot, "MJCF", not rigid))
+    joints, notes = list(_joints(robot)), list(_left_out(robot, "MJCF", not rigid))
     root = etree.Element("mujoco", model=robot.name)
     _add(root, "compiler", angle="radian", autolimits="true")
     _add(root, "option", timestep=_STEP, integrator="implicitfast", gravity=-robot.gravity)
@@ -157,8 +153,7 @@ def _mjcf(robot: Robot, rigid: bool) -> tuple[bytes, list[str]]:
             motor, driven = _add(at, "body", name=f"rotor_{i + 1}", **frame), rotor
             axial = joint.rotor * (1.0 if robot.rotor_coupling else _LEAST)
             _add(motor, "inertial", pos=np.zeros(3), mass=_SPLIT_OFF, diaginertia=axial * np.array([0.5, 0.5, 1.0]))
-            armature = 0.0 if robot.rotor_coupling else joint.rotor
-            _joint(motor, rotor, False, joint.rotor_friction, armature)
+            _joint(motor, rotor, False, joint.rotor_friction, 0.0 if robot.rotor_coupling else joint.rotor)
             bends = _add(tendons, "fixed", name=f"spring_{i + 1}", stiffness=joint.stiffness, springlength=0.0)
             _add(bends, "joint", joint=rotor, coef=1.0 / joint.ell)
             _add(bends, "joint", joint=joint.name, coef=-1.0)
@@ -203,7 +198,7 @@ def _without_rotor(link: Mass, joint: ExportedJoint, coupled: bool) -> Mass | No
 
 
 def _urdf(robot: Robot) -> tuple[bytes, list[str]]:
-    joints, notes = _joints(robot), list(_left_out(robot, "URDF", False))
+    joints, notes = list(_joints(robot)), list(_left_out(robot, "URDF", False))
     root = etree.Element("robot", name=robot.name)
     _add(root, "link", name="base")
     for i, joint in enumerate(joints):
@@ -211,8 +206,7 @@ def _urdf(robot: Robot) -> tuple[bytes, list[str]]:
         inertial, I_B = _add(link, "inertial"), joint.body.inertia
         _add(inertial, "origin", xyz=joint.body.centroid)
         _add(inertial, "mass", value=joint.body.mass)
-        entries = {f"i{'xyz'[j]}{'xyz'[k]}": I_B[j, k] for j in range(3) for k in range(j, 3)}
-        _add(inertial, "inertia", **entries)
+        _add(inertial, "inertia", **{f"i{'xyz'[j]}{'xyz'[k]}": I_B[j, k] for j in range(3) for k in range(j, 3)})
         kind = "prismatic" if joint.slides else "revolute" if joint.stops else "continuous"
         before = f"link_{i}" if i else "base"
         moving = _urdf_joint(root, joint.name, kind, before, f"link_{i + 1}", joint.R, joint.p)
@@ -260,6 +254,6 @@ def _written(robot: Robot, root: Any, form: str, notes: list[str]) -> bytes:
     lines = [f"Robot {robot.name} of vdfmu. {robot.description}", "SI units, angles in rad."]
     lines += [f"{form} does not have:", *(f"  {note}" for note in notes)] if notes else []
     lines += ["Sources:", *(f"  {key}: {text}" for key, text in robot.sources.items())] if robot.sources else []
-    text = "\n".join(shown(line, FORBIDDEN) for line in lines).replace("--", "- -")
+    text = re.sub("-(?=-)", "- ", "\n".join(shown(line, FORBIDDEN) for line in lines))
     root.insert(0, etree.Comment(f"\n{text}\n"))
     return etree.tostring(root, pretty_print=True, xml_declaration=True, encoding="utf-8")

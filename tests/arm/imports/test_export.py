@@ -5,6 +5,7 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
+from lxml import etree
 from scipy.integrate import solve_ivp
 
 import vdfmu
@@ -75,13 +76,37 @@ def test_a_rigid_robot_comes_back(tmp_path, name):
                 np.testing.assert_allclose(back.kappa_dot_max, robot.kappa_dot_max, rtol=1e-14)
 
 
+@pytest.mark.parametrize("name", ["ur5e_6dof", "scara_4dof", "slider_3dof"])
+def test_rotors_and_springs_come_back(tmp_path, name):
+    robot, path = vdfmu.load_robot(name), tmp_path / "arm.xml"
+    vdfmu.export_robot(robot, path)
+    found = import_robot(path)
+    assert found.notes[0] == "the arm ends at tool" and not any(
+        "tendon" in note or "held" in note for note in found.notes
+    )
+    back = found.robot
+    for field in ("mass", "centroid", "inertia", "offset", "rotation", "tool_offset", "tool_rotation", "gravity"):
+        # the files' rotations are orthogonal to 1e-10; a rotor of 1e-6 kg is split off and joined again
+        np.testing.assert_allclose(getattr(back, field), getattr(robot, field), rtol=1e-9, atol=1e-9, err_msg=field)
+    for field in ("ell", "I_m", "f_v", "f_c"):
+        np.testing.assert_allclose(getattr(back, field), getattr(robot, field), rtol=1e-12, err_msg=field)
+    # 1 / (ell^2 K_w0), 1e-11 of the spring's compliance
+    compliance = 1.0 / robot.K_f0 + 1.0 / (robot.ell**2 * robot.K_w0)
+    np.testing.assert_allclose(1.0 / back.K_f0, compliance, rtol=1e-9)
+    if robot.limits:
+        np.testing.assert_allclose(back.tau_stall, robot.tau_stall, rtol=1e-12)
+    assert str(back.source_of("joints[1].drive.ell")) == "arm.xml: tendon between the joint and its rotor"
+
+
 def test_notes_and_the_file_say_what_is_left_out(tmp_path):
     robot = dataclasses.replace(vdfmu.load_robot("ur5e_6dof"), moving_base=True, friction="split")
+    robot = dataclasses.replace(robot, description="A --- B -- C <&>")
     robot = robot.with_parameters(theta_err_amplitude=1e-5, gravity=[0.0, 9.81, 0.0])
     for name in ("arm.xml", "arm.urdf"):
         notes = vdfmu.export_robot(robot, tmp_path / name)
         text = (tmp_path / name).read_text(encoding="utf-8")
         assert all(note in text for note in notes)
+        assert "A - - - B - - C <&>" in text and etree.fromstring(text.encode()) is not None
         every = " ".join(notes)
         for key in ("c_f", "theta_err_amplitude", "f_s", "stop_stiffness", "moving base"):
             assert key in every
@@ -97,6 +122,11 @@ def test_a_slender_link_has_the_rotor_too(tmp_path):
     notes = vdfmu.export_robot(robot.with_parameters(inertia=inertia), tmp_path / "arm.xml")
     assert notes == ["link 1 is too slender to give rotor 2 its inertia across the axis: it has both."]
     mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+
+
+def test_a_rigid_file_says_that_its_rotors_are_not_bodies(tmp_path):
+    notes = vdfmu.export_robot("planar_2dof", tmp_path / "arm.xml", rigid=True)
+    assert "turning of the rotors with the links that carry them: rotor_coupling." in notes
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], g
         like = assumed[kind]
         numbers = {row.path: chosen[i][row.path] for row in section("link") if row.path in chosen[i]}
         source = f"Assumed: {like['source']}, for the largest torque in the comment above the joint"
-        ratio = chosen[i].get(PARAMETERS["ell"].path, (float(f"{like['drive']['ell']:.6g}"), ""))[0]
+        ratio = (of_file[i] | chosen[i]).get(PARAMETERS["ell"].path, (float(f"{like['drive']['ell']:.6g}"), ""))[0]
         for row in (row for part in parts for row in section(part)):
             scale = (rating / like["rating"]) ** measure(row.unit(kind)).exponents.get("kg", 0)
             if row.path in chosen[i]:
@@ -84,6 +84,11 @@ def _numbers_of_file(body: Body, file: str, chosen: Numbers) -> Numbers:
             continue
         if stops or row.given not in ("lower", "upper"):
             numbers[row.path] = value, f"{file}: {row.given} of the joint"
+    if "stiffness" in joint.given:
+        drive = {key: joint.given[key] for key in ("ell", "stiffness")}
+        paper, _ = in_paper_words(Problems(""), {"drive": drive}, "joints", MOVING[joint.kind])
+        spring = f"{file}: tendon between the joint and its rotor"
+        numbers |= {f"joints.drive.{key}": (value, spring) for key, value in paper["drive"].items()}
     numbers.pop(share, None)
     if top in numbers and top not in chosen:
         full, (speed, source) = chosen.get(share, (FULL, ""))[0], numbers[top]

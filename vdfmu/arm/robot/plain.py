@@ -14,14 +14,11 @@ RIGID, LINEAR = 1e11, 1e-6
 """K_w0 [N.m/rad] and c_f, c_w [1/(N.m), 1/N] of a linear spring. Its compliance differs from 1 / K_f0 by less than
 (c_f tau)^2, 1e-8 of itself at 100 N.m, and the compliance 1 / (ell^2 K_w0) of the wave generator."""
 PLAIN = {
-    "stiffness": ("stiffness", ("K_f0", "c_f", "K_w0", "c_w"), "Stiffness of a linear spring, link-side"),
-    "rotor_inertia": ("kg.m2", ("I_m",), "Rotor inertia, motor-side"),
-}
-"""Word to its unit of measurement, or a key of `unit_of`, to the paper's keys and to its meaning."""
-NOTES = {
-    "stiffness": f"stiffness: a linear spring, K_f0 = stiffness, K_w0 = {RIGID:g} N.m/rad, c_f = c_w = {LINEAR:g}.",
-    "rotor_inertia": "rotor_inertia: I_m = ell * rotor_inertia.",
-}
+    "stiffness": ("stiffness", ("K_f0", "c_f", "K_w0", "c_w"), "Stiffness of a linear spring, link-side",
+                  f"K_f0 = stiffness, K_w0 = {RIGID:g} N.m/rad, c_f = c_w = {LINEAR:g}"),
+    "rotor_inertia": ("kg.m2", ("I_m",), "Rotor inertia, motor-side", "I_m = ell * rotor_inertia"),
+}  # fmt: skip
+"""Word to its unit of measurement, or a key of `unit_of`, to the paper's keys, its meaning and its conversion."""
 
 
 def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") -> tuple[Any, dict[str, str]]:
@@ -35,7 +32,7 @@ def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") ->
     drive = cast("dict[str, Any]", drive)
     paper = {key: value for key, value in drive.items() if key not in PLAIN}
     sources: dict[str, str] = {}
-    for word, (quantity, keys, text) in PLAIN.items():
+    for word, (quantity, keys, text, _) in PLAIN.items():
         if word not in drive:
             continue
         unit = unit_of(quantity, kind or joint.get("type", ""))
@@ -63,4 +60,4 @@ def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") ->
 def plain_notes(sources: Mapping[str, str]) -> list[str]:
     """Return a note on each word that a robot's file has, by the sources of its numbers."""
     words = {text.partition(" = ")[0] for text in sources.values()}
-    return [note for word, note in NOTES.items() if word in words]
+    return [f"{word} was converted: {note}." for word, (*_, note) in PLAIN.items() if word in words]

@@ -34,9 +34,9 @@ def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
     """
     named = {name.rpartition(".")[2] for name in names}
     fields = {name.partition("[")[0] for name in named}
-    unfolded = robot.unfolded()
-    if not named.isdisjoint({p.name for p in unfolded.entries() if p.field not in _PAYLOAD} - _names(robot)):
-        robot = unfolded
+    here, spare = ({p.name for p in r.entries() if p.field not in _PAYLOAD} for r in (robot, robot.unfolded()))
+    if named & (spare - here):
+        robot = robot.unfolded()
     if fields.isdisjoint(_PAYLOAD):
         return robot
     if not robot.payload:
@@ -44,10 +44,6 @@ def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
     if "payload_inertia" in fields and not robot.payload_inertia.any():  # zeros, a point mass, have no parameters
         robot = dataclasses.replace(robot, payload_inertia=read_only(1e-12 * np.eye(3)))
     return robot
-
-
-def _names(robot: Robot) -> set[str]:
-    return {p.name for p in robot.entries()}
 
 
 def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:

@@ -40,7 +40,7 @@ def robot_schema() -> Schema:
     payload = _table(_rows("payload"), _required("payload"))
     parts: tuple[Section, ...] = ("link", "drive", "friction", *JOINT_OPTIONS)
     tables = {part: _table(_rows(part), _required(part)) for part in parts}
-    words = {word: _POSITIVE | {"description": f"{text} [{_units(unit)}]"} for word, (unit, _, text) in PLAIN.items()}
+    words = {word: _POSITIVE | {"description": f"{row[2]} [{_units(row[0])}]"} for word, row in PLAIN.items()}
     tables["drive"] = _table(_rows("drive") | words, [])  # a gear, a motor or a plain word may give the others
     named: Schema = {noun: {"enum": list(catalogue()[f"{noun}s"])} for noun in NAMED}
     joint = _table(
