@@ -25,6 +25,8 @@ _OF_JOINT = 1
 """Part of a tendon along a joint, of MuJoCo's mjtWrap."""
 _SQUARED = ("damping", "armature")
 """Numbers of a rotor that are ell^2 times as large at its link. The others are ell times as large."""
+_REST = 1e-9
+"""Share of a rotor's inertia about its axis that stays with its link, which is a rigid body so."""
 _VISIBLE = 3
 """First group of shapes that MuJoCo's viewer hides."""
 
@@ -122,7 +124,7 @@ class _MjcfReader:
         inertia = R @ np.diag(m.body_inertia[i]) @ R.T
         if i in self.rotor_of:  # what turns is in the drive, the rest is a part of the link that carries it
             axis = np.array(m.jnt_axis[self.rotor_of[i].joint])
-            inertia = inertia - self.rotor_of[i].inertia * np.outer(axis, axis)
+            inertia = inertia - (1.0 - _REST) * self.rotor_of[i].inertia * np.outer(axis, axis)
         first, count = int(m.body_geomadr[i]), int(m.body_geomnum[i])
         shapes = [self.visual(g) for g in range(first, first + count) if m.geom_group[g] < _VISIBLE]
         visuals = tuple(shape for shape in shapes if shape is not None)
