@@ -18,6 +18,7 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report
 from vdfmu.base.standards import PYTHON_FMI
+from vdfmu.compiler.c.platforms import compiler_version
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.linear.growth import Poses
@@ -189,6 +190,7 @@ def _facts(system: SystemDescription, options: ScenarioRunOptions, backend: str)
     scenario, robot = system.scenario, system.scenario.robot
     return run_facts(scenario) | {
         "backend": backend,
+        **({"compiler": compiler_version()} if backend == "native" else {}),
         "fmi": options["fmi_version"],
         "settings": {key: str(value) for key, value in (options["settings"] or {}).items()},
         "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
