@@ -68,12 +68,10 @@ def run(
     }.get(Path(scenario).suffix.lower())
     if way:
         raise UsageError(f"{scenario}: expected a scenario; this {way}.")
-    given: dict[str, Any] = {**options}
-    if given["simulate"] is None:
-        given["simulate"] = True
+    given: dict[str, Any] = {**options, "simulate": options["simulate"] is not False}
     if study is None:
         if row is not None or by is not None or trust:
-            raise UsageError("row, by, trust: expected --from with a parameter study, of which they choose a point.")
+            raise UsageError("row, by, trust: expected --from with a parameter study. They choose its point.")
         given["scenario"] = load(scenario, given.pop("robot"))
     else:
         from vdfmu.study.sweeps.sweep import Sweep
@@ -81,9 +79,9 @@ def run(
         source = click.get_current_context().get_parameter_source("scenario")
         if source is click.core.ParameterSource.COMMANDLINE:
             raise UsageError(f"{scenario}: expected no scenario with --from: {study} has its own.")
-        found = Sweep(study)
-        point = found.options(row or "worst", by, trust=trust)
-        say_notes(found.notes)
+        sweep = Sweep(study)
+        point = sweep.options(row or "worst", by, trust=trust)
+        say_notes(sweep.notes)
         changed = pick(ScenarioOptions, options)
         given |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
         for name in ("units", "settings"):
@@ -91,9 +89,8 @@ def run(
     from vdfmu.engine.results.folder import written
     from vdfmu.engine.results.verdict import FAILED, state_of
     from vdfmu.engine.run import Interrupted
-    from vdfmu.study.report import tables
-    from vdfmu.study.report.page import NAME
-    from vdfmu.study.report.sheets import sheets
+    from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
+    from vdfmu.study.report.shown_run import NAME
     from vdfmu.study.runs import RUN_OUTPUTS
     from vdfmu.study.runs import run as run_study
 
@@ -112,8 +109,8 @@ def run(
         if "no_reference" in summary:
             say_notes([f"No reference: {summary['no_reference']}."])
         if LOG.isEnabledFor(logging.INFO):
-            tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
-        (console.print if failed else tell)(tables.verdict_table(summary))
+            tell(run_panel(summary), *map(sheet_table, sheets(summary)))
+        (console.print if failed else tell)(verdict_table(summary))
         folder = Path(options["out"] or Path("results", summary["scenario"]))
         say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
         _say_page(folder / NAME, opened)
@@ -122,18 +119,18 @@ def run(
 
 
 def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
-    """Print why a run failed, or that it was stopped, and where the page of its rows is."""
+    """Print the reason of a run's failure, or its verdict if it was stopped, and the page of its rows."""
     from vdfmu.engine.results.folder import PARTIAL
-    from vdfmu.study.report.page import NAME
+    from vdfmu.study.report.shown_run import NAME
 
     page, summary = folder / PARTIAL / NAME, error.results.summary
     if not len(error.results) or not page.exists():
         return
     stopped = isinstance(error, KeyboardInterrupt)
-    if not stopped:
-        say_error(error)
-    else:
+    if stopped:
         _say_verdict(summary)
+    else:
+        say_error(error)
     _say_page(page, opened)
     if not stopped:
         raise SystemExit(1)
@@ -153,7 +150,7 @@ def simulate(
     Start, stop, step and master default to the package's experiment and annotations.
     """
     if robot is not None and not live:
-        raise UsageError("--robot: expected --live, which it is for.")
+        raise UsageError("--robot needs --live.")
     with live_view(live, port, robot) as observer:
         options["observer"] = observer
         _run_package(package, unpack_limit, **options)
@@ -220,41 +217,33 @@ def report(
     overwrite: ForeignOption = False,
 ) -> None:
     """Write the page of a run, or compare several runs on one page."""
-    from vdfmu.study.report.gallery import INDEX, is_gallery, write_gallery
-    from vdfmu.study.report.latex import SUFFIX, write_tables
-    from vdfmu.study.report.page import NAME, write_report
-    from vdfmu.study.report.sheets import sheets
-    from vdfmu.study.report.shown_run import newest_run, read_run, run_folder
+    from vdfmu.study.report.page import write_report
+    from vdfmu.study.report.sheets import LATEX, sheets, write_tables
+    from vdfmu.study.report.shown_run import INDEX, NAME, is_gallery, newest_run, read_run, run_folder, write_gallery
 
-    if folders and len(folders) == 1 and is_gallery(folders[0]):
-        page = out or inside(folders[0], folders[0] / INDEX)
-        with replacing_foreign(overwrite):
-            require_ours(page)
-        say_written(write_gallery(folders[0], page))
-        _say_page(page, opened)
-        return
+    gallery = bool(folders) and len(folders) == 1 and is_gallery(folders[0])
     folders = folders or [newest_run(Path("results"))]
-    runs = [read_run(folder) for folder in folders]
-    page = out or (run_folder(folders[0]) / NAME if len(runs) == 1 else folders[0].parent / "comparison.html")
+    runs = [] if gallery else [read_run(folder) for folder in folders]
     if out is None:
-        inside(folders[0] if len(runs) == 1 else page.parent, page)
+        place = folders[0] if gallery or len(runs) == 1 else folders[0].parent
+        name = INDEX if gallery else "comparison.html"
+        out = inside(place, run_folder(place) / NAME if len(runs) == 1 else place / name)
     with replacing_foreign(overwrite):
-        require_ours(page)
-    if page.suffix == SUFFIX:
-        say_written(write_tables((sheet for each in runs for sheet in sheets(each.summary)), page))
+        require_ours(out)
+    if out.suffix == LATEX and not gallery:
+        say_written(write_tables((sheet for run in runs for sheet in sheets(run.summary)), out))
         return
-    write_report(runs, page, simulate=simulate)
-    say_written(page)
-    _say_page(page, opened)
+    say_written(write_gallery(folders[0], out) if gallery else write_report(runs, out, simulate=simulate))
+    _say_page(out, opened)
 
 
 def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[SystemOptions]) -> None:
-    """Run a package with what a command line says, and print what the run was."""
+    """Run a package by the options of a command; print its facts."""
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder, run_system
     from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
     from vdfmu.engine.run import Interrupted
-    from vdfmu.study.report import tables
+    from vdfmu.study.report.sheets import run_panel
 
     folder = Path(options["out"] or default_folder(package))
     try:
@@ -268,21 +257,21 @@ def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[Syst
             write_failed(package.stem, package, folder / PARTIAL, error)
             _say_failed(error, folder)
         raise
-    tell(tables.run_panel(results.summary))
+    tell(run_panel(results.summary))
     say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
-    """Print the verdict on a run in a line; with ``--quiet`` of a run that is not good."""
+    """Print the verdict on a run in a line; with ``--quiet`` only a doubtful or failed one."""
     from vdfmu.engine.results.verdict import GOOD, state_of
-    from vdfmu.study.report.tables import verdict_text
+    from vdfmu.study.report.sheets import verdict_text
 
     if (text := verdict_text(summary)) and not (errors.quiet and state_of(summary) == GOOD):
         console.print(text, soft_wrap=True)
 
 
 def _say_page(page: Path, opened: bool) -> None:
-    """Print how to open a page, as a link where the terminal has them, and open it if that is wanted."""
+    """Print the path of a page as a link; open it in a browser if `opened`."""
     address = page.resolve().as_uri()
     if not errors.quiet and page.exists():
         console.print(Text.assemble("Open ", (str(page), f"link {address}")), soft_wrap=True)

@@ -14,9 +14,9 @@ from vdfmu.base.progress import doing, with_progress
 from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, known_formats, known_pictures, replacing_results, write_summary
 from vdfmu.engine.run import Interrupted, Results
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
-from vdfmu.study.report.page import NAME, write_failed, write_report
-from vdfmu.study.report.pictures import write_pictures
-from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.report.figures import write_pictures
+from vdfmu.study.report.page import write_failed, write_report
+from vdfmu.study.report.shown_run import NAME, ShownRun
 from vdfmu.study.report.simulation import keep_program
 from vdfmu.study.run.scenario_run import ScenarioRun, prepare
 from vdfmu.system.scenario import Scenario
@@ -77,7 +77,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         with doing("figures"):
             write_pictures(results, scenario.robot, made, options["pictures"], width)
         with doing("page"):
-            shown = ShownRun(scenario.name, results, summary, job.package)
+            shown = ShownRun(scenario.name, results, summary, job.package, job.poses)
             write_report([shown], made / NAME, simulate=bool(options["simulate"]))
             getattr(observer, "page", lambda path: None)(made / NAME)
         write_summary(summary, made)

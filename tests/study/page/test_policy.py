@@ -14,9 +14,8 @@ from tests.study.page.browser import show
 from vdfmu.base import page as frame
 from vdfmu.base.files import read_member
 from vdfmu.engine.results.recorded import Signal
-from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.page import StudyPart, report_page, study_page
-from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.report.shown_run import ShownRun, write_gallery
 from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.live_server import live_page, words_page
 

@@ -5,6 +5,7 @@ Names are unique among the modules of a page; the lines of ``import`` and the wo
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -12,6 +13,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.page import style_sheet
 from vdfmu.base.text import to_json
@@ -93,3 +97,9 @@ def scripts_of(modules: Sequence[str]) -> list[str]:
 
 def _text(name: str) -> str:
     return (_WEB / name).read_text(encoding="utf-8")
+
+
+def packed(values: NDArray[Any], kind: str) -> str:
+    """Return numbers as base64 of a `kind` of the page."""
+    with np.errstate(over="ignore"):  # values beyond single precision are drawn as gaps
+        return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()

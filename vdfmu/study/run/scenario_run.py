@@ -120,7 +120,7 @@ class ScenarioRun:
         for note in _notes(scenario, backend, options["settings"]):
             self._say(note)
         self._facts = _facts(self.system, options, backend)
-        self._poses, self._limits = poses_of(self.system), limits_of(self.system)
+        self.poses, self._limits = poses_of(self.system, again=bool(options["simulate"])), limits_of(self.system)
         self._bond = PowerBond(scenario.robot) if scenario.robot else None
 
     def pack(self, folder: Path) -> None:
@@ -138,12 +138,12 @@ class ScenarioRun:
             results = simulated(
                 self.scenario, self.package, progress=partial(report, "co-simulation"), log=options["log"],
                 about=self._facts, observer=options["observer"],
-                taps=[witness.probe, self._poses, *([self._bond] if self._bond else [])],
+                taps=[witness.probe, self.poses, *([self._bond] if self._bond else [])],
                 pace=options["pace"], record=self._recorded(),
                 stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
-            unstable = explain(error, self._poses)
+            unstable = explain(error, self.poses)
             if written:
                 if error.results is not None and unstable:
                     error.results.summary["key_figures"] = unstable[0].figures
@@ -163,7 +163,7 @@ class ScenarioRun:
         """Compare with the references if the options say so, and put key figures and verdict into the summary."""
         if self._options["reference"]:
             results.summary |= _references(self.system, self.package, results)
-        _judge(results, self.system, self._poses, self._limits)
+        _judge(results, self.system, self.poses, self._limits)
 
     def _recorded(self) -> list[str] | None:
         """Return the names of what is recorded anyway and of what is wanted too; None without more of these."""

@@ -18,8 +18,7 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.base.page import page
 from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
-from vdfmu.study.report.curves import packed
-from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, scripts_of
+from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, packed, scripts_of
 from vdfmu.study.report.shapes import Chain, DrawnShape, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
 from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.server import PERIOD, PageServer
