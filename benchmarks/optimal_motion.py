@@ -14,7 +14,6 @@ from benchmarks.report import Report, Table
 from benchmarks.timing import processor_time
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
-from vdfmu.arm.robot.structure import values
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.unit.program import UnitFunctions
 
@@ -31,7 +30,7 @@ def traced_rate(robot: Robot) -> ca.Function:
     """Return ``rate(x, u)`` of the plant as it is traced: states and their derivatives, u = (tau, F_e)."""
     function = UnitFunctions(shipped_units()["plant"], robot).casadi_function("plant_derivatives")
     x, tau, F_e = (ca.SX.sym(name, function.size1_in(name)) for name in ("x", "tau", "F_e"))
-    rate = function(values(robot), x, tau, F_e)
+    rate = function(robot.values(), x, tau, F_e)
     return ca.Function("rate", [x, ca.vertcat(tau, F_e)], [rate], ["x", "u"], ["ode"])
 
 

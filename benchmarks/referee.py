@@ -50,7 +50,8 @@ class Coupled:
         self.source = rng.integers(0, n, k)
         self.target = np.array([(s + rng.integers(1, n)) % n for s in self.source])
         self.target[1], self.source[1] = self.source[0], self.target[0]  # a loop at least
-        self.A, rows = block_diag(*blocks), len(self.own)
+        rows = len(self.own)
+        self.A: Any = np.asarray(block_diag(*blocks))
         self.B, self.C, self.D = np.zeros((rows, k)), np.zeros((k, rows)), np.zeros((k, k))
         gain = 10 ** rng.uniform(-0.5, 0.7)
         for j in range(k):
@@ -62,7 +63,7 @@ class Coupled:
                 for i in np.flatnonzero(self.target == self.source[j]):
                     if self.source[i] < self.source[j] and rng.random() < 0.5:
                         self.D[j, i] = 0.7 * rng.normal()
-        self.closed = self.A + self.B @ np.linalg.solve(np.eye(k) - self.D, self.C)
+        self.closed: Any = self.A + self.B @ np.linalg.solve(np.eye(k) - self.D, self.C)
         self.start = rng.normal(size=len(self.A))
         return np.linalg.eigvals(self.closed).real.max() < 1.5
 

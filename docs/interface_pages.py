@@ -10,8 +10,7 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS
 from vdfmu.arm.units import package_units, shipped_units
 from vdfmu.base.toml_tables import POSITIVE
-from vdfmu.compiler.fmu.description import model_description
-from vdfmu.compiler.fmu.description3 import model_description_3
+from vdfmu.compiler.fmu.description import model_description, model_description_3
 from vdfmu.compiler.unit.interface import Array, Interface, general_description
 from vdfmu.compiler.unit.variable import Variable
 

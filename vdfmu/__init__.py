@@ -2,42 +2,30 @@
 
 Python API
 ----------
-``build``
-    One FMU: of a class of Unit, a file with one, or a unit of this package.
-``connect``, ``load``
-    A system of FMUs as one object, of FMUs and connections, or of a package, an FMU or a scenario.
-``load_robot``, ``load_scenario``
-    A shipped robot or scenario by name, or a file by path.
-``load_motion``
-    A motion of a file, worked out for a robot; ``vdfmu.motion`` has functions that make one.
+``build``, ``connect``, ``load``
+    One FMU of a unit; a system as an object, of FMUs and connections, or of a package, an FMU or a scenario.
+``load_robot``, ``load_scenario``, ``load_motion``
+    A robot, scenario or motion of a file, shipped ones by name; ``vdfmu.motion`` has functions that make motions.
 ``robot_from_urdf``, ``robot_from_mjcf``
     An arm of a file of another tool.
 ``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
     Rigid links, link-side torques, one state or a batch.
 ``linearize``, ``natural_modes``
-    An arm at rest at a pose as a linear system, and its natural frequencies, damping and mode shapes.
+    An arm at rest as a linear system, and its natural frequencies, damping and mode shapes.
 ``build_fmus``, ``write_ssp``, ``write_container``
-    The four units as FMUs, the system that wires them as a package or for libcosim, and the system as one FMU.
-``run``
-    A whole scenario: co-simulation, references, comparison, files.
-``animate``
-    The arm of a run, moving, in a notebook or a file.
-``simulate``, ``load_ssp``
-    The master, for systems of FMUs of FMI 2.0 and 3.0.
-``federate``
-    The same in several processes, on one or several machines.
-``Simulator``
-    The same for many runs of one system, whose components stay loaded.
-``sweep``
-    A scenario or package at many points: a table that outlives all that may happen.
-``tune``
-    Parameters of a scenario that make a stated cost smallest.
-``ArmEnv``, ``ArmVectorEnv``
-    A scenario as an environment of gymnasium, for one arm or many.
+    The units as FMUs, their system as a package or for libcosim, and the system as one FMU.
+``run``, ``animate``
+    A whole scenario: co-simulation, references, comparison, files; the moving arm of a run.
+``simulate``, ``load_ssp``, ``Simulator``, ``federate``
+    The master for systems of FMUs of FMI 2.0 and 3.0: one run, many runs, or in several processes.
+``sweep``, ``tune``
+    A scenario or package at many points in a durable table, and parameters with the smallest cost.
+``Environment``, ``ArmEnv``, ``ArmVectorEnv``
+    Any system as an environment of gymnasium; a scenario as one, for one arm or many.
 ``LiveView``, ``RobotView``
-    A run while it goes on, and a robot with sliders, in a browser.
+    A run in progress, and a robot with sliders, in a browser.
 ``package_limit``
-    How much may be unpacked of a package.
+    Limit of the unpacked size of a package.
 """
 
 from importlib import import_module
@@ -62,13 +50,13 @@ if TYPE_CHECKING:
     from vdfmu.base.state_space import StateSpace
     from vdfmu.engine.container import write_container
     from vdfmu.engine.federation import federate
-    from vdfmu.engine.package import load_ssp
     from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.package.read import load_ssp
     from vdfmu.engine.run import Results, Simulator, simulate
     from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.modes import Modes, natural_modes
     from vdfmu.study.connected import System, connect, load
-    from vdfmu.study.environment.arm import ArmEnv, ArmVectorEnv
+    from vdfmu.study.environment.environments import ArmEnv, ArmVectorEnv, Environment
     from vdfmu.study.report.page import Animation, animate
     from vdfmu.study.runs import run
     from vdfmu.study.sweeps.sweep import Sweep, sweep
@@ -89,7 +77,7 @@ _NAMES = {
     "vdfmu.engine.container": ("write_container",),
     "vdfmu.engine.federation": ("federate",),
     "vdfmu.base.state_space": ("StateSpace",),
-    "vdfmu.engine.package": ("load_ssp",),
+    "vdfmu.engine.package.read": ("load_ssp",),
     "vdfmu.engine.package.limits": ("package_limit",),
     "vdfmu.base.errors": ("VdfmuError",),
     "vdfmu.arm.fmus": ("build", "build_fmus"),
@@ -102,19 +90,19 @@ _NAMES = {
     "vdfmu.system.package.write": ("write_ssp",),
     "vdfmu.study.sweeps.sweep": ("Sweep", "sweep"),
     "vdfmu.study.tuning.tune": ("tune",),
-    "vdfmu.study.environment.arm": ("ArmEnv", "ArmVectorEnv"),
+    "vdfmu.study.environment.environments": ("ArmEnv", "ArmVectorEnv", "Environment"),
     "vdfmu.study.view.live": ("LiveView",),
     "vdfmu.study.view.robot": ("RobotView",),
 }  # fmt: skip
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "Animation", "ArmEnv", "ArmVectorEnv", "LiveView", "Modes", "Results", "Robot", "RobotView", "Scenario",
-    "Simulator", "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build", "build_fmus",
-    "connect", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian",
-    "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
-    "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",
-    "tune", "write_container", "write_ssp",
+    "Animation", "ArmEnv", "ArmVectorEnv", "Environment", "LiveView", "Modes", "Results", "Robot", "RobotView",
+    "Scenario", "Simulator", "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build",
+    "build_fmus", "connect", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque",
+    "inverse_dynamics", "jacobian", "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp",
+    "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run",
+    "scenario_names", "simulate", "sweep", "tune", "write_container", "write_ssp",
 ]  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from vdfmu.arm.drive.option import (
     row,
 )
 from vdfmu.base.measure import POSITIVE
-from vdfmu.compiler.scalar.generic import clip, sgn
+from vdfmu.compiler.scalar import clip, sgn
 
 __all__ = [
     "POSITIVE", "Array", "Condition", "DriveOption", "Friction", "JointMotion", "LinkTorque", "OptionState", "Parallel",

@@ -75,7 +75,7 @@ class Arm:
         self.tuning = self._write("tuning", self._tables("tuning", "point_to_point") | {"inputs": self._push()})
 
     def start_of(self, law: Law) -> dict[str, Any]:
-        """Return the values from which the search of a law begins."""
+        """Return the start values of the search of a law."""
         return {name: np.asarray(x).tolist() for name, x in law.start(self.rule, self.robot, self.pose).items()}
 
     def write(self, motion: str, law: Law, values: Mapping[str, Any], loop: str) -> Path:

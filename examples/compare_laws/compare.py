@@ -109,7 +109,7 @@ def ranked(rows: Sequence[Row], laws: Sequence[str], cells_of_a_law: int) -> lis
     """Return (cells that are not stable, error relative to the best law, law), the best law first.
 
     The best law has the fewest such cells, then the least error. Errors are compared by the geometric mean over the
-    cells in which both laws are stable.
+    cells with both laws stable.
     """
     good: dict[str, dict[tuple[str, str], float]] = {law: {} for law in laws}
     for row in rows:

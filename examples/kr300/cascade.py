@@ -15,14 +15,14 @@ class Cascade(Unit):
         tau   = K_v (w - kappa_dot) + z
 
     Without integrator, filter and delay, and with kappa instead of q, this is the law of the repository's
-    ident_functions/nonlinear_differential_model.m, tau_ff + K_v (kappa_dot_d - kappa_dot) + K_p (q_d - kappa), where
-    tau_ff counts from the torque at the start, which z is then. There K_v is u K_vel k_T / (2 pi sqrt(2)), of the ratio
+    ident_functions/nonlinear_differential_model.m, tau_ff + K_v (kappa_dot_d - kappa_dot) + K_p (q_d - kappa). Its
+    tau_ff counts from the torque at the start, here z. There K_v is u K_vel k_T / (2 pi sqrt(2)), of the ratio
     u, the gain K_vel in As of current over turns of the motor, and k_T in N.m over the current's root mean square.
     """
 
     q_d = Input("position", JOINTS, "desired position")
     kappa_dot_d = Input("velocity", JOINTS, "desired velocity of the rotor divided by ell")
-    tau_ff = Input("N.m", JOINTS, "torque in addition to that of the start, motor-side")
+    tau_ff = Input("N.m", JOINTS, "torque in addition to the torque at the start, motor-side")
     q = Input("position", JOINTS, "position of the link")
     kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
     tau = Output("N.m", JOINTS, "motor torque, motor-side")

@@ -1,10 +1,10 @@
-"""Tables of what the controller of the KR 300 was told, from a record of the public repository.
+"""Tables of the commands of the controller of the KR 300, from a record of the public repository.
 
     python examples/kr300/command.py data.mat a
 
 data.mat is in a folder of data/recorded_trajectories of JonasWeigand/Robot_Identification; a.parquet beside this file
 has the rest of that record. Written beside it: a_reference.csv, the recorded reference every 40 ms, and a_command.csv,
-`ref_dyn.phi_r_m_all_d1`, speeds of the motors, divided by the ratios, and `tau_ff_all`, torques in addition to those of
+`ref_dyn.phi_r_m_all_d1`, speeds of the motors, divided by the ratios, and `tau_ff_all`, torques added to the torques at
 the start, at as many of the record's times as lines between them need to be right.
 """
 
@@ -21,7 +21,7 @@ RIGHT = {"kappa_dot_d": 1e-3, "tau_ff": 0.02}
 
 def knots(values, right):
     """Return rows such that lines between them are within `right` of all values (m, k) between."""
-    found, start, m = [0], 0, len(values)
+    rows, start, m = [0], 0, len(values)
     while start < m - 1:
         end = start + 1
         for last in range(start + 2, min(m, start + 150)):
@@ -30,9 +30,9 @@ def knots(values, right):
             if (np.abs(line - values[start : last + 1]) > right).any():
                 break
             end = last
-        found.append(end)
+        rows.append(end)
         start = end
-    return found
+    return rows
 
 
 def write(path, time, columns):
@@ -48,10 +48,10 @@ def main(file, record):
     data = loadmat(file, squeeze_me=True, struct_as_record=False)
     time = np.asarray(data["rec"].time_cont, dtype=float)
     ratios = data["para"].u
-    found = {"kappa_dot_d": data["ref_dyn"].phi_r_m_all_d1 / ratios, "tau_ff": np.array(data["tau_ff_all"].T, float)}
-    rows = knots(np.hstack([found[key] / right for key, right in RIGHT.items()]), 1.0)
+    signals = {"kappa_dot_d": data["ref_dyn"].phi_r_m_all_d1 / ratios, "tau_ff": np.array(data["tau_ff_all"].T, float)}
+    rows = knots(np.hstack([signals[key] / right for key, right in RIGHT.items()]), 1.0)
     units = {"kappa_dot_d": " [rad/s]", "tau_ff": " [N.m]"}
-    columns = {(f"controller.{key}[{{}}]", units[key]): value[rows] for key, value in found.items()}
+    columns = {(f"controller.{key}[{{}}]", units[key]): value[rows] for key, value in signals.items()}
     write(HERE / f"{record}_command.csv", time[rows], columns)
     pose = np.array([0, -90, 90, 0, 0, 0])  # degrees at the start, as KUKA counts
     reference = data["rec"].ref_pos_deg.T[::10] + pose

@@ -3,12 +3,12 @@
     python examples/kr300/compare.py
     python examples/kr300/compare.py results/no_integrator controller.f_n=0
 
-Of the record A, to which the robot and times of its controller were fitted, and of B, to which no number was. Beside
-the robot is a wrong one under the same controller: half the masses, half the friction, springs ten times as stiff. A
-number that both predict says nothing about the arm.
-The records in Parquet need pyarrow. Taken out of them are constants of the torques and the delay of the encoders behind
-the gears, as `vdfmu identify` finds them in A, and the constant between the encoders of each axis, which count from
-where they start. Axes 4 to 6 have no encoders behind their gears: the position is that of the motor.
+The robot and times of its controller were fitted to record A. Record B is a prediction without fit. A wrong robot runs
+under the same controller: half the masses, half the friction, springs ten times as stiff. A number that both robots
+predict says nothing about the arm.
+The records in Parquet need pyarrow. They are corrected for constants of the torques and the delay of the encoders
+behind the gears, as `vdfmu identify` finds them in A, and for the constant between the encoders of each axis: they
+count from their start. Axes 4 to 6 lack encoders behind their gears: the motor's position is shown.
 """
 
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
@@ -22,7 +22,7 @@ import vdfmu
 from vdfmu import Results
 from vdfmu.base import style
 from vdfmu.base.option import read_settings
-from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Signal
 from vdfmu.study.identify.fit import identify
 from vdfmu.study.identify.log import read_log
 from vdfmu.study.report.page import write_report
@@ -30,7 +30,7 @@ from vdfmu.study.report.shown_run import ShownRun
 
 HERE = Path(__file__).parent
 MOVES = 0.02
-"""Speed [rad/s] of the reference from which on an axis moves."""
+"""Lowest speed [rad/s] of the reference of a moving axis."""
 FILE_LAW = {"controller.f_n": 0.0, "controller.T": 1e-4, "controller.T_q": 0.0, "controller.K_p": 572.958}
 """The law of the public repository."""
 
@@ -50,8 +50,8 @@ def simulated(name, robot, **options):
 
 def corrections(robot):
     """Return constants of the torques (6,) [N.m] and delays of the encoders behind the gears (6,) [s], found in A."""
-    found = identify(read_log(HERE / "a.parquet", robot), vdfmu.load_robot(HERE / "nominal.toml"))
-    values = dict(zip(found.names, found.values, strict=True))
+    identified = identify(read_log(HERE / "a.parquet", robot), vdfmu.load_robot(HERE / "nominal.toml"))
+    values = dict(zip(identified.names, identified.values, strict=True))
     return [[values.get(f"{name}[{i}]", 0.0) for i in range(1, 7)] for name in ("tau_0", "delay_q")]
 
 
@@ -89,11 +89,9 @@ def rms(values):
 
 def errors(here, there):
     """Return tracking errors, torques and deflections: simulated and measured (m, 6)."""
-    found = []
-    for signals in (here, there):
-        track = signals["trajectory.q_d"] - signals["plant.q"]
-        found.append((track, signals["controller.tau"], signals["plant.kappa"] - signals["plant.q"]))
-    return list(zip(*found, strict=True))
+    rows = [(s["trajectory.q_d"] - s["plant.q"], s["controller.tau"], s["plant.kappa"] - s["plant.q"])
+            for s in (here, there)]  # fmt: skip
+    return list(zip(*rows, strict=True))
 
 
 def table(name, arm, wrong, file):
@@ -167,5 +165,5 @@ if __name__ == "__main__":
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", default="results")
     parser.add_argument("changes", nargs="*", help="controller.f_n=0 and so on")
-    given = parser.parse_args()
-    main(given.folder, *given.changes)
+    options = parser.parse_args()
+    main(options.folder, *options.changes)

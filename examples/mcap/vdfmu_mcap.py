@@ -1,8 +1,8 @@
-"""MCAP for vdfmu: a format of results, which Foxglove and PlotJuggler plot, and a reader of logs of ROS 2.
+"""MCAP for vdfmu: a format of results for Foxglove and PlotJuggler, and a reader of logs of ROS 2.
 
 A file of results has a topic for each component and a message of ROS 2 (CDR) for each communication point. The
 definition of a message is in the file: ``time`` in s, then an array for each group of signals with its unit,
-``float64[2] q  # rad``. The time of a message is in ns after the first row. Names are those of ROS, in small letters.
+``float64[2] q  # rad``. The time of a message is in ns after the first row. Names follow ROS, in small letters.
 The metadata record ``vdfmu`` has the signals of vdfmu and the summary.
 """
 
@@ -59,20 +59,20 @@ def topics(signals: Sequence[Signal]) -> Iterator[tuple[str, str, np.dtype, dict
 
 def ros_names(names: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
     """Return a name of ROS for each, all different: small letters, digits and single underscores."""
-    found: list[str] = []
+    unique: list[str] = []
     for name in names:
         legal = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
         legal = (legal if re.match("[a-z]", legal) else f"x{legal}")[:200]
         k, base = 1, legal
-        while legal in (*taken, *found):
+        while legal in (*taken, *unique):
             k += 1
             legal = f"{base}_{k}"
-        found.append(legal)
-    return found
+        unique.append(legal)
+    return unique
 
 
 def write(results: Recorded, path: Path) -> None:
-    """Write results to a file, which replaces another when it is complete."""
+    """Write results to a file, atomically."""
     part = path.with_name(f"{path.name}.part")
     try:
         with open(part, "wb") as file:
@@ -126,8 +126,8 @@ def read(path: Path) -> Recorded:
                 raise VdfmuError(f"{path}: expected results of vdfmu, with the metadata vdfmu, got none.")
             for _, channel, message in reader.iter_messages():
                 texts.setdefault(channel.topic, []).append(message.data)
-        known = json.loads(facts)
-        signals = [Signal(*each) for each in known["signals"]]
+        header = json.loads(facts)
+        signals = [Signal(*each) for each in header["signals"]]
         time, columns = np.empty(0), {}
         for topic, _, layout, fields in topics(signals):
             rows = np.frombuffer(b"".join(texts.get(f"/{topic}", [])), layout)
@@ -140,7 +140,7 @@ def read(path: Path) -> Recorded:
             data[kind] = np.zeros(shape, np.float64 if kind == "real" else np.int32)
             for signal in own:
                 data[kind][:, signal.column] = columns[signal.name]
-        return Recorded(time, signals, data, known["summary"])
+        return Recorded(time, signals, data, header["summary"])
     except VdfmuError:
         raise
     except Exception as error:  # mcap has many kinds for a file that is damaged
@@ -153,7 +153,7 @@ def read(path: Path) -> Recorded:
 def read_log(path: Path) -> Results | dict[str, tuple[np.ndarray, np.ndarray, str]]:
     """Return columns of a log, for the group ``vdfmu.logs`` of entry points: name to times [s], numbers and unit.
 
-    Messages are of ROS 2 or JSON. Their time is that of their header if they have one, else that of the log.
+    Messages are of ROS 2 or JSON. Their time is from their header if they have one, else from the log.
     """
     decoders, rows, unread = DecoderFactory(), {}, {}
     try:
@@ -175,7 +175,7 @@ def read_log(path: Path) -> Results | dict[str, tuple[np.ndarray, np.ndarray, st
     except VdfmuError:
         raise
     except Exception as error:  # mcap has many kinds for a file that is damaged
-        raise VdfmuError(f"{path}: expected an MCAP file, got what cannot be read: {error}") from None
+        raise VdfmuError(f"{path}: expected an MCAP file, got unreadable data: {error}") from None
     for topic, encoding in unread.items():
         logging.getLogger("vdfmu").warning("%s: not read, its encoding is %s", topic, encoding)
     if not rows:

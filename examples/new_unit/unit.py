@@ -1,4 +1,4 @@
-"""A unit of one's own. To build its FMU: vdfmu build FILE.py"""
+"""A new unit. To build its FMU: vdfmu build FILE.py"""
 
 from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
 

@@ -1,4 +1,4 @@
-"""A drive of one's own: a cubic spring with hysteresis, and a Stribeck curve that falls with the temperature."""
+"""A custom drive: a cubic spring with hysteresis, and a Stribeck curve that falls with the temperature."""
 
 from dataclasses import dataclass
 
@@ -58,7 +58,7 @@ CUBIC = DriveOption(
 class WarmRows:
     """Parameters of the friction, table [joints.warm]."""
 
-    T_s: Array = row("warm", "K", "rise of temperature by which dry friction falls to 1/e", "", 1e9, POSITIVE)
+    T_s: Array = row("warm", "K", "rise of temperature that lowers dry friction to 1/e", "", 1e9, POSITIVE)
     T_0: Array = row("warm", "K", "temperature of the surroundings", "", 1e4, 0.0, default=293.15)
     C_f: Array = row("warm", "J/K", "heat capacity of the joint", "", 1e9, POSITIVE, default=500.0)
     G_f: Array = row("warm", "W/K", "heat flow to the surroundings", "", 1e6, 0.0, default=2.0)

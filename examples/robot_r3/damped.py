@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vdfmu.arm.equations.flexible_joint import rotor_position, spring_rate
+from vdfmu.arm.equations.flexible_joint import PlantState, spring_rate
 from vdfmu.arm.equations.plant import plant_derivative
 from vdfmu.arm.units.plant import Plant
 from vdfmu.unit import JOINTS, Parameter, Unit
@@ -20,5 +20,4 @@ class DampedPlant(Plant):
         x = np.concatenate([self.q, self.q_dot, self.kappa_dot, torque])
         x_dot = plant_derivative(self.robot, x, self.tau, self.F_e)
         self.der_q, self.der_q_dot, self.der_kappa_dot, _ = np.split(x_dot, 4)
-        kappa = rotor_position(self.robot, self.q, self.tau_s)
-        self.der_tau_s = spring_rate(self.robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)
+        self.der_tau_s = spring_rate(self.robot, PlantState(self.q, self.q_dot, self.kappa_dot, self.tau_s))

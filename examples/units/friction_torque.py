@@ -1,4 +1,4 @@
-"""Computed torque with compensation of friction: a law of the package, and what it leaves out."""
+"""Computed torque with compensation of friction: a law of the package, extended."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ class FrictionTorque(ComputedTorque):
 
         tau = [.. + xi_l(q_d_dot)] / ell + xi_m(q_d_dot)       .. as ComputedTorque has it
 
-    Friction is that of Eq. (54)-(55). At the measured velocity it would be feedback, as steep as f_s / eps at rest.
+    Friction follows Eq. (54)-(55). At the measured velocity it would be feedback, as steep as f_s / eps at rest.
     """
 
     def command(self, torque: Any) -> None:

@@ -28,7 +28,7 @@ SHAPE = _rest_to_rest()
 class Spline(Unit):
     """Desired motion through waypoints, at rest at each of them, with four derivatives.
 
-    The waypoints are those of waypoints.csv beside this file: time, then the position of each joint.
+    waypoints.csv beside this file has the waypoints: time, then the position of each joint.
     """
 
     files = ("waypoints.csv",)
@@ -40,7 +40,7 @@ class Spline(Unit):
     q_d_ddddot = Output("snap", JOINTS, "fourth derivative of the desired position")
 
     def outputs(self) -> None:
-        found = []
+        values = []
         for order in range(5):
             coefficients = np.polynomial.polynomial.polyder(SHAPE, order) if order else SHAPE
             value = POINTS[0] if order == 0 else np.zeros(POINTS.shape[1])
@@ -48,5 +48,5 @@ class Spline(Unit):
                 s = clip((self.t - t_0) / (t_1 - t_0), 0.0, 1.0)
                 blend = sum(c * s**k for k, c in enumerate(coefficients))
                 value = value + (p_1 - p_0) * blend / (t_1 - t_0) ** order
-            found.append(value)
-        self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = found
+            values.append(value)
+        self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = values

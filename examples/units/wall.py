@@ -13,7 +13,7 @@ class Wall(Unit):
     With the depth d of the end effector behind the plane, and its rate::
 
         N   = max(0, k d + c d_dot) for d > 0, else 0
-        F_e = N normal, in {O}: what the arm exerts on the wall
+        F_e = N normal, in {O}: the force of the arm on the wall
     """
 
     q = Input("position", JOINTS, "position of the link")

@@ -7,7 +7,7 @@ from pathlib import Path
 from vdfmu.base.files import data_path
 from vdfmu.compiler.c.loaded import SHOWN
 from vdfmu.compiler.c.platforms import zig
-from vdfmu.compiler.wasm.functions import IMPORTED
+from vdfmu.compiler.wasm import IMPORTED
 
 FLAGS = (
     "-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c11", "-O2", "-g0", "-s", "-fno-math-errno",

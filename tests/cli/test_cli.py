@@ -38,10 +38,8 @@ def test_build_efmus_of_a_scenario_and_of_a_unit_by_name(tmp_path):
     assert built.returncode == 0, built.stderr
     assert "plant: not for efmi: it has continuous states" in " ".join(built.stderr.split())
     assert sorted(p.name for p in (tmp_path / "efmus").iterdir()) == [
-        "Feedforward.fmu",
-        "PDController.fmu",
-        "Trajectory.fmu",
-    ]
+        "Feedforward.fmu", "PDController.fmu", "Trajectory.fmu",
+    ]  # fmt: skip
     with zipfile.ZipFile(tmp_path / "efmus" / "PDController.fmu") as archive:
         source = archive.read("eFMU/ProductionCode/PDController.c").decode()
         program = archive.read("eFMU/AlgorithmCode/PDController.alg").decode()
@@ -95,7 +93,7 @@ def test_build_ssp_check_models_work_together(tmp_path):
     failed = vdfmu("simulate", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert failed.returncode == 1
     assert "plant failed at t =" in failed.stderr
-    assert " s are in results/planar_ssp/partial/results.csv; results/planar_ssp is as it was." in failed.stderr
+    assert " s are in results/planar_ssp/partial/results.csv; results/planar_ssp is unchanged." in failed.stderr
     assert "doStep" in json.loads((ours / "partial" / "summary.json").read_text())["error"]
     assert len((ours / "partial" / "results.csv").read_text().splitlines()) > 3
     assert failed.stdout.splitlines()[-1] == "Open results/planar_ssp/partial/report.html"
@@ -131,13 +129,9 @@ def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
 
 
 @pytest.mark.heavy
-def test_a_scenario_is_shown_as_its_file(tmp_path):
+def test_a_scenario_is_shown_as_its_file_and_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     shown = vdfmu("scenario", "show", "tracking", cwd=tmp_path, env={**os.environ, "COLUMNS": "40"})
     assert tomllib.loads(shown.stdout)["name"] == "tracking"
-
-
-@pytest.mark.heavy
-def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
     bad = tmp_path / "bad.fmu"
     bad.write_bytes(edited(tmp_path / "fmus" / "Plant.fmu", [(b'unit="rad/s"', b'unit="rad/h"')]))
@@ -151,26 +145,23 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["run", "trackng"], "trackng"),
-        (["run", "planar_tracking", "--set", "controller.K_p"], "expected COMPONENT.VARIABLE=VALUE"),
-        (
-            ["run", "planar_tracking", "--unit", "controller"],
-            "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
-        ),
-        (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
-        (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel, jacobi, extrapolated or iterative"),
-        (["run", "planar_tracking", "--adaptive", "1e-6"], "use extrapolated or iterative"),
-        (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
-        (["run", "system.ssp"], "'vdfmu simulate' runs it"),
-        (["simulate", "tracking"], "expected a system package, NAME.ssp"),
-        (["simulate", "system.ssp"], "there is no such file"),
-        (["check", "missing.fmu"], "there is no such file"),
-        (["robot", "show", "robot.toml"], "robot.toml"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["run", "trackng"], "trackng"),
+    (["run", "planar_tracking", "--set", "controller.K_p"], "expected COMPONENT.VARIABLE=VALUE"),
+    (
+        ["run", "planar_tracking", "--unit", "controller"],
+        "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
+    ),
+    (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
+    (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel, jacobi, extrapolated or iterative"),
+    (["run", "planar_tracking", "--adaptive", "1e-6"], "use extrapolated or iterative"),
+    (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
+    (["run", "system.ssp"], "'vdfmu simulate' runs it"),
+    (["simulate", "tracking"], "expected a system package, NAME.ssp"),
+    (["simulate", "system.ssp"], "there is no such file"),
+    (["check", "missing.fmu"], "there is no such file"),
+    (["robot", "show", "robot.toml"], "robot.toml"),
+])  # fmt: skip
 def test_wrong_usage_ends_with_code_2_and_the_way_out(tmp_path, arguments, words):
     done = vdfmu(*arguments, cwd=tmp_path)
     assert done.returncode == 2
@@ -187,7 +178,7 @@ def test_check_says_that_it_runs_code_only_of_a_file_that_there_is(tmp_path, nam
 
 
 @pytest.mark.heavy
-def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
+def test_a_broken_robot_file_reports_every_problem_and_a_unit_that_fails_its_words(tmp_path):
     import vdfmu as package
     from vdfmu.base.files import data_path
 
@@ -200,30 +191,16 @@ def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
     assert "joints[1].link.mass" in message
     assert "epsilon" in message
     assert package.__version__
-
-
-@pytest.mark.heavy
-def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
     done = vdfmu("run", "planar_tracking", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert done.returncode == 1
     assert "plant failed at t =" in done.stderr
     assert (tmp_path / "results" / "planar_tracking" / "partial" / "results.csv").exists()
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["run"],
-        ["simulate"],
-        ["build"],
-        ["ssp"],
-        ["check"],
-        ["robot", "list"],
-        ["scenario", "show"],
-        ["cache"],
-        ["cache", "clear"],
-    ],
-)
+@pytest.mark.parametrize("command", [
+    ["run"], ["simulate"], ["build"], ["ssp"], ["check"], ["robot", "list"], ["scenario", "show"], ["cache"],
+    ["cache", "clear"],
+])  # fmt: skip
 def test_help_of_every_command_has_an_example(tmp_path, command):
     done = vdfmu(*command, "--help", cwd=tmp_path)
     assert done.returncode == 0

@@ -4,7 +4,6 @@ import numpy as np
 
 import vdfmu
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.arm.robot.structure import values as parameter_values
 from vdfmu.arm.units import find_unit as find_unit
 from vdfmu.arm.units import shipped_units
 from vdfmu.arm.units.devices.encoder import PAST as PAST
@@ -20,9 +19,8 @@ END = np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
 
 
 def plant_jacobian(robot):
-    """Return the Jacobian (24, 24) of the plant's derivatives as a function of the state, without torques."""
     call = Interface(shipped_units()["plant"], robot).functions.function("plant_jacobian")
-    call.args["p"][:] = parameter_values(robot)
+    call.args["p"][:] = robot.values()
 
     def jacobian(x):
         call.args["x"][:] = x

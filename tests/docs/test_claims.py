@@ -16,7 +16,7 @@ from vdfmu.arm.equations.flexible_joint import rotor_transform
 from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix, velocity_mapping
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.compiler.functions.rodas import GAMMA
-from vdfmu.compiler.scalar.elimination import factorize, solve, sparse_of
+from vdfmu.compiler.scalar.matrices import factorize, solve_factorized
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value, system_values
@@ -26,7 +26,6 @@ PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglo
 
 
 def name_of(page):
-    """Return the path of a page from the root."""
     return page.relative_to(ROOT).as_posix()
 
 
@@ -90,12 +89,12 @@ def test_pivots_stay_positive(arm, coupling):
         smallest = np.concatenate([np.ones(3 * N), np.full(N, np.linalg.eigvalsh(M)[0])])
         for h, least in share.items():
             W = (E / (h * GAMMA) - E @ J)[np.ix_(order, order)]
-            LU = factorize(sparse_of(W))
+            LU = factorize(W)
             assert (np.array([row[k] for k, row in enumerate(LU)]) > least * smallest / (h * GAMMA)).all()
             b = random.normal(size=4 * N)
             pivoted = np.linalg.solve(W, b)
             # Some 50 roundings, as no pivot is small.
-            assert np.abs(solve(LU, b) - pivoted).max() < 1e-14 * np.abs(pivoted).max()
+            assert np.abs(solve_factorized(LU, b) - pivoted).max() < 1e-14 * np.abs(pivoted).max()
 
 
 @pytest.mark.heavy
@@ -166,10 +165,8 @@ NOT_MEASURED = (
 
 
 def unclaimed(path, text):
-    """Return the numbers on a page's first screen, of README and index on the whole page, that nothing holds.
-
-    Claims hold them, or `test_tutorials`, where they are the output of code that runs there.
-    """
+    """Return the numbers on a page's first screen, of README and index on the whole page, that nothing holds."""
+    # Claims hold them, or `test_tutorials`, where they are the output of code that runs there.
     for claim in claims.claims():
         if claim.page == path:
             place = claim.place(text)

@@ -1,7 +1,5 @@
 """Events and clocks of FMI 3.0."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import fmpy
@@ -14,9 +12,8 @@ import vdfmu
 from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.engine.masters.multirate import with_steps
-from vdfmu.engine.package import load_ssp
-from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.plan.check import check_system, with_steps
 from vdfmu.engine.run import Results, simulate
 
 LOOP = {"c": (models.CONTROLLER, "3.0"), "p": (models.LAG, "3.0")}
@@ -75,11 +72,9 @@ def test_the_controller_in_plain_fmpy(built, tmp_path):
     assert validate_fmu(str(path)) == []
     description = fmpy.read_model_description(str(path))
     unit = FMU3Slave(
-        guid=description.guid,
-        unzipDirectory=fmpy.extract(str(path)),
-        modelIdentifier="SampledController",
+        guid=description.guid, unzipDirectory=fmpy.extract(str(path)), modelIdentifier="SampledController",
         instanceName="c",
-    )
+    )  # fmt: skip
     unit.instantiate(eventModeUsed=True)
     unit.enterInitializationMode()
     unit.exitInitializationMode()
@@ -99,7 +94,7 @@ def test_the_controller_in_plain_fmpy(built, tmp_path):
     np.testing.assert_allclose(found, u[:20], rtol=1e-14, atol=0)
 
 
-def test_periodic_countdown_and_triggered_clocks(system):
+def test_periodic_countdown_and_triggered_clocks_tick_between_communication_points_too(system):
     """The table of the Reference FMU: inClock1 every second, inClock3 at 4 s, outClock at every fifth tick of both."""
     path = system({"clocks": (models.CLOCKS, "3.0"), "n": (models.COUNTER, "3.0")}, ["clocks.outClock -> n.c"])
     results = simulate(path, stop=9.0, step=1.0)
@@ -107,26 +102,17 @@ def test_periodic_countdown_and_triggered_clocks(system):
     assert results["clocks.inClock3Ticks"].tolist() == [0] * 4 + [1] * 6
     assert results["clocks.totalInClockTicks"].tolist() == [1, 2, 3, 4, 6, 7, 8, 9, 10, 11]
     assert results["n.n"].tolist() == [0, 0, 0, 0, 1, 1, 1, 1, 2, 2]
-
-
-def test_a_countdown_ends_between_communication_points(system):
     path = system({"clocks": (models.CLOCKS, "3.0")})
     results = simulate(path, stop=9.1, step=0.7, parameters={"clocks.delay": 0.4})
     assert results["clocks.inClock1Ticks"].tolist() == (np.floor(results.time + 1e-9) + 1).tolist()
     assert results["clocks.inClock3Ticks"].tolist() == (results.time > 4.4).tolist()
 
 
-def test_clocks_need_event_mode_and_sampling(system):
-    with pytest.raises(SspError, match=r"c: .* has clocks, r, which tick in event mode; use gauss-seidel or jacobi"):
+def test_clocks_need_event_mode_and_sampling_and_ticks(system):
+    with pytest.raises(SspError, match=r"c: .* has clocks \(r\) that tick in event mode; use gauss-seidel or jacobi"):
         simulate(system(LOOP, WIRES), stop=1.0, step=0.1, algorithm="extrapolated")
-
-
-def test_a_triggered_clock_that_nothing_ticks_is_noted(system):
     notes = simulate(system({"n": (models.COUNTER, "3.0")}), stop=1.0, step=1.0).summary["notes"]
     assert "n.c: input is not connected and keeps its start value" in notes
-
-
-# ---------------------------------------------------------------- events
 
 
 @pytest.mark.heavy
@@ -182,5 +168,5 @@ def test_clocks_beside_components_with_steps_of_their_own_are_refused(system):
     checked = check_system(load_ssp(system(LOOP, WIRES)))
     components = [replace(c, step=0.2) if c.name == "p" else c for c in checked.system.components]
     slow = replace(checked, system=replace(checked.system, components=tuple(components)))
-    with pytest.raises(UsageError, match=r"c: have clocks, .* together; p have steps of their own"):
+    with pytest.raises(UsageError, match=r"c: have clocks, and p their own steps; clocks need components that"):
         with_steps(slow, 0.1)

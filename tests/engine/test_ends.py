@@ -30,7 +30,6 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 @pytest.fixture(scope="module")
 def strict(tmp_path_factory):
-    """Return the FMU of strict.c, of which y is the time."""
     folder = tmp_path_factory.mktemp("strict")
     more = "".join(
         f'<ScalarVariable name="{name}" valueReference="{i}" causality="parameter" variability="fixed">'
@@ -49,9 +48,6 @@ def package(pack, strict):
         extra={"resources/Strict.fmu": strict.read_bytes()},
         experiment='<ssd:DefaultExperiment startTime="0" stopTime="0.01"/>',
     )
-
-
-# ---------------------------------------------------------------- the stop time
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
@@ -75,26 +71,17 @@ def test_check_finds_no_fault_in_a_unit_that_keeps_its_stop_time(package, strict
         assert check_run.run_apart(path, kind).problems == []
 
 
-# ---------------------------------------------------------------- the reason
-
-
-@pytest.mark.parametrize(
-    ("way", "reason"),
-    [
-        ("refuse", "the oil is too cold (status error)"),  # and no debug text
-        ("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
-        ("discard", "too long"),  # a step that is discarded and does not end the simulation
-    ],
-)
+@pytest.mark.parametrize(("way", "reason"), [
+    ("refuse", "the oil is too cold (status error)"),  # and no debug text
+    ("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
+    ("discard", "too long"),  # a step that is discarded and does not end the simulation
+])  # fmt: skip
 def test_the_reason_of_a_failure_is_the_units_own(package, way, reason):
     with pytest.raises(CosimError) as info:
         simulate(package, stop=1.0, step=0.25, parameters={f"unit.{way}": 0.5})
     assert str(info.value).startswith(f"unit failed at t = 0.5 s in doStep: {reason}")
     assert ("discard)" in info.value.reason) == (way == "discard")
     assert info.value.results.time.tolist() == [0.0, 0.25, 0.5]
-
-
-# ---------------------------------------------------------------- what is not a number
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
@@ -110,7 +97,7 @@ def test_what_is_no_number_ends_the_run(package, options, name, value):
 def test_an_output_that_nobody_reads_may_be_left_out(pack, strict):
     path = pack(["unit Strict y:output", "ramp Ramp y:output"], extra={"resources/Strict.fmu": strict.read_bytes()})
     options = {"stop": 1.0, "step": 0.25, "parameters": {"unit.nan_from": 0.5}}
-    with pytest.raises(CosimError, match="No component reads it: run on without it by what you record"):
+    with pytest.raises(CosimError, match="No component reads it: leave it out of the record"):
         simulate(path, **options)
     assert len(simulate(path, record=["ramp.*"], **options)) == 5
 
@@ -136,9 +123,6 @@ def test_check_notes_what_is_no_number(fmus):
     assert any(note.startswith("y is inf at t = 0 s, inputs at their start values") for note in findings.notes)
 
 
-# ---------------------------------------------------------------- the end that a unit makes
-
-
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
 @pytest.mark.parametrize("end", [*heavy(0.5), 0.6])
 def test_a_unit_that_ends_the_simulation_makes_a_normal_end(package, options, end):
@@ -153,7 +137,7 @@ def test_a_unit_that_ends_the_simulation_makes_a_normal_end(package, options, en
     if "adaptive" in options:  # the others stop there, to the shortest step, 1e-11 of the run
         assert results["plant.y"][-1] == pytest.approx(end**2 / 2, abs=1e-10)
     elif end == 0.6:
-        assert note.endswith("; the last row has its values of then, and those of the others of t = 0.75 s")
+        assert note.endswith("; the last row has its values at this time, and values of other units at t = 0.75 s")
 
 
 @pytest.mark.heavy

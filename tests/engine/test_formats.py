@@ -1,7 +1,5 @@
 """A format of results is a file of its own and a row of the registry: commands and runs know it then."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys
@@ -19,7 +17,7 @@ def write(columns, path):
     path.write_bytes(pickle.dumps((columns.time, columns.signals, columns.data, columns.summary)))
 
 def read(path):
-    from vdfmu.engine.results.recorded import Recorded
+    from vdfmu.engine.results.results import Recorded
     return Recorded(*pickle.loads(path.read_bytes()))
 
 FORMATS[".toy"] = lambda: Format(lambda: None, write, read)
@@ -36,7 +34,7 @@ def ramp(pack):
     return pack(["r Ramp y:output"], [])
 
 
-def test_a_new_format_is_one_row_of_the_registry(ramp, tmp_path):
+def test_a_new_format_is_one_row_of_the_registry_and_one_that_streams_is_written_beside(ramp, tmp_path, monkeypatch):
     command = [sys.executable, "-c", TOY + RUN, "simulate", str(ramp), "--step", "0.1", "--stop", "1"]
     done = subprocess.run(
         [*command, "--out", str(tmp_path / "out"), "--format", "csv,toy"], capture_output=True, text=True
@@ -48,9 +46,6 @@ def test_a_new_format_is_one_row_of_the_registry(ramp, tmp_path):
     assert Results(*toy)["r.y"].tobytes() == csv["r.y"].tobytes()
     done = subprocess.run([*command, "--format", "tay"], capture_output=True, text=True)
     assert "expected csv, parquet, mat, toy, or csv,parquet,mat,toy for all, got tay." in done.stdout + done.stderr
-
-
-def test_a_format_that_streams_is_written_beside_another(ramp, tmp_path, monkeypatch):
     monkeypatch.setitem(FORMATS, ".txt", FORMATS[".csv"])
     files = [tmp_path / "rows.txt", tmp_path / "rows.csv"]
     simulate(ramp, step=0.1, stop=1.0, stream=files)

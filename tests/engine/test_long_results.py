@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.engine.results import csv_file, joined, parquet
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results import arrays, csv_file, parquet
+from vdfmu.engine.results.results import Results, Signal
 
 ROWS, COLUMNS = 3000, 4
 
 
 @pytest.fixture
 def long(monkeypatch):
-    """Return results of several blocks, of which few may stay in memory."""
-    for place, name, value in ((csv_file, "_NUMBERS", 1), (parquet, "_GROUP", 700), (joined, "_MOST", 50_000)):
+    for place, name, value in ((csv_file, "_NUMBERS", 1), (parquet, "_GROUP", 700), (arrays, "_MOST", 50_000)):
         monkeypatch.setattr(place, name, value)
     rng = np.random.default_rng(5)
     signals = [Signal(f"a.x[{i + 1}]", "real", "m", i) for i in range(COLUMNS)]
@@ -40,9 +38,9 @@ def test_rows_that_are_read_block_by_block_are_the_same(long, tmp_path, suffix):
         np.testing.assert_array_equal(found[name], long[name], strict=True)
 
 
-def test_memory_does_not_grow_with_the_rows_that_are_read(tmp_path, monkeypatch):
+def test_memory_does_not_grow_with_the_rows_and_that_of_a_fault_counts_from_the_first(tmp_path, monkeypatch):
     monkeypatch.setattr(csv_file, "_NUMBERS", 2**14)
-    monkeypatch.setattr(joined, "_MOST", 2**18)
+    monkeypatch.setattr(arrays, "_MOST", 2**18)
     peaks = []
     for rows in (20_000, 80_000):
         signals = [Signal(f"a.x[{i + 1}]", "real", "m", i) for i in range(COLUMNS)]
@@ -56,9 +54,6 @@ def test_memory_does_not_grow_with_the_rows_that_are_read(tmp_path, monkeypatch)
         tracemalloc.stop()
     # what a block takes, not the 60,000 rows more: 32 bytes each, and some 100 as text
     assert peaks[1] - peaks[0] < 0.1 * 60_000 * 32
-
-
-def test_the_row_of_a_fault_counts_from_the_first(tmp_path, monkeypatch):
     monkeypatch.setattr(csv_file, "_NUMBERS", 1)
     lines = ["time,a", "s,m", *(f"{k},1" for k in range(1500)), "1500,x"]
     (tmp_path / "r.csv").write_text("\n".join(lines))
@@ -71,6 +66,6 @@ def test_a_folder_of_temporary_files_that_is_full_is_named(long, tmp_path, monke
         raise OSError(28, "No space left on device")
 
     long.write(tmp_path / "r.csv")
-    monkeypatch.setattr(joined.tempfile, "TemporaryFile", full)
+    monkeypatch.setattr(arrays.tempfile, "TemporaryFile", full)
     with pytest.raises(StorageError, match=r"r\.csv: the folder of temporary files .*: No space left.*TMPDIR"):
         Results.read(tmp_path / "r.csv")

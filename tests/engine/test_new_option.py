@@ -1,7 +1,5 @@
 """An option of a run is declared in one file: Python, commands, help and the master know it then."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import shutil
@@ -75,15 +73,10 @@ def test_the_run_of_a_scenario_and_its_sweep_pass_it_to_the_master(python):
     ) == "mine\nkept\n"  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("function", "options"),
-    [
-        (vdfmu.run, ScenarioRunOptions),
-        (vdfmu.simulate, SimulateOptions),
-        (vdfmu.sweep, SweepOptions),
-        (vdfmu.tune, TuneOptions),
-    ],
-)
+@pytest.mark.parametrize(("function", "options"), [
+    (vdfmu.run, ScenarioRunOptions), (vdfmu.simulate, SimulateOptions), (vdfmu.sweep, SweepOptions),
+    (vdfmu.tune, TuneOptions),
+])  # fmt: skip
 def test_help_names_each_option_with_type_default_and_sentence(function, options):
     text, parameters = inspect.getdoc(function), inspect.signature(function).parameters
     assert text is not None and "**options" not in text and "options" not in parameters

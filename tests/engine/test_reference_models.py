@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.engine.reference import models
-from vdfmu.engine.inspect.fmi import REFERENCES
+from vdfmu.engine.inspect.description import REFERENCES
 from vdfmu.engine.inspect.reference import compare
 from vdfmu.engine.run import ALGORITHMS, simulate
 

@@ -63,10 +63,8 @@ class Process:
         return bool(caught >> (signal.SIGTERM - 1) & 1)
 
     def end(self) -> tuple[float, float]:
-        """Wait for its end; return how long that took, and how long it may take.
-
-        Where more processes are ready to run than there are processors, each gets its share of one only.
-        """
+        """Wait for its end; return how long that took, and how long it may take."""
+        # Where more processes are ready to run than there are processors, each gets its share of one only.
         begin, ready = time.monotonic(), [_ready()]
         while self.process.poll() is None:
             if time.monotonic() > begin + PATIENCE:

@@ -48,7 +48,6 @@ class Known:
 
 @cache
 def known(job: Job) -> Known:
-    """Run a command to its end, after those before it."""
     folder = Path(tempfile.mkdtemp(dir=workshop()))
     begin(folder)
     for step in job.before:

@@ -7,7 +7,7 @@ import pytest
 from tests.hostile.faults import FAULTS, met
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import SspError, StorageError, VdfmuError
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import load_ssp
 
 
 def test_a_package_that_is_no_regular_file_is_refused(tmp_path):

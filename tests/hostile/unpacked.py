@@ -13,7 +13,7 @@ import pyarrow.parquet as parquet
 from tests.hostile.results import planar
 from tests.hostile.table import Corpus
 from vdfmu.base import unpack
-from vdfmu.compiler.unit.wrap import unit_from
+from vdfmu.compiler.unit.new import unit_from
 from vdfmu.study.identify.log import read_log
 
 _MIB = 2**20

@@ -1,12 +1,9 @@
-"""Kinematics and dynamics of the rigid links, by the generated functions: the Python face of the equations."""
+"""Kinematics and dynamics of the rigid links, by the traced functions: the Python API of the equations."""
 
 from __future__ import annotations
 
-import threading
-from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,38 +12,13 @@ from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.robot import robot_argument
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.c.rows import compiled_rows
 
 _NO_WRENCH = np.zeros(6)
-_WORTH = 50_000
-"""States of batches, of one function and robot, from which it is compiled: what that takes, they take uncompiled."""
-
-
-class _RobotFunctions(Kernel):
-    """The functions of a robot; large batches run compiled where the compiler is installed."""
-
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot)
-        self._lock = threading.Lock()
-        self._asked: Counter[str] = Counter()
-        self._compiled: dict[str, Any] = {}
-
-    def calculate(self, name: str, prepared: Any, arrays: Sequence[Floats], out: Floats) -> None:
-        """Calculate a batch."""
-        with self._lock:
-            self._asked[name] += len(out)
-            if name not in self._compiled and self._asked[name] >= _WORTH:
-                self._compiled[name] = compiled_rows(self.casadi_function(name))
-        run = self._compiled.get(name)
-        if run is None:
-            super().calculate(name, prepared, arrays, out)
-        else:
-            run([*arrays, self.p], out)
 
 
 @lru_cache(maxsize=32)
 def _kernel(robot: Robot) -> Kernel:
-    return _RobotFunctions(robot_argument(robot))  # robots are immutable and hash by identity
+    return Kernel(robot_argument(robot))  # robots are immutable and hash by identity
 
 
 def inverse_dynamics(
@@ -54,13 +26,12 @@ def inverse_dynamics(
 ) -> Floats:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
 
-    They are the torques of the drives: those of [joints.counterbalance] are taken off.
+    They are the torques of the drives, without the torques of [joints.counterbalance].
 
     Parameters
     ----------
-    robot : Robot
     q, q_dot, q_ddot : (n,) or (m, n) [rad or m, and per s, s2]
-        One state or a batch of m; a single row goes with a batch of the others.
+        One state or a batch of m; a single row combines with a batch.
     F_e : (6,) or (m, 6) [N, N m], optional
         Wrench that the arm exerts on its surroundings, in the end-effector frame {O}; it adds to the torques.
 
@@ -71,7 +42,7 @@ def inverse_dynamics(
     Raises
     ------
     KernelError
-        For a wrong shape or a number that is not finite.
+        If a shape is wrong or a number is not finite.
 
     Examples
     --------
@@ -85,18 +56,13 @@ def inverse_dynamics(
 def forward_dynamics(
     robot: Robot, q: npt.ArrayLike, q_dot: npt.ArrayLike, tau: npt.ArrayLike, F_e: npt.ArrayLike | None = None
 ) -> Floats:
-    """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
+    """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47).
 
-    The inverse of :func:`inverse_dynamics`, with its errors.
+    The inverse of :func:`inverse_dynamics`, with the same `robot`, `q`, `q_dot`, `F_e` and errors.
 
     Parameters
     ----------
-    robot : Robot
-    q, q_dot : (n,) or (m, n) [rad or m, and per s]
-        One state or a batch of m; a single row goes with a batch of the others.
     tau : (n,) or (m, n) [N m or N], link-side, of the drives; counterbalances add theirs
-    F_e : (6,) or (m, 6) [N, N m], optional
-        Wrench that the arm exerts on its surroundings, in {O}.
 
     Returns
     -------
@@ -110,7 +76,6 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
 
     Parameters
     ----------
-    robot : Robot
     q : (n,) or (m, n) [rad or m]
         One position or a batch of m; errors: see :func:`inverse_dynamics`.
 
@@ -125,11 +90,7 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
 def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Mass matrix of the rigid arm by the mapping matrices (37)-(43), without the rotors.
 
-    Parameters
-    ----------
-    robot : Robot
-    q : (n,) or (m, n) [rad or m]
-        One position or a batch of m; errors: see :func:`inverse_dynamics`.
+    Arguments and errors: see :func:`gravity_torque`.
 
     Returns
     -------
@@ -143,11 +104,7 @@ def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
 def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Jacobian of the end effector, Eq. (37)-(38): ``V_O = J_q @ q_dot``.
 
-    Parameters
-    ----------
-    robot : Robot
-    q : (n,) or (m, n) [rad or m]
-        One position or a batch of m; errors: see :func:`inverse_dynamics`.
+    Arguments and errors: see :func:`gravity_torque`.
 
     Returns
     -------
@@ -160,11 +117,7 @@ def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
 def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
 
-    Parameters
-    ----------
-    robot : Robot
-    q : (n,) or (m, n) [rad or m]
-        One position or a batch of m; errors: see :func:`inverse_dynamics`.
+    Arguments and errors: see :func:`gravity_torque`.
 
     Returns
     -------
@@ -178,13 +131,13 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
 
 
 def _under_wrench(robot: Robot, name: str, joints: Sequence[npt.ArrayLike], F_e: npt.ArrayLike | None) -> Floats:
-    """Return the result of a traced function of three arrays of the joints and a wrench."""
+    """Call a traced function of three arrays of the joints and a wrench."""
     kernel = _kernel(robot)
     return kernel.rows(name, (*joints, _NO_WRENCH if F_e is None else F_e), (*[kernel.robot.n] * 3, 6))
 
 
 def _at_position(robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:
-    """Return the result of a traced function of `q` alone, (..., *shape)."""
+    """Call a traced function of `q` alone, with a result of `shape`."""
     kernel = _kernel(robot)
     flat = kernel.rows(name, (q,), (kernel.robot.n,))
     return flat.reshape(*flat.shape[:-1], *shape)

@@ -1,9 +1,10 @@
-"""The traced functions of a robot: name, inputs, outputs, the equation behind each, and their calls on arrays."""
+"""Traced functions of a robot and their calls on arrays, compiled for large batches."""
 
 from __future__ import annotations
 
 import math
 import threading
+from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,34 +20,29 @@ from vdfmu.arm.equations.kinematics import end_effector_pose
 from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.arm.equations.newton_euler import newton_euler
 from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.structure import structure_key, symbolic_robot, values
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError
+from vdfmu.compiler.c.loaded import compiled_rows
 from vdfmu.compiler.functions.traced import Functions, KernelFunction, traced_function
-from vdfmu.compiler.scalar.symbol import from_sx, to_sx
+from vdfmu.compiler.scalar import from_sx, to_sx
 
-
-def _pose(robot: Any, q: Any) -> Any:
-    """Position and rotation of {O} in {I}, in one vector."""
-    return np.concatenate([np.ravel(part) for part in end_effector_pose(robot, q)])
+_WORTH = 50_000
+"""States in batches of one function from which it is compiled: compiling takes as long as they do uncompiled."""
 
 
 def _of_drives(dynamics: Callable[..., Any]) -> Callable[..., Any]:
-    """Return an inverse dynamics whose result are the torques of the drives alone."""
     return lambda robot, q, *rest: dynamics(robot, q, *rest) - link_torques(robot, q)
 
 
 def _driven(robot: Any, q: Any, q_dot: Any, tau: Any, F_e: Any) -> Any:
-    """Return the forward dynamics under torques of the drives."""
     return forward_dynamics(robot, q, q_dot, tau + link_torques(robot, q), F_e)
 
 
 FUNCTIONS: dict[str, tuple[tuple[str, ...], str, Callable[..., Any]]] = {
     "inverse_dynamics": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(inverse_dynamics)),
-    # for contrast only, section IV-A
-    "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(newton_euler)),
+    "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(newton_euler)),  # for contrast, section IV-A
     "forward_dynamics": (("q", "q_dot", "tau", "F_e"), "q_ddot", _driven),
-    "forward_kinematics": (("q",), "pose", _pose),
+    "forward_kinematics": (("q",), "pose", lambda *a: np.concatenate([np.ravel(x) for x in end_effector_pose(*a)])),
     "jacobian": (("q",), "J_q", jacobian),
     "mass_matrix": (("q",), "M", joint_space_mass_matrix),
 }
@@ -56,31 +52,26 @@ FUNCTIONS: dict[str, tuple[tuple[str, ...], str, Callable[..., Any]]] = {
 def trace(name: str, robot: Robot) -> ca.Function:
     """Trace one of `FUNCTIONS` for the structure of a robot."""
     names, result, equation = FUNCTIONS[name]
-    symbols, p = symbolic_robot(robot)
-    inputs = {one: ca.SX.sym(one, 6 if one == "F_e" else robot.n) for one in names}
+    symbols, p = robot.symbolic()
+    inputs = {n: ca.SX.sym(n, 6 if n == "F_e" else robot.n) for n in names}
     arguments = [from_sx(v) for v in inputs.values()]
     return traced_function(name, inputs | {"p": p}, {result: to_sx(equation(symbols, *arguments))})
 
 
 class Kernel(Functions):
-    """The functions of :data:`FUNCTIONS` for one robot structure.
-
-    Parameters
-    ----------
-    robot : Robot
-        Its structure decides the functions; `p` holds the values of its run-time parameters.
-    cache : path, None or "default"
-        See :class:`~vdfmu.compiler.functions.traced.Functions`.
-    """
+    """The functions of :data:`FUNCTIONS` for one robot structure; `p` holds the values of its run-time parameters."""
 
     def __init__(self, robot: Robot, cache: Path | None | str = "default") -> None:
-        super().__init__(structure_key(robot), cache)
+        super().__init__(robot.key(), cache)
         self.robot = robot
-        self.p = values(robot)
+        self.p = robot.values()
         self._prepared = threading.local()
+        self._lock = threading.Lock()
+        self._states: Counter[str] = Counter()
+        self._compiled: dict[str, Any] = {}
 
     def names(self) -> Collection[str]:
-        """Names of the functions, except for derivatives of them."""
+        """Names of the functions, without derivatives."""
         return FUNCTIONS.keys()
 
     def made(self, name: str) -> ca.Function:
@@ -101,12 +92,20 @@ class Kernel(Functions):
         if len(batches) > 1:
             raise KernelError(f"{name}: batches of different lengths {sorted(batches)}: expected one length.")
         out = np.empty((batches.pop() if batches else 1, len(prepared.result)))
-        self.calculate(name, prepared, arrays, out)
+        with self._lock:
+            self._states[name] += len(out)
+            if name not in self._compiled and self._states[name] >= _WORTH:
+                self._compiled[name] = compiled_rows(self.casadi_function(name))
+        run = self._compiled.get(name)
+        if run is None:
+            self.calculate(prepared, arrays, out)
+        else:
+            run([*arrays, self.p], out)
         _finite(name, out)
         return out if any(array.ndim == 2 for array in arrays) else out[0]
 
-    def calculate(self, name: str, prepared: _Prepared, arrays: Sequence[Floats], out: Floats) -> None:
-        """Calculate a batch: the rows of `out` from those of `arrays`, of which each may be a single one."""
+    def calculate(self, prepared: _Prepared, arrays: Sequence[Floats], out: Floats) -> None:
+        """Calculate the rows of `out` from `arrays`, each a batch or a single row, without the compiler."""
         wide = [np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays]
         for result, *row in zip(out, *wide, strict=True):
             for buffer, array in zip(prepared.buffers.values(), row, strict=True):
@@ -127,7 +126,7 @@ class _Prepared:
         self._places = [(buffer, buffer.shape) for buffer in parts]
 
     def takes(self, arguments: Sequence[npt.ArrayLike]) -> bool:
-        """Take over arguments if they are those of one state, and small enough that their squares are finite."""
+        """Take over the arguments of one state if their squares are finite; return whether that is done."""
         try:
             for (buffer, shape), argument in zip(self._places, arguments, strict=True):
                 array = np.asarray(argument, dtype=float)
@@ -139,7 +138,7 @@ class _Prepared:
         return math.isfinite(self._all.dot(self._all))
 
     def calculated(self) -> Floats:
-        """Return the result for what the buffers hold."""
+        """Return the result for the values in the buffers."""
         self._function.run()
         return self.result.copy()
 
@@ -158,12 +157,12 @@ def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Float
 
 
 def _finite(function: str, result: Floats) -> Floats:
-    """Return a result; KernelError if a number of it is not finite."""
+    """Return a result; KernelError for a number that is not finite."""
     flat = result.ravel()
     if np.isfinite(flat).all():
         return result
     place = np.argwhere(~np.isfinite(result))[0].tolist()
     raise KernelError(
         f"{function}: expected a finite result, got {result[tuple(place)]} at {place}. An argument is too large, or "
-        "the robot is not physical: check_robot of vdfmu.arm.robot says what of it is wrong."
+        "the robot is not physical: check_robot of vdfmu.arm.robot lists its problems."
     )

@@ -31,7 +31,7 @@ def with_named(numbers: ArrayLike, name: str, values: Mapping[str, Any]) -> Floa
 def extremes(values: NDArray[Any], buckets: int) -> NDArray[np.intp]:
     """Return the first row, the last row, and the rows of minimum and maximum in each of `buckets` equal intervals.
 
-    `values` (m,), m > 0; NaN is ignored.
+    `values` (m,), m > 0. NaN is ignored.
     """
     m = len(values)
     edges = np.linspace(0, m, min(buckets, m) + 1).astype(int)
@@ -49,7 +49,7 @@ def bends(
 
     Rule of Ramer (1972) and Douglas and Peucker (1973), from the top: always add the row farthest from its line. Its
     distance counts at that moment. It is the largest over the curves. Distances below `least` and values that are not
-    finite are ignored. `time` (m,) and `rows` (k,) increase; `values` (curves, m) have the same unit.
+    finite are ignored. `time` (m,) and `rows` (k,) increase. `values` (curves, m) have the same unit.
     """
 
     def farthest(first: int, last: int) -> tuple[float, int, int, int]:
@@ -76,10 +76,7 @@ def bends(
 
 
 def scipy_part(name: str) -> Any:
-    """Import a module of scipy by its full name without its package; the whole package if this scipy lacks the module.
-
-    A whole package takes 0.1 to 0.3 s.
-    """
+    """Import a module of scipy by its full name without its package (0.1 to 0.3 s), or the package if it is missing."""
     import scipy
 
     package = name.rpartition(".")[0]
@@ -96,7 +93,7 @@ def scipy_part(name: str) -> Any:
 
 
 def odeint(rate: Callable[[float, Floats], Floats], x: Floats, times: Floats, **options: Any) -> tuple[Floats, str]:
-    """Solve by LSODA from `x` at the first of the times; return a row for each time, and the reason of a failure."""
+    """Solve by LSODA from `x` at the first of the times. Return a row for each time, and the reason of a failure."""
     options |= {"full_output": 1, "tfirst": 1}
     with suppress(TypeError, ValueError):  # a scipy with other internals
         states, _, state = scipy_part("scipy.integrate._odepack").odeint(rate, x, times, **options)

@@ -26,7 +26,7 @@ class EscapedTerminal(Console):
         super().__init__(highlight=False, emoji=False, **options)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does; to a pipe or file without trailing blanks in the lines of tables."""
+        """Print as rich does, to a pipe or file without trailing blanks in the lines of tables."""
         items = [shown(item) if isinstance(item, str) else item for item in objects]
         if self.is_terminal or self.is_jupyter:
             super().print(*items, **options)
@@ -43,16 +43,13 @@ class EscapedTerminal(Console):
 
 
 errors = EscapedTerminal(stderr=True)
-"""Console of all but results; ``errors.quiet`` silences it."""
+"""Console of all but results. ``errors.quiet`` silences it."""
 _SOON = 0.5
 """Time [s] after which the moving line and a rate appear."""
 
 
 class Bars:
-    """Progress bars, one per stage. With a title, a moving line above them appears after half a second.
-
-    The line is removed at the end.
-    """
+    """Progress bars, one per stage. With a title also a moving line, from half a second on until the end."""
 
     def __init__(self, title: str = "") -> None:
         self._title = title
@@ -81,7 +78,7 @@ class Bars:
                 progress.stop()
 
     def rest(self) -> None:
-        """Leave the terminal to other output; later stages begin new bars."""
+        """Leave the terminal to other output. Later stages begin new bars."""
         self.__exit__()
         self.__enter__()
 
@@ -146,7 +143,7 @@ def _progress() -> Progress:
 
 
 def plain_table(*headings: str, title: str = "", show_header: bool = True) -> Table:
-    """Return a table with a line below its headings; long cells wrap."""
+    """Return a table with a line below its headings. Long cells wrap."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text

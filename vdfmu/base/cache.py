@@ -25,8 +25,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, TypeVarTuple
 
-from platformdirs import user_cache_path
-
 from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.progress import warn_once
@@ -49,6 +47,8 @@ def cache_folder() -> Path:
     A folder is skipped if other users may write to it. The last resort is a temporary folder of this process.
     UsageError: see :func:`limit`.
     """
+    from platformdirs import user_cache_path  # help works without it
+
     limit()  # a wrong limit is an error before any work
     chosen = os.environ.get("VDFMU_CACHE_DIR")
     for folder in [*([Path(chosen)] if chosen else []), user_cache_path("vdfmu", appauthor=False)]:
@@ -58,10 +58,7 @@ def cache_folder() -> Path:
 
 
 def limit() -> float:
-    """Return the size [byte] of all entries: ``VDFMU_CACHE_MB``, else 512 MB, some 200 values of a robot.
-
-    UsageError if the variable is not a number of at least 0.
-    """
+    """Return the limit [byte] of a cache: ``VDFMU_CACHE_MB`` or 512 MB, some 200 values of a robot."""
     text = os.environ.get("VDFMU_CACHE_MB") or "512"
     with suppress(ValueError):
         if float(text) >= 0.0:
@@ -70,7 +67,7 @@ def limit() -> float:
 
 
 def trusted(folder: Path) -> bool:
-    """Whether a folder belongs to the user and nobody else may write to it; if not, warn once.
+    """Whether a folder belongs to the user and nobody else may write to it. If not, warn once.
 
     A missing folder is trusted: `store` makes it for the user alone. Windows has no such modes, but the profile is
     closed to other users.
@@ -106,7 +103,7 @@ def _private() -> tempfile.TemporaryDirectory[str]:
 
 
 def load(path: Path) -> bytes | None:
-    """Return the content of an entry; None if it is missing, untrusted, damaged or stored under another name."""
+    """Return the content of an entry. None if it is missing, untrusted, damaged or stored under another name."""
     try:
         with path.open("rb") as file:
             if _fault(os.fstat(file.fileno())):
@@ -123,10 +120,7 @@ def load(path: Path) -> bytes | None:
 
 
 def store(path: Path, content: bytes) -> None:
-    """Write an entry ``cache / kind / name`` atomically, and keep the cache below its size.
-
-    Errors of the disk are ignored: without the entry later work only takes longer.
-    """
+    """Write an entry ``cache / kind / name`` atomically and evict old entries. Ignore errors of the disk."""
     temporary = None
     try:
         for folder in (path.parent.parent, path.parent):
@@ -152,7 +146,7 @@ class _CachedFile(NamedTuple):
     path: Path
 
     def remove(self) -> bool:
-        """Remove the file, and its folder if empty; return whether the file is gone."""
+        """Remove the file, and its folder if empty. Return whether the file is gone."""
         with suppress(OSError):
             self.path.unlink()
             with suppress(OSError):  # not empty
@@ -240,7 +234,7 @@ def one_job() -> Generator[None]:
 
 
 def cached_per_command(make: Callable[[*Arguments], Made]) -> Callable[[*Arguments], Made]:
-    """Cache a function by its arguments during a job; outside of a job call it each time."""
+    """Cache a function by its arguments during a job. Outside of a job call it each time."""
 
     @wraps(make)
     def cached(*arguments: *Arguments) -> Made:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 LOG = logging.getLogger("vdfmu")
-"""Details of the work, shown by ``--verbose``; warnings are always shown."""
+"""Details of the work, shown by ``--verbose``. Warnings are always shown."""
 _SHOWN = 20
-"""Most problems in the text of an error; `problems` has all."""
+"""Most problems in the text of an error. `problems` has all."""
 _DISK = (errno.EIO, errno.EACCES, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENFILE)
 
 
@@ -31,11 +31,11 @@ class _ProblemsError(VdfmuError):
 
 
 class ModelError(_ProblemsError):
-    """A robot or scenario file that cannot be used; `problems` lists all of its faults."""
+    """A robot or scenario file that cannot be used. `problems` lists all of its faults."""
 
 
 class SspError(_ProblemsError):
-    """A system description that cannot be run; `problems` lists all of its faults, `notes` the remarks."""
+    """A system description that cannot be run. `problems` lists all of its faults, `notes` the remarks."""
 
     problems: list[Any]
     """Each is a `vdfmu.engine.rules.Finding`, as are the notes."""

@@ -40,7 +40,7 @@ def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Generator[BinaryIO]:
-    """Write to a temporary file and rename it to `path` on success; on an error delete it and leave `path` unchanged.
+    """Write to a temporary file and rename it to `path` on success. On an error delete it and leave `path` unchanged.
 
     Follows symbolic links. The file gets the default mode. StorageError if `path` is not a regular file, OSError if it
     cannot be written.
@@ -59,10 +59,7 @@ def replacing(path: Path) -> Generator[BinaryIO]:
 
 
 def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
-    """Write a file atomically.
-
-    UsageError if its folder or the right to write is missing, VdfmuError for another reason.
-    """
+    """Write a file atomically. UsageError without its folder or the right to write, VdfmuError for other reasons."""
     try:
         with replacing(path) as stream:
             stream.writelines(blocks)
@@ -81,7 +78,7 @@ def storing(path: Path) -> Generator[None]:
 
 
 def regular_target(path: Path) -> Path:
-    """Return the target of `path` after its links; StorageError if it exists and is not a regular file."""
+    """Return the target of `path` after its links. StorageError if it exists and is not a regular file."""
     try:
         target = path.resolve()
         if not os.path.lexists(target):
@@ -133,7 +130,7 @@ def _is_ours(path: Path) -> bool:
 
 
 def inside(folder: Path, file: Path) -> Path:
-    """Return a file to write in a folder; UsageError if its name, or a link, leads out of the folder."""
+    """Return a file to write in a folder. UsageError if its name, or a link, leads out of the folder."""
     place = Path(os.path.realpath(file))
     if not place.is_relative_to(os.path.realpath(folder)):
         raise UsageError(f"{file} must be in {folder}, got {place}. Choose the place with --out.")
@@ -141,14 +138,14 @@ def inside(folder: Path, file: Path) -> Path:
 
 
 def read_text(path: Path) -> str:
-    """Return the content of a file or pipe in UTF-8; OSError if it is unreadable or a device without end."""
+    """Return the content of a file or pipe in UTF-8. OSError if it is unreadable or a device without end."""
     if path.is_char_device():
         raise OSError("a device")
     return path.read_bytes().decode("utf-8-sig")
 
 
 def read_member(path: Path, name: str) -> bytes | None:
-    """Return the content of a member of a zip file; None if it is missing or unreadable."""
+    """Return the content of a member of a zip file. None if it is missing or unreadable."""
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(name)
@@ -158,7 +155,7 @@ def read_member(path: Path, name: str) -> bytes | None:
 
 @contextmanager
 def temporary_folder(prefix: str) -> Generator[str]:
-    """Make a temporary folder and remove it at the end, also after Ctrl-C at any moment; ignore errors of removal.
+    """Make a temporary folder and remove it at the end, also after Ctrl-C at any moment. Ignore errors of removal.
 
     Python's own leaves a folder if Ctrl-C comes before it has noted the folder, or during the removal. Its first search
     for a place may leave a trial file. OSError if no place is writable.
@@ -179,7 +176,7 @@ def temporary_folder(prefix: str) -> Generator[str]:
 
 
 def _remove(folder: tempfile.TemporaryDirectory[str]) -> None:
-    """Remove a folder; twice, because a transient error ends the first try."""
+    """Remove a folder, twice, because a transient error ends the first try."""
     for _ in range(2):
         with suppress(OSError):
             folder.cleanup()
@@ -189,7 +186,7 @@ PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
-    """Return the folder of a kind of data file; VdfmuError if it is missing.
+    """Return the folder of a kind of data file. VdfmuError if it is missing.
 
     A wheel has the folders in ``vdfmu/_data``, a source tree (also of an editable install) at its root.
     """
@@ -197,8 +194,7 @@ def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
     for place in places:
         if place.is_dir():
             return place
-    looked = " or ".join(str(place) for place in places)
-    raise VdfmuError(f"data folder {kind!r} not found: expected {looked}. Reinstall vdfmu.")
+    raise VdfmuError(f"data folder {kind!r} not found: expected {' or '.join(map(str, places))}. Reinstall vdfmu.")
 
 
 def source_bytes(file: Path) -> bytes:

@@ -40,10 +40,7 @@ class Stopped(KeyboardInterrupt):
 
 @contextmanager
 def listening(*signals: int) -> Generator[None]:
-    """Let signals raise `Stopped`, by default Ctrl-C, SIGTERM and SIGHUP, unless ignored or handled already.
-
-    Does nothing outside the main thread: Python does not allow it there.
-    """
+    """Let signals (Ctrl-C, SIGTERM and SIGHUP) raise `Stopped` in the main thread, unless ignored or handled."""
     taken = _listen(*signals)
     try:
         yield
@@ -52,7 +49,7 @@ def listening(*signals: int) -> Generator[None]:
 
 
 def _listen(*signals: int) -> list[tuple[int, Any]]:
-    """Handle signals as `listening` does; return each number and its former handler."""
+    """Handle signals as `listening` does. Return each number and its former handler."""
     taken: list[tuple[int, Any]] = []
     if threading.current_thread() is threading.main_thread():
         for number in signals or _SIGNALS:
@@ -78,7 +75,7 @@ def command_begins() -> None:
 
 
 def command_ended() -> None:
-    """Ignore signals while Python ends; after a second a signal ends the process at once."""
+    """Ignore signals while Python ends. After a second a signal ends the process at once."""
     global _last, _command, _ended
     _last, _command, _ended = time.monotonic(), False, True
 

@@ -42,20 +42,11 @@ _DISPLAY = {
 }  # fmt: skip
 # Quantity to unit, for a revolute and for a prismatic joint. "_m" is motor-side, else link-side.
 _QUANTITIES = {
-    "position": ("rad", "m"),
-    "velocity": ("rad/s", "m/s"),
-    "acceleration": ("rad/s2", "m/s2"),
-    "jerk": ("rad/s3", "m/s3"),
-    "snap": ("rad/s4", "m/s4"),
-    "torque": ("N.m", "N"),
-    "stiffness": ("N.m/rad", "N/m"),
-    "damping": ("N.m.s/rad", "N.s/m"),
-    "per torque": ("1/(N.m)", "1/N"),
-    "ratio": ("1", "rad/m"),
-    "per velocity": ("s/rad", "s/m"),
-    "rotor inertia": ("kg.m2", "kg.m"),
-    "damping_m": ("N.m.s/rad", "N.m.s/m"),
-}
+    "position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "acceleration": ("rad/s2", "m/s2"),
+    "jerk": ("rad/s3", "m/s3"), "snap": ("rad/s4", "m/s4"), "torque": ("N.m", "N"), "per torque": ("1/(N.m)", "1/N"),
+    "stiffness": ("N.m/rad", "N/m"), "damping": ("N.m.s/rad", "N.s/m"), "damping_m": ("N.m.s/rad", "N.m.s/m"),
+    "ratio": ("1", "rad/m"), "per velocity": ("s/rad", "s/m"), "rotor inertia": ("kg.m2", "kg.m"),
+}  # fmt: skip
 WIDE_ANGLE = 4.0 * math.pi
 """Two turns [rad]: more than joints of common arms move, and less than 13 if degrees were meant."""
 _FACTOR = re.compile(r"([A-Za-z]+)(-?\d*)")
@@ -63,7 +54,7 @@ _FACTOR = re.compile(r"([A-Za-z]+)(-?\d*)")
 
 @lru_cache
 def measure(name: str) -> UnitOfMeasurement:
-    """Return a unit of measurement by its name: ``N.m``, ``m/s2``, ``1/(N.m)``, ``kg.m2``, ``1``; else UsageError."""
+    """Return a unit of measurement by its name: ``N.m``, ``m/s2``, ``1/(N.m)``, ``kg.m2``, ``1``, else UsageError."""
     upper, slash, lower = name.partition("/")
     if lower.startswith("(") and lower.endswith(")"):
         lower = lower[1:-1]
@@ -186,10 +177,7 @@ def fitted(unit: str, largest: float) -> tuple[str, int]:
 
 
 def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
-    """Return a number with three digits and a fitting unit: ``2.89e-6, "m"`` is ``2.89 µm``.
-
-    Numbers below `NONE` times the `peak`, in the same unit, are 0.
-    """
+    """Return a number with three digits and a fitting unit, ``2.89 µm``. Less than `NONE` times the `peak` is 0."""
     if not math.isfinite(value):
         return "–"
     value = 0.0 if abs(value) < NONE * abs(peak) else float(f"{value:.3g}")

@@ -32,12 +32,12 @@ class Option:
     text: str
     """Meaning, in sentences for ``--help`` and ``help()``."""
     kind: str = ""
-    """Type in words, with its unit of measurement; default: the type in Python."""
+    """Type in words, with its unit of measurement. Default: the type in Python."""
     more: str = ""
     """Text that ``help()`` adds to `text`."""
     default: Any = None
     flag: str | None = ""
-    """Name on the command line, ``--set``; default: the name of the field; None hides it there."""
+    """Name on the command line, ``--set``. Default: the name of the field. None hides it there."""
     metavar: str | None = None
     typed: Any = None
     """Type on the command line, if different."""
@@ -48,7 +48,7 @@ class Option:
     choices: tuple[str, ...] = ()
     """Valid values, for ``--help`` and completion."""
     group: str = ""
-    """Heading in ``--help``; default by :mod:`vdfmu.cli.parameters`."""
+    """Heading in ``--help``. Default by :mod:`vdfmu.cli.parameters`."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class DeclaredOption:
 
     name: str
     type: Any
-    """Type in Python; a text if its parts are not imported."""
+    """Type in Python. A text if its parts are not imported."""
     option: Option
 
     @property
@@ -97,19 +97,12 @@ def taken_options(function: Callable[..., Any]) -> Any:
 
 
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Give the options of a function their defaults, and add them to its signature and docstring.
-
-    The function raises UsageError for all values of a wrong type.
-    """
+    """Add its options to a function: defaults, signature, docstring, and UsageError for all values of a wrong type."""
     own = inspect.signature(function)
     listed = declared(taken_options(function))
     parameters = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
-    parameters += [
-        inspect.Parameter(
-            each.name, inspect.Parameter.KEYWORD_ONLY, default=each.option.default, annotation=each.annotation
-        )
-        for each in listed
-    ]
+    kind = inspect.Parameter.KEYWORD_ONLY
+    parameters += [inspect.Parameter(o.name, kind, default=o.option.default, annotation=o.annotation) for o in listed]
     signature = own.replace(parameters=parameters)
     name = function.__qualname__.removesuffix(".__init__")
 
@@ -203,7 +196,7 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 
 
 def type_problem(name: str, annotation: str, value: Any, kind: str = "", choices: tuple[str, ...] = ()) -> str | None:
-    """Return the problem of a value that has not the type of its annotation, ``float | None``; else None.
+    """Return the problem of a value whose type differs from its annotation, ``float | None``, else None.
 
     `kind` is the type in words with a unit of measurement, ``float [s]``, `choices` are the valid texts.
     """
@@ -220,6 +213,6 @@ def type_problem(name: str, annotation: str, value: Any, kind: str = "", choices
 
 
 def check_type(name: str, annotation: str, value: Any) -> None:
-    """Raise UsageError for a value of another type; see :func:`type_problem`."""
+    """Raise UsageError for a value of another type. See :func:`type_problem`."""
     if problem := type_problem(name, annotation, value):
         raise UsageError(problem)

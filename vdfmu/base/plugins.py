@@ -34,10 +34,7 @@ class Plugins:
     """Whether an object is a valid plugin."""
 
     def get(self, name: str) -> Any:
-        """Return the plugin of a name, None if no package adds it.
-
-        UsageError if it is invalid, or several packages add it.
-        """
+        """Return the plugin of a name, or None. UsageError if it is invalid, or several packages add it."""
         points = _points(self.group).get(name, [])
         if len(points) > 1:
             raise UsageError(
@@ -47,7 +44,7 @@ class Plugins:
         return self._load(points[0]) if points else None
 
     def all(self, shipped: Container[str]) -> dict[str, Any]:
-        """Return valid plugins by name; warn of invalid ones and of shipped names, and leave them out."""
+        """Return valid plugins by name. Warn of invalid ones and of shipped names, and leave them out."""
         valid: dict[str, Any] = {}
         for name, points in sorted(_points(self.group).items()):
             if name in shipped:
@@ -75,15 +72,12 @@ class Plugins:
 
 
 def added(group: str, name: str) -> bool:
-    """Whether a package adds a name to a group, even if invalid; loads nothing."""
+    """Whether a package adds a name to a group, even if invalid. Loads nothing."""
     return name in _points(group)
 
 
 class PluginTable(dict[str, _T]):
-    """Table of shipped rows that ``in`` and ``[]`` extend by plugins.
-
-    Iteration gives shipped rows and plugins in use; `names` gives all.
-    """
+    """Table of shipped rows that ``in`` and ``[]`` extend by plugins. Iteration gives the rows in use, `names` all."""
 
     def __init__(self, plugins: Plugins, shipped: Mapping[str, _T], prefix: str = "") -> None:
         super().__init__(shipped)
@@ -106,7 +100,7 @@ class PluginTable(dict[str, _T]):
         return plugin
 
     def names(self, unless: object = None) -> list[str]:
-        """Return all names; if `unless` is a shipped name, only the names in use."""
+        """Return all names. If `unless` is a shipped name, only the names in use."""
         if not isinstance(unless, str) or unless not in self._shipped:
             own = {key.removeprefix(self._prefix) for key in self._shipped}
             self.update({self._prefix + name: row for name, row in self._plugins.all(own).items()})

@@ -32,7 +32,7 @@ SHOWN = 2**16
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Environment of numpy and scipy: with small matrices several threads only wait for each other."""
 SIZE = struct.Struct("<I")
-"""Length of the message that follows; 0 for an empty message."""
+"""Length of the message that follows, 0 for an empty message."""
 _BLOCK, _OUTPUT_BLOCK = 2**20, 2**16
 """Most bytes per read of replies and of output."""
 _LARGEST = 2**30
@@ -48,10 +48,7 @@ _FAREWELL = 5.0
 
 
 def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Popen[bytes]:
-    """Start a module of this package in a new process and session, with pipes.
-
-    Without `talks` only the error output has a pipe.
-    """
+    """Start a module of this package in a new process and session with pipes. Without `talks` only of its errors."""
     way = subprocess.PIPE if talks else subprocess.DEVNULL
     return subprocess.Popen(
         [sys.executable, "-P", "-m", module, *arguments],
@@ -76,10 +73,7 @@ def limit(kind: str, size: int) -> None:
 
 
 def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:
-    """End a process of `started` and its children, even if it has ended already.
-
-    `patience` is the time [s] in which it may end children in other sessions.
-    """
+    """Kill a process of `started` and its children. It may first end children in other sessions for `patience` [s]."""
     with suppress(OSError, subprocess.TimeoutExpired):
         if patience and process.poll() is None:
             process.terminate()
@@ -140,14 +134,9 @@ class Child:
     """
 
     def __init__(
-        self,
-        module: str,
-        *arguments: str,
-        limit: float,
-        show: bool = False,
-        stop: Callable[[], bool] = lambda: False,
-        gone: Callable[[], None] = lambda: None,
-    ) -> None:
+        self, module: str, *arguments: str, limit: float, show: bool = False,
+        stop: Callable[[], bool] = lambda: False, gone: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
         self._process = process = started(module, *arguments)
         assert process.stdin is not None
         assert process.stdout is not None
@@ -169,14 +158,14 @@ class Child:
         self.post(SIZE.pack(len(content)) + content)
 
     def post(self, request: bytes) -> None:
-        """Send bytes; if the process has ended, `take` reports it."""
+        """Send bytes. If the process has ended, `take` reports it."""
         self.since = monotonic()
         with suppress(OSError):
             self._requests.write(request)
             self._requests.flush()
 
     def take(self) -> Any:
-        """Wait for a reply, None if empty; EOFError if the process has ended or its reply is not JSON."""
+        """Wait for a reply, None if empty. EOFError if the process has ended or its reply is not JSON."""
         head = self._read(SIZE.size)
         size = SIZE.unpack(head)[0] if len(head) == SIZE.size else _LARGEST + 1
         try:
@@ -187,7 +176,7 @@ class Child:
         return message
 
     def _read(self, size: int) -> bytes | bytearray:
-        """Read bytes, fewer if the process has ended; a child of it may hold the pipe open."""
+        """Read bytes, fewer if the process has ended. A child of it may hold the pipe open."""
         descriptor, content = self._replies.fileno(), bytearray()
         while len(content) < size:
             if hasattr(select, "poll"):
@@ -203,7 +192,7 @@ class Child:
         return content
 
     def _watch(self) -> None:
-        """Kill the process if it is late or to stop; if it has ended, kill children that hold its pipes."""
+        """Kill the process if it is late or to stop. If it has ended, kill children that hold its pipes."""
         while not self._done.wait(_TICK):
             stopped = self._stop()
             self.late = self.late or monotonic() - self.since > self.limit
@@ -214,7 +203,7 @@ class Child:
                 return
 
     def _has_ended(self) -> bool:
-        """Whether the process has ended, without collecting its exit code; False if the system cannot tell."""
+        """Whether the process has ended, without collecting its exit code. False if the system cannot tell."""
         if not hasattr(os, "waitid"):  # Windows, and macOS before Python 3.13
             return not hasattr(os, "wait4") and self._process.poll() is not None
         with suppress(ChildProcessError):  # its exit code has just been collected
@@ -231,10 +220,7 @@ class Child:
         end_group(self._process)
 
     def end(self) -> tuple[int, float, str]:
-        """Let the process end and kill its children.
-
-        Return its exit code, its peak memory [MB], 0 if unknown, and the end of its output.
-        """
+        """Let the process end and kill its children. Return exit code, peak memory [MB] or 0, and end of output."""
         self._done.set()
         process, peak = self._process, 0.0
         for pipe in (self._requests, self._replies):
@@ -269,7 +255,7 @@ class Parent:
             CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
 
     def read(self, size: int) -> bytes:
-        """Read bytes; fewer at the end."""
+        """Read bytes, fewer at the end."""
         return self._requests.read(size)
 
     def requests(self) -> Iterator[bytes]:
@@ -278,7 +264,7 @@ class Parent:
             yield self.read(SIZE.unpack(head)[0])
 
     def reply(self, message: Any = None) -> None:
-        """Send a reply; arrays and numbers of numpy become lists and numbers. Exit if the parent is gone."""
+        """Send a reply. Arrays and numbers of numpy become lists and numbers. Exit if the parent is gone."""
         content = b"" if message is None else json.dumps(message, default=lambda x: x.tolist()).encode()
         content = SIZE.pack(len(content)) + content
         try:

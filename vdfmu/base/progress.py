@@ -65,7 +65,7 @@ _P = ParamSpec("_P")
 
 @contextmanager
 def shown_steps(progress: Steps | bool | None, stage: str) -> Generator[Steps | None]:
-    """Yield a callback for the steps of a stage; True shows them as a bar."""
+    """Yield a callback for the steps of a stage. True shows them as a bar."""
     if progress is not True:
         yield progress or None
         return
@@ -76,7 +76,7 @@ def shown_steps(progress: Steps | bool | None, stage: str) -> Generator[Steps | 
 
 
 def with_progress(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Pass progress of a function to its option `progress`; True shows bars."""
+    """Pass progress of a function to its option `progress`. True shows bars."""
 
     @wraps(function)
     def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _T:

@@ -16,11 +16,11 @@ class FmiVersion:
     token: str
     """Attribute of a model description that names the content of the FMU."""
     arrays: bool
-    """Whether a variable can be an array; else its elements are the variables."""
+    """Whether a variable can be an array, else its elements are the variables."""
     platform_tuples: bool
     """Whether folders of ``binaries`` are named by platform tuples."""
     build_description: bool
-    """Whether ``sources/buildDescription.xml`` lists the C files; else the model description does."""
+    """Whether ``sources/buildDescription.xml`` lists the C files, else the model description does."""
     picture: bool
     """Whether an FMU has a picture ``model.png``."""
     time_variable: bool

@@ -57,7 +57,7 @@ def expm(A: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class StateSpace:
-    """``x_dot = A x + B u``, ``y = C x + D u`` of deviations; with a step ``x[k+1] = A x[k] + B u[k]``.
+    """``x_dot = A x + B u``, ``y = C x + D u`` of deviations. With a step ``x[k+1] = A x[k] + B u[k]``.
 
     Attributes
     ----------
@@ -114,10 +114,7 @@ class StateSpace:
         return ScipyStateSpace(self.A, self.B, self.C, self.D, **time)
 
     def to_control(self) -> Any:
-        """Return a ``control.StateSpace`` of python-control. Dots in the names become ``_``.
-
-        UsageError if python-control is not installed.
-        """
+        """Return a ``control.StateSpace`` of python-control (else UsageError). Dots in the names become ``_``."""
         try:
             control = import_module("control")
         except ImportError:

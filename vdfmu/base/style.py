@@ -106,10 +106,7 @@ def blank(width: float, height: float) -> Figure:
 def new_figure(
     title: str, caption: str, *, height: float, width: float = WIDTH, legend: Sequence[Artist] = ()
 ) -> Figure:
-    """Return a figure of `width` by `height` [in] with empty space for panels.
-
-    Title and legend lines stand above that space, the caption below, so that they hide no data.
-    """
+    """Return a figure of `width` by `height` [in] with space for panels between title and legend, and the caption."""
     figure = _Picture(figsize=(width, height), dpi=DPI)
     FigureCanvasAgg(figure)
     left = _MARGIN / width
@@ -163,7 +160,7 @@ def fit_axis(axis: Axis, unit: str, largest: float) -> str:
 
 
 def label_time(panels: Sequence[Axes], columns: int) -> None:
-    """Write times and "Time [s]" below the lowest panel of each column only; panels come row by row."""
+    """Write times and "Time [s]" below the lowest panel of each column only. Panels come row by row."""
     for axes in panels[:-columns]:
         axes.tick_params(labelbottom=False)
     for axes in panels[-columns:]:
@@ -194,10 +191,7 @@ def curve(axes: Axes, time: Floats, values: Floats, **look: Any) -> Line2D:
 
 
 def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Floats]:
-    """Thin more than ``2 * buckets`` points to the first, the last, and the extremes of equal intervals.
-
-    No peak is lost, and the curve looks the same at the resolution of the picture.
-    """
+    """Thin more than ``2 * buckets`` points to the first, the last, and the extremes of equal intervals."""
     if len(values) <= 2 * buckets:
         return time, values
     rows = extremes(values, buckets)
@@ -217,7 +211,7 @@ class _Picture(Figure):
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG, SVG or PDF, by the suffix, and make its folder; the same figure gives the same bytes.
+    """Write a figure as PNG, SVG or PDF, by the suffix, and make its folder. The same figure gives the same bytes.
 
     UsageError for another suffix, UsageError or VdfmuError if the file cannot be written.
     """

@@ -17,7 +17,7 @@ FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 FEW = 20
 """Most messages of a rule that are printed."""
 _LONGEST_NAME, _LONGEST_LINE, _MOST_LINES = 200, 2000, 100
-"""Most characters of a message without a space between them, and of a line; most lines."""
+"""Most characters of a message without a space between them, and of a line, and most lines."""
 _LONG_NAME = re.compile(rf"\S{{{_LONGEST_NAME + 1},}}")
 
 
@@ -33,7 +33,7 @@ def error_text(error: object) -> str:
 
 
 def message_of(error: object) -> str:
-    """Return the message of an error; foreign ``__str__`` may fail."""
+    """Return the message of an error. Foreign ``__str__`` may fail."""
     try:
         return str(error)
     except (Exception, SystemExit) as other:
@@ -74,7 +74,7 @@ def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text:
 
 
 def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
-    """Return the names that match any pattern; ``*`` stands for any text."""
+    """Return the names that match any pattern. ``*`` stands for any text."""
     whole = [re.compile(".*".join(map(re.escape, pattern.split("*")))) for pattern in patterns]
     return [name for name in names if any(pattern.fullmatch(name) for pattern in whole)]
 

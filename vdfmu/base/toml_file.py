@@ -17,10 +17,10 @@ from vdfmu.base.text import nearest, printable
 from vdfmu.base.version import format_problem
 
 _DEEPEST = 50
-"""Levels of lists and tables in a file; a robot has 7."""
+"""Levels of lists and tables in a file. A robot has 7."""
 _TOO_DEEP = "expected TOML, got lists or tables that are nested too deeply. Correct the brackets."
 _LARGEST = 2**20
-"""Largest file [byte]; a robot of 100 joints has 80 kB."""
+"""Largest file [byte]. A robot of 100 joints has 80 kB."""
 ROBOTS = Plugins("robots", "robot", "the path of a TOML file", lambda file: Path(file).is_file())
 
 
@@ -40,7 +40,7 @@ def toml_names(kind: str) -> list[str]:
 
 
 def locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None = None) -> Path:
-    """Return the path of a file by its name or path; UsageError for an unknown name."""
+    """Return the path of a file by its name or path. UsageError for an unknown name."""
     text = os.fspath(path_or_name)
     path = (start or Path()) / text
     separators = tuple(s for s in (os.sep, os.altsep, "/") if s)
@@ -60,7 +60,7 @@ def locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of a TOML file without its ``format``; ModelError if it cannot be read."""
+    """Return the content of a TOML file without its ``format``. ModelError if it cannot be read."""
     problem: str
     try:
         data = tomllib.loads(read_bytes(path, "a TOML file").decode("utf-8-sig"))
@@ -85,14 +85,22 @@ def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
     A device or pipe is refused, since it may never end.
     """
     try:
-        return _content(path, largest)
+        status = path.stat()
+        if stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode):
+            with path.open("rb") as stream:
+                content = stream.read(largest + 1)
+            if len(content) <= largest:
+                return content
+            got = f"{max(status.st_size, len(content)) / 2**20:.3g} MiB"
+            problem = f"expected a file of at most {largest / 2**20:g} MiB, got {got}. Is it the right one?"
+        else:
+            problem = "expected a regular file, got a pipe, a device or another special file. Name a file."
     except FileNotFoundError:
         problem = f"expected {expected}, got nothing: it does not exist. Check the path."
     except (IsADirectoryError, PermissionError) as error:
+        problem = f"expected a file that can be read, got: {error.strerror}. Check its permissions."
         if path.is_dir():
             problem = f"expected {expected}, got a directory. Name a file in it."
-        else:
-            problem = f"expected a file that can be read, got: {error.strerror}. Check its permissions."
     except OSError as error:
         problem = f"expected a file that can be read, got: {error.strerror}. Check the path."
     except ValueError as error:  # an impossible path
@@ -100,35 +108,14 @@ def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
     raise ModelError(f"{path}: {problem}")
 
 
-def _content(path: Path, largest: int) -> bytes:
-    status = path.stat()
-    if stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode):
-        with path.open("rb") as stream:
-            content = stream.read(largest + 1)
-        if len(content) <= largest:
-            return content
-        got = f"{max(status.st_size, len(content)) / 2**20:.3g} MiB"
-        problem = f"expected a file of at most {largest / 2**20:g} MiB, got {got}. Is it the right one?"
-    else:
-        problem = "expected a regular file, got a pipe, a device or another special file. Name a file."
-    raise ModelError(f"{path}: {problem}")
-
-
-def _too_deep(data: object) -> bool:
-    level = [data]
-    for _ in range(_DEEPEST):
-        level = [inner for value in level for inner in _children(value)]
-    return bool(level)
-
-
-def _children(value: object) -> list[object]:
-    if isinstance(value, dict):
-        return list(cast("dict[str, object]", value).values())
-    return cast("list[object]", value) if isinstance(value, list) else []
+def _too_deep(data: object, levels: int = _DEEPEST) -> bool:
+    """Whether lists and tables nest more than some levels."""
+    children: Any = cast("dict[str, object]", data).values() if isinstance(data, dict) else data
+    return not levels or isinstance(data, (dict, list)) and any(_too_deep(each, levels - 1) for each in children)
 
 
 def toml_text(table: Mapping[str, Any], rounding: float = 0.0) -> str:
-    """Return the content of a file, the values of each table before its tables; `rounding`: see `toml_value`."""
+    """Return the content of a file, the values of each table before its tables. `rounding`: see `toml_value`."""
     return "\n".join(_lines(table, "", rounding)).lstrip("\n") + "\n"
 
 

@@ -40,7 +40,7 @@ class Problems:
         self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}".rstrip())
 
     def take(self, error: VdfmuError, key: str = "") -> None:
-        """Note an error, with a key if given; problems of another file have their place already."""
+        """Note an error, with a key if given. Problems of another file have their place already."""
         if isinstance(error, ModelError):
             self.lines += error.problems
         else:
@@ -100,7 +100,7 @@ class Table:
         return f"{self.path}.{key}" if self.path else key
 
     def value(self, key: str, expected: str, default: object = None) -> Any:
-        """Return an entry; a missing one without a default is a problem and reads as None."""
+        """Return an entry. A missing one without a default is a problem and reads as None."""
         if key in self.data:
             return self.data[key]
         if default is None and self.usable:
@@ -108,7 +108,7 @@ class Table:
         return default
 
     def table(self, key: str, known: Sequence[str]) -> Table:
-        """Return a table; a missing entry is a problem."""
+        """Return a table. A missing entry is a problem."""
         value = self.value(key, "a table")
         if value is None:
             table = self.optional_table(key, known)
@@ -181,7 +181,7 @@ class Table:
         self, key: str, unit: str, default: float | None = None, *, above: float | None = None,
         at_least: float | None = None, at_most: float = LARGEST_NUMBER, way_out: str = "",
     ) -> float:  # fmt: skip
-        """Return a number, NaN if it is wrong; `at_most` bounds its absolute value."""
+        """Return a number, NaN if it is wrong. `at_most` bounds its absolute value."""
         bounds = _Bounds(unit, above, at_least, at_most)
         value = self.value(key, bounds.expected("a finite number"), default)
         return math.nan if value is None else self._checked(value, self.key(key), bounds, way_out)
@@ -191,7 +191,7 @@ class Table:
         scalar: bool = False, above: float | None = None, at_least: float | None = None,
         at_most: float = LARGEST_NUMBER, infinite: bool = False, way_out: str = "",
     ) -> Floats:  # fmt: skip
-        """Return an array of numbers; wrong entries are NaN.
+        """Return an array of numbers. Wrong entries are NaN.
 
         `scalar` allows a single number for all entries, `infinite` allows plus infinity.
         """
@@ -229,7 +229,7 @@ class Table:
 
 
 class _Bounds(NamedTuple):
-    """Range of a finite number; `at_most` bounds its absolute value."""
+    """Range of a finite number. `at_most` bounds its absolute value."""
 
     unit: str
     above: float | None

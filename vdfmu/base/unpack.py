@@ -29,7 +29,7 @@ _STRUCT, _CHAR = 2, 4
 _CODECS = {2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16"}
 _DEFLATE = 1
 _FILTERS = ([], [_DEFLATE], [2, _DEFLATE], [_DEFLATE, 3], [2, _DEFLATE, 3])
-"""Supported filters of HDF5, in their order; 2 shuffles bytes, and 3 adds a check sum."""
+"""Supported filters of HDF5, in their order: 2 shuffles bytes, 3 adds a check sum."""
 _CHUNK, _ELEMENT = 1024, 64
 """Bytes that count for each chunk of HDF5 and each element of version 5, beside the content."""
 
@@ -42,7 +42,7 @@ class UnpackBudget:
         self._limit = self.left
 
     def spend(self, size: int, count: int = 0) -> None:
-        """Count bytes and variables; UsageError beyond the limit."""
+        """Count bytes and variables. UsageError beyond the limit."""
         self.left -= size
         self.count += count
         if self.left < 0:
@@ -57,7 +57,7 @@ class UnpackBudget:
 
 
 def imported(what: str, package: str, extra: str, *modules: str) -> tuple[ModuleType, ...]:
-    """Import modules of the optional package of a format; UsageError if it is not installed."""
+    """Import modules of the optional package of a format. UsageError if it is not installed."""
     try:
         return tuple(import_module(module) for module in modules)
     except ImportError as error:
@@ -68,7 +68,7 @@ def imported(what: str, package: str, extra: str, *modules: str) -> tuple[Module
 
 
 def mat_variables(path: Path) -> dict[str, Any]:
-    """Return numeric arrays and texts of a MATLAB file of any version; fields of structs as ``rec.position``.
+    """Return numeric arrays and texts of a MATLAB file of any version, with fields of structs as ``rec.position``.
 
     Cells, arrays of structs and objects are left out. UsageError if the file is unreadable, needs other files or
     exceeds the budget.
@@ -131,7 +131,7 @@ def _elements(data: memoryview, order: str, budget: UnpackBudget) -> Iterator[tu
 
 
 def _variable(data: memoryview, order: str, budget: UnpackBudget) -> tuple[str, Any]:
-    """Return name and value of a matrix of version 5; None unless it has numbers, text or a single struct."""
+    """Return name and value of a matrix of version 5. None unless it has numbers, text or a single struct."""
     budget.spend(0, 1)
     parts = _elements(data, order, budget)
     flags, shape, name = (next(parts, (0, memoryview(b"")))[1] for _ in range(3))

@@ -73,7 +73,7 @@ def build(
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
     from vdfmu.arm.units import find_unit
-    from vdfmu.compiler.unit.base import unit_name
+    from vdfmu.compiler.fmu.build import unit_name
     from vdfmu.study.run.scenario_run import prepare
     from vdfmu.system.package.write import build_parts, left_out
     from vdfmu.system.scenario.values import start_values

@@ -93,7 +93,7 @@ def import_file(
     The file names the source of each number.
     """
     from vdfmu.arm.imports import import_robot
-    from vdfmu.arm.robot.robot import joint_free
+    from vdfmu.arm.robot import joint_free
     from vdfmu.base.files import write_whole
 
     target = target_file(out, f"{file.stem}.toml", overwrite)
@@ -147,8 +147,7 @@ def list_drives(
     as_json: JsonOption = False,
 ) -> None:
     """List the gears and motors that a robot file can name."""
-    from vdfmu.arm.drive.spring_fit import catalogue_torsion, fit_spring
-    from vdfmu.arm.robot.catalogue import catalogue
+    from vdfmu.arm.robot.catalogue import catalogue, fit_spring
     from vdfmu.base.errors import UsageError
     from vdfmu.base.text import nearest
 
@@ -170,8 +169,7 @@ def list_drives(
     shown = table("gear", "rated\nN.m", "repeated\nN.m", "K1\nN.m/rad", "K3\nN.m/rad", "fit off by")
     for key, gear in gears.items():
         K, T = [gear[f"K{i}"] for i in (1, 2, 3)], [gear[f"T{i}"] for i in (1, 2)]
-        residual = fit_spring(gear["ratio"], K, T, gear["repeated"])[1]
-        share = residual / float(catalogue_torsion(gear["repeated"], K, T))
+        _, residual, share = fit_spring(gear["ratio"], K, T, gear["repeated"])
         numbers = (f"{gear[number]:g}" for number in ("rated", "repeated", "K1", "K3"))
         shown.add_row(key, *numbers, f"{math.degrees(residual) * 60.0:.2f} arcmin, {share:.1%}")
     console.print(shown)

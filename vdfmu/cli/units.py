@@ -78,7 +78,7 @@ def from_(
     trust: Annotated[bool, Option("Load function.casadi, which can run any code.")] = False,
 ) -> None:
     """Write a unit from a linear system, a function or a table."""
-    from vdfmu.compiler.unit.wrap import unit_from
+    from vdfmu.compiler.unit.new import unit_from
 
     path, *beside = unit_from(source, name, out, trust=trust)
     say_written(path, *beside)

@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from vdfmu.arm.fmus import build
 from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import require_ours, storing
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.unit import Unit
 from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import Report, inspect_file
 from vdfmu.engine.package.join import Connections, join
@@ -143,6 +143,14 @@ class System:
     ) -> Judgement:
         """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.referee.judge`."""  # fmt: skip
         return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
+
+    def environment(
+        self, actions: Mapping[str, Any], observations: Any, reward: Callable[[Any, Any], float], **options: Any
+    ) -> Any:
+        """Return the system as an environment of gymnasium, see :class:`vdfmu.Environment`."""
+        from vdfmu.study.environment.environments import Environment
+
+        return Environment(self, actions, observations, reward, **options)
 
     def sweep(self, vary: Mapping[str, Any] | Sequence[str], **options: Any) -> Sweep:
         """Run the system at many points, see :func:`vdfmu.sweep`."""

@@ -23,14 +23,11 @@ from vdfmu.system.scenario.scenario import resolve
 from vdfmu.system.scenario.scenario_file import load_scenario, load_system
 
 _KINDS = {"joints": "robot", "units": "system", "extends": "system", "connections": "system"}
-"""Key of TOML to the kind of file; other files are scenarios."""
+"""Key of TOML to the kind of file. Other files are scenarios."""
 
 
 def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None) -> Report:
-    """Check a TOML file, or the units of a Python file; `robot` is for units and systems.
-
-    Files without Python are read here. Python runs in another process, only if `run`; `say` gets its path before.
-    """
+    """Check a TOML file or units with a `robot`. Python runs in another process, if `run`, after `say` got its path."""
     default, kind = load_robot(robot), "unit" if path.suffix.lower() == ".py" else "TOML"
     findings = Findings()
     try:
@@ -62,7 +59,7 @@ def _findings(rule: str, lines: Iterable[str], path: Path) -> list[Finding]:
 
 
 def _run(words: str, path: Path, *_: Any) -> Findings:
-    """Check a file in this process, with its code; `words` are its kind and the robot."""
+    """Check a file in this process, with its code. `words` are its kind and the robot."""
     kind, robot = words.split(" ", 1)
     try:
         return Findings(notes=[*_findings("SRC002", _CHECKS[kind](path, load_robot(robot)), path)])

@@ -13,13 +13,9 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.evaluate import Traced
+from vdfmu.compiler import wasm
+from vdfmu.compiler.unit.evaluate import Call, Traced, traced_margins, traced_requirements
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.machine import traced_margins
-from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.unit.requirements import traced_requirements
-from vdfmu.compiler.wasm import module as wasm
-from vdfmu.compiler.wasm.functions import IMPORTED, WrittenFunctions
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.system.package.description import SystemDescription
@@ -54,7 +50,7 @@ class MovingUnit(NamedTuple):
         }  # fmt: skip
 
     def place(self, argument: str) -> int | None:
-        """Return the place of an argument of `step` or `left`; None for rates of inputs and the internal step."""
+        """Return the place of an argument of `step` or `left`. None for rates of inputs and the internal step."""
         table = self.unit.interface
         if argument.startswith("rate_") or argument == "h":
             return None
@@ -72,20 +68,11 @@ class ParameterCondition(NamedTuple):
 
 
 class SystemProgram:
-    """The communication steps of a system of traced units; UsageError with all reasons if impossible.
+    """The communication steps of a system of traced units. UsageError with all reasons if impossible.
 
-    `varied` are the parameters, ``component.variable``, that differ from run to run.
-
-    Attributes
-    ----------
-    system : WiredUnits
-        Its memory has the values before the start.
-    lists : dict of str to list of actions
-        ``begin``, ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
-    moving : list of MovingUnit
-        In the order of a step.
-    conditions : list of ParameterCondition
-    grid : Grid
+    `varied` are the parameters, ``component.variable``, that differ from run to run. The memory of `system` has the
+    values before the start. `lists` are the actions of ``begin``, ``part_0``, and after the i-th of `moving`
+    ``part_<i+1>``. `moving` has the order of a step.
     """
 
     def __init__(self, description: SystemDescription, varied: Iterable[str] = ()) -> None:
@@ -169,7 +156,7 @@ class SystemProgram:
         }
 
     def signals(self) -> dict[str, tuple[int, str]]:
-        """Return signal to place and unit; outputs of a unit precede its inputs, as in records of a master."""
+        """Return signal to place and unit. Outputs of a unit precede its inputs, as in records of a master."""
         system, fed = self.system, self.system.linked | {place for place, _ in self.system.outside}
         return {
             f"{name}.{v.name}": (system.begin(name) + i, v.unit or "")
@@ -219,10 +206,7 @@ def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
 
 
 def page_program(program: SystemProgram) -> dict[str, Any]:
-    """Return the data of a program for ``web/master.js``, ready for JSON.
-
-    UsageError for inputs from external signals, KernelError for an operation without code.
-    """
+    """Return the data of a program for ``web/master.js`` for JSON. UsageError for inputs from external signals."""
     if program.system.outside:
         raise UsageError("some of its inputs come from files")
     module, address, growth = write_module(program)
@@ -262,8 +246,7 @@ class _ModuleWriter:
     """Writer of the functions of a system, with its memory at the address `at`."""
 
     def __init__(self, program: SystemProgram) -> None:
-        self.program, self.assembler = program, wasm.Assembler(IMPORTED)
-        self._functions = WrittenFunctions(self.assembler)
+        self.program, self.assembler = program, wasm.Assembler()
         self.at = self.assembler.room(8 * program.system.memory.size)
         self._still = self.assembler.room(8 * max(unit.interface.size for unit in program.system.units.values()))
         """Rates of the inputs."""
@@ -309,7 +292,7 @@ class _ModuleWriter:
 
     def _called(self, function: ca.Function, where: Mapping[str, int]) -> bytes:
         arguments = (wasm.constant(where[name]) for name in (*function.name_in(), *function.name_out()))
-        return b"".join(arguments) + wasm.call(self._functions.index(function))
+        return b"".join(arguments) + wasm.call(self.assembler.traced(function))
 
     def begin(self) -> int:
         """Add the start: states, outputs, and the conditions on several parameters."""
@@ -347,7 +330,7 @@ class _ModuleWriter:
                 address = self._still if place is None else self._address(place)
                 code += wasm.local(1) if name == "h" else wasm.constant(address)
             first = arguments - function.n_out()
-            code += b"".join(map(wasm.local, range(first, arguments))) + wasm.call(self._functions.index(function))
+            code += b"".join(map(wasm.local, range(first, arguments))) + wasm.call(self.assembler.traced(function))
             written = self.assembler.function(arguments * wasm.INTEGER, b"", (), bytes(code))
             functions.append(self.assembler.slot(written))
         code = b"".join(self._call(moving.name, each) for each in moving.update)

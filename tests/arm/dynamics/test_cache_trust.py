@@ -17,7 +17,7 @@ from vdfmu.base.files import pack_zip
 @pytest.fixture(autouse=True)
 def fresh(monkeypatch, tmp_path):
     """No message said yet, and a user's cache folder that is empty."""
-    monkeypatch.setattr(cache, "user_cache_path", lambda *_, **__: tmp_path / "own")
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "own")
     cache.warn_once.cache_clear()
 
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from tests.compiler.native.loops import results_of
 from vdfmu.arm.robot import check_robot
 from vdfmu.arm.robot.physical import requirements
-from vdfmu.arm.robot.structure import parameters, set_parameters, values
 from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code
 from vdfmu.compiler.c.functions import c_texts
@@ -19,7 +18,7 @@ from vdfmu.compiler.c.loops import straight
 from vdfmu.compiler.c.operations import c_derivatives
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 from vdfmu.compiler.scalar.symbol import lookup_function
-from vdfmu.compiler.unit.machine import margins, traced_margins
+from vdfmu.compiler.unit.evaluate import margins, traced_margins
 
 NAMES = (
     "trajectory_outputs", "feedforward_outputs_inverse", "feedforward_outputs_vdc", "controller_outputs_kappa_dot",
@@ -28,7 +27,6 @@ NAMES = (
 
 
 def nominal(function, p, rng):
-    """Return smooth arguments: time inside the motion, positive gains and wide limits, the robot's parameters."""
     found = {name: rng.uniform(0.2, 0.9, function.size1_in(name)) for name in function.name_in()}
     if "T" in found:
         found |= {"t": np.array([3.0]), "T": np.array([10.0]), "t_start": np.array([0.0])}
@@ -49,7 +47,7 @@ def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
     function, forward = functions.casadi_function(name), functions.casadi_function(f"{name}_forward")
     assert forward.name_in() == [*function.name_in(), *(f"d_{a}" for a in function.name_in())]
     assert forward.name_out() == [f"d_{r}" for r in function.name_out()]
-    start = nominal(function, values(robot), rng)
+    start = nominal(function, robot.values(), rng)
     direction = [rng.uniform(-1.0, 1.0, a.shape) * np.maximum(np.abs(a), 1e-3) for a in start]
     tangent = flat(forward(*start, *direction))
 
@@ -68,7 +66,7 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
     functions, rng = functions_of(name.split("_")[0], robot), np.random.default_rng(76)
     function = functions.casadi_function(name)
     forward, reverse = (functions.casadi_function(f"{name}_{end}") for end in ("forward", "reverse"))
-    start = nominal(function, values(robot), rng)
+    start = nominal(function, robot.values(), rng)
     direction = [rng.uniform(-1.0, 1.0, a.shape) for a in start]
     weights = [rng.uniform(-1.0, 1.0, function.size1_out(i)) for i in range(function.n_out())]
     tangent, adjoint = flat(forward(*start, *direction)), flat(reverse(*start, *weights))
@@ -90,7 +88,7 @@ def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form
         (function,) = traced_margins(robot)
     else:
         function = functions_of(name.split("_")[0], robot).casadi_function(name)
-    check_c_text("\n".join(c_texts(function)), function, values(robot), tmp_path)
+    check_c_text("\n".join(c_texts(function)), function, robot.values(), tmp_path)
 
 
 @pytest.mark.parametrize("name", ["plant_derivatives", "feedforward_outputs_vdc"])
@@ -98,7 +96,7 @@ def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form
 def test_a_table_of_operations_has_the_derivatives_of_the_trace(robot, functions_of, name, ending, tmp_path):
     functions = functions_of(name.split("_")[0], robot)
     text = f'#include "operations.h"\n{c_derivatives(straight(functions.casadi_function(name)))}'
-    check_c_text(text, functions.casadi_function(f"{name}_{ending}"), values(robot), tmp_path)
+    check_c_text(text, functions.casadi_function(f"{name}_{ending}"), robot.values(), tmp_path)
 
 
 @pytest.mark.heavy
@@ -114,7 +112,7 @@ def test_c_text_of_the_step_calls_what_all_stages_share(robot, functions_of, for
         called = re.findall(rf"^    {name}\(", text, re.MULTILINE)
         defined = re.findall(rf"^void {name}\(.*\)\n{{", text, re.MULTILINE)
         assert (len(called), len(defined)) == (calls, 1)
-    check_c_text(text, function, values(robot), tmp_path)
+    check_c_text(text, function, robot.values(), tmp_path)
     # beside functions that have files of their own it is shorter by these
     apart = "\n".join(c_texts(function, apart=["plant_step_balance"]))
     assert "void plant_step_balance_part" not in apart
@@ -122,7 +120,6 @@ def test_c_text_of_the_step_calls_what_all_stages_share(robot, functions_of, for
 
 
 def check_c_text(text, function, p, tmp_path):
-    """Compile a text and compare its results with those of the trace."""
     rng = np.random.default_rng(77)
     arguments = [np.ascontiguousarray(a) for a in nominal(function, p, rng)]
     expected = flat(function(*arguments))
@@ -158,14 +155,14 @@ def test_an_operation_without_c_text_is_refused():
 @pytest.mark.heavy
 def test_margins_accept_what_the_robot_check_accepts(arm, seed, kind):
     rng = np.random.default_rng(seed)
-    listed = parameters(arm)
+    listed = arm.entries()
     p = np.array([getattr(arm, q.field)[q.index] for q in listed], dtype=float)
     for k, q in enumerate(listed):
         if q.field == "inertia" and kind & 1:
             p[k] *= rng.uniform(-0.1, 3.0)
         if q.field in ("f_s", "f_c") and kind & 2:
             p[k] *= rng.uniform(0.5, 2.0)
-    changed = set_parameters(arm, p)
+    changed = arm.with_values(p)
     found = requirements(arm)
     broken = {r.expected for r, m in zip(found, margins(changed, found), strict=True) if not m >= 0}
     try:

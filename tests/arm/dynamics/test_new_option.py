@@ -54,7 +54,7 @@ import numpy as np
 from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.units.plant import Plant
 from vdfmu.compiler.unit.evaluate import Traced
-from vdfmu.compiler.unit.integrator import Integrator
+from vdfmu.compiler.unit.solver import Integrator
 from vdfmu.compiler.unit.interface import Interface
 
 robot = robot_from_dict(json.load(sys.stdin))
@@ -112,14 +112,9 @@ def test_an_option_with_a_state_is_one_file_and_its_place_in_the_list(tmp_path):
     options.write_text(text)
     data = linear_arm()
     run = subprocess.run(
-        [sys.executable, "-c", RUN],
-        input=json.dumps(data),
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONPATH": str(tmp_path), "VDFMU_CACHE_DIR": str(tmp_path / "cache")},
-        cwd=tmp_path,
-    )
+        [sys.executable, "-c", RUN], input=json.dumps(data), capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(tmp_path), "VDFMU_CACHE_DIR": str(tmp_path / "cache")}, cwd=tmp_path,
+    )  # fmt: skip
     assert run.returncode == 0, run.stderr
     found = json.loads(run.stdout)
     assert found["names"] == ["K_x", "T_x", "tau_x", "tau_x_0"]

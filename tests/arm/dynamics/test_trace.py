@@ -21,7 +21,6 @@ from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.kernel import FUNCTIONS
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import PARAMETERS, SPRING_KEYS
-from vdfmu.arm.robot.structure import parameters, set_parameters, structure_key, values
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.functions.rodas import ALPHA, GAMMA, GAMMA_I, A, C
 from vdfmu.compiler.scalar.jet import derivative, jets
@@ -45,7 +44,6 @@ def traced_robot(request, general):
 
 
 def first_joint(robot: Robot) -> Robot:
-    """Return the arm that ends after the first joint."""
     arrays = {name: getattr(robot, name)[:1] for name, row in PARAMETERS.items() if row.per_joint}
     return dataclasses.replace(robot, name="single", joint_types=robot.joint_types[:1], **arrays)
 
@@ -57,8 +55,6 @@ def plant_jacobian(robot, x, tau, F_e):
 
 
 def plant_step(robot, x, tau, F_e, rate_tau, rate_F_e, h, tolerance):
-    """Return one step of the plant by the stage equations of docs/internals.md, with numpy's solver."""
-
     def residual(x, x_dot, t):
         now = tau + t * rate_tau, F_e + t * rate_F_e
         return balance(robot, x, x_dot, *now)
@@ -85,7 +81,6 @@ def plant_step(robot, x, tau, F_e, rate_tau, rate_F_e, h, tolerance):
 
 
 def case(name, robot, state):
-    """Return arguments by name and the numpy equations' results by name."""
     n = robot.n
     motion = desired_motion(3.0, state.q - 1.0, state.q + 1.0, 10.0)
     desired = motion._asdict()
@@ -156,7 +151,6 @@ def case(name, robot, state):
 
 
 def call(function, arguments, p):
-    """Fill the buffers by name, run, and return copies of the results by name."""
     assert set(function.args) - {"p"} == set(arguments)
     for key, value in arguments.items():
         function.args[key][:] = value
@@ -168,8 +162,6 @@ def call(function, arguments, p):
 
 @pytest.fixture(scope="module")
 def function_of(kernel_of, functions_of):
-    """Return ``function_of(robot, name)``: a traced function of the kernel or of a unit."""
-
     def function(robot, name):
         owner = kernel_of(robot) if name in FUNCTIONS else functions_of(name.split("_")[0], robot)
         return owner.function(name)
@@ -179,7 +171,7 @@ def function_of(kernel_of, functions_of):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_traced_function_equals_the_numpy_equations(traced_robot, draw, function_of, name):
-    p, function = values(traced_robot), function_of(traced_robot, name)
+    p, function = traced_robot.values(), function_of(traced_robot, name)
     for state in draw(traced_robot, 3, seed=71):
         arguments, expected = case(name, traced_robot, state)
         results = call(function, arguments, p)
@@ -203,11 +195,11 @@ WITHOUT_ROBOT = ("trajectory_outputs", "estimator_outputs", "plant_start_not_equ
 @pytest.mark.parametrize("name", [n for n in NAMES if n not in WITHOUT_ROBOT and not n.startswith("controller")])
 def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(traced_robot, draw, function_of, name):
     random = np.random.default_rng(72)
-    p = values(traced_robot)
+    p = traced_robot.values()
     p = p * random.uniform(0.9, 1.1, len(p))
-    changed = set_parameters(traced_robot, p)
-    np.testing.assert_array_equal(values(changed), p)
-    assert structure_key(changed) == structure_key(traced_robot)
+    changed = traced_robot.with_values(p)
+    np.testing.assert_array_equal(changed.values(), p)
+    assert changed.key() == traced_robot.key()
     state = draw(traced_robot, 1, seed=73)[0]
     arguments, expected = case(name, changed, state)
     results = call(function_of(traced_robot, name), arguments, p)
@@ -248,7 +240,7 @@ def test_traced_limit_of_the_motor_torque(planar, function_of, infinite):
 
 
 def test_every_number_is_a_parameter_or_a_structural_constant(traced_robot):
-    names = [p.name for p in parameters(traced_robot)]
+    names = [p.name for p in traced_robot.entries()]
     assert len(set(names)) == len(names)
     for i in range(1, traced_robot.n + 1):
         for field in ("mass", "ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "f_c", "f_s", "f_v", "v_s", "eps"):
@@ -263,8 +255,8 @@ def test_every_number_is_a_parameter_or_a_structural_constant(traced_robot):
 
 
 def test_structure_decides_the_key_and_values_do_not(arm):
-    key = structure_key(arm)
-    assert structure_key(arm.with_parameters(mass=9.0, ell=50.0)) == key
+    key = arm.key()
+    assert arm.with_parameters(mass=9.0, ell=50.0).key() == key
     turned = arm.rotation.copy()
     turned[1] = np.eye(3)
     others = [
@@ -274,14 +266,14 @@ def test_structure_decides_the_key_and_values_do_not(arm):
         dataclasses.replace(arm, friction="split"),
         dataclasses.replace(arm, joint_types=("prismatic", *arm.joint_types[1:])),
     ]
-    assert len({key, *map(structure_key, others)}) == 6
+    assert len({key, *(other.key() for other in others)}) == 6
 
 
 @pytest.mark.parametrize("row", PARAMETERS.values(), ids=PARAMETERS)
 @pytest.mark.parametrize("kind", ["plain", "lumped", "split"])
 def test_the_key_has_every_value_that_is_folded(row, kind, planar, with_options):
     robot = planar if kind == "plain" else dataclasses.replace(with_options(), friction=kind)
-    key, array = structure_key(robot), np.array(getattr(robot, row.name))
+    key, array = robot.key(), np.array(getattr(robot, row.name))
     for index in np.ndindex(array.shape):
         changed = array.copy()
         changed[index] += 0.125
@@ -289,4 +281,4 @@ def test_the_key_has_every_value_that_is_folded(row, kind, planar, with_options)
         changed[mirrored] = changed[index]
         other = dataclasses.replace(robot, **{row.name: changed})
         free = any(row.is_free(robot, i) and row.is_free(other, i) for i in (index, mirrored))
-        assert (structure_key(other) == key) == free, f"{row.name}{index}"
+        assert (other.key() == key) == free, f"{row.name}{index}"

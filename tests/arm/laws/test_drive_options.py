@@ -8,7 +8,7 @@ from tests.arm.laws.traced import assert_traced
 from vdfmu.arm.drive.backlash import gap_compliance, gap_deformation, gap_energy
 from vdfmu.arm.drive.bristles import bristle_rate, bristle_torque
 from vdfmu.arm.drive.dahl import dahl_energy, dahl_loss, dahl_rate
-from vdfmu.arm.drive.load_loss import efficiency, mesh_friction
+from vdfmu.arm.drive.load_loss import mesh_friction
 from vdfmu.arm.drive.option import Friction
 from vdfmu.arm.drive.options import OPTIONS as DRIVE_OPTIONS
 from vdfmu.arm.drive.thermal import THERMAL, temperature_rate, warm_viscosity
@@ -18,7 +18,6 @@ from vdfmu.arm.equations.friction import friction_level, joint_friction, stribec
 from vdfmu.arm.equations.plant import plant_outputs
 from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.robot.parameters import section
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.scalar.jet import derivative, jets
@@ -89,7 +88,9 @@ def test_load_loss_takes_energy_whichever_way_power_flows(with_options):
             _, xi_m = joint_friction(robot, np.full(2, speed), np.full(2, speed), np.full(2, load))
             into = load * speed + xi_m * robot.ell * speed  # power of the motor at a steady speed
             if load * speed > 0.0:
-                np.testing.assert_allclose(load * speed / into, efficiency(robot, load, 0.5), rtol=8 * EPS)
+                np.testing.assert_allclose(
+                    load * speed / into, abs(load) / ((1.0 + robot.mu_l) * abs(load) + 0.5), rtol=8 * EPS
+                )
             else:  # the load drives: less comes back
                 assert (into > load * speed).all()
 
@@ -155,7 +156,9 @@ def test_bristles_hold_a_load_and_slide_as_the_paper_has_it(with_options):
         np.testing.assert_allclose(xi, stribeck_friction(robot, v), rtol=1e-6)
 
 
-def test_bristles_never_make_energy_however_fast_they_slide(with_options):
+def test_bristles_never_make_energy_and_the_traced_plant_has_the_laws_of_all_options(
+    with_options, draw, plant_function
+):
     random, robot = np.random.default_rng(51), with_options("bristles", sigma_1=1e4)
     for _ in range(500):
         v = random.normal(size=2) * 10.0 ** random.uniform(-5, 1)
@@ -164,10 +167,12 @@ def test_bristles_never_make_energy_however_fast_they_slide(with_options):
         rate = bristle_rate(robot, v, tau_z, level)
         taken = bristle_torque(robot, v, tau_z, level) * v - tau_z * rate / robot.sigma_0
         assert (taken >= -8 * EPS * np.abs(tau_z * v)).all()
+    robot = with_options()
+    states = [(state_of(robot, state, k), state.tau) for k, state in enumerate(draw(robot, 3, seed=53))]
+    assert_traced(plant_function, robot, states)
 
 
 def state_of(robot, state, seed):
-    """Return the state vector with random states of options."""
     random = np.random.default_rng(seed)
     extra = {
         "tau_h": random.uniform(-0.9, 0.9, robot.n) * robot.f_h,
@@ -178,17 +183,11 @@ def state_of(robot, state, seed):
     return np.concatenate([state.x, *(extra[name] for name in state_names(robot)[4:])])
 
 
-def test_traced_plant_with_all_options_has_their_laws_and_slopes(draw, with_options, plant_function):
-    robot = with_options()
-    states = [(state_of(robot, state, k), state.tau) for k, state in enumerate(draw(robot, 3, seed=53))]
-    assert_traced(plant_function, robot, states)
-
-
 @pytest.mark.parametrize("option", OPTIONS)
 def test_without_an_option_nothing_is_traced_of_it(planar, with_options, functions_of, option):
     robot, names = with_options(option), {row.name for row in section(option)}
-    assert not names & {p.field for p in parameters(planar)}
-    assert names <= {p.field for p in parameters(robot)}
+    assert not names & {p.field for p in planar.entries()}
+    assert names <= {p.field for p in robot.entries()}
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
     table = next(row for row in section(option)).table
     with pytest.raises(UsageError, match=rf"it has no {option}\. .* \[{table}\]"):

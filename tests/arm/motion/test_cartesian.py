@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import vdfmu
 from vdfmu.arm import motion as motions
-from vdfmu.arm.motion.inverse_kinematics import follow
+from vdfmu.arm.motion.cartesian import follow
 from vdfmu.base.errors import UsageError
 
 
@@ -76,7 +76,7 @@ def test_a_singular_pose_is_found_where_the_closed_form_has_it(planar):
     q = np.array([0.3, 0.8])
     p, _ = vdfmu.forward_kinematics(planar, q)
     outward = p / np.linalg.norm(p)
-    with pytest.raises(UsageError, match=r"got a singular one: joint 2, at (\S+), would") as caught:
+    with pytest.raises(UsageError, match=r"got a singular pose: joint 2, at (\S+), would") as caught:
         motions.line(planar, q, 0.9 * outward, duration=1.0)  # to the stretched arm
     (at,) = np.array(str(caught.value).split("joint 2, at ")[1].split(",")[:1], dtype=float)
 
@@ -87,7 +87,7 @@ def test_a_singular_pose_is_found_where_the_closed_form_has_it(planar):
 
     # the first pose on the path whose singular values are 100 apart: in 64 knots the last is within 2.5 mm of the end
     assert 0.0 < at and ratio(at) < 0.01 < ratio(at + 0.1)
-    with pytest.raises(UsageError, match=r"expected a pose that the arm reaches, got one that is .* m away"):
+    with pytest.raises(UsageError, match=r"expected a pose that the arm reaches, got one .* m away"):
         motions.line(planar, q, 2.0 * outward, duration=1.0)
     with pytest.raises(UsageError, match="a pose that the arm reaches"):
         motions.line(planar, q, p + [0.0, 0.1, 0.0], duration=1.0)  # out of the plane
@@ -118,23 +118,20 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
     assert np.linalg.norm(drawn[-1]) < np.linalg.norm(found[-1])  # 0 is the middle
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"points": [0.5, 0.0]}, "points: expected positions of three finite numbers"),
-        ({"orientation": "up"}, "orientation: expected keep, free or a rotation"),
-        ({"orientation": 2.0 * np.eye(3)}, "orientation: expected a rotation, three rows"),
-        ({"start": [0.1]}, "start: expected the positions of 2 joints"),
-        ({"duration": None}, "expected a duration, a speed, or limits"),
-        ({"dwell": [0.1, 0.2]}, "dwell: expected one number"),
-        ({"dwell": -0.1}, "dwell: expected one time above 0 s"),
-        ({"tolerance": 0.0}, "tolerance: expected more than 0"),
-        ({"speed": np.inf}, "speed: expected more than 0"),
-        ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular one: joint 2, at 0,"),
-        ({"speed": 0.1}, "duration: expected at least the"),
-        ({"velocity": [1.0, 1.0, 1.0]}, "velocity: expected a number above 0 for all joints, or 2"),
-    ],
-)
+@pytest.mark.parametrize(("keys", "words"), [
+    ({"points": [0.5, 0.0]}, "points: expected positions of three finite numbers"),
+    ({"orientation": "up"}, "orientation: expected keep, free or a rotation"),
+    ({"orientation": 2.0 * np.eye(3)}, "orientation: expected a rotation, three rows"),
+    ({"start": [0.1]}, "start: expected the positions of 2 joints"),
+    ({"duration": None}, "expected a duration, a speed, or limits"),
+    ({"dwell": [0.1, 0.2]}, "dwell: expected one number"),
+    ({"dwell": -0.1}, "dwell: expected one time above 0 s"),
+    ({"tolerance": 0.0}, "tolerance: expected more than 0"),
+    ({"speed": np.inf}, "speed: expected more than 0"),
+    ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular pose: joint 2, at 0,"),
+    ({"speed": 0.1}, "duration: expected at least the"),
+    ({"velocity": [1.0, 1.0, 1.0]}, "velocity: expected a number above 0 for all joints, or 2"),
+])  # fmt: skip
 def test_what_does_not_fit_is_named(planar, keys, words):
     good = {"start": [0.3, 0.8], "points": [0.5, 0.0, 0.6], "duration": 1.0}
     with pytest.raises(UsageError, match=words):

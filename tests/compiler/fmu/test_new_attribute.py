@@ -14,7 +14,7 @@ LINES = {
 }
 """File to the line of one attribute, that another is written like."""
 SCRIPT = """
-from vdfmu.compiler.fmu import description, description3
+from vdfmu.compiler.fmu import description
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.unit import Derivative, Input, State, Unit
 
@@ -26,7 +26,7 @@ class Lag(Unit):
         self.y_dot = self.u - self.y
 
 interface = Interface(Lag, None)
-for write in description.model_description, description3.model_description_3:
+for write in description.model_description, description.model_description_3:
     print(*[each.get("nominal") for each in write(interface, "", "", {}).iter() if "nominal" in each.attrib])
 """
 

@@ -1,7 +1,5 @@
 """Traced functions as WebAssembly, in wasmtime: single operations and whole functions have the bits of CasADi."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -13,11 +11,10 @@ import wasmtime
 
 from tests.compiler.wasm.linked import linked
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import lookup_table
+from vdfmu.compiler.c.text import EXPRESSIONS
 from vdfmu.compiler.scalar.symbol import LOOKUP
-from vdfmu.compiler.wasm.functions import IMPORTED, OPERATIONS, WrittenFunctions
-from vdfmu.compiler.wasm.module import INTEGER, NUMBER, Assembler
+from vdfmu.compiler.wasm import IMPORTED, INTEGER, NUMBER, OPERATIONS, Assembler
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario import load_scenario
@@ -30,9 +27,8 @@ class Instance:
     """The functions of traces in a module; with `own` it calls functions of the C library of this machine."""
 
     def __init__(self, functions: Sequence[ca.Function], own: bool = True) -> None:
-        assembler = Assembler(IMPORTED)
-        written = WrittenFunctions(assembler)
-        exported = {f"f{k}": written.index(function) for k, function in enumerate(functions)}
+        assembler = Assembler()
+        exported = {f"f{k}": assembler.traced(function) for k, function in enumerate(functions)}
         self.functions, self.place = functions, assembler.room(200_000)
         self.store, linker = linked(assembler.growth)
         if own:
@@ -46,7 +42,6 @@ class Instance:
         self.exports = linker.instantiate(self.store, module).exports(self.store)
 
     def _called(self, functions: Sequence[ca.Function]) -> Iterator[tuple[str, Callable[..., Any]]]:
-        """Yield functions of CasADi, and a function that looks up the row of a table."""
         symbols = ca.SX.sym("x"), ca.SX.sym("y")
         for name in IMPORTED.keys() - {"table_row", "move_unit"}:
             operation = next(key for key, pieces in OPERATIONS.items() if name in pieces)
@@ -75,7 +70,6 @@ class Instance:
 
 
 def expected(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    """Return CasADi's values."""
     given = [values.reshape(function.size_in(i), order="F") for i, values in enumerate(arguments)]
     return [np.array(one.full()).ravel(order="F") for one in function.call(given)]
 
@@ -87,7 +81,6 @@ def assert_same_bits(found: np.ndarray, values: np.ndarray, where: str) -> None:
 
 
 def operation_functions() -> dict[int, ca.Function]:
-    """Return a function of each operation, of all operands side by side."""
     found = {}
     for key, pieces in OPERATIONS.items():
         given = [ca.SX.sym(name) for name in "xy"[: 2 if 1 in pieces else 1]]
@@ -121,7 +114,7 @@ def test_an_operation_has_the_bits_of_casadi(own):
 def test_an_operation_without_code_is_said():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match=r"^wrong: CasADi's operation \d+ has no code in WebAssembly\.$"):
-        WrittenFunctions(Assembler(IMPORTED)).index(ca.Function("wrong", [x], [ca.erf(x)]))
+        Assembler().traced(ca.Function("wrong", [x], [ca.erf(x)]))
 
 
 @pytest.mark.parametrize("scenario", ["tracking", "screw", "estimation", "kr300"])

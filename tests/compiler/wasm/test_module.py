@@ -7,17 +7,7 @@ import pytest
 import wasmtime
 
 from tests.compiler.wasm.linked import linked
-from vdfmu.compiler.wasm.functions import IMPORTED
-from vdfmu.compiler.wasm.module import (
-    BASE_PAGES,
-    BASE_SLOTS,
-    INTEGER,
-    Assembler,
-    base_module,
-    constant,
-    local,
-    unsigned,
-)
+from vdfmu.compiler.wasm import BASE_PAGES, BASE_SLOTS, INTEGER, Assembler, base_module, constant, local, unsigned
 
 ROOT = Path(__file__).parents[3]
 
@@ -30,12 +20,12 @@ def run(assembler: Assembler, function: int) -> int:
 
 @pytest.mark.parametrize("value", [0, 1, 63, 64, -1, -64, -65, 127, 128, 8191, 8192, 2**31 - 1, -(2**31)])
 def test_integers_are_those_that_are_read(value):
-    assembler = Assembler(IMPORTED)
+    assembler = Assembler()
     assert run(assembler, assembler.function(b"", INTEGER, (), constant(value))) == value
 
 
 def test_functions_data_and_room_are_added():
-    assembler = Assembler(IMPORTED)
+    assembler = Assembler()
     first, room, second = assembler.data(b"\7\0\0\0" * 100_000), assembler.room(5), assembler.data(b"\x09\0\0\0")
     assert (room - first, second - room) == (400_000, 8)  # on multiples of 8; the memory grows
     load = b"\x28\2\0"

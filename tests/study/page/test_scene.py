@@ -8,8 +8,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import show
 from tests.study.page.shown import still_and_quick
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.scene import arm_of
@@ -20,7 +19,6 @@ SCENE = """const scene = report.player.scene, [{ arms, objects }] = scene.puppet
 
 
 def asked(browser, expression: str):
-    """Value of an expression about the scene."""
     return browser.run(f"(() => {{ {SCENE} return {expression}; }})()")
 
 
@@ -29,7 +27,6 @@ def shown_at(browser, time: float) -> None:
 
 
 def swinging(name: str, amplitude: float) -> ShownRun:
-    """Return a run of an arm whose joints swing, without forces."""
     robot = vdfmu.load_robot(name)
     t = np.linspace(0.0, 2.0, 201)
     signals = [Signal(f"plant.q[{i + 1}]", "real", "rad", i) for i in range(robot.n)]
@@ -40,7 +37,6 @@ def swinging(name: str, amplitude: float) -> ShownRun:
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """Return the folders of runs with a wall, a screw and two arms."""
     found = {name: tmp_path_factory.mktemp(name) for name in ("wall", "screw", "two_arms")}
     for name, folder in found.items():
         vdfmu.run(name, stop=2.2 if name == "wall" else 0.3, out=folder, reference=False)

@@ -19,7 +19,6 @@ POSITION = 1e-7
 
 
 def wrench(folder):
-    """Write a push on the tool, between rows that are no communication points."""
     path = folder / "wrench.csv"
     rows = [(0.0, 0.0, 0.0), (0.0213, 20.0, -5.0), (0.0557, 20.0, 8.0), (0.0802, 0.0, 0.0)]
     lines = ["time,plant.F_e[1] [N],plant.F_e[2] [N]", *(",".join(map(str, row)) for row in rows)]
@@ -39,13 +38,6 @@ def test_a_run_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path, b
     assert results.summary["inputs"] == [str(path)]
     free = vdfmu.run("planar_tracking", reference=False, **options)
     assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("backend", ["native", "python"])
-def test_tracking_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path, backend):
-    results = vdfmu.run("tracking", inputs=wrench(tmp_path), stop=0.2, backend=backend, out=False)
-    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < POSITION
 
 
 @pytest.mark.heavy

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.engine.results.recorded import Recorded
+from vdfmu.engine.results.results import Recorded
 from vdfmu.engine.run import Results, Signal
 from vdfmu.study.report import content, pictures
 from vdfmu.study.run import scenario_run as study
@@ -34,11 +34,9 @@ def told(results, robot, name="sampled-delayed", substeps=1):
 
     absolute, relative = summary.compare(results, solution(), robot, substeps)
     return {
-        **summary.tracking_errors(results, robot),
-        **summary.estimation_errors(results, substeps),
-        **absolute,
+        **summary.tracking_errors(results, robot), **summary.estimation_errors(results, substeps), **absolute,
         **relative,
-    }
+    }  # fmt: skip
 
 
 def earlier(rows, lag):

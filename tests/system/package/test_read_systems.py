@@ -10,7 +10,7 @@ from tests.engine.texts import SPACES, connections, connector_list, elements, pa
 from tests.hostile.packages import pack as zipped
 from tests.system.package.problems import problems
 from vdfmu.base.errors import SspError
-from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 
 PACKAGE = 'type="application/x-ssp-package"'
@@ -120,15 +120,12 @@ def test_one_system_can_be_there_several_times_by_its_id(pack):
     ]
 
 
-def test_systems_that_hold_themselves_are_refused(pack):
+def test_systems_that_hold_themselves_are_refused_and_connectors_held_against_their_system(pack):
     path = pack({"SystemStructure.ssd": ssd(elements(component("a", "SystemStructure.ssd", "", DEFINITION)))})
     (found,) = problems(path)
     assert "its system holds itself: SystemStructure.ssd" in found
     path = pack({"SystemStructure.ssd": ssd(elements(component("a", "#me")), attributes='id="me"')})
     assert problems(path) == ["x.ssp: component 'a': source '#me' is a system that holds the component itself"]
-
-
-def test_connectors_of_a_component_are_held_against_its_system(pack):
     wrong = IO.replace('name="y"', 'name="w"').replace('"u" kind="input"', '"u" kind="output"')
     path = pack(
         {"SystemStructure.ssd": ssd(elements(component("arm", "arm.ssd", wrong, DEFINITION))),
@@ -136,7 +133,7 @@ def test_connectors_of_a_component_are_held_against_its_system(pack):
     )  # fmt: skip
     assert problems(path) == [
         "x.ssp: component 'arm': connector 'u' is of kind output, its system says input",
-        "x.ssp: component 'arm': its system has no connector 'w'; it has u, y",
+        "x.ssp: component 'arm': its system lacks connector 'w'; it has u, y",
     ]
 
 
@@ -150,13 +147,13 @@ def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
         }
     )
     assert problems(path) == [
-        "x.ssp: component 'a': has no source, so that there is nothing to run; name an FMU",
+        "x.ssp: component 'a': has no source to run; name an FMU",
         "x.ssp: component 'b': 'b.ssp' is not an FMU; set the component's type to 'application/x-ssp-package'",
         "x.ssp: component 'c': the package has no 'c.ssp'",
     ]
 
 
-def test_a_package_may_have_several_ssds(pack):
+def test_a_package_may_have_several_ssds_and_empty_element_names_mean_the_system_itself(pack):
     """The form of OMSimulator's resources/ParkerSimPack: variants of one system over the same FMUs."""
     path = pack(
         {
@@ -169,10 +166,7 @@ def test_a_package_may_have_several_ssds(pack):
     assert links(path, variant="VarB.ssd") == ["b.y -> a.u"]
     with pytest.raises(SspError, match=r"no 'VarC.ssd'; it has SystemStructure.ssd, VarB.ssd"):
         load_ssp(path, variant="VarC.ssd")
-
-
-def test_empty_element_names_mean_the_system_itself(pack):
-    """The form of OMSimulator's resources/import_export_parameters: startElement="" ."""
+    # The form of OMSimulator's resources/import_export_parameters: startElement="" .
     link = connections("u a.u").replace("<ssd:Connection ", '<ssd:Connection startElement="" ')
     path = pack({"SystemStructure.ssd": ssd(IO + values("u=7") + elements(component("a")) + link), "f.fmu": b""})
     assert load_ssp(path).problems == ()
@@ -273,7 +267,7 @@ def test_a_signal_dictionary_in_a_file_joins_systems_of_two_levels(pack):
     assert links(path) == ["a.y -> low.b.u"]
 
 
-def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
+def test_a_system_of_ssp_2_is_read_by_its_own_schema_with_connectors_of_their_sizes(pack):
     """`local` is a kind of connector that only SSP 2.0 has."""
     text = ssd(elements(component("a", inner=connector_list("u:local"))))
     found, *_ = problems(pack({"SystemStructure.ssd": text}))
@@ -282,8 +276,6 @@ def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
     system = load_ssp(pack({"SystemStructure.ssd": newer, "f.fmu": b""}))
     assert (system.version, system.component("a").connectors["u"].kind) == ("2.0", "local")
 
-
-def test_a_connector_of_the_system_has_the_size_of_what_it_is_connected_to(pack):
     def array(size: int) -> str:
         inner = f'<ssc:Float64/><ssc:Dimension size="{size}"/>'
         return f'<ssd:Connectors><ssd:Connector name="y" kind="output">{inner}</ssd:Connector></ssd:Connectors>'
@@ -327,21 +319,16 @@ def mapped(pack, entries: str, parameter: str = ""):
     )
 
 
-def test_enumerations_are_mapped_by_the_names_of_their_items(pack):
+def test_enumerations_of_connections_and_parameter_sets_are_mapped_by_the_names_of_their_items(pack):
     off = '<ssc:MapEntry source="off" target="idle"/>'
     checked = check_system(load_ssp(mapped(pack, off)))
     (link,) = checked.links
     assert link.conversion.table == {1: 5}
-    with pytest.raises(
-        SspError, match=r"names 'stop', which is not an item of the target; there are idle, running, on"
-    ):
+    with pytest.raises(SspError, match=r"names 'stop', but items of the target are idle, running, on"):
         check_system(load_ssp(mapped(pack, '<ssc:MapEntry source="off" target="stop"/>')))
     assert problems_of_wiring(mapped(pack, off + off)) == [
         "connection a.y -> b.u: the mapping has several entries for off; keep one"
     ]
-
-
-def test_an_enumeration_of_a_parameter_set_is_mapped_by_name(pack):
     table = (
         '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0"><ssm:MappingEntry source="mode" target="p">'
         '<ssc:EnumerationMappingTransformation><ssc:MapEntry source="go" target="running"/>'

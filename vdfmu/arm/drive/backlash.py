@@ -24,17 +24,13 @@ class BacklashRows:
     w_gap: Array = row("backlash", "position", "width of the backlash, link-side", "", 1.0, 0.0)
     tau_gap: Array = row(
         "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE, start=1.0)
-    # fmt: on
 
 
 def gap_deformation(robot: Any, tau_s: Any) -> Any:
     """Deformation ``w / 2 x / sqrt(1 + x^2)``, ``x = tau_s / tau_gap``: (n,) [rad or m], link-side.
 
-    Between tau_gap and -tau_gap it goes through 71 % of the width w, between their tenfold through 99.5 %.
-
-    Parameters
-    ----------
-    tau_s : (n,) [N m or N] spring torque, link-side
+    Between tau_gap and -tau_gap it goes through 71 % of the width w, between their tenfold through 99.5 %. `tau_s` is
+    the spring torque, (n,) [N m or N], link-side.
     """
     x = tau_s / robot.tau_gap
     return 0.5 * robot.w_gap * x / np.sqrt(1.0 + x * x)

@@ -14,7 +14,7 @@ from vdfmu.arm.drive.option import Array, DriveOption, Friction, OptionState, Sl
 from vdfmu.base.measure import POSITIVE
 
 _LEAST = 1e-9
-"""Torque [N m or N] that stands for a friction of 0, which has no bristles."""
+"""Least friction [N m or N] of a bristle: the rates divide by it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -25,29 +25,17 @@ class BristlesRows:
     # fmt: off
     sigma_0: Array = row("bristles", "stiffness", "stiffness of the bristles, link-side", "", 1e12, POSITIVE)
     sigma_1: Array = row("bristles", "damping", "damping of the bristles, link-side", "", 1e9, 0.0)
-    # fmt: on
 
 
 def bristle_rate(robot: Any, velocity: Any, tau_z: Any, level: Any) -> Any:
-    """Rate of the bristles' torque: (n,) [N m/s or N/s].
-
-    Parameters
-    ----------
-    velocity : (n,) [rad/s or m/s]
-    tau_z : (n,) [N m or N] torque of the bristles, link-side
-    level : (n,) [N m or N] friction at which they slip
-    """
+    """Rate (n,) [N m/s or N/s] of the bristles' torque `tau_z` [N m or N], link-side; they slip at `level`."""
     return dahl_rate(robot.sigma_0, velocity, tau_z, level + _LEAST)
 
 
 def bristle_torque(robot: Any, velocity: Any, tau_z: Any, level: Any) -> Any:
     """Friction of the bristles with their damping: (n,) [N m or N], link-side. Parameters as above."""
-    damping = _damping(robot, velocity, level)
+    damping = robot.sigma_1 / (1.0 + 0.25 * robot.sigma_1 * abs(velocity) / (level + _LEAST))
     return tau_z + damping * bristle_rate(robot, velocity, tau_z, level) / robot.sigma_0
-
-
-def _damping(robot: Any, velocity: Any, level: Any) -> Any:
-    return robot.sigma_1 / (1.0 + 0.25 * robot.sigma_1 * abs(velocity) / (level + _LEAST))
 
 
 def _friction(friction: Friction, robot: Any, sliding: Sliding, tau_z: Any) -> Friction:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.drive.option import Array, Condition, DriveOption, LinkTorque, row
-from vdfmu.compiler.scalar.elimination import is_zero
+from vdfmu.compiler.scalar import is_zero
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -36,7 +36,6 @@ class CounterbalanceRows:
     L_cb: Array = row(
         "counterbalance", "m", "length of the gas column at dead centre", "", 1e6, 0.0, default=0.0, part_of="F_cb",
         hint="It is the volume of the gas there over the area of the piston.", start=1.0)
-    # fmt: on
 
 
 def stroke(robot: Any, i: int, q: Any) -> tuple[Any, Any]:
@@ -61,7 +60,7 @@ def _gas(robot: Any, i: int, q: Any) -> tuple[Any, Any]:
 def counterbalance_torque(robot: Any, q: Any) -> np.ndarray:
     """Torque on the links, ``-F dl'`` with the force ``F = F_0 / (1 - dl / L)`` of a gas of constant temperature.
 
-    It turns the crank towards dead centre, where it is 0. As `q` [rad], (n,) or (n, m) for many states: [N m],
+    It turns the crank towards dead centre and is 0 there. As `q` [rad], (n,) or (n, m) for many states: [N m],
     link-side.
     """
     return np.array([_gas(robot, i, q[i])[0] for i in range(robot.n)])
@@ -77,17 +76,9 @@ COUNTERBALANCE = DriveOption(
     revolute_only=("F_cb",),
     conditions=(
         Condition("r_cb", "r_cb > 0", lambda robot: robot.r_cb, "The crank has a length."),
-        Condition(
-            "D_cb",
-            "D_cb > r_cb",
-            lambda robot: robot.D_cb - robot.r_cb,
-            "The pivot is further from the axis than the crank.",
-        ),
-        Condition(
-            "L_cb",
-            "L_cb > 2*r_cb",
-            lambda robot: robot.L_cb - 2.0 * robot.r_cb,
-            "The gas column is longer than its stroke.",
-        ),
+        Condition("D_cb", "D_cb > r_cb", lambda robot: robot.D_cb - robot.r_cb,
+                  "The pivot is further from the axis than the crank."),
+        Condition("L_cb", "L_cb > 2*r_cb", lambda robot: robot.L_cb - 2.0 * robot.r_cb,
+                  "The gas column is longer than its stroke."),
     ),
-)
+)  # fmt: skip

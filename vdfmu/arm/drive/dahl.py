@@ -9,12 +9,7 @@ def dahl_rate(stiffness: Any, velocity: Any, torque: Any, limit: Any) -> Any:
     """Rate of the torque, ``stiffness (v - |v| torque / limit)`` (Dahl 1968, exponent 1): (n,) [N m/s or N/s].
 
     At ``|torque| = limit`` it slips; at rest it holds. Against a motion that turns back it is as stiff as a spring.
-
-    Parameters
-    ----------
-    stiffness, limit : (n,) [N m/rad or N/m, N m or N]
-    velocity : (n,) [rad/s or m/s] at which the element is stretched
-    torque : (n,) [N m or N]
+    `velocity` [rad/s or m/s] stretches the element. `torque` and `limit` are in N m or N, `stiffness` per rad or m.
     """
     return stiffness * (velocity - abs(velocity) * torque / limit)
 

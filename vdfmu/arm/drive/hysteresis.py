@@ -20,7 +20,6 @@ class HysteresisRows:
         hint="For none give a small value such as 1e-6.")
     f_h: Array = row(
         "hysteresis", "torque", "torque at which the hysteresis element slips, link-side", "", 1e9, POSITIVE)
-    # fmt: on
 
 
 HYSTERESIS = DriveOption(

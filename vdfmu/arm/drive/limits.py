@@ -7,7 +7,7 @@ from typing import Any
 
 from vdfmu.arm.drive.option import Array, Condition, DriveOption, LinkTorque, row
 from vdfmu.base.measure import POSITIVE
-from vdfmu.compiler.scalar.generic import clip
+from vdfmu.compiler.scalar import clip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -32,24 +32,19 @@ class LimitsRows:
         "limits", "1", "share of the no-load speed up to which the motor has its largest torque", "", 0.99, 0.0,
         default=0.0, fold="zeros", given="velocity",
         hint="Give 0 for a line from standstill, 0.95 for a drive that limits the speed.", start=0.9)
-    # fmt: on
 
 
 def _positive(x: Any) -> Any:
-    """Return x where it is positive, else 0: exact."""
+    """Return max(x, 0), exactly."""
     return 0.5 * (x + abs(x))
 
 
 def stop_torque(robot: Any, q: Any, q_dot: Any) -> Any:
-    """Torque of the end stops on the links, which push and never pull: (n,) [N m or N], link-side.
+    """Torque of the end stops on the links: (n,) [N m or N], link-side. They push and never pull.
 
     ``k delta max(0, 1 + c delta_dot)`` for a depth delta beyond q_min or q_max (Hunt and Crossley 1975): a spring whose
-    damping grows with the depth, so that the torque has no jump at contact. A link that arrives with a speed v of
-    less than about 1 / c leaves with ``v (1 - 2/3 c v)``, to first order.
-
-    Parameters
-    ----------
-    q, q_dot : (n,) [rad or m, per s]
+    damping grows with the depth, so that the torque does not jump at contact. A link that arrives with a speed v of
+    less than about 1 / c leaves with ``v (1 - 2/3 c v)``, to first order. `q`, `q_dot`: (n,) [rad or m, per s].
     """
     below, above = _positive(robot.q_min - q), _positive(q - robot.q_max)
     damping = robot.stop_damping * q_dot
@@ -63,16 +58,11 @@ def stop_energy(robot: Any, q: Any) -> Any:
 
 
 def motor_torque(robot: Any, tau: Any, kappa_dot: Any) -> Any:
-    """Torque that the motor gives where `tau` is asked for: (n,) [N m], motor-side.
+    """Torque that the motor gives for a command `tau`: (n,) [N m], motor-side; `kappa_dot` in rad/s or m/s.
 
-    Driving, the torque ends at tau_stall up to the share `full_speed` of the no-load speed, from there on a line that
-    is 0 at the no-load speed, and at 0 beyond it; braking, at tau_stall. A drive with one limit of torque and one of
-    speed, a rectangle, has a share near 1.
-
-    Parameters
-    ----------
-    tau : (n,) [N m] motor-side
-    kappa_dot : (n,) [rad/s or m/s]
+    A driving torque is limited to tau_stall up to the share `full_speed` of the no-load speed. From there the limit
+    falls along a line to 0 at the no-load speed. A braking torque is limited to tau_stall. A share near 1 makes the
+    limits of torque and speed a rectangle.
     """
     speed = kappa_dot / robot.kappa_dot_max
     forward, backward = (clip((1.0 - s) / (1.0 - robot.full_speed), 0.0, 1.0) for s in (speed, -speed))
@@ -80,37 +70,25 @@ def motor_torque(robot: Any, tau: Any, kappa_dot: Any) -> Any:
 
 
 def at_limits(robot: Any, tau: Any, kappa_dot: Any, q: Any) -> tuple[Any, Any, Any]:
-    """Whether motors give their largest torque and less than asked, give less for their speed, and stops push.
-
-    Parameters
-    ----------
-    tau : (n,) [N m] motor-side, asked for
-    kappa_dot, q : (n,) [rad/s or m/s, rad or m]
-    """
-    given = abs(motor_torque(robot, tau, kappa_dot))
-    less, full = given < abs(tau), given >= robot.tau_stall
+    """Whether motors are at their largest torque, are limited by their speed, and stops push; `tau` is the command."""
+    size = abs(motor_torque(robot, tau, kappa_dot))
+    less, full = size < abs(tau), size >= robot.tau_stall
     return less & full, less & ~full, (q < robot.q_min) | (q > robot.q_max)
 
 
 def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
-    """Speeds, and torques that motors give up to them: the largest rectangle under each torque-speed line.
+    """Largest rectangle under each torque-speed line: speed up to `most` [rad/s or m/s] and motor torque [N m], (n,).
 
-    Returns
-    -------
-    speed : (n,) [rad/s or m/s]
-        At most `most`. A line from standstill to the no-load speed has its rectangle at half of both.
-    tau : (n,) [N m] motor-side
+    A line from standstill to the no-load speed has its rectangle at half of both.
     """
     speed = clip(clip(robot.full_speed, 0.5, 1.0) * robot.kappa_dot_max, 0.0, most)
     return speed, motor_torque(robot, robot.tau_stall, speed)
 
 
-def _link(robot: Any, q: Any, q_dot: Any) -> LinkTorque:
-    return LinkTorque(0.0 if q_dot is None else stop_torque(robot, q, q_dot), stop_energy(robot, q))
-
-
 LIMITS = DriveOption(
-    link=_link,
+    link=lambda robot, q, q_dot: LinkTorque(
+        0.0 if q_dot is None else stop_torque(robot, q, q_dot), stop_energy(robot, q)
+    ),
     conditions=(
         Condition("q_max", "q_max > q_min", lambda robot: robot.q_max - robot.q_min, "The joint moves between them."),
     ),

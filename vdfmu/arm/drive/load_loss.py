@@ -19,7 +19,6 @@ class LoadLossRows:
     mu_l: Array = row(
         "load_loss", "1", "friction of the mesh over the torque that the drive carries", "", 1.0, 0.0,
         scaled_as="friction")
-    # fmt: on
 
 
 def mesh_friction(robot: Any, kappa_dot: Any, load: Any) -> Any:
@@ -27,25 +26,9 @@ def mesh_friction(robot: Any, kappa_dot: Any, load: Any) -> Any:
 
     It acts against the rotor whichever way power flows: the drive takes ``(1 + mu) |load|`` to lift a load that gives
     ``(1 - mu) |load|`` back. With the friction f without load at that speed the efficiency is
-    ``|load| / ((1 + mu) |load| + f)``.
-
-    Parameters
-    ----------
-    kappa_dot : (n,) [rad/s or m/s] rotor speed divided by ell
-    load : (n,) [N m or N] torque of the drive, link-side
+    ``|load| / ((1 + mu) |load| + f)``. `load` is the torque of the drive (n,) [N m or N], link-side.
     """
     return robot.mu_l * abs(load) * np.tanh(kappa_dot / robot.eps) / robot.ell
-
-
-def efficiency(robot: Any, load: Any, friction: Any) -> Any:
-    """Power out over power in at a steady speed, driving: (n,) [-].
-
-    Parameters
-    ----------
-    load : (n,) [N m or N] torque of the drive, link-side
-    friction : (n,) [N m or N] friction without load at that speed, link-side
-    """
-    return abs(load) / ((1.0 + robot.mu_l) * abs(load) + friction)
 
 
 def _friction(friction: Friction, robot: Any, sliding: Sliding, _: Any) -> Friction:

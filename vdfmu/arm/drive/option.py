@@ -31,18 +31,18 @@ class OptionState(NamedTuple):
     """Its value, or a function of the robot."""
     minimum: float | None = None
     slow: bool = False
-    """Whether it changes over minutes, so that vibrations know nothing of it."""
+    """Whether it changes over minutes and vibrations leave it out."""
 
 
 class Condition(NamedTuple):
-    """Condition on parameters of a joint; not asked where what `name` is a part of is 0."""
+    """Condition on parameters of a joint; skipped if the parameter that `name` is a part of is 0."""
 
     name: str
     """Parameter that a message is about."""
     text: str
     """The condition with the names of its parameters, such as ``L_cb > 2*r_cb``."""
     margin: Law
-    """(robot): (n,), above 0 where it holds."""
+    """(robot): (n,), above 0 if it holds."""
     way_out: str
     strict: bool = True
     """Whether a margin of 0 is too small."""
@@ -104,7 +104,7 @@ class Sliding(NamedTuple):
 
 
 class JointMotion(NamedTuple):
-    """Quantities that the rates of states depend on, each (n,): those of :class:`Sliding`, and three more.
+    """Arguments of the rates of states, each (n,): :class:`Sliding`, and three more.
 
     `stretch` is the rate of the deformation [rad/s or m/s], `tau` the torque asked of the motor [N m], motor-side,
     `loss` the power that friction and the laws beside the spring turn into heat [W].
@@ -125,19 +125,18 @@ def _same(value: Any, *_: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOption:
-    """Laws that an option adds to those of the paper, in terms of (n,) for all joints.
+    """Laws of an option in addition to the paper's, in terms of (n,) for all joints.
 
-    ``robot`` has its parameters. ``own`` is its state, and None along a desired motion. A law that takes a value first
-    returns another instead: so far, it is that of the paper and of the options before.
+    ``robot`` has its parameters. ``own`` is its state, or None along a desired motion. A law with a value as its first
+    argument, so far by the paper and earlier options, returns the new value.
     """
 
     state: OptionState | None = None
     dry_parameters: tuple[str, ...] = ()
-    """Parameters of dry friction: 0, or as small as they may be, in an arm without."""
+    """Parameters of dry friction: at their smallest value in an arm without it."""
     replaces_dry_friction: bool = False
-    """Whether it has a law of its own instead of Coulomb and Stribeck friction."""
+    """Whether its law replaces Coulomb and Stribeck friction."""
     conditions: tuple[Condition, ...] = ()
-    """Conditions on its parameters."""
     revolute_only: tuple[str, ...] = ()
     """Parameters that must be 0 at prismatic joints."""
 
@@ -146,12 +145,12 @@ class DriveOption:
     parallel: Law | None = None
     """(robot, stretch, own): :class:`Parallel`, added to the spring's torque."""
     friction: Law = _same
-    """(friction, robot, sliding, own): :class:`Friction` where the joint slides, by a :class:`Sliding`."""
+    """(friction, robot, sliding, own): :class:`Friction` by a :class:`Sliding`."""
     link: Law | None = None
     """(robot, q, q_dot): :class:`LinkTorque`. A planned motion meets no stop: `q_dot` is None."""
     motor: Law = _same
-    """(tau, robot, kappa_dot, own): torque of the motor where `tau` is asked for [N m], motor-side."""
+    """(tau, robot, kappa_dot, own): torque of the motor for a command `tau` [N m], motor-side."""
     rate: Law | None = None
     """(robot, motion, own): rate of the state, by a :class:`JointMotion`."""
     rest: Law = lambda robot, tau_s: np.zeros(robot.n)
-    """(robot, tau_s): state where springs and motors hold the arm at rest; None: its parameter's value."""
+    """(robot, tau_s): state of an arm that springs and motors hold at rest; None: its parameter's value."""

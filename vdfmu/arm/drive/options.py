@@ -30,7 +30,9 @@ OPTIONS: dict[OptionName, DriveOption] = {
     "thermal": THERMAL,
     "counterbalance": COUNTERBALANCE,
 }
-"""Name of the flag of a robot, and of its table, to the option, in the order in which sums go over them."""
+"""Name of a robot's flag and table to the option, in the order of the sums over options."""
+STATELESS: tuple[OptionName, ...] = tuple(name for name, option in OPTIONS.items() if option.state is None)
+"""Options that every joint unit has."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,14 +44,14 @@ class OptionRows(
 
 def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:
     """Return each option of a robot with its state, or None if `states` lack it. Its own drive comes last."""
-    listed = [option for name, option in OPTIONS.items() if getattr(robot, name)] + [*getattr(robot, "own", ())]
-    return [(option, (states or {}).get(option.state.name) if option.state else None) for option in listed]
+    options = [option for name, option in OPTIONS.items() if getattr(robot, name)] + [*getattr(robot, "own", ())]
+    return [(option, (states or {}).get(option.state.name) if option.state else None) for option in options]
 
 
 def dry_friction(names: Collection[str]) -> set[str]:
-    """Parameters of a unit that are 0, or as small as they may be, without dry friction; among its `names`.
+    """Return the `names` of a unit's parameters that are at their smallest value without dry friction.
 
-    A unit without parameters of a spring is not an arm, and has none.
+    The set is empty for a unit without parameters of a spring: it is not an arm.
     """
     if "K_f0" not in names:
         return set()

@@ -24,44 +24,26 @@ class ThermalRows:
     T_amb: Array = row("thermal", "K", "temperature of the surroundings", "", 1e4, 0.0)
     C_th: Array = row("thermal", "J/K", "heat capacity of the joint", "", 1e9, POSITIVE)
     G_th: Array = row("thermal", "W/K", "heat flow to the surroundings over the rise of temperature", "", 1e6, 0.0)
-    # fmt: on
 
 
 def warm_viscosity(f_v: Any, robot: Any, T_j: Any = None) -> Any:
     """Viscous friction ``f_v exp(-(T - T_ref) / T_v)``: (n,) [N m s/rad or N s/m], link-side.
 
-    The law of Bittencourt et al. (2010) for the joint of an industrial robot.
-
-    Parameters
-    ----------
-    f_v : (n,) [N m s/rad or N s/m] viscous friction at T_ref
-    T_j : (n,) [K], optional
-        Temperature; default that of the surroundings.
+    The law of Bittencourt et al. (2010) for the joint of an industrial robot. `f_v` is the friction at T_ref, `T_j`
+    (n,) [K] the temperature, by default T_amb.
     """
     T = robot.T_amb if T_j is None else T_j
     return f_v * np.exp((robot.T_ref - T) / robot.T_v)
 
 
 def temperature_rate(robot: Any, loss: Any, T_j: Any) -> Any:
-    """Rate of the temperature, ``C T_dot = loss - G (T - T_amb)``: (n,) [K/s].
-
-    Parameters
-    ----------
-    loss : (n,) [W] power that friction and hysteresis turn into heat
-    T_j : (n,) [K]
-    """
+    """Rate (n,) [K/s] of the temperature `T_j` [K] by the `loss` [W]: ``C T_dot = loss - G (T - T_amb)``."""
     return (loss - robot.G_th * (T_j - robot.T_amb)) / robot.C_th
 
 
 THERMAL = DriveOption(
     state=OptionState(
-        "T_j",
-        "K",
-        "temperature of the joint",
-        "start temperature",
-        start=lambda robot: robot.T_amb,
-        minimum=0.0,
-        slow=True,
+        "T_j", "K", "temperature of the joint", "start temperature", lambda robot: robot.T_amb, minimum=0.0, slow=True
     ),
     friction=lambda friction, robot, sliding, T_j: friction._replace(f_v=warm_viscosity(friction.f_v, robot, T_j)),
     rate=lambda robot, motion, T_j: temperature_rate(robot, motion.loss, T_j),

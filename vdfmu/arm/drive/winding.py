@@ -7,7 +7,7 @@ from typing import Any
 
 from vdfmu.arm.drive.option import Array, DriveOption, OptionState, row
 from vdfmu.base.measure import POSITIVE
-from vdfmu.compiler.scalar.generic import clip
+from vdfmu.compiler.scalar import clip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -23,24 +23,13 @@ class WindingRows:
     U_max: Array = row("winding", "V", "largest voltage", "", 1e9, POSITIVE)
     i_max: Array = row("winding", "A", "largest current", "", 1e9, POSITIVE)
     w_i: Array = row("winding", "1/s", "bandwidth of the current loop", "", 1e9, POSITIVE)
-    # fmt: on
-
-
-def winding_torque(robot: Any, i_m: Any) -> Any:
-    """Torque of the motor, ``k_t i``: (n,) [N m], motor-side."""
-    return robot.k_t * i_m
 
 
 def winding_voltage(robot: Any, tau: Any, kappa_dot: Any, i_m: Any) -> Any:
-    """Voltage of a loop that knows the winding, and has the current follow with its bandwidth: (n,) [V].
+    """Voltage (n,) [V] of a current loop that compensates the winding and follows with its bandwidth.
 
-    Where the voltage is at its limit, at speed, the current falls behind and with it the torque.
-
-    Parameters
-    ----------
-    tau : (n,) [N m] torque that is asked for, motor-side; the current for it is limited to i_max
-    kappa_dot : (n,) [rad/s or m/s] rotor speed divided by ell
-    i_m : (n,) [A]
+    At the limit of the voltage, at speed, current and torque fall behind. `tau` (n,) [N m] is the commanded torque,
+    motor-side; its current is limited to i_max. `kappa_dot` is in rad/s or m/s, `i_m` in A.
     """
     wanted = clip(tau / robot.k_t, -robot.i_max, robot.i_max)
     free = robot.L_w * robot.w_i * (wanted - i_m) + _drop(robot, kappa_dot, i_m)
@@ -59,7 +48,7 @@ def _drop(robot: Any, kappa_dot: Any, i_m: Any) -> Any:
 
 WINDING = DriveOption(
     state=OptionState("i_m", "A", "current of the motor", "start current, without equilibrium"),
-    motor=lambda tau, robot, kappa_dot, i_m: winding_torque(robot, i_m),
+    motor=lambda tau, robot, kappa_dot, i_m: robot.k_t * i_m,
     rate=lambda robot, motion, i_m: current_rate(robot, motion.tau, motion.kappa_dot, i_m),
     rest=lambda robot, tau_s: tau_s / (robot.ell * robot.k_t),
 )

@@ -11,14 +11,11 @@ from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import AT_REST, NO_WRENCH, Base, inverse_dynamics
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.world.attachment import seen_from_base
-from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.scalar import derivative, jets
 
 
 class DriveMotion(NamedTuple):
-    """Spring torque, rotor position, velocity and acceleration along the desired motion, each (n,).
-
-    And the friction there, link-side on the links and motor-side on the rotors.
-    """
+    """Spring torque, rotor motion, and friction of links (link-side) and rotors (motor-side), each (n,)."""
 
     tau_s: Any
     kappa: Any
@@ -31,16 +28,16 @@ class DriveMotion(NamedTuple):
 def desired_drive_motion(
     robot: Any, desired: Desired, F_e_d: np.ndarray = NO_WRENCH, base: Base = AT_REST
 ) -> DriveMotion:
-    """Return what springs and rotors must do while the links follow the desired motion exactly.
+    """Motion of springs and rotors while the links follow the desired motion exactly.
 
-    ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``; the two derivatives of kappa
-    come from running these lines on jets, which takes q_d up to its fourth derivative. The derivatives of the wrench
-    `F_e_d`, and of the acceleration of a moving base, are taken as zero.
+    ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``. Jets give the two derivatives of kappa,
+    from q_d up to its fourth derivative. The derivatives of the wrench `F_e_d`, and of the acceleration of a moving
+    base, are taken as zero.
 
-    With `rotor_coupling` ID holds the rotors' reaction (11), in which each rotor turns as its link does: the
-    deformation's own acceleration would take two more derivatives of q_d for each joint of the chain. What it adds to
-    kappa, ``D' I_m D_ddot``, is left out here; the torques of :func:`feedforward_inverse` have it. No inverse has all
-    of it: D'' of (3) jumps where a torque passes 0, and the rotors of the joints before would have to jump with it.
+    With `rotor_coupling` ID holds the rotors' reaction (11), with each rotor turning as its link does. The acceleration
+    of the deformation would take two more derivatives of q_d for each joint of the chain. Its part of kappa,
+    ``D' I_m D_ddot``, is left out here; the torques of :func:`feedforward_inverse` have it. No inverse has all of it:
+    D'' of (3) jumps as a torque passes 0, and the rotors of the joints before would have to jump with it.
     """
     q, q_dot, q_ddot = desired_jets(desired)
     seen, base_jets = seen_from_base(robot, base)
@@ -54,9 +51,9 @@ def desired_jets(desired: Desired) -> tuple[Any, Any, Any]:
 
 
 def drive_motion(robot: Any, q: Any, q_dot: Any, tau: Any) -> DriveMotion:
-    """Return what springs and rotors do, of the desired motion and of the torques `tau` on the links: (n,) jets each.
+    """Motion of springs and rotors for jets (n,) of the desired motion and of the torques `tau` on the links.
 
-    ``tau_s = tau + xi_l`` of (9), less the torques of :func:`link_torques`.
+    ``tau_s = tau + xi_l`` of (9), less :func:`link_torques`.
     """
     xi_l, _ = joint_friction(robot, q_dot, q_dot)
     torque = tau - link_torques(robot, q) + xi_l

@@ -32,10 +32,7 @@ from vdfmu.arm.equations.rigid_body import coriolis_matrix, gravity_force, mass_
 
 
 class FeedforwardTorques(NamedTuple):
-    """Motor torque, and what springs and rotors do along the desired motion, each (n,).
-
-    tau_m [N m, motor-side]; tau_s [N m or N, link-side]; kappa_dot_d [rad/s or m/s].
-    """
+    """tau_m [N m, motor-side], and of the desired motion tau_s [N m or N, link-side], kappa_dot_d: (n,) each."""
 
     tau_m: Any
     tau_s: Any
@@ -45,8 +42,7 @@ class FeedforwardTorques(NamedTuple):
 class FeedbackGains(NamedTuple):
     """Gains of required velocities (12), net forces (15)-(17), (50) and drive torques (26)-(27), each (n,).
 
-    Lambda [1/s]; K_V, the multiple of the unit matrix that stands for the gain matrix K_B of link i; k_vq
-    [N m s/rad, motor-side]; k_vkappa [N m s/rad, motor-side].
+    Lambda [1/s]; K_V, the gain matrix K_B of link i over the unit matrix; k_vq, k_vkappa [N m s/rad, motor-side].
     """
 
     Lambda: Any
@@ -61,17 +57,11 @@ def feedforward_inverse(
     """Exact inverse of the plant along the desired motion: ``tau_m = z.T F_Dk + tau_s / ell + xi_m``.
 
     This is (27) with zero velocity error and ``tau_t = tau_s / ell``. ``z.T F_Dk = I_m kappa_ddot`` for rotors in pure
-    rotation (56); for `rotor_coupling` see :func:`desired_drive_motion`.
+    rotation (56); for `rotor_coupling` see :func:`desired_drive_motion`. `F_e_d`, (6,) [N, N m] in {O}, is the constant
+    desired wrench on the surroundings.
 
     Deviation: (28) as printed, ``tau + tau_f``, adds the link-side tau_f to the motor-side tau, and tau of (27) already
     holds the spring torque as tau_t.
-
-    Parameters
-    ----------
-    desired : q_d to its fourth derivative, each (n,)
-    F_e_d : (6,) [N, N m] wrench that the arm is to exert on its surroundings, in {O}, constant
-    base : Base
-        Its motion, of :func:`~vdfmu.arm.world.attachment.moving_base`; default at rest.
     """
     drive = desired_drive_motion(robot, desired, F_e_d, base)
     motion = link_motion(robot, desired.q_d, desired.q_d_dot, desired.q_d_ddot, base)
@@ -107,19 +97,15 @@ def required_motion(
     """
     q_dot_r = desired.q_d_dot + gains.Lambda * (desired.q_d - q)
     q_ddot_r = desired.q_d_ddot + gains.Lambda * (desired.q_d_dot - q_dot)
-    return RequiredMotion(
-        q_dot_r,
-        q_ddot_r,
-        q_dot_r + (drive.kappa_dot - desired.q_d_dot),
-        q_ddot_r + (drive.kappa_ddot - desired.q_d_ddot),
-    )
+    kappa_dot_r = q_dot_r + (drive.kappa_dot - desired.q_d_dot)
+    return RequiredMotion(q_dot_r, q_ddot_r, kappa_dot_r, q_ddot_r + (drive.kappa_ddot - desired.q_d_ddot))
 
 
 def required_net_force(
     body: tuple[Any, np.ndarray, np.ndarray], K_V: Any, g_B: np.ndarray, V_B: np.ndarray, V_B_r: np.ndarray,
     V_B_r_dot: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Return the required net force of a body, Eq. (50), (15), (17): (6,) [N, N m] in {B}; see the function below."""
+    """Return the required net force of a body, Eq. (50), (15), (17): (6,) [N, N m] in {B}, as below."""
     return (
         mass_matrix(*body) @ V_B_r_dot
         + coriolis_matrix(*body, V_B[3:]) @ V_B_r
@@ -129,23 +115,13 @@ def required_net_force(
 
 
 def required_net_forces(robot: Any, K_V: Any, links: ChainMotion, links_r: ChainMotion) -> list[np.ndarray]:
-    """Return the required net forces of the links (50), along required velocities, Eq. (48)-(49).
+    """Return the required net forces of the links (50) along (48)-(49): n times (6,) [N, N m] in {B_i}.
 
     The joint's base and output link are parts of the links (Table 1 gives their masses together), so that (14), (15)
     and (17) are (49) and (50).
 
     Deviation: (15)-(17) and (50) are read as ``F*_r = M V_r_dot + C(omega) V_r + G + K (V_r - V)``, with the required
-    acceleration, as virtual decomposition control has it.
-
-    Parameters
-    ----------
-    K_V : (n,) see :class:`FeedbackGains`
-    links, links_r : ChainMotion
-        Measured and required motion of the links.
-
-    Returns
-    -------
-    F_B_r_star : n times (6,) [N, N m] in {B_i}
+    acceleration, as virtual decomposition control has it. `links` is the measured, `links_r` the required motion.
     """
     g_B = gravity_in_links(robot, links.U_AB, links.base)
     V_B, V_B_r, V_B_r_dot = links.V_B, links_r.V_B, links_r.V_B_dot
@@ -158,7 +134,7 @@ def required_rotor_forces(
     """Return the required net forces of the rotors, Eq. (16): n times (6,) [N, N m] in {D_i}.
 
     The rotor's gain K_D of (16) is k_vkappa, see :func:`drive_torques`. In pure rotation (56) its required velocity
-    (13) is ``ell kappa_dot_r`` about z, and (16) is ``I_m kappa_ddot_r``. Parameters: see above.
+    (13) is ``ell kappa_dot_r`` about z, and (16) is ``I_m kappa_ddot_r``.
     """
     V_D = rotor_velocities(robot, links.V_B, kappa_dot, links.base.V_S)  # (4)
     V_D_r = rotor_velocities(robot, links_r.V_B, required.kappa_dot_r, links_r.base.V_S)  # (13)
@@ -170,47 +146,28 @@ def required_rotor_forces(
 
 
 def required_forces(
-    robot: Any,
-    U_AB: list[np.ndarray],
-    F_B_r_star: list[np.ndarray],
-    F_D_r_star: list[np.ndarray],
-    F_e_d: np.ndarray = NO_WRENCH,
+    robot: Any, U_AB: list[Any], F_B_r_star: list[Any], F_D_r_star: list[Any], F_e_d: np.ndarray = NO_WRENCH
 ) -> list[np.ndarray]:
-    """Return the required force on every driven cutting point, Eq. (51)-(53), from the last link to the first.
+    """Return the required force on every driven cutting point, Eq. (51)-(53): n times (6,) [N, N m] in {B_i}.
 
     (52)-(53) are the constraints (18), (20) of the joints, solved for the forces as (23), (25): the base's net force
     is part of the link before it. The load F_l of (51) is the wrench `F_e_d` in {O}; a payload is part of the last
     link.
 
     Deviation: (53) leaves out the rotor's part of (20) and (25), ``U_BD F_D_kr``; with `rotor_coupling` it is added.
-
-    Returns
-    -------
-    F_B_r : n times (6,) [N, N m] in {B_i}
     """
     return handed_back(robot, U_AB, F_B_r_star, F_e_d, F_D_r_star)
 
 
 def drive_torques(
-    robot: Any,
-    gains: FeedbackGains,
-    required: RequiredMotion,
-    tau_q: np.ndarray,
-    tau_kr: np.ndarray,
-    friction: tuple[Any, Any],
-    q_dot: np.ndarray,
-    kappa_dot: np.ndarray,
-) -> tuple[Any, Any]:
-    """Return the drive torques tau_t, Eq. (26), and the motor torques tau, Eq. (27).
+    robot: Any, gains: FeedbackGains, required: RequiredMotion, tau_q: Any, tau_kr: Any, friction: tuple[Any, Any],
+    q_dot: np.ndarray, kappa_dot: np.ndarray,
+) -> tuple[Any, Any]:  # fmt: skip
+    """Drive torques tau_t, Eq. (26), and motor torques tau, Eq. (27), (n,) [N m] each, motor-side.
 
-    They solve (21) and (22) with ``z.T F_qr = tau_q`` and ``z.T F_kr = tau_kr``, by (19) and (24) the required net
-    torque of the rotor, with the gain K_D of (16) in k_vkappa.
-
-    Parameters
-    ----------
-    tau_q : (n,) [N m or N] axis components of the required forces, link-side
-    tau_kr : (n,) [N m] axis components of the rotors' required forces, motor-side
-    friction : (xi_l, xi_m) link-side and motor-side
+    They solve (21) and (22) with the axis components ``z.T F_qr = tau_q`` [N m or N], link-side, and
+    ``z.T F_kr = tau_kr`` [N m], motor-side, by (19) and (24) the required net torque of the rotor, with the gain K_D of
+    (16) in k_vkappa. `friction` is (xi_l, xi_m).
     """
     xi_l, xi_m = friction
     tau_t = (tau_q + xi_l) / robot.ell + gains.k_vq * (required.q_dot_r - q_dot)  # (26)
@@ -219,26 +176,14 @@ def drive_torques(
 
 
 def feedforward_vdc(
-    robot: Any,
-    gains: FeedbackGains,
-    desired: Desired,
-    q: np.ndarray,
-    q_dot: np.ndarray,
-    kappa_dot: np.ndarray,
-    F_e_d: np.ndarray = NO_WRENCH,
-    base: Base = AT_REST,
-) -> FeedforwardTorques:
-    """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
+    robot: Any, gains: FeedbackGains, desired: Desired, q: np.ndarray, q_dot: np.ndarray, kappa_dot: np.ndarray,
+    F_e_d: np.ndarray = NO_WRENCH, base: Base = AT_REST,
+) -> FeedforwardTorques:  # fmt: skip
+    """Feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53), at measured `q`, `q_dot`, `kappa_dot`.
 
-    Deviation: friction is evaluated at the desired velocities. At measured or required ones its slope around
+    Deviation: friction is evaluated at the desired velocities. At measured or required velocities its slope around
     standstill, f_s / eps, is a feedback gain that destabilises every sampled loop. See the functions above for the
     others.
-
-    Parameters
-    ----------
-    desired : q_d to its fourth derivative, each (n,)
-    q, q_dot, kappa_dot : (n,) measured
-    F_e_d, base : as in :func:`feedforward_inverse`
     """
     drive = desired_drive_motion(robot, desired, F_e_d, base)
     required = required_motion(gains, desired, drive, q, q_dot)

@@ -1,9 +1,9 @@
 """The flexible joint as a subsystem: Eq. (4)-(11) and (56), and the spring with its torque as the state.
 
 The joint's base is part of the link before it and its output link part of the link after it (Table 1 gives their
-masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). What is left is the rotor: a body that
-turns about its axis on the base, with its mass in the base's link. The options of a drive add to the torques of
-spring, friction and motor.
+masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). The rotor is left: a body that turns
+about its axis on the base, with its mass in the base's link. The options of a drive add to the torques of spring,
+friction and motor.
 """
 
 from __future__ import annotations
@@ -32,10 +32,7 @@ Z_TAU = joint_axis("revolute")
 
 
 class PlantState(NamedTuple):
-    """State of the plant, each (n,): link positions, link and rotor velocities, link-side spring torques.
-
-    And the states of options by name, such as link-side torques of hysteresis.
-    """
+    """State of the plant, each (n,): position and velocity of links, velocity of rotors, spring torque, options."""
 
     q: Any
     q_dot: Any
@@ -61,19 +58,12 @@ def split_state(robot: Any, x: np.ndarray) -> PlantState:
 
 
 def rotor_velocity(V_B: np.ndarray, U_BD: np.ndarray, ell: Any, kappa_dot: Any) -> np.ndarray:
-    """Velocity of the motor rotor, ``V_D = z ell kappa_dot + U_BD.T V_B``, Eq. (4).
-
-    Parameters
-    ----------
-    V_B : (6,) [m/s, rad/s] velocity of the joint base in {B}
-    U_BD : (6, 6) force transformation from the rotor frame {D} to {B}
-    kappa_dot : float [rad/s] rotor speed divided by ell
-    """
+    """Velocity of the motor rotor, ``V_D = z ell kappa_dot + U_BD.T V_B``, Eq. (4), on a base with `V_B`: (6,) each."""
     return Z_TAU * (ell * kappa_dot) + U_BD.T @ V_B
 
 
 def rotor_transform(robot: Any, i: int) -> np.ndarray:
-    """Force transformation U_BD from the rotor frame {D_i} to {B_(i-1)}, which carries the rotor: (6, 6).
+    """Force transformation U_BD from the rotor frame {D_i} to the frame {B_(i-1)} of the carrying link: (6, 6).
 
     {D_i} has the place and axes of {B_i} at q_i = 0. It does not turn with the rotor, whose inertia is the same in
     every frame about its axis; so the transformation is constant.
@@ -82,10 +72,7 @@ def rotor_transform(robot: Any, i: int) -> np.ndarray:
 
 
 def rotor_reaction(robot: Any, i: int, F_Dk: np.ndarray) -> np.ndarray:
-    """Force of rotor i on the link that carries it, ``U_BD F_Dk`` of Eq. (11): (6,) in {B_(i-1)}.
-
-    A rotor in pure rotation (56) acts on the link with nothing but the drive's torque: 0.
-    """
+    """Force of rotor i on its link, ``U_BD F_Dk`` of Eq. (11): (6,) in {B_(i-1)}; 0 for pure rotation (56)."""
     return rotor_transform(robot, i) @ F_Dk if robot.rotor_coupling else np.zeros(6)
 
 
@@ -99,9 +86,9 @@ def rotor_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
 
 
 def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
-    """Force from the base to the rotor, F_Dk of Eq. (10), where its torque about the axis is known: (6,) in {D_i}.
+    """Force from the base to the rotor, F_Dk of Eq. (10), for a known torque about its axis: (6,) in {D_i}.
 
-    What is left of (7) is the gyroscopic moment: the axial part of ``M_D V_D_dot`` is tau_k, and the mass is 0.
+    Of (7) the gyroscopic moment is left: the axial part of ``M_D V_D_dot`` is tau_k, and the mass is 0.
     """
     return Z_TAU * tau_k + coriolis_force(*rotor_body(robot, i), V_D)
 
@@ -109,26 +96,15 @@ def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
 def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any) -> list[np.ndarray]:
     """Velocity of every rotor, Eq. (4): n times (6,) [m/s, rad/s] in {D_i}.
 
-    U_BD is constant, so that of accelerations V_B_dot and kappa_ddot the same line makes the derivatives V_D_dot.
-
-    Parameters
-    ----------
-    V_B : n times (6,) [m/s, rad/s] velocities of the links
-    kappa_dot : (n,) [rad/s] rotor speed divided by ell
-    V_S : (6,) [m/s, rad/s] velocity of the base of the first joint
+    `V_B` are the velocities of the links, `V_S` is the velocity of the base of the first joint. U_BD is constant:
+    accelerations V_B_dot and kappa_ddot give the derivatives V_D_dot by the same line.
     """
     bases = [V_S, *V_B[:-1]] if robot.rotor_coupling else [np.zeros(6)] * robot.n  # (56): nothing of their motion
     return [rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i]) for i, V_A in enumerate(bases)]
 
 
 def inertia_torques(robot: Any, V_D_dot: list[np.ndarray], kappa_ddot: Any) -> Any:
-    """Component of ``M_D V_D_dot`` of every rotor (7) along its axis: (n,) [N m], motor-side.
-
-    Parameters
-    ----------
-    V_D_dot : n times (6,) [m/s2, rad/s2]
-    kappa_ddot : (n,) [rad/s2 or m/s2], to which V_D_dot belongs
-    """
+    """Component of ``M_D V_D_dot`` of every rotor (7) along its axis: (n,) [N m], motor-side; V_D_dot by kappa_ddot."""
     if not robot.rotor_coupling:
         return robot.I_m * kappa_ddot  # (56)
     return robot.I_m / robot.ell * np.array([V_Dk_dot[5] for V_Dk_dot in V_D_dot])  # (7)
@@ -137,11 +113,8 @@ def inertia_torques(robot: Any, V_D_dot: list[np.ndarray], kappa_ddot: Any) -> A
 def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> list[np.ndarray]:
     """Force from the base to every rotor for a given motion, Eq. (7) and (10): n times (6,) [N, N m] in {D_i}.
 
-    Parameters
-    ----------
-    motion : vdfmu.arm.equations.inverse_dynamics.ChainMotion
-        Motion of the links.
-    kappa_dot, kappa_ddot : (n,) [rad/s, rad/s2] rotor speed and acceleration divided by ell
+    `motion` is the :class:`~vdfmu.arm.equations.inverse_dynamics.ChainMotion` of the links; `kappa_dot` and
+    `kappa_ddot` [rad/s, rad/s2] are divided by ell.
     """
     V_D = rotor_velocities(robot, motion.V_B, kappa_dot, motion.base.V_S)
     V_D_dot = rotor_velocities(robot, motion.V_B_dot, kappa_ddot, motion.base.V_S_dot)
@@ -150,12 +123,7 @@ def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> li
 
 
 def driven_rotor_forces(robot: Any, motion: Any, kappa_dot: Any, tau_k: Any) -> list[np.ndarray]:
-    """Force from the base to every rotor for given torques about their axes, Eq. (4) and (10): as above.
-
-    Parameters
-    ----------
-    tau_k : (n,) [N m] motor-side, see :func:`plant_torques`; the others as above
-    """
+    """Force from the base to every rotor for torques `tau_k` [N m] about their axes, Eq. (4) and (10): as above."""
     V_D = rotor_velocities(robot, motion.V_B, kappa_dot, motion.base.V_S)
     return [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]
 
@@ -166,19 +134,10 @@ def axial_torques(F_Dk: list[np.ndarray]) -> np.ndarray:
 
 
 def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
-    """Acceleration of the rotors from the torque about their axes, Eq. (7) and (10).
+    """Acceleration kappa_ddot (n,) [rad/s2 or m/s2] of the rotors from the torque about their axes, Eq. (7) and (10).
 
-    ``I_m kappa_ddot + I_m / ell z.T (U_BD.T V_A_dot) = tau_k``, where {A} is the link that carries the rotor.
-
-    Parameters
-    ----------
-    tau_k : (n,) [N m] torque on the rotor about its axis, motor-side
-    motion : vdfmu.arm.equations.inverse_dynamics.ChainMotion, optional
-        Motion of the links. Without it the rotors turn about their axes alone, Eq. (56).
-
-    Returns
-    -------
-    kappa_ddot : (n,) [rad/s2 or m/s2]
+    ``I_m kappa_ddot + I_m / ell z.T (U_BD.T V_A_dot) = tau_k`` [N m], with {A} on the link that carries the rotor.
+    Without the `motion` of the links the rotors turn about their axes alone, Eq. (56).
     """
     kappa_ddot = tau_k / robot.I_m
     if motion is None or not robot.rotor_coupling:
@@ -191,30 +150,26 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
 # the spring
 
 
-def stretch_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any) -> Any:
-    """Rate at which the drive is deformed, the derivative of ``kappa - q - theta_err(kappa)``: (n,) [rad/s or m/s]."""
-    slope = kinematic_error_slope(robot, kappa)
-    return kappa_dot * (1.0 - slope) - q_dot
+def stretch_rate(robot: Any, state: PlantState) -> Any:
+    """Rate of the drives' deformation, the derivative of ``kappa - q - theta_err(kappa)``: (n,) [rad/s or m/s]."""
+    slope = kinematic_error_slope(robot, rotor_position(robot, state.q, state.tau_s))
+    return state.kappa_dot * (1.0 - slope) - state.q_dot
 
 
 def spring(robot: Any, tau_s: Any) -> Spring:
-    """Deformation, compliance and energy of the springs, (2)-(3) and those of options, (n,) each."""
+    """Deformation, compliance and energy of the springs, (2)-(3) with options, (n,) each."""
     springs = Spring(deformation(robot, tau_s), deformation_derivative(robot, tau_s), spring_energy(robot, tau_s))
     for option, _ in options_of(robot):
         springs = option.spring(springs, robot, tau_s)
     return springs
 
 
-def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) -> Any:
+def spring_rate(robot: Any, state: PlantState) -> Any:
     """Rate of the spring torque, from the derivative of ``kappa - q - theta_err(kappa) = D(tau_s)``.
 
-    With the torque as state, the implicit equations (2)-(3) and the pole of the tangent are gone.
-
-    Returns
-    -------
-    tau_s_dot : (n,) [N m/s or N/s]
+    With the torque as state, the implicit equations (2)-(3) and the pole of the tangent are gone: (n,) [N m/s or N/s].
     """
-    return stretch_rate(robot, kappa, kappa_dot, q_dot) / spring(robot, tau_s).compliance
+    return stretch_rate(robot, state) / spring(robot, state.tau_s).compliance
 
 
 def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
@@ -234,25 +189,11 @@ def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
 
 
 def rotor_torque(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
-    """Torque on the rotors about their axes, ``z.T F_Dk = tau - tau_t - xi_m`` after Eq. (11).
+    """Torque on the rotors about their axes, ``z.T F_Dk = tau - tau_t - xi_m`` after Eq. (11), ``tau_t = tau_s / ell``.
 
-    Parameters
-    ----------
-    tau : (n,) [N m] motor torque, motor-side
-    tau_s : (n,) [N m or N] spring torque, link-side; ``tau_t = tau_s / ell``
-    xi_m : (n,) [N m] friction on the rotor, motor-side
-
-    Returns
-    -------
-    tau_k : (n,) [N m], motor-side. In pure rotation (56) it is ``I_m kappa_ddot``.
+    (n,) [N m], motor-side. In pure rotation (56) it is ``I_m kappa_ddot``.
     """
     return tau - tau_s / robot.ell - xi_m
-
-
-def _stretch(robot: Any, state: PlantState) -> Any:
-    """Rate at which the drives are deformed: (n,) [rad/s or m/s]."""
-    kappa = rotor_position(robot, state.q, state.tau_s)
-    return stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
 
 
 def _parallel(robot: Any, state: PlantState) -> Parallel:
@@ -260,7 +201,7 @@ def _parallel(robot: Any, state: PlantState) -> Parallel:
     laws = [(option.parallel, own) for option, own in options_of(robot, state.options) if option.parallel]
     if not laws:
         return Parallel()
-    stretch = _stretch(robot, state)
+    stretch = stretch_rate(robot, state)
     return Parallel(*map(sum, zip(*(law(robot, stretch, own) for law, own in laws), strict=True)))
 
 
@@ -270,24 +211,14 @@ def drive_torque(robot: Any, state: PlantState) -> Any:
 
 
 def link_torques(robot: Any, q: Any, q_dot: Any = None) -> Any:
-    """Torque of options on the links alone: (n,) [N m or N], link-side; 0 without.
-
-    Parameters
-    ----------
-    q : (n,) [rad or m]
-    q_dot : (n,) [rad/s or m/s], optional
-        Without it the motion is planned: it meets no end stop.
-    """
+    """Torque of options on the links alone: (n,) [N m or N], link-side. Without `q_dot` no end stop acts."""
     return sum(option.link(robot, q, q_dot).torque for option, _ in options_of(robot) if option.link)
 
 
 def plant_torques(robot: Any, state: PlantState, tau: Any) -> tuple[Any, Any]:
-    """Torques on the links, ``tau_s - xi_l`` of (9) with those of options, and on the rotors, (n,) each.
+    """Torques with options on links, ``tau_s - xi_l`` of (9), and rotors, ``z.T F_Dk = tau - tau_s / ell - xi_m`` (11).
 
-    Returns
-    -------
-    tau_l : (n,) [N m or N], link-side
-    tau_k : (n,) [N m], motor-side, ``z.T F_Dk = tau - tau_s / ell - xi_m`` after (11)
+    (n,) each: tau_l [N m or N], link-side, tau_k [N m], motor-side.
     """
     load = drive_torque(robot, state)
     xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot, load, state.options)
@@ -305,11 +236,11 @@ def drive_losses(robot: Any, state: PlantState) -> Any:
 
 
 def option_rates(robot: Any, state: PlantState, tau: Any) -> dict[str, Any]:
-    """Return the rates of the states that options add, (n,) each, by the state's name. `tau` as in the plant."""
+    """Rates of the options' states, (n,) each, by the state's name. `tau` as in the plant."""
     rates: dict[str, Any] = {}
     if not state.options:
         return rates
-    stretch, loss = _stretch(robot, state), drive_losses(robot, state)
+    stretch, loss = stretch_rate(robot, state), drive_losses(robot, state)
     motion = JointMotion(*_sliding(robot, state), stretch=stretch, tau=tau, loss=loss)
     for option, own in options_of(robot, state.options):
         if option.state and option.rate:
@@ -324,7 +255,7 @@ def _sliding(robot: Any, state: PlantState) -> Sliding:
 
 
 def rest_state(robot: Any, tau_s: Any) -> dict[str, Any]:
-    """States that options add, where springs and motors hold the arm at rest: (n,) each, except for temperatures.
+    """Options' states, (n,) each, of an arm that springs and motors hold at rest, without temperatures.
 
     Hysteresis and bristles are relaxed: the springs carry the load.
     """
@@ -336,5 +267,5 @@ def stored_energy(robot: Any, state: PlantState) -> Any:
     """Elastic energy of drives, end stops and counterbalances: a number [J]."""
     links = [option.link(robot, state.q, state.q_dot) for option, _ in options_of(robot) if option.link]
     friction = friction_terms(robot, _sliding(robot, state), state.options)
-    energies = (_parallel(robot, state).energy, friction.energy, *(each.energy for each in links))
+    energies = (_parallel(robot, state).energy, friction.energy, *(link.energy for link in links))
     return sum(map(np.sum, energies), np.sum(spring(robot, state.tau_s).energy))

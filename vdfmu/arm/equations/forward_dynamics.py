@@ -20,7 +20,7 @@ from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axi
 
 
 class Hanging(NamedTuple):
-    """A body that hangs on a frame, as the frame feels it: it asks for the force ``M V_dot + p``, both in the frame."""
+    """A body that hangs on a frame and needs the force ``M V_dot + p`` there, both in the frame."""
 
     M: Any
     """(6, 6) [kg, kg m, kg m2] apparent mass matrix, symmetric."""
@@ -29,18 +29,18 @@ class Hanging(NamedTuple):
 
 
 class Articulated(NamedTuple):
-    """Result of passes 1 and 2 for each link: the acceleration of its base is all that is missing."""
+    """Result of passes 1 and 2 for each link: only the acceleration of its base is missing."""
 
     U_AB: list[np.ndarray]
     c_B: list[np.ndarray]
     """Part of V_B_dot that is quadratic in velocities."""
     joints: list[Eliminated]
     arm: Hanging
-    """The arm, as its base feels it: in {S}, without the rotor of the first joint."""
+    """The whole arm at its base, in {S}, without the rotor of the first joint."""
 
 
 class Eliminated(NamedTuple):
-    """A joint of which the acceleration is eliminated: ``q_ddot = (u - M_z @ a) / d``, `a` that of its locked link."""
+    """A joint without its acceleration: ``q_ddot = (u - M_z @ a) / d``, with `a` of its link if locked."""
 
     M_z: np.ndarray
     d: Any
@@ -48,28 +48,18 @@ class Eliminated(NamedTuple):
 
 
 def eliminate(z: np.ndarray, M_B: np.ndarray, p_B: np.ndarray, tau: Any) -> Eliminated:
-    """Eliminate the acceleration of a joint with axis `z`, on which a body of `M_B` and `p_B` hangs.
+    """Eliminate the acceleration of a joint with axis `z` and torque `tau` [N m or N], link-side, that carries a body.
 
-    Parameters
-    ----------
-    M_B : (6, 6) [kg, kg m, kg m2] apparent mass in {B}
-    p_B : (6,) [N, N m] force at ``V_B_dot = 0`` in {B}
-    tau : float [N m or N], link-side
+    `M_B` (6, 6) is the body's apparent mass, `p_B` (6,) [N, N m] its force at ``V_B_dot = 0``, both in {B}.
     """
     M_z = M_B @ z
     return Eliminated(M_z, z @ M_z, tau - z @ p_B)
 
 
 def articulated(
-    robot: Any,
-    q: np.ndarray,
-    q_dot: np.ndarray,
-    tau: np.ndarray,
-    F_e: np.ndarray,
-    F_Dk: list[np.ndarray] | None,
-    base: Base,
-    load: Hanging | None,
-) -> Articulated:
+    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray, F_Dk: list[np.ndarray] | None,
+    base: Base, load: Hanging | None,
+) -> Articulated:  # fmt: skip
     """Eliminate the accelerations link by link, see :func:`forward_dynamics`."""
     n = robot.n
     z = [joint_axis(joint_type) for joint_type in robot.joint_types]
@@ -108,9 +98,9 @@ def articulated(
 def handed_on(
     placement: tuple[np.ndarray, np.ndarray], U_AB: np.ndarray, M_B: Any, p_B: Any, c_B: Any, joint: Eliminated
 ) -> Hanging:
-    """Return a body that hangs on a joint, as the link {A} before it feels it.
+    """Return the body on a joint as a body that hangs on the link {A} before it.
 
-    `c_B` is the part of V_B_dot that is quadratic in velocities; other parameters as in :func:`eliminate`.
+    `c_B` is the part of V_B_dot that is quadratic in velocities; other parameters: see :func:`eliminate`.
     """
     M_a = M_B - np.outer(joint.M_z, joint.M_z / joint.d)
     p_a = p_B + M_a @ c_B + joint.M_z * (joint.u / joint.d)
@@ -120,27 +110,21 @@ def handed_on(
 def accelerate(
     z: np.ndarray, U_AB: np.ndarray, V_A_dot: np.ndarray, c_B: np.ndarray, joint: Eliminated
 ) -> tuple[Any, np.ndarray]:
-    """Return the acceleration of a joint [rad/s2 or m/s2] and V_B_dot (6,) where the link before it has V_A_dot."""
+    """Return the acceleration of a joint [rad/s2 or m/s2] and V_B_dot (6,), by V_A_dot of the link before."""
     a = U_AB.T @ V_A_dot + c_B
     q_ddot = (joint.u - joint.M_z @ a) / joint.d
     return q_ddot, a + z * q_ddot
 
 
 def forward_dynamics(
-    robot: Any,
-    q: np.ndarray,
-    q_dot: np.ndarray,
-    tau: np.ndarray,
-    F_e: np.ndarray = NO_WRENCH,
-    F_Dk: list[np.ndarray] | None = None,
-    base: Base = AT_REST,
-    load: Hanging | None = None,
-) -> np.ndarray:
-    """Joint accelerations of the arm by the articulated recursion. The cost is O(n).
+    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray = NO_WRENCH,
+    F_Dk: list[np.ndarray] | None = None, base: Base = AT_REST, load: Hanging | None = None,
+) -> np.ndarray:  # fmt: skip
+    """Joint accelerations (n,) [rad/s2 or m/s2] of the arm by the articulated recursion. The cost is O(n).
 
-    The recursion eliminates V_B_dot from (44)-(47) link by link, from the end effector to the base: what
-    hangs on link i acts on it like one body with mass matrix M_A and force p_A (Featherstone 2008, table 7.1,
-    in the paper's notation).
+    The recursion eliminates V_B_dot from (44)-(47) link by link, from the end effector to the base: all bodies
+    beyond link i act on it like one body with mass matrix M_A and force p_A (Featherstone 2008, table 7.1, in the
+    paper's notation).
 
     Parameters
     ----------
@@ -149,15 +133,9 @@ def forward_dynamics(
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
     F_Dk : n times (6,) [N, N m], optional
         Force from the base to every rotor whose reaction on the links counts, Eq. (11). It holds no acceleration,
-        because the torque about the rotor's axis is known: the recursion stays that of the links alone.
-    base : Base
-        Its motion, default at rest.
+        because the torque about the rotor's axis is known: the recursion covers the links alone.
     load : Hanging, optional
         A body that hangs on the last link, in {B_n}.
-
-    Returns
-    -------
-    q_ddot : (n,) [rad/s2 or m/s2]
     """
     a = articulated(robot, q, q_dot, tau, F_e, F_Dk, base, load)
 

@@ -1,4 +1,4 @@
-"""Joint friction, Eq. (54)-(55), in two arrangements, with what the options of a drive make of it."""
+"""Joint friction, Eq. (54)-(55), in two arrangements and with the options of a drive."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vdfmu.arm.drive.option import Friction, Sliding
 from vdfmu.arm.drive.options import options_of
 
 States = Mapping[str, Any]
-"""States that options add, (n,) each, by name; empty along a desired motion, which has none."""
+"""States of options, (n,) each, by name; empty along a desired motion."""
 
 
 def friction_level(robot: Any, velocity: Any) -> Any:
@@ -36,20 +36,15 @@ def stribeck_friction(robot: Any, velocity: Any, states: States | None = None) -
     """Coulomb, Stribeck and viscous friction xi, Eq. (54): (n,) [N m or N], link-side.
 
     Deviations: sgn(v) is regularised as tanh(v / eps), so that the plant is an ordinary differential equation
-    and sticking is a slow creep below eps; f_v is in N m s/rad, where Table 2 prints kg m/s.
-
-    Parameters
-    ----------
-    velocity : (n,) [rad/s or m/s]
-    states : mapping of str to (n,), optional
-        States of options, such as a temperature on which the viscous friction depends.
+    and sticking is a slow creep below eps; f_v is in N m s/rad, but Table 2 prints kg m/s. `velocity` is in rad/s or
+    m/s; `states` of options are for example a temperature.
     """
     friction = friction_terms(robot, sliding_at(robot, velocity, velocity, 0.0), states)
     return friction.dry + friction.f_v * velocity
 
 
 def linear_friction(robot: Any) -> Any:
-    """Viscous and dry friction f_v and f_c, in which (54) is linear without Stribeck's effect: (n, 2), link-side."""
+    """Viscous and dry friction f_v and f_c: (n, 2), link-side. Without Stribeck's effect (54) is linear in them."""
     return np.stack([robot.f_v, robot.f_c], axis=1)
 
 
@@ -74,22 +69,12 @@ def friction_velocity(robot: Any, q_dot: Any, kappa_dot: Any) -> Any:
 def joint_friction(
     robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None
 ) -> tuple[Any, Any]:
-    """Friction on the link and on the rotor in the robot's arrangement.
+    """Friction on the link, (n,) [N m or N], link-side, and on the rotor, (n,) [N m], motor-side.
 
     ``lumped`` (default, "typically identified as one item"): (54) acts on the rotor, f_ck is omitted.
     ``split`` (the paper's simulation text): (54) acts on the link, (55) on the rotor. It self-excites: the
-    falling Stribeck branch has a slope down to -17 N m s/rad on wrist axes of 0.002 kg m2, which no feedback
-    through the spring damps.
-
-    Parameters
-    ----------
-    load : (n,) [N m or N] torque of the drive, link-side
-    states : see :func:`stribeck_friction`
-
-    Returns
-    -------
-    xi_l : (n,) [N m or N], link-side, on the link
-    xi_m : (n,) [N m], motor-side, on the rotor
+    falling Stribeck branch has a slope down to -17 N m s/rad on wrist axes of 0.002 kg m2. No feedback through the
+    spring damps that. `load` is the torque of the drive, (n,) [N m or N], link-side.
     """
     velocity = friction_velocity(robot, q_dot, kappa_dot)
     xi = stribeck_friction(robot, velocity, states)
@@ -102,7 +87,7 @@ def joint_friction(
 def friction_loss(robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None) -> Any:
     """Power that friction turns into heat, never negative: (n,) [W]. Parameters: see :func:`joint_friction`.
 
-    It is the power that friction takes, except for what bristles store and give back.
+    It is the power that friction takes, without the power that bristles store and give back.
     """
     xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot, load, states)
     velocity = friction_velocity(robot, q_dot, kappa_dot)

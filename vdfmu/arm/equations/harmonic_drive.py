@@ -6,19 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import sgn
+from vdfmu.compiler.scalar import sgn
 
 
 def wave_generator_position(theta_c: Any, theta_f: Any, ell: Any) -> Any:
     """Position of the wave generator, ``theta_w = (ell + 1) theta_c - ell theta_f``, Eq. (1).
 
-    With the circular spline fixed the ratio is -ell, with the flexspline fixed ell + 1. Deviation: everywhere
-    else the paper takes the ratio as +ell, and so do the other functions here.
-
-    Parameters
-    ----------
-    theta_c, theta_f : [rad] positions of the circular spline and the flexspline
-    ell : [-] reduction ratio
+    `theta_c` and `theta_f` [rad] are the positions of the circular spline and the flexspline. With the circular spline
+    fixed the ratio is -ell, with the flexspline fixed ell + 1. Deviation: everywhere else the paper takes the ratio as
+    +ell, and so do the other functions here.
     """
     return (ell + 1.0) * theta_c - ell * theta_f
 
@@ -32,8 +28,7 @@ def wave_generator_deformation(tau_w: Any, robot: Any) -> Any:
 def kinematic_error(robot: Any, kappa: Any) -> Any:
     """Kinematic error theta_err of (3), ``A sin(2 ell kappa + phase)`` : (n,) [rad or m], link-side.
 
-    The paper does not say what theta_err is. Two periods per turn of the wave generator are what harmonic
-    drives show.
+    The paper does not define theta_err. Harmonic drives show two periods per turn of the wave generator.
     """
     return robot.theta_err_amplitude * np.sin(2.0 * robot.ell * kappa + robot.theta_err_phase)
 
@@ -47,15 +42,8 @@ def kinematic_error_slope(robot: Any, kappa: Any) -> Any:
 def deformation(robot: Any, tau_s: Any) -> Any:
     """Deformation ``D(tau_s) = kappa - q - theta_err``, the inverse of (2)-(3) with ``tau_w = tau_s / ell``.
 
-    It is explicit, odd and strictly increasing, where (2)-(3) is implicit in the torque.
-
-    Parameters
-    ----------
-    tau_s : (n,) [N m or N] spring torque, link-side (the paper's tau_f)
-
-    Returns
-    -------
-    D : (n,) [rad or m], link-side
+    D (n,) [rad or m], link-side, is explicit, odd and strictly increasing; (2)-(3) is implicit in the torque. `tau_s`
+    (n,) [N m or N], link-side, is the paper's tau_f.
     """
     flexspline = np.arctan(robot.c_f * tau_s) / (robot.c_f * robot.K_f0)
     return flexspline + wave_generator_deformation(tau_s / robot.ell, robot)

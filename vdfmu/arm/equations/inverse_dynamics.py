@@ -1,6 +1,6 @@
 """Inverse dynamics by virtual decomposition, the whole recursion: Eq. (29)-(31), (44)-(47), and the rotors' part, (11).
 
-Pass 1 goes from the base to the end effector and pass 2 back; the functions stand in the order in which they run, and
+Pass 1 goes from the base to the end effector and pass 2 back. The functions stand in the order of their calls, and
 :func:`inverse_dynamics`, last, joins them.
 """
 
@@ -19,13 +19,13 @@ NO_WRENCH = np.zeros(6)
 
 
 class Base(NamedTuple):
-    """Motion of the base frame {S} relative to an inertial frame in which its origin passes by at `V_S[:3]`.
+    """Motion of the base frame {S} relative to an inertial frame that its origin passes at `V_S[:3]`.
 
-    Forces are the same in all of them (Galilei): for these the linear velocity may be 0.
+    Forces are the same in all inertial frames (Galilei): for these the linear velocity may be 0.
     """
 
     R_S: Any = np.eye(3)
-    """(3, 3) rotation of {S} in {I}, in which the gravity vector of (62) is given."""
+    """(3, 3) rotation of {S} in {I}, the frame of the gravity vector of (62)."""
     V_S: Any = np.zeros(6)
     """(6,) [m/s, rad/s] velocity of {S} in {S}."""
     V_S_dot: Any = np.zeros(6)
@@ -39,25 +39,14 @@ AT_REST = Base()
 
 
 def driven_velocity(z: np.ndarray, U_AB: np.ndarray, V_A: np.ndarray, q_dot: Any) -> np.ndarray:
-    """Velocity of a link from that of the link before it, (30)-(31): (6,) [m/s, rad/s] in {B}.
-
-    Parameters
-    ----------
-    z : (6,) axis of the joint between them
-    U_AB : (6, 6) force transformation from {B} to {A}
-    V_A : (6,) [m/s, rad/s] in {A}
-    q_dot : float [rad/s or m/s]
-    """
+    """Velocity of a link from `V_A` of the link before it and the joint between them, (30)-(31): (6,) in {B}."""
     return z * q_dot + U_AB.T @ V_A
 
 
 def driven_acceleration(
     z: np.ndarray, U_AB: np.ndarray, V_A_dot: np.ndarray, V_B: np.ndarray, q_dot: Any, q_ddot: Any
 ) -> np.ndarray:
-    """Return the derivative of (31), which is not printed in the paper: (6,) [m/s2, rad/s2] in {B}.
-
-    `V_B` is the velocity of which it is the derivative; U_AB moves with the measured `q_dot`.
-    """
+    """Return the derivative of `V_B` of (31), not printed in the paper: (6,) in {B}; U_AB moves with `q_dot`."""
     return z * q_ddot + U_AB.T @ V_A_dot + cross_motion(V_B) @ (z * q_dot)
 
 
@@ -84,15 +73,8 @@ def link_motion(
 ) -> ChainMotion:
     """Velocities of all links by Eq. (29)-(31), and their derivatives.
 
-    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n, and (29) is (31) on a base at rest.
-
-    Parameters
-    ----------
-    q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
-    base : Base
-        Its motion, default at rest.
-    measured : (n,) [rad/s or m/s], optional
-        Velocity of the joints with which U_AB moves, for required velocities `q_dot`, (48)-(49); default `q_dot`.
+    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n, and (29) is (31) on a base at rest. For required
+    velocities `q_dot`, (48)-(49), U_AB moves with the `measured` velocities of the joints.
     """
     motion = link_velocities(robot, q, q_dot, base)
     moving = q_dot if measured is None else measured
@@ -119,7 +101,7 @@ def gravity_in_links(robot: Any, U_AB: list[np.ndarray], base: Base = AT_REST) -
 def link_forces(
     robot: Any, motion: ChainMotion, F_e: np.ndarray = NO_WRENCH, F_Dk: list[np.ndarray] | None = None
 ) -> list[np.ndarray]:
-    """Force and torque on every driven cutting point, Eq. (44)-(47).
+    """Force and torque on every driven cutting point, Eq. (44)-(47): n times (6,) [N, N m] in {B_i}.
 
     Deviation: (46) leaves out the rotor's reaction on its base, ``U_BD F_Dk`` of (11); here it is added.
 
@@ -127,10 +109,6 @@ def link_forces(
     ----------
     F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O} ({B_6} in the paper).
     F_Dk : n times (6,) [N, N m] force from the base to every rotor, in {D_i}; None is 0.
-
-    Returns
-    -------
-    F_B : n times (6,) [N, N m] in {B_i}
     """
     g_B = gravity_in_links(robot, motion.U_AB, motion.base)
     F_B_star: list[np.ndarray] = []
@@ -143,13 +121,7 @@ def link_forces(
 def handed_back(
     robot: Any, U_AB: list[np.ndarray], F_B_star: list[np.ndarray], F_e: np.ndarray, F_Dk: list[np.ndarray] | None
 ) -> list[np.ndarray]:
-    """Force on every driven cutting point from the net forces, Eq. (44)-(46), and (51)-(53) of required ones.
-
-    Parameters
-    ----------
-    F_B_star : n times (6,) [N, N m] net forces of the links, in {B_i}
-    F_e, F_Dk : as in :func:`link_forces`
-    """
+    """Force on every driven cutting point from the net forces F_B_star, Eq. (44)-(46), or required forces (51)-(53)."""
     n = robot.n
     F_B = LinkVectors(n)
     F_B[n - 1] = F_B_star[n - 1] + tool_transform(robot) @ F_e  # (44), (51)
@@ -165,15 +137,12 @@ def joint_torques(robot: Any, F_B: list[np.ndarray]) -> np.ndarray:
 
 
 def inverse_dynamics(
-    robot: Any,
-    q: np.ndarray,
-    q_dot: np.ndarray,
-    q_ddot: np.ndarray,
-    F_e: np.ndarray = NO_WRENCH,
-    rotors: tuple[Any, Any] | None = None,
-    base: Base = AT_REST,
-) -> np.ndarray:
+    robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, F_e: np.ndarray = NO_WRENCH,
+    rotors: tuple[Any, Any] | None = None, base: Base = AT_REST,
+) -> np.ndarray:  # fmt: skip
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47). The cost is O(n).
+
+    (n,) [N m or N], link-side, on the links: of drives and of counterbalances, see :func:`.link_torques`.
 
     Parameters
     ----------
@@ -181,12 +150,6 @@ def inverse_dynamics(
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
     rotors : (kappa_dot, kappa_ddot), each (n,), optional
         Motion of rotors whose reaction on the links counts, Eq. (11); without it the links are alone.
-    base : Base
-        Its motion, default at rest.
-
-    Returns
-    -------
-    tau : (n,) [N m or N], link-side, on the links: of drives and of counterbalances, see :func:`.link_torques`
     """
     motion = link_motion(robot, q, q_dot, q_ddot, base=base)
     F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)

@@ -1,11 +1,12 @@
-"""Positions of the links and transformations between their frames: Eq. (32)-(36)."""
+"""Positions of the links and transformations between their frames, Eq. (32)-(36); energies by (60) and (62)."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.arm.equations.rigid_body import mass_matrix
 from vdfmu.arm.equations.spatial import force_transform, rotation_z
 
 
@@ -30,16 +31,7 @@ def joint_placement(robot: Any, i: int, q_i: Any) -> tuple[np.ndarray, np.ndarra
 
 
 def joint_placements(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rotation and origin of every {B_i} in {B_(i-1)}, {B_0} = {I}, from Eq. (34)-(36).
-
-    Parameters
-    ----------
-    q : (n,) [rad or m] joint positions
-
-    Returns
-    -------
-    n times (R_AB (3, 3), p_AB (3,) [m])
-    """
+    """Rotation (3, 3) and origin (3,) [m] of every {B_i} in {B_(i-1)}, {B_0} = {I}, at `q`, from Eq. (34)-(36)."""
     return [joint_placement(robot, i, q[i]) for i in range(robot.n)]
 
 
@@ -47,10 +39,6 @@ def joint_transforms(robot: Any, q: np.ndarray) -> list[np.ndarray]:
     """Force transformations U_AB from every {B_i} to {B_(i-1)}: the product that (31) forms.
 
     ``U_(B_(i-1) B_i) = U_(B_(i-1) T_i) @ U_(T_i B_i)``: first a pure translation, then the joint.
-
-    Parameters
-    ----------
-    q : (n,) [rad or m] joint positions
     """
     return [force_transform(R_AB, p_AB) for R_AB, p_AB in joint_placements(robot, q)]
 
@@ -61,31 +49,45 @@ def tool_transform(robot: Any) -> np.ndarray:
 
 
 def frames(robot: Any) -> dict[str, Any]:
-    """Numbers that place the frames of the links and {O}, by the equations' names: what draws an arm needs."""
-    return {
-        "rotation": robot.rotation,
-        "offset": robot.offset,
-        "tool_rotation": robot.tool_rotation,
-        "tool_offset": robot.tool_offset,
-    }
+    """Arrays that place the frames of the links and {O}, by name."""
+    return {name: getattr(robot, name) for name in ("rotation", "offset", "tool_rotation", "tool_offset")}
 
 
 def poses(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Origins (3,) [m] and rotations (3, 3) of {I}, every {B_i} and {O} in {I}, by the products of (34)-(36)."""
     p, R = np.zeros(3), np.eye(3)
-    found = [(p, R)]
+    placements = [(p, R)]
     for R_AB, p_AB in [*joint_placements(robot, q), (robot.tool_rotation, robot.tool_offset)]:
         p, R = p + R @ p_AB, R @ R_AB
-        found.append((p, R))
-    return found
+        placements.append((p, R))
+    return placements
 
 
 def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the end-effector frame {O} in {I}, the last of :func:`poses`.
-
-    Returns
-    -------
-    p_O : (3,) [m] position of the origin of {O} in {I}
-    R_O : (3, 3) rotation of {O} in {I}
-    """
+    """Position (3,) [m] and rotation (3, 3) of the end-effector frame {O} in {I}, the last of :func:`poses`."""
     return poses(robot, q)[-1]
+
+
+class LinkOutputs(NamedTuple):
+    """Pose of the end effector in {I}, (3,) [m] and (3, 3), and energies of the links, n times [J] each."""
+
+    p_O: Any
+    R_O: Any
+    kinetic: list[Any]
+    potential: list[Any]
+
+
+def link_outputs(robot: Any, q: np.ndarray, V_B: list[np.ndarray], p_S: Any, R_S: Any) -> LinkOutputs:
+    """Return the outputs of the links. The potential energy is 0 with a centre of mass at the height of {I}'s origin.
+
+    `V_B` are the velocities of the links, `p_S` (3,) [m] and `R_S` (3, 3) place and rotate the base in {I}.
+    """
+    p_O, R_O = end_effector_pose(robot, q)
+    outputs = LinkOutputs(p_S + R_S @ p_O, R_S @ R_O, [], [])
+    p, R = p_S, R_S
+    for i, (R_AB, p_AB) in enumerate(joint_placements(robot, q)):
+        m_B, r_B, I_B = robot.body(i)
+        outputs.kinetic.append(0.5 * (V_B[i] @ (mass_matrix(m_B, r_B, I_B) @ V_B[i])))
+        p, R = p + R @ p_AB, R @ R_AB
+        outputs.potential.append(m_B * (robot.gravity @ (p + R @ r_B)))
+    return outputs

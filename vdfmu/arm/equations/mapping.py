@@ -10,18 +10,13 @@ from vdfmu.arm.equations.inverse_dynamics import NO_WRENCH, inverse_dynamics
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import mass_matrix as body_mass_matrix
 from vdfmu.arm.equations.spatial import joint_axis
-from vdfmu.compiler.scalar.elimination import factorize, solve, sparse_of
-from vdfmu.compiler.scalar.generic import zeros
+from vdfmu.compiler.scalar import factorize, solve_factorized, zeros
 
 
 def velocity_mapping(robot: Any, q: np.ndarray) -> np.ndarray:
     """Return the mapping J_ba from joint velocities to ``V_b = [V_O, V_B1, .., V_Bn]``, Eq. (40)-(41).
 
     Deviation: the paper gives its size as 72 x 6; it is 6 (n + 1) x n, 42 x 6 for six joints.
-
-    Returns
-    -------
-    J_ba : (6 (n + 1), n)
     """
     n = robot.n
     U_AB = joint_transforms(robot, q)
@@ -40,10 +35,6 @@ def jacobian(robot: Any, q: np.ndarray) -> np.ndarray:
     """Jacobian J_q of the end effector, Eq. (37)-(38): ``V_O = J_q @ q_dot`` with V_O in {O}.
 
     Deviation: (38) is printed with a transpose around the whole matrix; its columns are ``U_(B_i O).T z``.
-
-    Returns
-    -------
-    J_q : (6, n)
     """
     return velocity_mapping(robot, q)[:6]
 
@@ -51,18 +42,14 @@ def jacobian(robot: Any, q: np.ndarray) -> np.ndarray:
 def joint_space_jacobian(robot: Any, q: np.ndarray) -> np.ndarray:
     """Inverse J_a of the Jacobian, Eq. (39), for six joints away from singular positions (floats only).
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Where J_q is singular, as it is at q_5 = 0, where trajectory (57) starts: (39) does not exist there.
-    ValueError
-        If the arm does not have six joints.
+    LinAlgError if J_q is singular, as at q_5 = 0, the start of trajectory (57): (39) does not exist there. ValueError
+    if the arm does not have six joints.
     """
     J_q = jacobian(robot, q)
     if J_q.shape != (6, 6):
         raise ValueError(f"Eq. (39) needs a square Jacobian, so six joints; robot {robot.name!r} has {robot.n}.")
     if np.linalg.cond(J_q) > 1.0 / np.finfo(float).eps:
-        raise np.linalg.LinAlgError("J_q is singular: Eq. (39) has no solution at this position.")
+        raise np.linalg.LinAlgError("J_q is singular: Eq. (39) cannot be solved at this position.")
     return np.linalg.inv(J_q)
 
 
@@ -74,12 +61,7 @@ def extended_jacobian(robot: Any, q: np.ndarray) -> np.ndarray:
 
 
 def joint_space_mass_matrix(robot: Any, q: np.ndarray) -> np.ndarray:
-    """Mass matrix of the rigid arm by the mapping matrices, ``M = J_ba.T diag(M_B) J_ba``.
-
-    Returns
-    -------
-    M : (n, n) [kg m2, kg m, kg], symmetric positive definite
-    """
+    """Mass matrix of the rigid arm by the mapping matrices, ``M = J_ba.T diag(M_B) J_ba``: (n, n) [kg m2, kg m, kg]."""
     J_ba = velocity_mapping(robot, q)
     M = np.zeros((robot.n, robot.n))
     for i in range(robot.n):
@@ -97,4 +79,4 @@ def forward_dynamics_by_mapping(
     """
     M = joint_space_mass_matrix(robot, q)
     bias = inverse_dynamics(robot, q, q_dot, np.zeros(robot.n), F_e)
-    return solve(factorize(sparse_of(M)), tau - bias)
+    return solve_factorized(factorize(M), tau - bias)

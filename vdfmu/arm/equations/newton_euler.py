@@ -1,8 +1,7 @@
-"""The classic Newton-Euler recursion in 3-vectors, which the paper compares with in section IV-A.
+"""The classic Newton-Euler recursion in 3-vectors, for the comparison in section IV-A of the paper.
 
-Written from the text-book recursion (Luh, Walker and Paul 1980), not from the paper's 6-vectors: of
-:mod:`vdfmu.arm.equations.inverse_dynamics` it shares only what a link with a payload weighs, so that agreement of
-the two means something.
+Written from the text-book recursion (Luh, Walker and Paul 1980), not from the paper's 6-vectors: it shares only the
+bodies of links with :mod:`vdfmu.arm.equations.inverse_dynamics`, so that agreement of the two means something.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import zeros
+from vdfmu.compiler.scalar import zeros
 
 _AXIS = np.array([0.0, 0.0, 1.0])
 
@@ -25,14 +24,12 @@ def newton_euler(
 ) -> np.ndarray:
     """Joint torques of the rigid arm by forward and backward recursion on 3-vectors in link frames.
 
-    Gravity enters as an upward acceleration of the base. Parameters and result as in
-    :func:`vdfmu.arm.equations.inverse_dynamics.inverse_dynamics`.
+    Gravity enters as an upward acceleration of the base. Parameters and result as in :func:`.inverse_dynamics`.
     """
     n = robot.n
     rotations, arms, centres, forces, moments = [], [], [], [], []
 
-    # forward: angular velocity w, angular acceleration dw, acceleration a of the frame origin, all in the
-    # link frame
+    # forward: angular velocity w, angular acceleration dw, acceleration a of the origin, all in the link frame
     w, dw, a = np.zeros(3), np.zeros(3), np.asarray(robot.gravity)
     for i in range(n):
         prismatic = robot.joint_types[i] == "prismatic"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from vdfmu.compiler.scalar.generic import clip
+from vdfmu.compiler.scalar import clip
 
 
 class Command(NamedTuple):
@@ -21,9 +21,9 @@ def pd_control(
 
     ``tau = tau_m + tau_e / ell`` with ``tau_e = K_v (v_d - v) + K_p (q_d - q)``.
 
-    Deviation: the paper's derivative is that of the link position, v = q_dot and v_d = q_d_dot. With elastic joints
+    Deviation: the paper takes the derivative of the link position, v = q_dot and v_d = q_d_dot. With elastic joints
     that is non-collocated and unstable at useful gains; the rotor's velocity v = kappa_dot is the default. Its
-    reference is what the rotor does along the desired motion, v_d = kappa_dot_d: q_d_dot leaves out that the spring
+    reference is the rotor's velocity along the desired motion, v_d = kappa_dot_d: q_d_dot leaves out that the spring
     winds up, and the feedback would pull by ``K_v (kappa_dot_d - q_d_dot)`` on the exact motion.
 
     Parameters

@@ -30,7 +30,7 @@ from vdfmu.arm.equations.inverse_dynamics import (
     link_motion,
     link_velocities,
 )
-from vdfmu.arm.equations.link_outputs import link_outputs
+from vdfmu.arm.equations.kinematics import link_outputs
 
 
 class Outputs(NamedTuple):
@@ -45,15 +45,7 @@ class Outputs(NamedTuple):
 
 
 def driven(robot: Any, state: PlantState, tau: Any, base: Base, load: Any) -> tuple[Any, Any, list[np.ndarray], Any]:
-    """Torques and forces that move links and rotors in a state. Parameters: see :func:`plant_derivative`.
-
-    Returns
-    -------
-    tau_l, tau_k : (n,) each, see :func:`.plant_torques`
-    F_Dk : n times (6,) [N, N m] forces from the base to the rotors, in {D_i}
-    hanging : Hanging or None
-        The load, as the last link feels it.
-    """
+    """Return tau_l and tau_k of :func:`.plant_torques`, F_Dk (10), and the load as a `Hanging` or None."""
     tau_l, tau_k = plant_torques(robot, state, tau)  # (9), (11), (54)-(55)
     links = link_velocities(robot, state.q, state.q_dot, base)  # (29)-(31)
     F_Dk = driven_rotor_forces(robot, links, state.kappa_dot, tau_k)  # (4), (10)
@@ -63,54 +55,33 @@ def driven(robot: Any, state: PlantState, tau: Any, base: Base, load: Any) -> tu
 def plant_derivative(
     robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base = AT_REST, load: Any = None
 ) -> np.ndarray:
-    """Right-hand side of the plant.
+    """Right-hand side of the plant, x_dot.
 
     Parameters
     ----------
     x : (4 n,) state, longer with options
-    tau : (n,) [N m] motor torques, motor-side; with `winding` those that are asked for
+    tau : (n,) [N m] motor torques, motor-side; with `winding` their commands
     F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O}, and on a load if it has `A_O = 0`
-    base : Base
-        Its motion, default at rest.
     load : vdfmu.arm.world.attachment.Load, optional
         A load with a mass at the end effector.
-
-    Returns
-    -------
-    x_dot : as x
     """
-    q, q_dot, kappa_dot, tau_s, _ = state = split_state(robot, x)
+    state = split_state(robot, x)
     tau_l, tau_k, F_Dk, hanging = driven(robot, state, tau, base, load)
-    q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e, F_Dk, base, hanging)  # links: (9), (11), (44)-(47)
-    motion = link_motion(robot, q, q_dot, q_ddot, base)
+    q_ddot = forward_dynamics(robot, state.q, state.q_dot, tau_l, F_e, F_Dk, base, hanging)  # (9), (11), (44)-(47)
+    motion = link_motion(robot, state.q, state.q_dot, q_ddot, base)
     kappa_ddot = rotor_acceleration(robot, tau_k, motion)  # rotors: (4), (7), (10), (56)
-    kappa = rotor_position(robot, q, tau_s)
-    tau_s_dot = spring_rate(robot, kappa, kappa_dot, q_dot, tau_s)  # springs: (2)-(3)
-    return np.concatenate([q_dot, q_ddot, kappa_ddot, tau_s_dot, *option_rates(robot, state, tau).values()])
+    tau_s_dot = spring_rate(robot, state)  # springs: (2)-(3)
+    return np.concatenate([state.q_dot, q_ddot, kappa_ddot, tau_s_dot, *option_rates(robot, state, tau).values()])
 
 
 def balance(
-    robot: Any,
-    x: np.ndarray,
-    x_dot: np.ndarray,
-    tau: np.ndarray,
-    F_e: np.ndarray,
-    base: Base = AT_REST,
+    robot: Any, x: np.ndarray, x_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base = AT_REST,
     load: Any = None,
-) -> np.ndarray:
-    """Return the plant's equations in implicit form, which are short to differentiate: 0 for its own x_dot.
+) -> np.ndarray:  # fmt: skip
+    """Residual of the plant's implicit equations: 0 for its own x_dot. It is short to differentiate.
 
-    Those of the links are ``tau_s - xi_l - ID(q, q_dot, q_ddot)`` [N m or N], with what options add; the others are
-    the differences of rates.
-
-    Parameters
-    ----------
-    x, tau, F_e, base, load : as in :func:`plant_derivative`
-    x_dot : as x
-
-    Returns
-    -------
-    residual : as x
+    Links have ``tau_s - xi_l - ID(q, q_dot, q_ddot)`` [N m or N] and the torques of options, the other states the
+    differences of rates. Parameters: see :func:`plant_derivative`.
     """
     state, rate = split_state(robot, x), split_state(robot, x_dot)
     tau_l, tau_k = plant_torques(robot, state, tau)  # (9), (11), (54)-(55)
@@ -120,8 +91,7 @@ def balance(
         F_e = F_e + load.wrench(robot, motion)
     links = tau_l - joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))  # (11), (44)-(47)
     rotors = rotor_acceleration(robot, tau_k, motion) - rate.kappa_dot
-    kappa = rotor_position(robot, state.q, state.tau_s)
-    springs = spring_rate(robot, kappa, state.kappa_dot, state.q_dot, state.tau_s) - rate.tau_s
+    springs = spring_rate(robot, state) - rate.tau_s
     added = [own - rate.options[name] for name, own in option_rates(robot, state, tau).items()]
     return np.concatenate([state.q_dot - rate.q, links, rotors, springs, *added])
 
@@ -140,14 +110,7 @@ def plant_outputs(robot: Any, x: np.ndarray, p_S: Any = _ORIGIN, base: Base = AT
 
     The rotor's kinetic energy is ``J_r s^2 / 2`` with ``J_r = I_m / ell`` and s its speed about its axis, the z
     component of V_D (4); in pure rotation (56) that is ``ell kappa_dot``. The potential energy is zero with all
-    centres of mass at the height of the origin of {I}.
-
-    Parameters
-    ----------
-    x : as in :func:`plant_derivative`
-    p_S : (3,) [m] place of the base in {I}
-    base : Base
-        Its motion, default at rest; its acceleration does not count.
+    centres of mass at the height of the origin of {I}. `p_S` (3,) [m] is the place of the base in {I}.
     """
     state = split_state(robot, x)
     motion = link_velocities(robot, state.q, state.q_dot, base)

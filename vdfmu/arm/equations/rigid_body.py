@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.equations.spatial import skew
-from vdfmu.compiler.scalar.generic import zeros
+from vdfmu.compiler.scalar import zeros
 
 BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-"""Ten parameters of a body in which (59) is linear: mass, first moments, and the inertia about the origin of {B}."""
+"""Ten linear parameters of (59): mass, first moments, and the inertia of a body about the origin of {B}."""
 PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 """Rows and columns of its moments of inertia."""
 
@@ -35,13 +35,7 @@ def mass_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:
 
 
 def coriolis_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, omega_B: np.ndarray) -> np.ndarray:
-    """Matrix of centrifugal and Coriolis terms C_B(omega_B), Eq. (61). It is skew-symmetric.
-
-    Parameters
-    ----------
-    m_B, r_B, I_B : as in :func:`mass_matrix`
-    omega_B : (3,) [rad/s] angular velocity of {B} in {B}
-    """
+    """Skew-symmetric matrix of centrifugal and Coriolis terms C_B(omega_B), Eq. (61); `omega_B` (3,) [rad/s] in {B}."""
     r_cross, w_cross = skew(r_B), skew(omega_B)
     C_B = zeros((6, 6), m_B, r_B, I_B, omega_B)
     C_B[:3, :3] = m_B * w_cross
@@ -56,11 +50,6 @@ def coriolis_force(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, V_B: np.ndarray) 
 
     With ``omega x`` taken out, the upper half of (61) is ``m omega x (v + omega x r)``; the lower half is the
     moment of that force about the origin plus ``omega x (I omega)``.
-
-    Parameters
-    ----------
-    m_B, r_B, I_B : as in :func:`mass_matrix`
-    V_B : (6,) [m/s, rad/s] velocity of {B} in {B}
     """
     v, omega_cross = V_B[:3], skew(V_B[3:])
     force = m_B * (omega_cross @ (v + omega_cross @ r_B))
@@ -70,10 +59,7 @@ def coriolis_force(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, V_B: np.ndarray) 
 def gravity_force(m_B: Any, r_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
     """Force that holds the body against gravity, G_B, Eq. (62).
 
-    Parameters
-    ----------
-    m_B, r_B : as in :func:`mass_matrix`
-    g_B : (3,) [m/s2] ``R_BI @ g`` with g = [0, 0, +9.81] in {I}: the sign of (62) makes G_B point up.
+    `g_B` (3,) [m/s2] is ``R_BI @ g`` with g = [0, 0, +9.81] in {I}: the sign of (62) makes G_B point up.
     """
     return np.concatenate([m_B * g_B, m_B * (skew(r_B) @ g_B)])
 
@@ -88,15 +74,8 @@ def net_force(
 ) -> np.ndarray:
     """Net force and torque of a body, F*_B = M_B V_B_dot + C_B V_B + G_B, Eq. (59) (also (6)-(8), (47)).
 
-    Parameters
-    ----------
-    m_B, r_B, I_B, g_B : as above
-    V_B : (6,) [m/s, rad/s] velocity of {B} in {B}
-    V_B_dot : (6,) [m/s2, rad/s2] derivative of the coordinates V_B
-
-    Returns
-    -------
-    F_B_star : (6,) [N, N m] in {B}
+    F*_B is (6,) [N, N m] in {B}, V_B (6,) [m/s, rad/s] the velocity of {B} in {B}, V_B_dot the derivative of its
+    coordinates.
     """
     M_B = mass_matrix(m_B, r_B, I_B)
     return M_B @ V_B_dot + coriolis_force(m_B, r_B, I_B, V_B) + gravity_force(m_B, r_B, g_B)
@@ -104,9 +83,16 @@ def net_force(
 
 def body_parameters(robot: Any) -> np.ndarray:
     """Return the parameters :data:`BODY` of all links, (10 n,), a payload with the last."""
-    found: list[float] = []
+    parameters: list[float] = []
     for i in range(robot.n):
         m, c, inertia = robot.body(i)
         about_origin = inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
-        found += [m, *(m * c), *(about_origin[i, j] for i, j in PAIRS)]
-    return np.array(found, dtype=float)
+        parameters += [m, *(m * c), *(about_origin[i, j] for i, j in PAIRS)]
+    return np.array(parameters, dtype=float)
+
+
+def principal(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Principal moments of inertia (3,), from small to large, and their right-handed axes as columns (3, 3)."""
+    moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    return moments, axes

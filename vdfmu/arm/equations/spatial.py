@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import cut, zeros
+from vdfmu.compiler.scalar import cut, zeros
 
 _AXES = {"revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "prismatic": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])}
 
 
 class LinkVectors(list[Any]):
-    """A vector for each of n links. A recursion fills it link by link, and the solver of a long chain may cut there."""
+    """A vector for each of n links. A recursion fills it link by link; the solver of a long chain may cut there."""
 
     def __init__(self, n: int) -> None:
         super().__init__([None] * n)
@@ -22,22 +22,12 @@ class LinkVectors(list[Any]):
 
 
 def joint_axis(joint_type: str) -> np.ndarray:
-    """Motion axis z of a joint in its own frame {B}: the paper's z for a revolute joint, Eq. (29).
-
-    Returns
-    -------
-    z : (6,) [-], linear part first.
-    """
+    """Motion axis z (6,) of a joint in its own frame {B}, linear part first; of a revolute joint the z of Eq. (29)."""
     return _AXES[joint_type]
 
 
 def skew(a: Any) -> np.ndarray:
-    """Matrix of the cross product, ``skew(a) @ b = a x b``, Eq. (63).
-
-    Parameters
-    ----------
-    a : (3,)
-    """
+    """Matrix of the cross product, ``skew(a) @ b = a x b``, Eq. (63)."""
     S = zeros((3, 3), a)
     S[0, 1], S[0, 2] = -a[2], a[1]
     S[1, 0], S[1, 2] = a[2], -a[0]
@@ -56,13 +46,7 @@ def rotation_z(angle: Any) -> np.ndarray:
 
 
 def homogeneous_transform(R_AB: np.ndarray, p_AB: np.ndarray) -> np.ndarray:
-    """Generalized coordinate transformation from {B} to {A}, Eq. (33).
-
-    Parameters
-    ----------
-    R_AB : (3, 3) rotation of {B} in {A}
-    p_AB : (3,) [m] origin of {B} in {A}
-    """
+    """Generalized coordinate transformation from {B} to {A}, Eq. (33); arguments: see :func:`force_transform`."""
     T_AB = zeros((4, 4), R_AB, p_AB)
     T_AB[:3, :3] = R_AB
     T_AB[:3, 3] = p_AB
@@ -77,10 +61,6 @@ def force_transform(R_AB: np.ndarray, p_AB: np.ndarray) -> np.ndarray:
     ----------
     R_AB : (3, 3) rotation of {B} in {A}
     p_AB : (3,) [m] origin of {B} in {A}
-
-    Returns
-    -------
-    U_AB : (6, 6), linear part first.
     """
     U_AB = zeros((6, 6), R_AB, p_AB)
     U_AB[:3, :3] = R_AB
@@ -92,12 +72,7 @@ def force_transform(R_AB: np.ndarray, p_AB: np.ndarray) -> np.ndarray:
 def transform_mass_matrix(R_AB: np.ndarray, p_AB: np.ndarray, M_B: np.ndarray) -> np.ndarray:
     """Mass matrix of a body or of an articulated body in {A}, ``M_A = U_AB @ M_B @ U_AB.T``, for symmetric `M_B`.
 
-    The product is formed block by block, first the rotation, then the translation, which takes half the operations.
-
-    Parameters
-    ----------
-    R_AB, p_AB : as in :func:`force_transform`
-    M_B : (6, 6), symmetric
+    By blocks, first the rotation, then the translation, the product takes half the operations.
     """
     P_AB = skew(p_AB)
     linear, mixed, angular = (R_AB @ M_B[i, j] @ R_AB.T for i, j in _BLOCKS)
@@ -116,7 +91,7 @@ def cross_motion(V_B: np.ndarray) -> np.ndarray:
     """Cross product of a velocity with another one, both in {B}: the rate of change of a frame's coordinates.
 
     If {B} moves relative to {A} with ``z q_dot``, then ``d/dt(U_AB.T) = -cross_motion(z * q_dot) @ U_AB.T``.
-    The paper uses it silently where (47) needs the derivative of (31).
+    The paper uses it silently: (47) needs the derivative of (31).
     """
     v, w = V_B[:3], V_B[3:]
     X = zeros((6, 6), V_B)

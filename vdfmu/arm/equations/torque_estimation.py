@@ -12,7 +12,7 @@ from vdfmu.arm.equations.harmonic_drive import (
     kinematic_error,
     wave_generator_deformation,
 )
-from vdfmu.compiler.scalar.generic import clip, sgn
+from vdfmu.compiler.scalar import clip, sgn
 
 _PASSES = 16
 
@@ -25,19 +25,15 @@ class Estimates(NamedTuple):
 
 
 def estimate_torque(robot: Any, delta: Any, tau_w: Any, tau_hat_max: Any) -> Any:
-    """Flexspline torque from the measured deformation and the motor torque, Eq. (2)-(3).
+    """Flexspline torque from measured deformation and motor torque, Eq. (2)-(3): (n,) [N m or N], link-side.
 
-    Deviation: the angle is limited to that of `tau_hat_max`, so that the pole of the tangent is out of reach.
+    Deviation: the angle is limited to the angle of `tau_hat_max`, so that the pole of the tangent is out of reach.
 
     Parameters
     ----------
     delta : (n,) [rad or m] total deformation without the kinematic error, ``kappa - q - theta_err``
     tau_w : (n,) [N m] torque at the wave generator, motor-side
     tau_hat_max : (n,) [N m or N] largest estimate, link-side
-
-    Returns
-    -------
-    tau_f_hat : (n,) [N m or N], link-side
     """
     largest = np.arctan(robot.c_f * tau_hat_max)
     angle = robot.c_f * robot.K_f0 * (delta - wave_generator_deformation(tau_w, robot))
@@ -45,14 +41,12 @@ def estimate_torque(robot: Any, delta: Any, tau_w: Any, tau_hat_max: Any) -> Any
 
 
 def torque_of_deformation(robot: Any, delta: Any, tau_hat_max: Any) -> Any:
-    """Spring torque of which `delta` is the deformation: the inverse of D, limited to ``+- tau_hat_max``.
+    """Spring torque with the deformation `delta`: the inverse of D, limited to ``+- tau_hat_max``, as above.
 
-    For positive torques D is increasing and concave: Newton's method from below stays below and converges. It starts
-    from the larger of two lower bounds, that of the stiffness at rest and that of a wave generator wound up fully. Four
-    passes end at rounding for catalogue drives; 16 leave 2e-10 of the torque with every parameter anywhere in four
-    decades or more.
-
-    Parameters and result as in :func:`estimate_torque`; the wave generator carries ``tau_s / ell``.
+    The wave generator carries ``tau_s / ell``. For positive torques D is increasing and concave: Newton's method from
+    below stays below and converges. It starts from the larger of two lower bounds, by the stiffness at rest and by a
+    wave generator wound up fully. Four passes end at rounding for catalogue drives; 16 leave 2e-10 of the torque with
+    every parameter anywhere in four decades or more.
     """
     size = clip(abs(delta), 0.0, deformation(robot, tau_hat_max))
     wound_up = clip(size - 1.0 / (robot.c_w * robot.ell * robot.K_w0), 0.0, size)
@@ -68,14 +62,8 @@ def torque_of_deformation(robot: Any, delta: Any, tau_hat_max: Any) -> Any:
 def torque_estimates(robot: Any, q: Any, kappa: Any, tau: Any, tau_hat_max: Any) -> Estimates:
     """Estimate the spring torques in two ways.
 
-    As printed, the wave generator carries the motor's torque: what accelerates the rotor and what friction takes is
-    in the estimate as well. Consistent, it carries the spring's own torque, and the motor's is not needed.
-
-    Parameters
-    ----------
-    q, kappa : (n,) [rad or m] positions of links and rotors
-    tau : (n,) [N m] motor torque, motor-side
-    tau_hat_max : (n,) [N m or N] largest estimate, link-side
+    As printed, the wave generator carries the motor's torque `tau` [N m]: the estimate includes the torques of rotor
+    inertia and friction. Consistent, it carries the spring's own torque, and the motor's is not needed.
     """
     delta = kappa - q - kinematic_error(robot, kappa)
     return Estimates(estimate_torque(robot, delta, tau, tau_hat_max), torque_of_deformation(robot, delta, tau_hat_max))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import clip, lookup, minimum
+from vdfmu.compiler.scalar import clip, lookup, minimum
 
 
 class Desired(NamedTuple):
@@ -56,27 +56,25 @@ def desired_motion(t: Any, q_start: Any, q_end: Any, T: Any, t_start: Any = 0.0)
 def played_motion(t: Any, edges: Any, rows: Any, cycles: Any = 1.0) -> Desired:
     """Piecewise polynomials of degree 5, played from t = 0 on, and held before and after.
 
-    A motion that ends at rest where it started is played `cycles` times, one after the other.
+    A closed motion, with its end at its start, is played `cycles` times, a whole number of at least 1.
 
     Parameters
     ----------
     t : float [s]
     edges : (m + 1,) floats [s]
-        Where the pieces start, from 0 on, and any later time.
+        Starts of the pieces, from 0 on, and any later time.
     rows : (m, 1 + 6 n) floats
-        Start of a piece, then its coefficients, (6, n) row by row, constant ones first. The last piece holds the end.
-    cycles : float
-        Whole number of at least 1.
+        Start of a piece, then its coefficients, (6, n) row by row, constants first. The last piece holds the end.
     """
     T = edges[-2]
     s = clip(t, 0.0, cycles * T)
     s = s - T * minimum(np.floor(s / T), cycles - 1.0)
     row = lookup(s, edges, rows)
     u, c = s - row[0], row[1:].reshape(6, -1)
-    found: list[Any] = []
+    derivatives: list[Any] = []
     for order in range(5):
         value = math.perm(5, order) * c[5]
         for k in range(4, order - 1, -1):
             value = value * u + math.perm(k, order) * c[k]
-        found.append(value)
-    return Desired(*found)
+        derivatives.append(value)
+    return Desired(*derivatives)

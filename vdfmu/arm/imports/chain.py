@@ -1,4 +1,4 @@
-"""The arm in a tree: its joints from base to tip, and the links that each of them moves as one body."""
+"""The arm in a tree: its joints from base to tip, and the links that each joint moves as one body."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vdfmu.arm.imports.inertia import Mass, joined
-from vdfmu.arm.imports.tree import MOVING, Body, Joint, Placement, RigidLink, Tree, aligned, few
+from vdfmu.arm.imports.tree import MOVING, Body, Joint, Mass, Placement, RigidLink, Tree, aligned, few, joined
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.physical import check_inertia
 from vdfmu.arm.robot.visual import Visual
@@ -23,7 +22,7 @@ _HERE = Placement(np.eye(3), np.zeros(3))
 class SerialChain:
     """An arm: bodies from base to tip, the tip's placement in the last, gravity (3,) in the base's frame.
 
-    `standard` says that gravity is not from the file.
+    `standard`: gravity is not from the file.
     """
 
     base: str
@@ -36,11 +35,10 @@ class SerialChain:
 
 
 def choose_arm(tree: Tree, base: str | None, tip: str | None) -> SerialChain | None:
-    """Return the arm from a base to a tip; None, with problems noted, where there is none.
+    """Return the arm from a base to a tip, or None after adding problems.
 
-    Joints beside it are held at 0: what they carry is part of the link that carries them. {I} is the frame of the base,
-    by default the root; the origin of {O} is that of the tip, by default the last link, where the tree has only one
-    arm.
+    Joints beside it are held at 0: their links are parts of the link before. {I} is the frame of the base, by default
+    the root. {O} has the origin of the tip, by default the last link if the tree has only one arm.
     """
     problems = tree.problems
     root = _root(tree)
@@ -57,13 +55,9 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None) -> SerialChain | N
     moving = [joint for joint in path if joint.kind != "fixed"]
     _refuse_joints(tree, moving)
     if not moving:
-        problems.add(
-            "the file", f"a joint that moves between {base} and {tip}", "none", "Choose others by --base, --tip."
-        )
-        return None
-    if problems.lines:
-        return None
-    return _assemble(tree, base, tip, path)
+        expected = f"a joint that moves between {base} and {tip}"
+        problems.add("the file", expected, "none", "Choose others by --base, --tip.")
+    return None if problems.lines else _assemble(tree, base, tip, path)
 
 
 def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> SerialChain:
@@ -88,11 +82,11 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> SerialChain
         owner |= {link.name: len(bodies) for link, _ in carried}
         into, at = frame, _HERE
     tool = Placement(into.R.T, np.zeros(3)) @ at
-    for name, one, other in tree.loops:
-        if owner.get(one, 0) != owner.get(other, 0):
+    for name, first, second in tree.loops:
+        if owner.get(first, 0) != owner.get(second, 0):
             tree.problems.add(
-                name, "links of one chain", f"what joins {one} to {other} beside the joints",
-                "That closes a chain, which an arm of vdfmu has none of: delete it, or end the arm before by --tip.",
+                name, "links of one chain", f"a loop: it joins {first} to {second} beside the joints",
+                "An arm must be an open chain: delete it, or end the arm before by --tip.",
             )  # fmt: skip
     if held:
         names = few([joint.name for joint in held])
@@ -102,7 +96,7 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> SerialChain
 
 
 def _root(tree: Tree) -> str | None:
-    """Return the link that no joint carries; note what is not a tree."""
+    """Return the link that no joint carries; add problems if the links are not a tree."""
     carriers: dict[str, list[str]] = {}
     for joint in tree.joints:
         carriers.setdefault(joint.child, []).append(joint.name)
@@ -110,7 +104,7 @@ def _root(tree: Tree) -> str | None:
         if len(joints) > 1:
             tree.problems.add(
                 f"link {link}", "one joint that carries it", f"the joints {', '.join(joints)}",
-                "That closes a chain, which an arm of vdfmu has none of: delete all but one.",
+                "An arm must be an open chain: delete all but one.",
             )  # fmt: skip
     roots = [link for link in tree.links if link not in carriers]
     if not tree.links:
@@ -132,7 +126,7 @@ def _root(tree: Tree) -> str | None:
 
 
 def _only_tip(tree: Tree, base: str) -> str | None:
-    """Return the last link of the one arm that stands on a base; note the tips of several."""
+    """Return the last link of the only arm on a base; add a problem with the tips of several."""
     link = base
     while True:
         last, onward = _onward(tree, link)
@@ -150,7 +144,7 @@ def _only_tip(tree: Tree, base: str) -> str | None:
 
 
 def _rigid(tree: Tree, link: str, far: int = 0) -> Iterator[tuple[int, str]]:
-    """Yield a link and those that are fixed to it, outward, with the number of fixed joints to them."""
+    """Yield a link and the links fixed to it, outward, with the number of fixed joints to them."""
     yield far, link
     for joint in tree.below(link):
         if joint.kind == "fixed":
@@ -160,7 +154,7 @@ def _rigid(tree: Tree, link: str, far: int = 0) -> Iterator[tuple[int, str]]:
 def _onward(tree: Tree, link: str) -> tuple[str, list[Joint]]:
     """Return the last link that is fixed to a link, and the joints that go on from there.
 
-    Joints that are coupled to others, as those of a gripper, are not joints of an arm.
+    Coupled joints, as in a gripper, are not joints of an arm.
     """
     rigid = list(_rigid(tree, link))
     moving = [joint for _, name in rigid for joint in tree.below(name) if joint.kind != "fixed"]
@@ -169,22 +163,20 @@ def _onward(tree: Tree, link: str) -> tuple[str, list[Joint]]:
 
 
 def tips(tree: Tree, base: str) -> list[tuple[int, str]]:
-    """Return where arms may end: the links after which a chain branches or ends, with the number of joints to them."""
-    found: list[tuple[int, str]] = []
+    """Return possible ends of arms: the last links before a chain branches or ends, with the number of joints."""
 
-    def walk(link: str, n: int) -> None:
+    def walk(link: str, n: int) -> Iterator[tuple[int, str]]:
         last, onward = _onward(tree, link)
         if n and len(onward) != 1:
-            found.append((n, last))
+            yield n, last
         for joint in onward:
-            walk(joint.child, n + 1)
+            yield from walk(joint.child, n + 1)
 
-    walk(base, 0)
-    return sorted(found, key=lambda tip: -tip[0])
+    return sorted(walk(base, 0), key=lambda tip: -tip[0])
 
 
 def _path(tree: Tree, base: str, tip: str) -> list[Joint] | None:
-    """Return the joints from a base to a tip; note a tip that does not hang on it."""
+    """Return the joints from a base to a tip; add a problem if the tip does not hang on it."""
     path: list[Joint] = []
     link = tip
     while link != base:
@@ -200,7 +192,7 @@ def _path(tree: Tree, base: str, tip: str) -> list[Joint] | None:
 
 
 def _refuse_joints(tree: Tree, moving: list[Joint]) -> None:
-    """Note joints that no arm of vdfmu has."""
+    """Add a problem for each joint that an arm cannot have."""
     on_path = {joint.name for joint in moving}
     for joint in moving:
         key = f"joint {joint.name}"
@@ -209,14 +201,14 @@ def _refuse_joints(tree: Tree, moving: list[Joint]) -> None:
             tree.problems.add(key, f"one of {', '.join(MOVING)}, fixed", joint.kind, way_out)
         if joint.follows:
             tree.problems.add(
-                key, "a joint with a drive of its own", f"one that mimics {joint.follows}",
-                f"End the arm before it, --tip {joint.parent}, or delete its <mimic> for a drive of its own.",
+                key, "a joint with its own drive", f"one that mimics {joint.follows}",
+                f"End the arm before it, --tip {joint.parent}, or delete its <mimic>.",
             )  # fmt: skip
     for joint in tree.joints:
         if joint.name not in on_path and joint.follows in on_path:
             tree.problems.add(
                 f"joint {joint.name}", "no joint that moves beside the arm",
-                f"one that mimics {joint.follows}, which is part of it",
+                f"one that mimics {joint.follows}, a joint of the arm",
                 "End the arm before that by --tip, or delete the <mimic>: it is held at 0 then.",
             )  # fmt: skip
 
@@ -225,14 +217,14 @@ def _carried(
     tree: Tree, link: str, at: Placement, on_path: set[str], held: list[Joint]
 ) -> list[tuple[RigidLink, Placement]]:
     """Return the links that move with a link, and their placements in its frame."""
-    found = [(tree.links[link], at)]
+    carried = [(tree.links[link], at)]
     for joint in tree.below(link):
         if joint.name in on_path:
             continue
         if joint.kind != "fixed":
             held.append(joint)
-        found += _carried(tree, joint.child, at @ joint.placement, on_path, held)
-    return found
+        carried += _carried(tree, joint.child, at @ joint.placement, on_path, held)
+    return carried
 
 
 def _body(
@@ -241,12 +233,8 @@ def _body(
     """Join links to one body, in the frame whose axes in the child's frame are the columns of R."""
     heavy = [(link, at) for link, at in carried if link.mass > 0.0 or link.inertia.any()]
     names = tuple(link.name for link, _ in heavy or carried)
-    whole = joined(
-        [
-            Mass(link.mass, at.p + at.R @ link.centroid, at.R @ link.inertia @ at.R.T)
-            for link, at in heavy or [(RigidLink(""), _HERE)]
-        ]
-    )
+    parts = heavy or [(RigidLink(""), _HERE)]
+    whole = joined([Mass(ln.mass, at.p + at.R @ ln.centroid, at.R @ ln.inertia @ at.R.T) for ln, at in parts])
     shapes = _looks(0, R, [(replace(link, visuals=link.solid), at) for link, at in carried])
     inertia = R.T @ whole.inertia @ R
     inertia = (inertia + inertia.T) / 2
@@ -254,23 +242,23 @@ def _body(
         bare = [link.name for link, _ in carried if not link.mass]
         if bare:
             tree.notes.append(f"joint {joint.name}: the file gives no mass to {few(bare)}.")
-        own, wrong = Problems(""), Problems("")
-        check_inertia(own, "", inertia)
+        of_body, of_links = Problems(""), Problems("")
+        check_inertia(of_body, "", inertia)
         for link, _ in heavy:
-            check_inertia(wrong, f"link {link.name}", link.inertia)
-        if not own.lines:
-            tree.notes.extend(line.removeprefix(": ") for line in wrong.lines)
+            check_inertia(of_links, f"link {link.name}", link.inertia)
+        if not of_body.lines:
+            tree.notes.extend(line.removeprefix(": ") for line in of_links.lines)
     return Body(joint, names, placement, whole.mass, R.T @ whole.centroid, inertia, tuple(shapes))
 
 
 def _looks(joint: int, R: Floats, carried: list[tuple[RigidLink, Placement]]) -> list[Visual]:
     """Place the visuals of links in the frame of the body."""
-    found: list[Visual] = []
+    placed: list[Visual] = []
     for link, at in carried:
         for visual in link.visuals:
             rotation, offset = Placement(R.T, np.zeros(3)) @ at @ Placement(visual.rotation, visual.offset)
-            found.append(replace(visual, joint=joint, rotation=read_only(rotation), offset=read_only(offset)))
-    return found
+            placed.append(replace(visual, joint=joint, rotation=read_only(rotation), offset=read_only(offset)))
+    return placed
 
 
 def _pose(tree: Tree, link: str) -> Placement:

@@ -21,15 +21,15 @@ from vdfmu.base.toml_tables import Problems, Table
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _TABLES: tuple[Section, ...] = (*PARTS, "link")
 _FULL = 0.95
-"""Share of a motor's no-load speed that a limit of the speed is, up to which the torque is the whole effort."""
+"""Limit of the speed over the motor's no-load speed. The torque is the whole effort up to that limit."""
 _ACCELERATION = 10.0
-"""Acceleration [rad/s2, m/s2] that a joint without a given torque is assumed to be made for besides its weight."""
+"""Assumed acceleration [rad/s2, m/s2] of a joint whose file has no torque, in addition to its weight."""
 _MOTOR_SIDE = ("N.m", "rotor inertia")
-"""Quantities of the table that are given link-side in a robot's file, ell times as large."""
+"""Quantities of the table that a robot's file has link-side, ell times as large."""
 
 
 class DriveNumbers(NamedTuple):
-    """The numbers of a joint's drive, friction and limits; its largest torque [N.m, N], and where that is from."""
+    """The numbers of a joint's drive, friction and limits; its largest torque [N.m, N], and the source of that."""
 
     numbers: Numbers
     rating: float
@@ -37,16 +37,16 @@ class DriveNumbers(NamedTuple):
 
 
 def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], gravity: float) -> list[DriveNumbers]:
-    """Return the numbers of every joint; those of limits for all joints, if any joint has one that is given.
+    """Return the numbers of every joint; limits for all joints, if a file has one of any joint.
 
     Bodies, and their entries `chosen` of the file of drives, by :func:`read_drives`, go from base to tip; `file` is the
     robot's, for sources; gravity in m/s2.
     """
     assumed = read_toml(data_path("models") / "drives" / "assumed.toml")
-    given = [_given(body, file, one) for body, one in zip(bodies, chosen, strict=True)]
+    of_file = [_numbers_of_file(body, file, numbers) for body, numbers in zip(bodies, chosen, strict=True)]
     limits = {row.path for row in section("limits")}
-    parts = PARTS if any(limits & {*one, *other} for one, other in zip(chosen, given, strict=True)) else PARTS[:-1]
-    found: list[DriveNumbers] = []
+    parts = PARTS if any(limits & numbers.keys() for numbers in (*chosen, *of_file)) else PARTS[:-1]
+    drives: list[DriveNumbers] = []
     for i, body in enumerate(bodies):
         kind = MOVING[body.joint.kind]
         rating, rated_by = _rating(bodies[i:], file, gravity)
@@ -58,22 +58,22 @@ def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], g
             scale = (rating / like["rating"]) ** measure(row.unit(kind)).exponents.get("kg", 0)
             if row.path in chosen[i]:
                 numbers[row.path] = chosen[i][row.path]
-            elif row.path in given[i]:
-                value, source_given = given[i][row.path]
-                numbers[row.path] = (value / ratio if row.quantity in _MOTOR_SIDE else value), source_given
+            elif row.path in of_file[i]:
+                value, place = of_file[i][row.path]
+                numbers[row.path] = (value / ratio if row.quantity in _MOTOR_SIDE else value), place
             elif row.key in like[row.section]:
                 numbers[row.path] = float(f"{like[row.section][row.key] * scale:.6g}"), source
-        found.append(DriveNumbers(numbers, rating, rated_by))
-    return found
+        drives.append(DriveNumbers(numbers, rating, rated_by))
+    return drives
 
 
-def _given(body: Body, file: str, chosen: Numbers) -> Numbers:
-    """Return what the robot's file gives, link-side.
+def _numbers_of_file(body: Body, file: str, chosen: Numbers) -> Numbers:
+    """Return the numbers in the robot's file, link-side.
 
-    Its limits of speed and torque are a rectangle: the whole effort up to the speed. What a file of drives has `chosen`
-    of the motor's line is taken as it is.
+    Its limits of speed and torque are a rectangle: the whole effort up to the speed. Numbers of the motor's line that a
+    file of drives has `chosen` stay.
     """
-    joint, found = body.joint, dict[str, tuple[float, str]]()
+    joint, numbers = body.joint, dict[str, tuple[float, str]]()
     top, share = (row.path for row in section("limits") if row.given == "velocity")
     stops = joint.kind != "continuous" and joint.given.get("lower", 0.0) < joint.given.get("upper", 0.0)
     for row in (row for part in PARTS for row in section(part)):
@@ -82,19 +82,19 @@ def _given(body: Body, file: str, chosen: Numbers) -> Numbers:
         if value is None or not lowest <= value <= row.largest:
             continue
         if stops or row.given not in ("lower", "upper"):
-            found[row.path] = value, f"{file}: {row.given} of the joint"
-    found.pop(share, None)
-    if top in found and top not in chosen:
-        full, (speed, source) = chosen.get(share, (_FULL, ""))[0], found[top]
-        found[share] = full, f"{source}, up to which there is the whole torque"
-        found[top] = speed / (full or 1.0), f"{source}, over {full:g}" if full else source
-    return found
+            numbers[row.path] = value, f"{file}: {row.given} of the joint"
+    numbers.pop(share, None)
+    if top in numbers and top not in chosen:
+        full, (speed, source) = chosen.get(share, (_FULL, ""))[0], numbers[top]
+        numbers[share] = full, f"{source}, up to which there is the whole torque"
+        numbers[top] = speed / (full or 1.0), f"{source}, over {full:g}" if full else source
+    return numbers
 
 
 def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, str]:
-    """Return the largest torque of the first of some bodies' joint, and where it is from.
+    """Return the largest torque of the first body's joint, and its source.
 
-    That of the file; else twice what holds and accelerates the bodies up to the tip, stretched out across the axis.
+    The effort in the file, or twice the torque that holds and accelerates the bodies, stretched out across the axis.
     """
     joint = outward[0].joint
     effort = joint.given.get("effort", 0.0)
@@ -113,10 +113,10 @@ def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, 
 
 
 def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -> list[Numbers]:
-    """Return the numbers that a file of drives has of each joint.
+    """Return the numbers of each joint in a file of drives.
 
-    It has tables by the name of a joint, or a pattern with ``*``, with ``gear`` and ``motor`` of the catalogue, tables
-    of `PARTS` and ``link`` as in a robot file, and ``source``, a text. A later one overrides an earlier one.
+    Its tables have the name of a joint, or a pattern with ``*``. They hold ``gear`` and ``motor`` of the catalogue,
+    tables of `PARTS` and ``link`` as in a robot file, and ``source``, a text. Later tables override earlier ones.
     """
     chosen: list[Numbers] = [{} for _ in bodies]
     if path is None:
@@ -126,18 +126,18 @@ def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -
     named: dict[str, dict[str, Any]] = {}
     for pattern, entry in read_toml(path).items():
         table = Table(here, entry, pattern, (*NAMED, *_TABLES, "source"))
-        meant = set(matching(names, [pattern]))
-        if not meant:
+        matched = set(matching(names, [pattern]))
+        if not matched:
             here.add(pattern, 'a joint of the arm, or a pattern such as "*"', "none", nearest(pattern, names))
         source = table.text("source", "") or f"{path.name}: {pattern}"
         for body, numbers in zip(bodies, chosen, strict=True):
-            if body.joint.name in meant:
+            if body.joint.name in matched:
                 kind = MOVING[body.joint.kind]
-                own = _of_table(table, kind, source)
+                own = _numbers_of_table(table, kind, source)
                 ell = own.get(PARAMETERS["ell"].path, (None,))[0]
-                names_now = {what: table.data[what] for what in NAMED if what in table.data}
-                if names_now:  # a later entry may name the gear or the motor alone
-                    named[body.joint.name] = named.get(body.joint.name, {}) | names_now
+                entries = {part: table.data[part] for part in NAMED if part in table.data}
+                if entries:  # a later table may name the gear or the motor alone
+                    named[body.joint.name] = named.get(body.joint.name, {}) | entries
                     tables = tables_of(here, pattern, named[body.joint.name], kind, ell)
                     for row in (row for part in PARTS for row in section(part)):
                         if row.key in tables.get(row.section, {}):
@@ -147,11 +147,11 @@ def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -
     return chosen
 
 
-def _of_table(table: Table, kind: str, source: str) -> Numbers:
-    """Return the numbers that a table of a file of drives has, for a type of joint."""
-    found: Numbers = {}
+def _numbers_of_table(table: Table, kind: str, source: str) -> Numbers:
+    """Return the numbers in a table of a file of drives, for a type of joint."""
+    numbers: Numbers = {}
     for part in _TABLES:
         inner = table.optional_table(part, tuple(row.key for row in section(part)))
-        for name, value in section_numbers(inner, part, kind, inner.data).items():
-            found[PARAMETERS[name].path] = value, source
-    return found
+        values = section_numbers(inner, part, kind, inner.data)
+        numbers |= {PARAMETERS[name].path: (value, source) for name, value in values.items()}
+    return numbers

@@ -12,8 +12,8 @@ import numpy as np
 
 from vdfmu.arm.imports.chain import choose_arm
 from vdfmu.arm.imports.drives import drive_joints, read_drives
-from vdfmu.arm.imports.inertia import with_inertia
 from vdfmu.arm.imports.mjcf import read_mjcf
+from vdfmu.arm.imports.tree import with_inertia
 from vdfmu.arm.imports.urdf import read_urdf
 from vdfmu.arm.imports.write import robot_text
 from vdfmu.arm.robot.plausible import robot_notes
@@ -31,7 +31,7 @@ Path_ = str | os.PathLike[str]
 
 
 class Imported(NamedTuple):
-    """A robot, the text of its robot file, and notes on how it came about."""
+    """A robot, the text of its robot file, and notes on the import."""
 
     robot: Robot
     text: str
@@ -45,25 +45,19 @@ def robot_from_urdf(
     drives: Path_ | None = None,
     density: float | None = None,
 ) -> Robot:
-    """Return an arm of a URDF, with drives from a file or assumed ones.
+    """Return an arm of a URDF, with drives from a file or assumed drives.
 
     Parameters
     ----------
-    path : path
-        The URDF.
     base : str, optional
-        Link that stands still, whose frame is {I}; default the root of the file.
+        Link that stands still, with the frame {I}; default the root of the file.
     tip : str, optional
-        Link whose origin is that of the end effector's frame {O}; default the last one, where the file has one arm
-        only. Joints beside the arm are held at 0.
+        Link at the origin of the end-effector frame {O}; default the last link if the file has only one arm. Joints
+        beside the arm are held at 0.
     drives : path, optional
         TOML file with the drives, by names of joints.
     density : float [kg/m3], optional
         Density of the boxes, cylinders and spheres of bodies without mass or inertia.
-
-    Returns
-    -------
-    Robot
 
     Raises
     ------
@@ -76,45 +70,19 @@ def robot_from_urdf(
 def robot_from_mjcf(path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None) -> Robot:
     """Return an arm of a MuJoCo file; its root is the world. Needs the package mujoco.
 
-    Parameters
-    ----------
-    path, base, tip, drives
-        See :func:`robot_from_urdf`, with its errors.
-
-    Returns
-    -------
-    Robot
+    Arguments and errors: see :func:`robot_from_urdf`.
     """
     return import_robot(path, base, tip, drives, kind="mujoco").robot
 
 
 def import_robot(
-    path: Path_,
-    base: str | None = None,
-    tip: str | None = None,
-    drives: Path_ | None = None,
-    density: float | None = None,
-    *,
-    out: Path_ | None = None,
-    kind: str = "",
-) -> Imported:
-    """Make a robot file from a URDF or a MuJoCo file.
+    path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None, density: float | None =
+    None, *, out: Path_ | None = None, kind: str = "",
+) -> Imported:  # fmt: skip
+    """Make a robot file from a URDF or a MuJoCo file; see :func:`robot_from_urdf`.
 
-    Parameters
-    ----------
-    path, base, tip, drives, density
-        See :func:`robot_from_urdf`.
-    out : path, optional
-        Where the robot file will be, from which it names its meshes; default the folder of `path`.
-    kind : str
-        Root element that the file must have; default either, "robot" or "mujoco".
-
-    Raises
-    ------
-    ModelError
-        With every problem found.
-    UsageError
-        If a package is missing.
+    Paths of meshes are relative to the robot file `out`, by default in the folder of `path`. `kind` is the required
+    root element, "robot" or "mujoco", by default either.
     """
     path = Path(path)
     if density is not None and not 0.0 < (as_number(density) or 0.0) < np.inf:
@@ -144,7 +112,7 @@ def import_robot(
 
 
 def parse_file(path: Path) -> Any:
-    """Return the root element of an XML file; `ModelError` if it is not one, or has elements of xacro."""
+    """Return the root element of an XML file; ModelError for another file or elements of xacro."""
     data = read_bytes(path, "a URDF or MJCF file", _LARGEST)
     try:
         root = parse_xml(data, str(path))

@@ -1,4 +1,4 @@
-"""Reading of MJCF, by MuJoCo itself: its compiler knows defaults, includes, and inertia from shapes."""
+"""Reading of MJCF, by MuJoCo itself: its compiler resolves defaults, includes, and inertia from shapes."""
 
 from __future__ import annotations
 
@@ -21,18 +21,13 @@ _CONNECT, _WELD, _JOINT = range(3)
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
 """Shapes by the numbers of MuJoCo's mjtGeom."""
 _VISIBLE = 3
-"""Groups of shapes from which MuJoCo's viewer does not show them."""
+"""First group of shapes that MuJoCo's viewer hides."""
 
 
 def read_mjcf(path: Path, problems: Problems) -> Tree:
-    """Return what a MuJoCo file describes. Its bodies become links, the world the root.
+    """Return the tree of a MuJoCo file: its bodies become links, the world the root.
 
-    Raises
-    ------
-    ModelError
-        If MuJoCo does not compile it.
-    UsageError
-        If the package mujoco is missing.
+    Raises ModelError if MuJoCo does not compile it, UsageError if the package mujoco is missing.
     """
     try:
         mujoco: Any = import_module("mujoco")
@@ -65,7 +60,7 @@ class _MjcfReader:
         return f"joint {number} of {self.bodies[body]}"
 
     def tree(self) -> Tree:
-        """Return what the model describes."""
+        """Return the tree of the model."""
         m = self.model
         links: dict[str, RigidLink] = {}
         joints: list[Joint] = []
@@ -95,12 +90,12 @@ class _MjcfReader:
         return RigidLink(name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, visuals)
 
     def carriers(self, i: int, links: dict[str, RigidLink]) -> list[Joint]:
-        """Return the joints that carry a body: of several, and of one that is not at its origin, with links between."""
+        """Return the joints that carry a body, with links between several joints or to a joint off its origin."""
         m, name = self.model, self.bodies[i]
         parent = self.bodies[int(m.body_parentid[i])]
         at = Placement(_rotation(m.body_quat[i]), np.array(m.body_pos[i]))
         first, count = int(m.body_jntadr[i]), int(m.body_jntnum[i])
-        found: list[Joint] = []
+        joints: list[Joint] = []
         here = np.zeros(3)  # the last joint's origin in the body's frame
         for j in range(first, first + count):
             kind, axis = int(m.jnt_type[j]), np.array(m.jnt_axis[j])
@@ -109,7 +104,7 @@ class _MjcfReader:
             last = j == first + count - 1
             child = name if last and not anchor.any() else f"{name} at {self.names[j]}"
             links.setdefault(child, RigidLink(child))
-            found.append(
+            joints.append(
                 Joint(
                     self.names[j], self.kind(j, kind), parent, child,
                     at @ Placement(np.eye(3), anchor - here) @ zero, axis, self.given(j, kind), self.follows(j),
@@ -118,8 +113,8 @@ class _MjcfReader:
             parent, at, here = child, Placement(np.eye(3), np.zeros(3)), anchor
         if parent != name:
             fixed = at @ Placement(np.eye(3), -here)
-            found.append(Joint(f"{name} (fixed)", "fixed", parent, name, fixed, np.array([1.0, 0.0, 0.0])))
-        return found
+            joints.append(Joint(f"{name} (fixed)", "fixed", parent, name, fixed, np.array([1.0, 0.0, 0.0])))
+        return joints
 
     def kind(self, j: int, kind: int) -> str:
         """Return the kind of a joint, as in URDF."""
@@ -127,7 +122,7 @@ class _MjcfReader:
         return {_FREE: "floating", _BALL: "ball", _SLIDE: "prismatic", _HINGE: turns}[kind]
 
     def zero(self, j: int, kind: int, axis: Floats) -> Placement:
-        """Return where q = 0 is: the file's pose is that at the joint's `ref`."""
+        """Return the place of q = 0: the file's pose is at the joint's `ref`."""
         if kind not in (_SLIDE, _HINGE):
             return Placement(np.eye(3), np.zeros(3))
         ref = float(self.model.qpos0[self.model.jnt_qposadr[j]])
@@ -137,24 +132,20 @@ class _MjcfReader:
         return Placement(R @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R.T, np.zeros(3))
 
     def given(self, j: int, kind: int) -> dict[str, float]:
-        """Return what the file gives of a joint. A value whose default is 0 counts as not given if it is 0."""
+        """Return limits, damping, friction, armature and effort of a joint; the default 0 counts as missing."""
         m = self.model
         if kind not in (_SLIDE, _HINGE):
             return {}
         at = int(m.jnt_dofadr[j])
-        found: dict[str, float] = {}
+        numbers: dict[str, float] = {}
         if m.jnt_limited[j]:
-            found |= {"lower": float(m.jnt_range[j][0]), "upper": float(m.jnt_range[j][1])}
-        for key, values in (
-            ("damping", m.dof_damping), ("friction", m.dof_frictionloss), ("armature", m.dof_armature)
-        ):  # fmt: skip
-            value = float(np.ravel(values[at])[0])
-            found |= {key: value} if value > 0.0 else {}
-        effort = self.effort(j)
-        return found | ({"effort": effort} if effort else {})
+            numbers |= {"lower": float(m.jnt_range[j][0]), "upper": float(m.jnt_range[j][1])}
+        sizes = {"damping": m.dof_damping[at], "friction": m.dof_frictionloss[at], "armature": m.dof_armature[at]}
+        sizes = {key: float(np.ravel(size)[0]) for key, size in sizes.items()} | {"effort": self.effort(j)}
+        return numbers | {key: size for key, size in sizes.items() if size > 0.0}
 
     def effort(self, j: int) -> float:
-        """Return the largest torque of a joint's actuators; 0 for one without bound."""
+        """Return the largest torque of a joint's actuators; 0 without a bound."""
         m, whole = self.model, 0.0
         for a in range(m.nu):
             if int(m.actuator_trntype[a]) != 0 or int(m.actuator_trnid[a][0]) != j:
@@ -172,7 +163,7 @@ class _MjcfReader:
         return whole
 
     def follows(self, j: int) -> str:
-        """Return the joint that an equality makes a joint follow."""
+        """Return the joint that a joint follows by an equality."""
         m = self.model
         for e in range(m.neq):
             if int(m.eq_type[e]) == _JOINT and int(m.eq_obj1id[e]) == j and m.eq_active0[e]:
@@ -181,20 +172,20 @@ class _MjcfReader:
         return ""
 
     def loops(self) -> tuple[tuple[str, str, str], ...]:
-        """Return what closes chains: name, and the links that it joins."""
+        """Return the equalities that close chains: name, and the joined links."""
         m = self.model
-        found: list[tuple[str, str, str]] = []
+        loops: list[tuple[str, str, str]] = []
         for e in range(m.neq):
             if int(m.eq_type[e]) in (_CONNECT, _WELD) and m.eq_active0[e]:
                 ends = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
                 if int(m.eq_objtype[e]) != 1:  # sites, not bodies
                     ends = int(m.site_bodyid[ends[0]]), int(m.site_bodyid[ends[1]])
                 name = printable(m.equality(e).name) or f"equality {e + 1}"
-                found.append((name, self.bodies[ends[0]], self.bodies[ends[1]]))
-        return tuple(found)
+                loops.append((name, self.bodies[ends[0]], self.bodies[ends[1]]))
+        return tuple(loops)
 
     def visual(self, g: int) -> Visual | None:
-        """Return a shape that is seen."""
+        """Return a visible shape."""
         m = self.model
         shape = _SHAPES.get(int(m.geom_type[g]))
         if shape is None:
@@ -220,7 +211,7 @@ class _MjcfReader:
         )  # fmt: skip
 
     def mesh(self, k: int) -> str:
-        """Return the path of a mesh; empty for one that is not a file."""
+        """Return the path of a mesh; empty without a file."""
         m = self.model
         start = int(m.mesh_pathadr[k])
         if start < 0:

@@ -1,42 +1,35 @@
-"""Content of a robot's file before an arm is chosen from it: links on joints, in the file's own frames."""
+"""Content of a robot's file: links on joints, in the file's own frames, and bodies with mass and inertia."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import pi
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.arm.robot.parameters import section
+from vdfmu.arm.robot.physical import check_inertia
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
 from vdfmu.base.toml_tables import Problems
 
 MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
-"""Kinds of joints that an arm of vdfmu can have, to their type in its robot file."""
-
-
+"""Kinds of joints that an arm can have, to their type in its robot file."""
 _MOST_NAMES = 12
 """Most names that a text lists."""
 
 
 class Placement(NamedTuple):
-    """A frame in another one.
-
-    Attributes
-    ----------
-    R : (3, 3)
-        Its axes as columns.
-    p : (3,) [m]
-        Its origin.
-    """
+    """A frame in another frame: its axes as columns, (3, 3), and its origin (3,) [m]."""
 
     R: Floats
     p: Floats
 
     def __matmul__(self, inner: Placement) -> Placement:
-        """Return the placement, in the outer frame, of what `inner` places in this one."""
+        """Return the placement of `inner`, a frame in this frame, in the outer frame."""
         return Placement(self.R @ inner.R, self.p + self.R @ inner.p)
 
 
@@ -44,7 +37,7 @@ class Placement(NamedTuple):
 class RigidLink:
     """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, both in the link's frame.
 
-    `collisions` are shapes of one that has no inertia.
+    `collisions` are for links without inertia.
     """
 
     name: str
@@ -56,76 +49,56 @@ class RigidLink:
 
     @property
     def solid(self) -> tuple[Visual, ...]:
-        """The shapes to take for the link's own: those of collisions, if they have no mesh, which are the simpler."""
+        """Shapes for the link's mass: the simpler collisions, or visuals if these are meshes."""
         meshes = [shape for shape in self.collisions if shape.shape == "mesh"]
         return self.visuals if meshes or not self.collisions else self.collisions
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint.
-
-    Attributes
-    ----------
-    name, parent, child : str
-    kind : str
-        URDF's word: one of `MOVING`, "fixed", or one that is refused.
-    placement : Placement
-        Pose of the child link's frame in the parent's frame, at q = 0.
-    axis : (3,)
-        Unit vector in the child's frame.
-    given : mapping
-        Values in the file: lower, upper, effort, velocity, damping, friction, armature, SI units, link-side.
-    follows : str
-        The joint that it mimics; empty for none.
-    """
+    """A joint."""
 
     name: str
     kind: str
+    """URDF's word: in `MOVING`, "fixed", or unsupported."""
     parent: str
     child: str
     placement: Placement
+    """Pose of the child link's frame in the parent's frame, at q = 0."""
     axis: Floats
+    """Unit vector (3,) in the child's frame."""
     given: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Values in the file: lower, upper, effort, velocity, damping, friction, armature, SI units, link-side."""
     follows: str = ""
+    """The joint that it mimics; empty for none."""
 
 
 Numbers = dict[str, tuple[Any, str]]
-"""Path in a robot file, such as ``joints.drive.ell``, to the number or array there and where it is from."""
+"""Path in a robot file, such as ``joints.drive.ell``, to the number or array there and its source."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The body that one joint moves, in the frame {B_i} of a robot file.
-
-    Attributes
-    ----------
-    joint : Joint
-    links : tuple of str
-        Names of the links that have mass, which are joined to one body; of all where none has.
-    placement : Placement
-        Pose of {B_i} in {B_(i-1)} at q = 0.
-    mass, centroid, inertia
-        Entries of a robot file; 0 where the robot's file has none.
-    shapes : tuple of Visual
-        Shapes of its links, for a body without inertia.
-    """
+    """The body that one joint moves, in the frame {B_i} of a robot file. Missing mass and inertia are 0."""
 
     joint: Joint
     links: tuple[str, ...]
+    """Names of the joined links with mass, or of all links without mass."""
     placement: Placement
+    """Pose of {B_i} in {B_(i-1)} at q = 0."""
     mass: float
     centroid: Floats
     inertia: Floats
     shapes: tuple[Visual, ...] = ()
+    """Shapes of its links, for a body without inertia."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tree:
     """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward.
 
-    Gravity is `standard` where the file has none. `notes` are for the user; `loops` are what closes chains in addition
-    to joints: name, and the links that it joins.
+    Gravity is `standard` if the file lacks it. `notes` are for the user. `loops` close chains in addition to joints:
+    name, and the joined links.
     """
 
     name: str
@@ -151,10 +124,10 @@ class Tree:
 
     @cached_property
     def _below(self) -> dict[str, list[Joint]]:
-        found: dict[str, list[Joint]] = {}
+        below: dict[str, list[Joint]] = {}
         for joint in self.joints:
-            found.setdefault(joint.parent, []).append(joint)
-        return found
+            below.setdefault(joint.parent, []).append(joint)
+        return below
 
     @cached_property
     def coupled(self) -> frozenset[str]:
@@ -175,3 +148,90 @@ def few(names: Sequence[str]) -> str:
     """Return names as a text, the first ones of many."""
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return ", ".join(names[:_MOST_NAMES]) + more
+
+
+class Mass(NamedTuple):
+    """Mass [kg], its centre (3,) [m], and the inertia about that (3, 3) [kg.m2], in one frame."""
+
+    mass: float
+    centroid: Floats
+    inertia: Floats
+
+
+def joined(parts: Sequence[Mass]) -> Mass:
+    """Join masses to one."""
+    if len(parts) == 1:
+        return parts[0]  # without rounding
+    mass = sum(part.mass for part in parts)
+    center = sum((part.mass * part.centroid for part in parts), np.zeros(3)) / (mass or 1.0)
+    inertia = np.zeros((3, 3))
+    for part in parts:
+        d = part.centroid - center
+        inertia += part.inertia + part.mass * (d @ d * np.eye(3) - np.outer(d, d))
+    return Mass(mass, center, inertia)
+
+
+def of_shapes(shapes: Iterable[Visual]) -> Mass | None:
+    """Return mass and inertia of solid shapes of 1 kg/m3, their volumes added; None without shapes or with a mesh."""
+    parts: list[Mass] = []
+    for shape in shapes:
+        size: Any = shape.size
+        match shape.shape:
+            case "box":
+                volume, moments = size.prod(), (size @ size - size**2) / 12.0
+            case "sphere":
+                volume, moments = 4.0 / 3.0 * pi * size[0] ** 3, np.full(3, 0.4 * size[0] ** 2)
+            case "cylinder":
+                across = (3.0 * size[0] ** 2 + size[1] ** 2) / 12.0
+                volume, moments = pi * size[0] ** 2 * size[1], np.array([across, across, size[0] ** 2 / 2.0])
+            case _:
+                return None
+        R = shape.rotation
+        parts.append(Mass(abs(float(volume)), shape.offset, abs(float(volume)) * R @ np.diag(moments) @ R.T))
+    whole = joined(parts)
+    return whole if whole.mass else None
+
+
+def with_inertia(
+    bodies: Sequence[Body], chosen: Sequence[Numbers], density: float | None, file: str, tree: Tree
+) -> tuple[Body, ...]:
+    """Return bodies with the numbers of ``link`` in a file of drives, or else with their shapes' inertia.
+
+    Shapes count if a body lacks mass or inertia, and their density [kg/m3] or the mass of the body is known. Bodies,
+    and their entries `chosen` of the file of drives, go from base to tip; numbers of shapes are added to `chosen`.
+    `file` is the robot's, for sources. `tree` takes notes and problems.
+    """
+    problems = tree.problems
+    wholes: list[Body] = []
+    for body, numbers in zip(bodies, chosen, strict=True):
+        rows = section("link")
+        names = ", ".join(body.links)
+        values = {row.name: numbers[row.path][0] for row in rows if row.path in numbers}
+        mass = values.get("mass", body.mass)
+        shape = of_shapes(body.shapes)
+        if not (body.mass and body.inertia.any()) and shape and (density or "mass" in values):
+            mass = mass or (density or 0.0) * shape.mass
+            solid = {"mass": mass, "centroid": shape.centroid, "inertia": shape.inertia * (mass / shape.mass)}
+            solid_of = f"shapes of {names} in {file}, {mass / shape.mass:.6g} kg/m3"
+            tree.notes.append(f"joint {body.joint.name}: {mass:.4g} kg, with the inertia of the {solid_of}.")
+            kept = ("mass", "centroid") if body.mass else ()
+            for row in (row for row in rows if row.name not in values and row.name not in kept):
+                values[row.name] = solid[row.name]
+                numbers[row.path] = solid[row.name], f"Assumed: {solid_of}"
+        whole = replace(body, **values)
+        wholes.append(whole)
+        ways = (
+            f"Give them by --drives: [{body.joint.name}] link = {{ mass, centroid, inertia }}; the mass alone, or "
+            "--density, will do for a body of boxes, cylinders and spheres"
+        )
+        if not whole.mass:
+            problems.add(
+                f"joint {body.joint.name}", "a link with mass, which it moves",
+                f"no <inertial> with a mass in {names}", f'{ways}. Or make the joint type="fixed".',
+            )  # fmt: skip
+        elif not whole.inertia.any():
+            got = "principal moments 0, 0, 0 kg.m2"
+            problems.add(f"link {names}", "positive definite, in kg.m2", got, f"{ways}.")
+        else:
+            check_inertia(problems, f"link {names}", whole.inertia)
+    return tuple(wholes)

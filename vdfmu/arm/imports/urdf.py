@@ -1,7 +1,7 @@
 """Reading of URDF.
 
-The elements of an arm are read here and no library for URDF is used: those at hand stop at the first wrong number
-without its line, follow entities of XML to other files, and bring readers of meshes.
+No library for URDF is used: the available ones stop at the first wrong number without its line, follow entities of XML
+to other files, and bring readers of meshes.
 """
 
 from __future__ import annotations
@@ -29,10 +29,7 @@ _GREY = (0.7, 0.7, 0.7, 1.0)
 
 
 def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
-    """Return what a URDF describes; what is wrong is noted, and read as something else.
-
-    The search for meshes starts where the file is.
-    """
+    """Return the tree of a URDF and add its problems. The search for meshes starts at `path`."""
     reader = _UrdfReader(path, problems)
     materials = {m.get("name"): m for m in root.findall("material")}
     links: dict[str, RigidLink] = {}
@@ -44,7 +41,7 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
         name = reader.name(element, joints)
         joints[name] = reader.joint(name, element, links)
     if reader.lost:
-        reader.notes.append(f"meshes not found, which the robot file names as they are: {few(list(reader.lost))}.")
+        reader.notes.append(f"meshes not found, their names are kept: {few(list(reader.lost))}.")
     geared = [
         printable(joint.get("name", ""))
         for transmission in root.findall("transmission")
@@ -52,7 +49,7 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
         for joint in transmission.findall("joint")
     ]
     if geared:
-        reader.notes.append(f"ratios of transmissions are left out, which --drives can give: {few(geared)}.")
+        reader.notes.append(f"ratios of transmissions are left out; --drives can give them: {few(geared)}.")
     return Tree(
         str(root.get("name") or path.stem), problems, links, tuple(joints.values()), _STANDARD_GRAVITY,
         True, reader.notes,
@@ -69,36 +66,36 @@ class _UrdfReader:
         self.lost: dict[str, None] = {}
 
     def add(self, element: Any, what: str, expected: str, got: str, way_out: str) -> None:
-        """Note a problem with an element."""
+        """Add a problem with an element."""
         self.problems.add(f"line {element.sourceline}: {what}", expected, got, way_out)
 
-    def name(self, element: Any, known: Mapping[str, Any]) -> str:
-        """Return the name of a link or joint, which no other has."""
+    def name(self, element: Any, taken: Mapping[str, Any]) -> str:
+        """Return the name of a link or joint, with a problem if it is taken."""
         kind, name = element.tag, element.get("name", "")
         if not name.strip() or printable(name) != name or "\n" in name:
             expected = "a name of at most 70 characters, none of them a control character"
             self.add(element, kind, expected, repr(name), "Name it.")
-        elif name in known:
+        elif name in taken:
             self.add(element, f"{kind} {name}", "one of this name", "a second one", "Rename it.")
         return printable(name) or f"line {element.sourceline}"
 
     def numbers(self, element: Any, attribute: str, n: int, what: str) -> Floats | None:
-        """Return the numbers of an attribute; None where it is missing, ones where it is wrong."""
+        """Return the numbers of an attribute; None if it is missing, ones if it is wrong."""
         text = element.get(attribute)
         if text is None:
             return None
         try:
-            found = [float(word) for word in text.split()]
+            numbers = [float(word) for word in text.split()]
         except ValueError:
-            found = []
-        if len(found) == n and all(math.isfinite(number) for number in found):
-            return np.array(found)
+            numbers = []
+        if len(numbers) == n and all(math.isfinite(number) for number in numbers):
+            return np.array(numbers)
         expected = "a finite number" if n == 1 else f"{n} finite numbers"
         self.add(element, f"{what}: {attribute}", expected, repr(text[:60]), "Correct it.")
         return np.ones(n)
 
     def placement(self, parent: Any, what: str) -> Placement:
-        """Return what <origin> says: xyz and, about fixed axes, roll, pitch, yaw."""
+        """Return the placement of <origin>: xyz and, about fixed axes, roll, pitch, yaw."""
         origin = parent.find("origin")
         if origin is None:
             return Placement(np.eye(3), np.zeros(3))
@@ -136,21 +133,16 @@ class _UrdfReader:
             self.add(inertial, what, expected, got, "Give them about the centre of mass.")
         xx, yy, zz, xy, xz, yz = (0.0 if entry is None else entry[0] for entry in entries)
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        return RigidLink(
-            name,
-            0.0 if value is None else max(float(value[0]), 0.0),
-            frame.p,
-            frame.R @ inertia @ frame.R.T,
-            visuals,
-            () if inertia.any() else self.collisions(what, element),
-        )
+        mass = 0.0 if value is None else max(float(value[0]), 0.0)
+        collisions = () if inertia.any() else self.collisions(what, element)
+        return RigidLink(name, mass, frame.p, frame.R @ inertia @ frame.R.T, visuals, collisions)
 
     def collisions(self, what: str, element: Any) -> tuple[Visual, ...]:
         """Return the shapes of every <collision>."""
         return tuple(v for e in element.findall("collision") for v in self.visual(what, e, {}))
 
     def visual(self, what: str, element: Any, materials: Mapping[str, Any]) -> Iterator[Visual]:
-        """Yield the shape of a <visual> or <collision>, if it has one that a robot file has too."""
+        """Yield the shape of a <visual> or <collision>, if robot files support it."""
         geometry = element.find("geometry")
         shape = None if geometry is None else next(iter(geometry), None)
         sizes = {"mesh": ("scale", 3), "box": ("size", 3), "sphere": ("radius", 1), "cylinder": ("radius", 1)}
@@ -173,39 +165,30 @@ class _UrdfReader:
         rgba = None if color is None else self.numbers(color, "rgba", 4, f"{what}: color")
         frame = self.placement(element, f"{what}: {element.tag}")
         yield Visual(
-            joint=0,
-            shape=shape.tag,
-            size=read_only(size),
-            rotation=frame.R,
-            offset=frame.p,
+            joint=0, shape=shape.tag, size=read_only(size), rotation=frame.R, offset=frame.p,
             color=read_only(np.clip(_GREY if rgba is None else rgba, 0.0, 1.0)),
             file=self.mesh(shape.get("filename", "")) if (shape.tag, element.tag) == ("mesh", "visual") else "",
-        )
+        )  # fmt: skip
 
     def mesh(self, name: str) -> str:
-        """Return the absolute path of a mesh; its name in the file, with a note, where no such file is found.
+        """Return the absolute path of a mesh; its name in the file, with a note, if the file does not exist.
 
-        A path after package:// is looked for in the folders above the URDF.
+        The file of package:// may be in any folder above the URDF.
         """
         scheme, separator, rest = name.partition("://")
         rest = rest if separator else name
-        if scheme != "package" or not separator:
-            places = [self.path.parent / rest]
-        else:
-            places = [
-                folder / part
-                for folder in self.path.resolve().parents
-                for part in (rest, rest.partition("/")[2])
-                if part
-            ]
+        places = [self.path.parent / rest]
+        if scheme == "package" and separator:
+            parts = [part for part in (rest, rest.partition("/")[2]) if part]
+            places = [folder / part for folder in self.path.resolve().parents for part in parts]
         try:
-            found = next((place for place in places if place.is_file()), None)
+            file = next((place for place in places if place.is_file()), None)
         except (OSError, ValueError):
-            found = None
-        if found is None:
+            file = None
+        if file is None:
             self.lost[printable(name)] = None
             return name
-        return str(found.resolve())
+        return str(file.resolve())
 
     def joint(self, name: str, element: Any, links: Mapping[str, RigidLink]) -> Joint:
         """Return a joint."""
@@ -231,25 +214,18 @@ class _UrdfReader:
             if given.get(key, 0.0) < 0:
                 self.add(element, f"{what}: {key}", "a number >= 0", f"{given[key]:g}", "Correct it.")
         mimic = element.find("mimic")
-        return Joint(
-            name,
-            kind,
-            ends["parent"],
-            ends["child"],
-            self.placement(element, what),
-            self.axis(what, kind, element),
-            given,
-            "" if mimic is None else mimic.get("joint", ""),
-        )
+        follows = "" if mimic is None else mimic.get("joint", "")
+        placement, axis = self.placement(element, what), self.axis(what, kind, element)
+        return Joint(name, kind, ends["parent"], ends["child"], placement, axis, given, follows)
 
     def axis(self, what: str, kind: str, element: Any) -> Floats:
-        """Return the axis of a joint, of length 1: x where the file gives none."""
-        found = element.find("axis")
-        axis = None if found is None else self.numbers(found, "xyz", 3, f"{what}: axis")
+        """Return the unit axis of a joint, by default x."""
+        part = element.find("axis")
+        axis = None if part is None else self.numbers(part, "xyz", 3, f"{what}: axis")
         if axis is None or kind not in MOVING:
             return np.array([1.0, 0.0, 0.0])
         length = float(np.linalg.norm(axis))
         if length < 1e-6:  # as of a joint that is made a fixed one
-            self.add(found, f"{what}: axis", "a direction", "zeros", 'Give it, or type="fixed".')
+            self.add(part, f"{what}: axis", "a direction", "zeros", 'Give it, or type="fixed".')
             return np.array([1.0, 0.0, 0.0])
         return axis / length

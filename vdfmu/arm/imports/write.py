@@ -17,19 +17,19 @@ from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.toml_file import toml_value
 
 ROUNDING = 1e-16
-"""Largest rest of a zero that turning frames leaves, as a share of the largest number of a list."""
+"""Largest rounding error of a zero after turning frames, over the largest number of a list."""
 _HEAD = """\
 # {file}, from {base} to {tip}, as a robot file of vdfmu.
 # SI units, angles in rad. Frame B_i is fixed to link i; its z axis is the axis of joint i; B_0 is the frame of {base}.
 #   rotation  maps B_i to B_(i-1) at q_i = 0: its columns are the axes of B_i in B_(i-1); written row by row
 #   offset    origin of B_i in B_(i-1) at q_i = 0 [m]
 #   inertia   about the centre of mass, axes of B_i [kg.m2]
-# [sources] says where each number is from. What it calls assumed is not in {file}: replace it where you know better.
+# [sources] has the source of each number. Assumed numbers are not in {file}: replace them if you know better.
 """
 
 
 def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNumbers], folder: Path) -> str:
-    """Return the content of the robot file; `file` is the one it is from, and paths of meshes start in `folder`."""
+    """Return the content of the robot file, made from `file`; paths of meshes start in `folder`."""
     sources: list[dict[str, str]] = []
     lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
     description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
@@ -75,7 +75,7 @@ def _about(body: Body, drive: DriveNumbers) -> str:
 def _sources(
     file: str, arm: SerialChain, given: Collection[str], joints: list[dict[str, str]]
 ) -> Iterator[tuple[str, str]]:
-    """Yield keys and texts of [sources]: one key for all joints where the text is the same."""
+    """Yield keys and texts of [sources]: one key for all joints with the same text."""
     texts = {"gravity": "Standard gravity, along z of the root" if arm.standard else f"{file}: gravity"}
     texts |= {"tip": f"{file}: origin of {arm.tip}", "tip_axes": f"{file}: axes of {arm.tip}"}
     yield from ((row.path, texts[row.given]) for row in section("robot") if row.given in given)
@@ -102,5 +102,5 @@ def _line(text: str) -> str:
 
 
 def _text(value: Any) -> str:
-    """Return a value of TOML on one line, without what turning frames has left of a zero."""
+    """Return a value of TOML on one line, with zeros for rounding errors of turned frames."""
     return toml_value(_line(value) if isinstance(value, str) else value, ROUNDING)

@@ -1,15 +1,15 @@
-"""Motions that are worked out before the run, to polynomials that the unit of a motion plays.
-
-``load_motion`` reads one from a file, the others make one; :meth:`Motion.unit` is the unit that takes the place of a
-scenario's trajectory.
-"""
+"""Motions calculated before the run, as polynomials for a unit that replaces a scenario's trajectory."""
 
 from vdfmu.arm.motion.cartesian import circle, line
 from vdfmu.arm.motion.excitation import multisine, sweep
 from vdfmu.arm.motion.joint_space import samples, waypoints
 from vdfmu.arm.motion.minimum_time import fastest
 from vdfmu.arm.motion.polynomial import Motion, joined, rest
+from vdfmu.arm.motion.read import KINDS as KINDS
+from vdfmu.arm.motion.read import OF_FILE as OF_FILE
+from vdfmu.arm.motion.read import check_motion as check_motion
 from vdfmu.arm.motion.read import load_motion
+from vdfmu.arm.motion.read import read_motion as read_motion
 
 __all__ = [
     "Motion", "circle", "fastest", "joined", "line", "load_motion", "multisine", "rest", "samples", "sweep",

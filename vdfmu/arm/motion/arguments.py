@@ -21,46 +21,41 @@ R = TypeVar("R")
 
 
 class Argument(NamedTuple):
-    """Values that a parameter takes, by its annotation."""
+    """Whether a parameter takes text, whole numbers alone, a single number, and is required, by its annotation."""
 
     text: bool
-    """Whether a text is one of them."""
     whole: bool
-    """Whether numbers are whole."""
     single: bool
-    """Whether it is one number."""
     needed: bool
 
 
 def arguments_of(make: Callable[..., Any]) -> dict[str, Argument]:
     """Return the parameters of a function except for the robot, by name."""
-    found: dict[str, Argument] = {}
+    arguments: dict[str, Argument] = {}
     for name, parameter in signature(make).parameters.items():
         words = {*re.findall(r"\w+", parameter.annotation)}
-        single = words <= {"float", "int", "None"}
-        found[name] = Argument(
-            bool(words & {"str", "Literal"}), "int" in words, single, parameter.default is parameter.empty
-        )
-    found.pop("robot", None)
-    return found
+        text, single = bool(words & {"str", "Literal"}), words <= {"float", "int", "None"}
+        arguments[name] = Argument(text, "int" in words, single, parameter.default is parameter.empty)
+    arguments.pop("robot", None)
+    return arguments
 
 
 def of_numbers(make: Callable[P, R]) -> Callable[P, R]:
-    """Have a function raise UsageError for a robot and numbers that are something else, with a line for each."""
+    """Check a function's robot and numbers: UsageError with a line for each wrong type."""
     bound, arguments = signature(make).bind, arguments_of(make)
 
     @wraps(make)
     def checked(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            given = bound(*args, **kwargs).arguments
-        except TypeError:  # in Python's words, which name the function
+            values = bound(*args, **kwargs).arguments
+        except TypeError:  # Python's message names the function
             return make(*args, **kwargs)
-        if given.get("robot") is not None:
-            robot_argument(given["robot"])
+        if values.get("robot") is not None:
+            robot_argument(values["robot"])
         problems = [
-            f"{name}: expected {expected}, got {value_text(given[name])}."
+            f"{name}: expected {expected}, got {value_text(values[name])}."
             for name, argument in arguments.items()
-            if name in given and (expected := _expected(argument, given[name]))
+            if name in values and (expected := _expected(argument, values[name]))
         ]
         if problems:
             raise UsageError("\n".join(problems))
@@ -70,7 +65,7 @@ def of_numbers(make: Callable[P, R]) -> Callable[P, R]:
 
 
 def _expected(argument: Argument, value: Any) -> str:
-    """Return what an argument should be, if it is something else."""
+    """Return the expected type of an argument, or an empty text if it fits."""
     if value is None or (argument.text and isinstance(value, str)):
         return ""
     try:

@@ -1,8 +1,8 @@
-"""Straight lines and circles of the end effector: paths of its pose, followed by inverse kinematics before the run."""
+"""Lines and circles of the end effector, followed by inverse kinematics: Newton's method with least norms."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +10,6 @@ import scipy
 
 from vdfmu.arm.dynamics import forward_kinematics, jacobian
 from vdfmu.arm.motion.arguments import of_numbers
-from vdfmu.arm.motion.inverse_kinematics import follow, twist
 from vdfmu.arm.motion.joint_space import limit
 from vdfmu.arm.motion.polynomial import Motion, joined, spline
 from vdfmu.arm.robot import Robot
@@ -20,35 +19,37 @@ from vdfmu.base.errors import UsageError
 Pose = tuple[Floats, Floats]
 """Position (3,) [m] and rotation (3, 3) of {O} in {I}."""
 _RAMP = 1.0 / 3.0
-"""Part of the time in which the end effector takes up speed, and in which it slows down."""
+"""Share of the time for acceleration, and for deceleration, of the end effector."""
 _FIRST, _MOST = 64, 2048
-"""Knots that are tried first, and the most."""
+"""First and largest number of knots."""
 _SAME = 1e-9
-"""Difference of two solutions of one pose that is rounding, at the worst Jacobian that is not singular."""
-_TURNS = 10
-"""Turns of a circle at most."""
+"""Rounding difference of two solutions of one pose, at the worst Jacobian that is not singular."""
+_MOST_TURNS = 10
 _STANDS = 1e-5
 """Length of a path [m] that may be an error of inverse kinematics."""
 _LOOKS = 16
-"""Times in a piece of a motion at which the speed of the end effector is looked at."""
+"""Samples of the end effector's speed in a piece of a motion."""
 _BETWEEN = 4
-"""Points between two knots at which inverse kinematics is solved and the path checked, too."""
+"""Points between two knots with inverse kinematics and a check of the path."""
+
+_CLOSE = 1e-11
+"""Error of a pose [m, rad] that ends Newton's method: some hundred roundings."""
+_PASSES = 30
+_SINGULAR = 0.01
+"""Smallest singular value of the Jacobian over the largest, lengths over the arm's length. It changes by less between
+poses half a per cent of a path apart, so that no singular pose is stepped over."""
+_FAR = 0.5
+"""Longest step [rad or m] of Newton's method far from a solution."""
+_PULL = 0.5
+"""Rate, over the path, of a redundant arm to the middle between its end stops."""
 
 
 @of_numbers
 def line(
-    robot: Robot,
-    start: npt.ArrayLike,
-    points: npt.ArrayLike,
-    *,
-    orientation: str | npt.ArrayLike | None = None,
-    velocity: npt.ArrayLike | None = None,
-    acceleration: npt.ArrayLike | None = None,
-    speed: float | None = None,
-    duration: float | None = None,
-    dwell: float = 0.0,
-    tolerance: float = 1e-6,
-) -> Motion:
+    robot: Robot, start: npt.ArrayLike, points: npt.ArrayLike, *, orientation: str | npt.ArrayLike | None = None,
+    velocity: npt.ArrayLike | None = None, acceleration: npt.ArrayLike | None = None, speed: float | None = None,
+    duration: float | None = None, dwell: float = 0.0, tolerance: float = 1e-6,
+) -> Motion:  # fmt: skip
     """Return the motion whose end effector goes straight from point to point, at rest at each.
 
     Parameters
@@ -59,7 +60,7 @@ def line(
     points : (3,) or (k, 3) [m]
         Positions of {O} in {I}, one after the other.
     orientation : "keep", "free" or (3, 3), optional
-        The rotation of {O} stays, follows from the position, or goes over to this one in {I} on the way to the last
+        The rotation of {O} stays, follows from the position, or turns to this rotation in {I} on the way to the last
         point, at a constant rate about one axis. Default "keep" for six joints and more, else "free".
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint.
@@ -75,7 +76,7 @@ def line(
     Raises
     ------
     UsageError
-        For a path that leaves the reach or the end stops or meets a singular pose, with place, joint and way out.
+        If a path leaves the reach or the end stops or meets a singular pose, with place, joint and way out.
     """
     targets = np.atleast_2d(np.array(points, dtype=float))
     if targets.ndim != 2 or targets.shape[1] != 3 or not np.all(np.isfinite(targets)):
@@ -94,43 +95,33 @@ def line(
 
 @of_numbers
 def circle(
-    robot: Robot,
-    start: npt.ArrayLike,
-    centre: npt.ArrayLike,
-    axis: npt.ArrayLike = (0.0, 0.0, 1.0),
-    *,
-    angle: float = 2.0 * np.pi,
-    orientation: str | None = None,
-    velocity: npt.ArrayLike | None = None,
-    acceleration: npt.ArrayLike | None = None,
-    speed: float | None = None,
-    duration: float | None = None,
-    dwell: float = 0.0,
-    tolerance: float = 1e-6,
-) -> Motion:
+    robot: Robot, start: npt.ArrayLike, centre: npt.ArrayLike, axis: npt.ArrayLike = (0.0, 0.0, 1.0), *, angle: float =
+    2.0 * np.pi, orientation: str | None = None, velocity: npt.ArrayLike | None = None, acceleration: npt.ArrayLike |
+    None = None, speed: float | None = None, duration: float | None = None, dwell: float = 0.0, tolerance: float = 1e-6,
+) -> Motion:  # fmt: skip
     """Return the motion whose end effector goes round an axis, at rest at both ends.
+
+    Other arguments and errors: see :func:`line`.
 
     Parameters
     ----------
     centre, axis : (3,) [m, 1], in {I}
-        A point of the axis and its direction, about which `angle` counts by the right hand.
+        A point of the axis and its direction.
     angle : float [rad]
-        How far; several turns, at most ten, are more than 2 pi, backward below 0.
+        Right-handed about the axis; at most ten turns.
     orientation : "keep", "turn" or "free", optional
         The rotation of {O} stays, turns along, or follows from the position.
-    robot, start, velocity, acceleration, speed, duration, dwell, tolerance
-        See :func:`line`, with its errors.
     """
     q = _start(robot, start)
-    c, z = (np.array(one, dtype=float) for one in (centre, axis))
+    c, z = np.array(centre, dtype=float), np.array(axis, dtype=float)
     if c.shape != (3,) or z.shape != (3,) or not np.linalg.norm(z) > 0.0 or not np.all(np.isfinite([c, z])):
         raise UsageError(f"circle: expected centre and axis of three finite numbers, got {centre} and {axis}.")
     if not np.isfinite(angle) or angle == 0.0:
         raise UsageError(f"angle: expected a finite number other than 0, in rad, got {angle}.")
-    if abs(angle) > _TURNS * 2.0 * np.pi:
+    if abs(angle) > _MOST_TURNS * 2.0 * np.pi:
         raise UsageError(
-            f"angle: expected at most {_TURNS} turns, {_TURNS * 2.0 * np.pi:.4g} rad, got {angle:g} rad. As degrees it "
-            f"is {np.radians(angle):.4g} rad; join several circles for more turns."
+            f"angle: expected at most {_MOST_TURNS} turns, {_MOST_TURNS * 2.0 * np.pi:.4g} rad, got {angle:g} rad. As "
+            f"degrees it is {np.radians(angle):.4g} rad; join several circles for more turns."
         )
     turning = isinstance(orientation, str) and orientation == "turn"
     kind, fixed = ("turn", None) if turning else _orientation(robot, orientation)
@@ -141,7 +132,7 @@ def circle(
     c = c + z * float(z @ (p_0 - c))
     radius = float(np.linalg.norm(p_0 - c))
     if radius <= tolerance:
-        raise UsageError(f"centre: expected an axis away from the end effector, which starts at {p_0}.")
+        raise UsageError(f"centre: expected an axis away from the end effector's start at {p_0}.")
 
     def path(s: float) -> Pose:
         turned = scipy.spatial.transform.Rotation.from_rotvec(s * angle * z).as_matrix()
@@ -161,7 +152,7 @@ def _start(robot: Robot, start: npt.ArrayLike) -> Floats:
 def _straight(
     robot: Robot, q: Floats, p_1: Floats, R_1: Floats | None, kind: str, where: str, tolerance: float
 ) -> Motion:
-    """Return the motion straight to a position, with the rotation that is kept or arrived at."""
+    """Return the motion straight to a position, with the rotation kept or turned to `R_1`."""
     p_0, R_0 = forward_kinematics(robot, q)
     turn = np.zeros(3) if R_1 is None else scipy.spatial.transform.Rotation.from_matrix(R_0.T @ R_1).as_rotvec()
     if np.linalg.norm(p_1 - p_0) <= tolerance and np.linalg.norm(turn) <= tolerance:
@@ -181,7 +172,7 @@ def _orientation(robot: Robot, orientation: str | npt.ArrayLike | None) -> tuple
             raise UsageError(f"orientation: expected keep, free or a rotation, got {orientation!r}.")
         return orientation, None
     R = np.array(orientation, dtype=float)
-    # written numbers have some six digits
+    # numbers in files have some six digits
     if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-5) or np.linalg.det(R) < 0.0:
         raise UsageError(
             f"orientation: expected a rotation, three rows of unit length at right angles, got {orientation}."
@@ -204,8 +195,8 @@ def _along(
         if np.allclose(q[-1], q[0], rtol=0.0, atol=_SAME):
             q[-1] = q[0]  # so that it can be repeated
         motion = spline(looks[:: _BETWEEN + 1], q)
-        found = zip(*forward_kinematics(robot, motion.at(looks)[0]), strict=True)
-        off = max(np.abs(twist(one, pose)[:rows]).max() for one, pose in zip(found, poses, strict=True))
+        reached = zip(*forward_kinematics(robot, motion.at(looks)[0]), strict=True)
+        off = max(np.abs(twist(pose, wanted)[:rows]).max() for pose, wanted in zip(reached, poses, strict=True))
         if off <= tolerance:
             return motion
         if knots == _MOST:
@@ -217,14 +208,10 @@ def _along(
 
 
 def _timed(
-    robot: Robot,
-    motion: Motion,
-    velocity: npt.ArrayLike | None,
-    acceleration: npt.ArrayLike | None,
-    speed: float | None,
-    duration: float | None,
-) -> Motion:
-    """Return the motion over the time that is given, or that limits take."""
+    robot: Robot, motion: Motion, velocity: npt.ArrayLike | None, acceleration: npt.ArrayLike | None, speed: float |
+    None, duration: float | None,
+) -> Motion:  # fmt: skip
+    """Return the motion over `duration`, or over the shortest time within the limits."""
     limits = limit("velocity", velocity, motion.n), limit("acceleration", acceleration, motion.n)
     if speed is not None and not 0.0 < speed < np.inf:
         raise UsageError(f"speed: expected more than 0 m/s, got {speed}.")
@@ -232,14 +219,14 @@ def _timed(
     if duration is None and speed is None and (limits[0] is None or limits[1] is None):
         raise UsageError("expected a duration, a speed, or limits of velocity and acceleration, got none of them.")
     if duration is None:
-        free = all(one is None for one in limits)
+        free = all(bound is None for bound in limits)
         if free and speed is not None and shortest * speed <= _STANDS:
             raise UsageError(
                 "speed: expected a path along which the end effector moves, got one on which it only turns. Give a "
                 "duration, or limits of velocity and acceleration."
             )
-        found = motion.slower(shortest) if free else motion.fitted(*limits)
-        return found.slower(max(1.0, shortest / found.duration))
+        fitted = motion.slower(shortest) if free else motion.fitted(*limits)
+        return fitted.slower(max(1.0, shortest / fitted.duration))
     if duration < shortest:
         raise UsageError(f"duration: expected at least the {shortest:.6g} s that the speed takes, got {duration:g} s.")
     return motion.fitted(*limits, duration)
@@ -248,7 +235,7 @@ def _timed(
 def _largest_speed(robot: Robot, motion: Motion) -> float:
     """Return an upper bound of the speed of the end effector [m/s].
 
-    Between looks that lie close a smooth speed rises by an eighth of its second difference; the whole one is added.
+    Between close samples a smooth speed rises by an eighth of its second difference; the whole difference is added.
     """
     t = np.linspace(0.0, motion.duration, _LOOKS * len(motion.coefficients) + 1)
     q, q_dot = motion.at(t)[:2]
@@ -259,8 +246,7 @@ def _largest_speed(robot: Robot, motion: Motion) -> float:
 def _law(t: Floats) -> Floats:
     """Return the place on a path, 0 to 1, over a time from 0 to 1: at rest at the ends, at a constant speed between.
 
-    While it takes up speed, over a third of the time, that is a polynomial of degree 7 of which three
-    derivatives are 0 at its ends.
+    The speed rises over a third of the time, by a polynomial of degree 7 with three zero derivatives at its ends.
     """
 
     def begun(t: Floats) -> Floats:
@@ -270,3 +256,71 @@ def _law(t: Floats) -> Floats:
 
     whole = 1.0 - _RAMP
     return np.where(t < 0.5, begun(t), whole - begun(1.0 - t)) / whole
+
+
+def follow(robot: Robot, start: Floats, poses: Sequence[Pose], rows: int, where: str, percent: Floats) -> Floats:
+    """Return the positions of the joints at poses of the end effector, (m, n), from `start` on.
+
+    Of the many solutions of a redundant arm this takes the nearest to the solution before, drawn to the middle between
+    end stops. With 3 `rows` the position counts alone, with 6 the rotation too. Poses out of reach, singular, or beyond
+    end stops raise UsageError, with the path `where` and the place on it in percent.
+    """
+    q = start
+    path: list[Floats] = []
+    problems: dict[int, str] = {}
+    length = float(np.linalg.norm(robot.offset, axis=-1).sum()) or 1.0
+    scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:rows]
+    shares = np.diff(percent, prepend=percent[0]) / 100.0
+    for i, (p, R) in enumerate(poses):
+        place = f"{where}: at {percent[i]:.3g} % of it, at {np.array2string(p, precision=4)} m"
+        if rows < robot.n and robot.limits:
+            J = jacobian(robot, q)[:rows]
+            pull = _PULL * shares[i] * (0.5 * (robot.q_min + robot.q_max) - q)
+            q = q + pull - np.linalg.pinv(J) @ (J @ pull)
+        q, off = _solved(robot, q, (p, R), rows)
+        U, sigma, V = np.linalg.svd(scale[:, None] * jacobian(robot, q)[:rows])
+        stuck = int(np.argmax(np.abs(V[len(sigma) - 1])))
+        if off > _CLOSE:
+            away = f"{off:.3g} m{' or rad' * (rows == 6)} away"
+            way = " Choose a nearer path, or let the orientation be free." if rows == 6 else " Choose a nearer path."
+            raise UsageError(f"{place}: expected a pose that the arm reaches, got one {away}.{way}")
+        if sigma[-1] < _SINGULAR * sigma[0]:
+            blocked = U[:, len(sigma) - 1]
+            motion = "turn" if rows == 6 and np.linalg.norm(blocked[3:]) > np.linalg.norm(blocked[:3]) else "move"
+            raise UsageError(
+                f"{place}: expected a pose that lets the end effector {motion} in all directions, got a singular pose: "
+                f"joint {stuck + 1}, at {q[stuck]:.4g}, would have to be {sigma[0] / max(sigma[-1], 1e-12):.3g} times "
+                "as fast as others. Choose a path or a start away from it, or go there by waypoints of the joints."
+            )
+        for j in np.flatnonzero((q < robot.q_min) | (q > robot.q_max)) if robot.limits else ():
+            problems.setdefault(
+                int(j),
+                f"{place}: expected joint {j + 1} between its end stops, {robot.q_min[j]:g} and {robot.q_max[j]:g}, "
+                f"got {q[j]:.4g}.",
+            )
+        path.append(q)
+    if problems:
+        way = "Choose another start, such as the other elbow, or a shorter path."
+        raise UsageError("\n".join(problems.values()) + f" {way}")
+    return np.array(path)
+
+
+def _solved(robot: Robot, q: Floats, pose: Pose, rows: int) -> tuple[Floats, float]:
+    """Return the positions nearest to `q` at a pose, and the remaining error of the pose."""
+    for _ in range(_PASSES):
+        error = twist(forward_kinematics(robot, q), pose)[:rows]
+        off = float(np.linalg.norm(error))
+        if off <= _CLOSE:
+            return q, off
+        step = np.linalg.lstsq(jacobian(robot, q)[:rows], error, rcond=_SINGULAR * _SINGULAR)[0]
+        q = q + step * min(1.0, _FAR / max(float(np.abs(step).max()), 1e-300))
+    nearest = scipy.optimize.least_squares(
+        lambda q: twist(forward_kinematics(robot, q), pose)[:rows], q, xtol=1e-12, ftol=1e-12
+    )
+    return nearest.x, float(np.linalg.norm(nearest.fun))
+
+
+def twist(pose: Pose, target: Pose) -> Floats:
+    """Return the motion from a pose to another, (6,) [m, rad], in the frame of the first, linear part first."""
+    (p, R), (p_t, R_t) = pose, target
+    return np.concatenate([R.T @ (p_t - p), scipy.spatial.transform.Rotation.from_matrix(R.T @ R_t).as_rotvec()])

@@ -20,42 +20,29 @@ _KNOTS = 24
 
 @of_numbers
 def multisine(
-    start: npt.ArrayLike,
-    amplitude: npt.ArrayLike,
-    lines: Sequence[int],
-    period: float,
-    *,
-    periods: int = 1,
-    phases: Literal["schroeder", "random"] = "schroeder",
-    seed: int = 0,
-    velocity: npt.ArrayLike | None = None,
-    acceleration: npt.ArrayLike | None = None,
-) -> Motion:
-    """Return a sum of sines about a pose, for whole periods between two more in which it grows and fades.
+    start: npt.ArrayLike, amplitude: npt.ArrayLike, lines: Sequence[int], period: float, *, periods: int = 1, phases:
+    Literal["schroeder", "random"] = "schroeder", seed: int = 0, velocity: npt.ArrayLike | None = None, acceleration:
+    npt.ArrayLike | None = None,
+) -> Motion:  # fmt: skip
+    """Return a sum of sines about a pose, for whole periods between a period of growth and a period of decay.
 
-    Lines have equal amplitudes. Of joint j, from 0, the time is shifted by j / n of the period.
+    Lines have equal amplitudes. The time of joint j, from 0, is shifted by j / n of the period. UsageError if an
+    argument does not fit.
 
     Parameters
     ----------
     start : (n,) [rad or m]
     amplitude : float or (n,) [rad or m]
-        Largest deviation from `start` in a period; less where a limit asks for it, with a note. 0: the joint rests.
+        Largest deviation from `start` in a period; a limit reduces it, with a note. 0: the joint rests.
     lines : sequence of int
         Frequencies, as multiples of 1 / `period`.
     period : float [s]
     periods : int
         Periods of full amplitude, from `period` to ``(1 + periods) period``.
     phases : "schroeder" or "random"
-        Phases by Schroeder (1970), which keep the peaks low, or random ones, different for each joint.
-    seed : int
-        Seed of random phases.
+        Phases of low peaks by Schroeder (1970), or random phases of each joint, by `seed`.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint.
-
-    Raises
-    ------
-    UsageError
-        For what does not fit.
     """
     q = np.atleast_1d(np.array(start, dtype=float))
     k = np.array(lines, dtype=float)
@@ -90,32 +77,22 @@ def multisine(
 
 @of_numbers
 def sweep(
-    start: npt.ArrayLike,
-    amplitude: npt.ArrayLike,
-    frequencies: tuple[float, float],
-    duration: float,
-    *,
-    law: Literal["linear", "logarithmic"] = "logarithmic",
-    velocity: npt.ArrayLike | None = None,
-    acceleration: npt.ArrayLike | None = None,
-) -> Motion:
-    """Return a sine about a pose whose frequency goes from one to another, and which grows and fades at the ends.
+    start: npt.ArrayLike, amplitude: npt.ArrayLike, frequencies: tuple[float, float], duration: float, *, law:
+    Literal["linear", "logarithmic"] = "logarithmic", velocity: npt.ArrayLike | None = None, acceleration: npt.ArrayLike
+    | None = None,
+) -> Motion:  # fmt: skip
+    """Return a sine about a pose with a changing frequency, growing and fading at the ends.
+
+    Other arguments and errors: see :func:`multisine`.
 
     Parameters
     ----------
-    start, amplitude, velocity, acceleration
-        See :func:`multisine`.
     frequencies : (float, float) [Hz]
         At the start and at the end.
     duration : float [s]
-        A tenth of it at each end is for growing and fading.
+        It grows and fades over a tenth of it at each end.
     law : "linear" or "logarithmic"
         How the frequency changes in time.
-
-    Raises
-    ------
-    UsageError
-        For what does not fit.
     """
     q = np.atleast_1d(np.array(start, dtype=float))
     both = np.array(frequencies, dtype=float)
@@ -142,7 +119,7 @@ def sweep(
 
 
 def _check_length(most_periods: float, q: Floats) -> None:
-    """Raise UsageError for more periods of the highest frequency than a unit takes, and for no pose."""
+    """Raise UsageError for too many periods of the highest frequency, or if `q` is not a pose."""
     if q.ndim != 1 or not q.size or not np.all(np.isfinite(q)):
         raise UsageError(f"start: expected a position for each joint, got {q}.")
     most = MOST_NUMBERS / (_KNOTS * 6.0 * q.size)
@@ -154,17 +131,10 @@ def _check_length(most_periods: float, q: Floats) -> None:
 
 
 def _about(
-    q: Floats,
-    amplitude: npt.ArrayLike,
-    wave: Callable[[Floats], Floats],
-    peak: Floats,
-    duration: float,
-    ramp: float,
-    highest: float,
-    velocity: npt.ArrayLike | None,
-    acceleration: npt.ArrayLike | None,
-) -> Motion:
-    """Return a wave (m, n) of a peak (n,) about a pose, with ramps, whose highest frequency is given [Hz]."""
+    q: Floats, amplitude: npt.ArrayLike, wave: Callable[[Floats], Floats], peak: Floats, duration: float, ramp: float,
+    highest: float, velocity: npt.ArrayLike | None, acceleration: npt.ArrayLike | None,
+) -> Motion:  # fmt: skip
+    """Return a wave (m, n) with a peak (n,) about a pose, with ramps; `highest` is its highest frequency [Hz]."""
     try:
         most = np.broadcast_to(np.asarray(amplitude, dtype=float), q.shape)
     except ValueError:
@@ -188,6 +158,6 @@ def _about(
 
 
 def smooth_step(x: Floats) -> Floats:
-    """Return the polynomial of degree 9 from 0 at 0 to 1 at 1 with four derivatives that are 0 there; held outside."""
+    """Return the polynomial of degree 9 from 0 at 0 to 1 at 1 with four zero derivatives there; held outside."""
     x = np.clip(x, 0.0, 1.0)
     return x**5 * (126.0 + x * (-420.0 + x * (540.0 + x * (-315.0 + 70.0 * x))))

@@ -1,4 +1,4 @@
-"""Motions through waypoints of the joints, with times or in the time that limits of speed and acceleration take."""
+"""Motions through waypoints of the joints, with times or within limits of speed and acceleration."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 
 _ROUNDS = 20
-"""Rounds in which the shares of the intervals in the time are changed, of which the shortest motion is kept."""
+"""Rounds that change the shares of the intervals in the time; the shortest motion is kept."""
 _TOWARDS = 0.5
-"""Power of what an interval takes of its limits by which its time changes in a round."""
+"""Exponent of an interval's share of its limits for the change of its time in a round."""
+_AT_REST = 0.2
+"""Share of the largest slope of samples below which their ends are at rest."""
 
 
 @of_numbers
 def waypoints(
-    points: npt.ArrayLike,
-    times: npt.ArrayLike | None = None,
-    *,
-    velocity: npt.ArrayLike | None = None,
-    acceleration: npt.ArrayLike | None = None,
-    duration: float | None = None,
-    dwell: npt.ArrayLike = 0.0,
-) -> Motion:
-    """Return the motion through points of the joints, at rest at the first and the last, without a jump up to snap.
+    points: npt.ArrayLike, times: npt.ArrayLike | None = None, *, velocity: npt.ArrayLike | None = None, acceleration:
+    npt.ArrayLike | None = None, duration: float | None = None, dwell: npt.ArrayLike = 0.0,
+) -> Motion:  # fmt: skip
+    """Return the motion through points of the joints, at rest at the first and the last, continuous up to snap.
+
+    UsageError, with all problems, if points, times and limits do not fit.
 
     Parameters
     ----------
@@ -36,37 +35,30 @@ def waypoints(
     times : (k,) [s], optional
         Times of arrival, increasing; the motion begins at the first. Without them the limits decide.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
-        Limits of each joint: without times the intervals are chosen so that they hold, and one is met; with times
-        the motion must keep them.
+        Limits of each joint. Without times the motion is as fast as they allow; with times it must keep them.
     duration : float [s], optional
         Without times, of the whole, rests included; the limits must hold.
     dwell : float or (k,) [s]
-        Rest at each point; where it is 0 the motion passes through.
-
-    Raises
-    ------
-    UsageError
-        For points, times and limits that do not fit, with all problems.
+        Rest at each point; 0 passes through.
     """
     q, dwells = np.array(points, dtype=float), np.array(dwell, dtype=float)
-    given = None if times is None else np.array(times, dtype=float)
-    check_points(q, given, dwells)
+    t = None if times is None else np.array(times, dtype=float)
+    check_points(q, t, dwells)
     dwells = np.broadcast_to(dwells, len(q))
     limits = limit("velocity", velocity, q.shape[1]), limit("acceleration", acceleration, q.shape[1])
-    if given is None and duration is None and (limits[0] is None or limits[1] is None):
+    if t is None and duration is None and (limits[0] is None or limits[1] is None):
         raise UsageError(
             "waypoints: expected times, a duration, or limits of velocity and acceleration, got none of them."
         )
-    if given is not None and duration is not None:
+    if t is not None and duration is not None:
         raise UsageError("waypoints: expected times or a duration, got both. Remove one of them.")
     stops = [0, *(i for i in range(1, len(q) - 1) if dwells[i] > 0.0), len(q) - 1]
     moves = [
+        spline(np.append(t[a] + dwells[a], t[a + 1 : b + 1]), q[a : b + 1]) if t is not None else
         _timed(q[a : b + 1], *limits)
-        if given is None
-        else spline(np.append(given[a] + dwells[a], given[a + 1 : b + 1]), q[a : b + 1])
         for a, b in pairwise(stops)
-    ]
-    if given is not None or duration is not None:
+    ]  # fmt: skip
+    if t is not None or duration is not None:
         moving = joined(moves)
         rested = float(dwells.sum())
         if duration is not None and duration <= rested > 0.0:
@@ -81,31 +73,16 @@ def waypoints(
 
 @of_numbers
 def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
-    """Return the motion through dense samples, at rest at both ends.
-
-    Parameters
-    ----------
-    times : (k,) [s]
-    points : (k, n) [rad or m]
-
-    Raises
-    ------
-    UsageError
-        See :func:`waypoints`.
-    """
+    """Return the motion through dense samples, at rest at both ends; arguments and errors: see :func:`waypoints`."""
     t, q = np.array(times, dtype=float), np.array(points, dtype=float)
     motion = waypoints(q, t)
     slopes = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])
     ends = np.maximum(slopes[0], slopes[-1])
     if np.any(fast := ends > _AT_REST * np.maximum(slopes.max(axis=0), 1e-300)):
         joints = ", ".join(str(j + 1) for j in np.flatnonzero(fast))
-        note = f"the samples of joint {joints} start or end at speed, where the motion is at rest: it swings there."
+        note = f"the samples of joint {joints} start or end at speed, but the motion is at rest: it swings there."
         return Motion(motion.knots, motion.coefficients, (note,))
     return motion
-
-
-_AT_REST = 0.2
-"""Share of the largest slope of samples below which their ends are at rest."""
 
 
 def limit(name: str, value: npt.ArrayLike | None, n: int) -> Floats | None:
@@ -113,16 +90,16 @@ def limit(name: str, value: npt.ArrayLike | None, n: int) -> Floats | None:
     if value is None:
         return None
     try:
-        found = np.broadcast_to(np.asarray(value, dtype=float), (n,))
+        bounds = np.broadcast_to(np.asarray(value, dtype=float), (n,))
     except ValueError:
-        found = np.zeros(n)
-    if not np.all((found > 0.0) & np.isfinite(found)):
+        bounds = np.zeros(n)
+    if not np.all((bounds > 0.0) & np.isfinite(bounds)):
         raise UsageError(f"{name}: expected a number above 0 for all joints, or {n} of them, got {value}.")
-    return found
+    return bounds
 
 
 def _timed(q: Floats, velocity: Floats | None, acceleration: Floats | None) -> Motion:
-    """Return the shortest motion found through points within limits; without both, with times like the distances."""
+    """Return the shortest motion found through points within limits; without both, times proportional to distances."""
     unit = 1.0 if velocity is None else velocity
     h = np.linalg.norm(np.diff(q, axis=0) / unit, axis=1)
     if velocity is None or acceleration is None:
@@ -145,13 +122,7 @@ def _timed(q: Floats, velocity: Floats | None, acceleration: Floats | None) -> M
 
 
 def check_points(q: Floats, times: Floats | None = None, dwell: Floats | float = 0.0) -> None:
-    """Check waypoints, (k, n), times of arrival and of rest.
-
-    Raises
-    ------
-    UsageError
-        With all problems.
-    """
+    """Check waypoints, (k, n), times of arrival and of rest; UsageError with all problems."""
     dwell = np.asarray(dwell)
     problems: list[str] = []
     if q.ndim != 2 or len(q) < 2:
@@ -174,7 +145,7 @@ def check_points(q: Floats, times: Floats | None = None, dwell: Floats | float =
                 )
     elif len(same := np.flatnonzero(~np.any(np.diff(q, axis=0) != 0.0, axis=1))):
         problems += [
-            f"point {i + 2}: expected another position than that of the point before. Rest by dwell, or give times."
+            f"point {i + 2}: expected a position other than the point before. Rest by dwell, or give times."
             for i in same
         ]
     if problems:

@@ -1,4 +1,4 @@
-"""The shortest motion along a path through waypoints, by toppra, smoothed until its fourth derivative does not jump."""
+"""The shortest motion along a path through waypoints, by toppra, smoothed up to a continuous fourth derivative."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 
 _GRID = 200
-"""Intervals of an interval between waypoints in which toppra looks at the limits."""
+"""toppra's grid in each interval between waypoints."""
 _FINE = 8000
-"""Times at which its result is smoothed."""
+"""Samples of toppra's result for smoothing."""
 _LEAST = 16
-"""Least number of them in a mean."""
+"""Fewest samples in a mean."""
 _SMOOTH = 0.02
 """Share of the duration of each of the three means."""
 _KNOTS = 6
 """Knots in the time of a mean."""
 LOOKS = 1001
-"""Times at which torques are looked at."""
+"""Samples of torques."""
 _NEAR = 1e-3
 """Share of the longest way between points below which a spline misses points by more than 1e-6 of the path."""
 _RESOLVED = 1e-9
-"""Distance of points, as a share of the largest position, whose motion rounding leaves smooth."""
+"""Distance of points, over the largest position, whose motion rounding leaves smooth."""
 _STRETCH = 1.01
 """Factor of the time until torques hold."""
 Load = Callable[[Floats, Floats, Floats], Floats]
@@ -44,20 +44,15 @@ Load = Callable[[Floats, Floats, Floats], Floats]
 
 @of_numbers
 def fastest(
-    points: npt.ArrayLike,
-    velocity: npt.ArrayLike | None = None,
-    acceleration: npt.ArrayLike | None = None,
-    *,
-    robot: Robot | None = None,
-    torque: npt.ArrayLike | None = None,
-    smoothing: float | None = None,
-) -> Motion:
+    points: npt.ArrayLike, velocity: npt.ArrayLike | None = None, acceleration: npt.ArrayLike | None = None, *, robot:
+    Robot | None = None, torque: npt.ArrayLike | None = None, smoothing: float | None = None,
+) -> Motion:  # fmt: skip
     """Return the motion along a path through points that takes nearly the shortest time, at rest at both ends.
 
-    The path of two points is straight, that of more a natural spline of degree 5 over the distance. Along it toppra
-    finds the shortest time, with an acceleration that jumps. The mean of the place over `smoothing` seconds, three
-    times, has no jump up to the fourth derivative and keeps the path; where it breaks a limit the whole is slowed down.
-    A note says what that costs.
+    The path of two points is straight, the path of more points a natural spline of degree 5 over the distance. Along it
+    toppra finds the shortest time, with jumps of the acceleration. The mean of the place over `smoothing` seconds,
+    three times, is continuous up to the fourth derivative and keeps the path. If it breaks a limit the whole motion is
+    slowed down. A note has the lost time.
 
     Parameters
     ----------
@@ -75,7 +70,7 @@ def fastest(
     Raises
     ------
     UsageError
-        Without toppra, for what does not fit, and for limits that no motion keeps, such as torques below the weight.
+        Without toppra, if an argument does not fit, or if no motion keeps the limits, such as torques below the weight.
     """
     q = np.array(points, dtype=float)
     check_points(q)
@@ -88,9 +83,9 @@ def fastest(
     if most is not None and robot is None:
         raise UsageError("fastest: limits of torque need the robot.")
     if robot is not None and robot.limits and robot.n == n and (speed is None or most is None):
-        speed, given = motor_rectangle(robot, np.inf if speed is None else speed)
+        speed, tau = motor_rectangle(robot, np.inf if speed is None else speed)
         if most is None:
-            most, rotors = robot.ell * given, robot.ell * robot.I_m
+            most, rotors = robot.ell * tau, robot.ell * robot.I_m
             notes = (f"by the robot's motors: speeds up to {_list(speed)}, torques up to {_list(most)} link-side.",)
     if speed is None or (change is None and most is None):
         raise UsageError(
@@ -137,7 +132,7 @@ def _list(numbers: Floats) -> str:
 
 
 def _path(s: Floats, q: Floats) -> Any:
-    """Return the path over the distance: a natural spline, which three points determine, or the line of two."""
+    """Return the path over the distance: the line of two points, or a natural spline."""
     if len(q) == 2:
         return scipy.interpolate.make_interp_spline(s, q, k=1)
     free = [(order, np.zeros(q.shape[1])) for order in (3, 4)]
@@ -149,15 +144,15 @@ def _shortest(
 ) -> tuple[Floats, Floats, Floats]:
     """Return times, places and speeds on the path of the shortest motion.
 
-    toppra gets the time in units of what the speeds take at least: its tolerances are absolute.
+    toppra gets the time over the least time at full speed: its tolerances are absolute.
     """
     try:
         toppra: Any = import_module("toppra")
     except ImportError:
         raise UsageError("fastest: it needs toppra: pip install 'vdfmu[motion]'.") from None
 
-    own = {"dof": len(path(0.0)), "path_interval": s[[0, -1]], "__call__": lambda _, place, order=0: path(place, order)}
-    shape = type("Path", (toppra.interpolator.AbstractGeometricPath,), own)()
+    body = {"dof": len(path(0.0)), "path_interval": s[[0, -1]]} | {"__call__": lambda _, x, order=0: path(x, order)}
+    shape = type("Path", (toppra.interpolator.AbstractGeometricPath,), body)()
     places = np.unique(np.concatenate([np.linspace(a, b, _GRID + 1) for a, b in zip(s, s[1:], strict=False)]))
     travel = np.abs(np.diff(path(places), axis=0)).sum(axis=0)
     T = float((travel / velocity).max())
@@ -167,16 +162,13 @@ def _shortest(
     if acceleration is not None:
         asked.append(toppra.constraint.JointAccelerationConstraint(np.outer(acceleration * T**2, [-1.0, 1.0])))
     if torque is not None:
-        asked.append(
-            toppra.constraint.JointTorqueConstraint(
-                lambda q, q_dot, q_ddot: load(q, q_dot / T, q_ddot / T**2),
-                np.outer(torque, [-1.0, 1.0]),
-                np.zeros(len(torque)),
-            )
-        )
+        asked.append(toppra.constraint.JointTorqueConstraint(
+            lambda q, q_dot, q_ddot: load(q, q_dot / T, q_ddot / T**2), np.outer(torque, [-1.0, 1.0]),
+            np.zeros(len(torque)),
+        ))  # fmt: skip
     logger = logging.getLogger("toppra")
     level = logger.level
-    logger.setLevel(logging.CRITICAL)  # what it says of points without a solution is an error below
+    logger.setLevel(logging.CRITICAL)  # points without a solution are an error below
     try:
         speeds = toppra.algorithm.TOPPRA(asked, shape, gridpoints=places).compute_parameterization(0.0, 0.0)[1]
     finally:

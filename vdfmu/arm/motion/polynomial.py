@@ -19,11 +19,11 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 
 DEGREE = 5
-"""Lowest degree of a spline whose fourth derivative has no jump: the elastic feedforward needs it."""
+"""Lowest degree of a spline with a continuous fourth derivative: the elastic feedforward needs it."""
 _ROUNDING = 1e-9
 """Share of a limit that is rounding."""
 MOST_NUMBERS = 500_000
-"""Coefficients of a unit: some 10 MB of C, which compiles in seconds."""
+"""Coefficients of a unit: some 10 MB of C, seconds of compiling."""
 _GAP = 1e-9
 """Largest distance [rad or m] between the end of a motion and the start of the next that is not a jump."""
 _CLOSED = 1e-12
@@ -49,21 +49,14 @@ class Motion({base}):
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion of n joints over m pieces, at rest at both ends.
-
-    Attributes
-    ----------
-    knots : (m + 1,) [s]
-        From 0 on.
-    coefficients : (m, 6, n)
-        Coefficients of the powers of the time since the start of a piece, the constant ones first.
-    notes : tuple of str
-        Notes for the user.
-    """
+    """Motion of n joints over m pieces, at rest at both ends."""
 
     knots: Floats
+    """(m + 1,) [s], from 0 on."""
     coefficients: Floats
+    """(m, 6, n), of the powers of the time since the start of a piece, constants first."""
     notes: tuple[str, ...] = ()
+    """Notes for the user."""
 
     @property
     def n(self) -> int:
@@ -87,7 +80,7 @@ class Motion:
 
     @property
     def closed(self) -> bool:
-        """Whether it ends where it starts, so that it can be repeated."""
+        """Whether its end is its start, so that it can be repeated."""
         return bool(np.allclose(self.start, self.end, rtol=0.0, atol=_CLOSED))
 
     def at(self, t: float | Floats) -> Floats:
@@ -100,8 +93,8 @@ class Motion:
     def extremes(self, order: int) -> Floats:
         """Least and largest value of a derivative in each piece, (2, m, n)."""
         h, c = np.diff(self.knots)[:, None], np.moveaxis(self.coefficients, 1, 0)
-        found = np.array([_horner(c, h * share, order) for share in (0.0, 1.0, *_turns(c, h, order))])
-        return np.array([found.min(axis=0), found.max(axis=0)])
+        values = np.array([_horner(c, h * share, order) for share in (0.0, 1.0, *_turns(c, h, order))])
+        return np.array([values.min(axis=0), values.max(axis=0)])
 
     @cached_property
     def peaks(self) -> Floats:
@@ -109,7 +102,7 @@ class Motion:
         return np.array([np.abs(self.extremes(order)).max(axis=(0, 1)) for order in range(1, 5)])
 
     def shares(self, velocity: Floats, acceleration: Floats) -> Floats:
-        """How much of the limits, (n,) each, each piece takes as a factor of its time, (m,)."""
+        """Factor of the time of each piece, (m,), to meet the limits, (n,) each."""
         taken = [np.abs(self.extremes(order)).max(axis=0) for order in (1, 2)]
         return np.maximum(taken[0] / velocity, np.sqrt(taken[1] / acceleration)).max(axis=1)
 
@@ -118,10 +111,7 @@ class Motion:
     ) -> Motion:
         """Return the motion over `duration` [s], or over the shortest time for limits, (n,) each.
 
-        Raises
-        ------
-        UsageError
-            If the duration breaks a limit.
+        UsageError if the duration breaks a limit.
         """
         factors = [
             (peak / limit) ** (1.0 / order)
@@ -155,10 +145,7 @@ class Motion:
     def unit(self) -> type[Played]:
         """Return the unit that plays the motion, for ``units={"trajectory": motion.unit()}``.
 
-        Raises
-        ------
-        UsageError
-            For a motion of too many pieces.
+        UsageError for a motion of too many pieces.
         """
         if self.coefficients.size > MOST_NUMBERS:
             raise UsageError(
@@ -175,8 +162,8 @@ class Motion:
         np.save(stream, table)
         note = f"{self.n} joints, {len(self.coefficients)} pieces over {self.duration:g} s"
         text = _UNIT.format(note=note, base=base.__name__)
-        made = {"unit.py": text.encode(), "motion.npy": stream.getvalue()}
-        body: Any = {"__module__": __name__, "__doc__": base.__doc__, "made_of": made, "notes": self.notes}
+        files = {"unit.py": text.encode(), "motion.npy": stream.getvalue()}
+        body: Any = {"__module__": __name__, "__doc__": base.__doc__, "made_of": files, "notes": self.notes}
         body |= {"edges": table[:, 0], "rows": table[:-1], "experiment_stop": self.duration}
         unit: Any = type("Motion", (base,), body)
         return unit
@@ -191,7 +178,7 @@ def _horner(c: Floats, u: Floats, order: int) -> Floats:
 
 
 def _turns(c: Floats, h: Floats, order: int) -> Floats:
-    """Shares of pieces at which a derivative may have an extremum, (d, m, n): roots of the next one, of degree d."""
+    """Places of extrema of a derivative in pieces, 0 to 1, (d, m, n): roots of the next derivative, of degree d."""
     d = DEGREE - order - 1
     a = np.array([perm(k + order + 1, order + 1) * c[k + order + 1] * h**k for k in range(d + 1)])
     smallest = np.maximum(1e-12 * np.abs(a).max(axis=0), 1e-300)
@@ -206,24 +193,20 @@ def _turns(c: Floats, h: Floats, order: int) -> Floats:
 def spline(t: Floats, q: Floats) -> Motion:
     """Spline of degree 5 through points, at rest at both ends up to the fourth derivative.
 
-    Rest takes four conditions at each end, for which there are two more knots in the first and in the last interval.
-
-    Parameters
-    ----------
-    t : (k,) [s], increasing
-    q : (k, n) [rad or m]
+    Rest takes four conditions at each end, so the first and the last interval have two more knots. `t` (k,) [s]
+    increases, `q` is (k, n) [rad or m].
     """
     t = t - t[0]
     first, last = ([1 / 3, 2 / 3],) * 2 if len(t) > 2 else ([1 / 5, 2 / 5, 3 / 5, 4 / 5], [])
     inner = np.concatenate([t[0] + (t[1] - t[0]) * np.array(first), t[1:-1], t[-2] + (t[-1] - t[-2]) * np.array(last)])
     ends = np.ones(DEGREE + 1)
     still = [(order, np.zeros(q.shape[1])) for order in range(1, 5)]
-    found = scipy.interpolate.make_interp_spline(
+    whole = scipy.interpolate.make_interp_spline(
         t, q, k=DEGREE, t=np.concatenate([t[0] * ends, inner, t[-1] * ends]), bc_type=(still, still)
     )
     knots = np.concatenate([t[:1], inner, t[-1:]])
-    coefficients = np.array([found(knots[:-1], order) / factorial(order) for order in range(DEGREE + 1)])
-    coefficients[1:DEGREE, 0] = 0.0  # rest, without what rounding leaves of it
+    coefficients = np.array([whole(knots[:-1], order) / factorial(order) for order in range(DEGREE + 1)])
+    coefficients[1:DEGREE, 0] = 0.0  # rest, without rounding
     coefficients[0, 0] = q[0]
     return Motion(knots, np.moveaxis(coefficients, 0, 1).copy())
 
@@ -241,14 +224,14 @@ def rest(q: Floats, seconds: float) -> Motion:
 
 
 def joined(parts: Iterable[Motion]) -> Motion:
-    """Return motions one after the other; UsageError if one does not start where the one before ends, or for none."""
+    """Return motions one after the other; UsageError for a gap between two, or without motions."""
     parts = list(parts)
     if not parts:
         raise UsageError("joined: expected motions, got none.")
-    for i, (one, other) in enumerate(pairwise(parts), 1):
-        if one.n != other.n or np.abs(other.start - one.end).max() > _GAP:
+    for i, (before, after) in enumerate(pairwise(parts), 1):
+        if before.n != after.n or np.abs(after.start - before.end).max() > _GAP:
             raise UsageError(
-                f"joined: expected motion {i + 1} to start at {one.end}, where motion {i} ends, got {other.start}."
+                f"joined: expected motion {i + 1} to start at {before.end}, the end of motion {i}, got {after.start}."
             )
     begins = np.cumsum([0.0] + [part.duration for part in parts])
     knots = [part.knots[:-1] + begin for part, begin in zip(parts, begins, strict=False)]

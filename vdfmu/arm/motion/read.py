@@ -32,7 +32,7 @@ _KINDS: tuple[Callable[..., Motion], ...] = (waypoints, samples, fastest, line, 
 KINDS: dict[str, tuple[Callable[..., Motion], dict[str, Argument]]] = {
     make.__name__: (make, arguments_of(make)) for make in _KINDS
 }
-"""Kind to the function that works it out, and its parameters, which are the keys of the table."""
+"""Kind to its function and the parameters, the keys of the table."""
 OF_FILE = ("waypoints", "samples", "fastest")
 """Kinds whose points may be in a CSV file."""
 _FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
@@ -40,23 +40,10 @@ _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
 
 def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
-    """Work out the motion of a file for a robot.
+    """Calculate the motion of a file for a robot; ModelError with every problem of the file or the motion.
 
-    Parameters
-    ----------
-    path : path
-        A TOML file with a table ``[motion]``, such as a scenario, or with its keys by themselves; or a CSV file of
-        samples.
-    robot : Robot
-
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    ModelError
-        For what is wrong with the file or with the motion; it lists every problem.
+    `path` is a TOML file with a table ``[motion]``, such as a scenario, or with its keys alone; or a CSV file of
+    samples.
     """
     robot_argument(robot)
     path = Path(path)
@@ -68,7 +55,7 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
         if "motion" not in data and "stop" in data:
             problems.add(
                 "motion", "a table", "a scenario without one",
-                f"It goes along (57), which 'vdfmu run {path.stem}' shows; or add the table.",
+                f"Its motion is (57): 'vdfmu run {path.stem}' shows it. Or add the table.",
             )  # fmt: skip
             problems.raise_any()
         data = data.get("motion", data)
@@ -79,7 +66,7 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
 
 
 def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) -> Motion | None:
-    """Work out the motion of a table ``[motion]``, or of the TOML file that its text names; None with problems."""
+    """Calculate the motion of a table ``[motion]``, or of the TOML file that its text names; None with problems."""
     if isinstance(data, str):
         if (folder / data).resolve() == Path(problems.where).resolve():
             problems.add("motion", "a table, or another file with it", "the file itself", "Write the table here.")
@@ -129,7 +116,7 @@ def _plausible(motion: Motion, robot: Robot) -> list[str]:
 
 
 def check_motion(motion: Motion, robot: Robot) -> None:
-    """Raise UsageError for a motion of other joints, beyond end stops, or beyond what motors give to rigid links."""
+    """Raise UsageError for a motion of other joints, beyond end stops, or beyond the motors of a rigid arm."""
     if motion.n != robot.n:
         raise UsageError(f"expected positions of the {robot.n} joints of {robot.name}, got {motion.n}.")
     if not robot.limits:
@@ -148,7 +135,7 @@ def check_motion(motion: Motion, robot: Robot) -> None:
     tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
     lacking = np.abs(tau) - np.abs(motor_torque(robot, tau, q_dot))
     weak = [
-        f"joint {labels[j]}: expected at most the torque that its motor has at this speed, got {abs(tau[i, j]):.4g} "
+        f"joint {labels[j]}: expected at most the torque of its motor at this speed, got {abs(tau[i, j]):.4g} "
         f"N.m, {lacking[i, j]:.4g} N.m more, at {t[i]:.4g} s."
         for j, i in enumerate(lacking.argmax(axis=0))
         if lacking[i, j] > 1e-9 * abs(tau[i, j])
@@ -168,7 +155,7 @@ def _value(table: Table, key: str, argument: Argument) -> Any:
         table.problems.add(table.key(key), ONE, value_text(value), "Correct it.")
     elif shape is None or len(shape) > 2 or 0 in shape:
         table.problems.add(table.key(key), NUMBERS, value_text(value), "Correct it.")
-    elif argument.whole and any(type(one) is not int for one in numbers):
+    elif argument.whole and any(type(number) is not int for number in numbers):
         table.problems.add(table.key(key), "whole numbers", value_text(value), "Correct it.")
     elif not shape:
         return int(value) if argument.whole else table.number(key, "")
@@ -178,19 +165,13 @@ def _value(table: Table, key: str, argument: Argument) -> Any:
 
 
 def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dict[str, Floats]:
-    """Read a CSV file of positions of the joints; what is wrong is noted, with lines.
+    """Read ``points`` (k, n) [rad or m], ``times`` and ``dwell`` (k,) [s] of a CSV file; problems have lines.
 
-    The heading names the columns in any order: ``q1`` to ``qn``, or the names that the robot's file has for the joints,
-    with rad or deg in brackets, or m or mm for a prismatic joint, SI where no unit is given; ``time [s]`` and
-    ``dwell [s]`` where they are `known`.
-
-    Returns
-    -------
-    dict of str to array
-        ``points`` (k, n) [rad or m], ``times`` and ``dwell`` (k,) [s].
+    The heading has the columns in any order: ``q1`` to ``qn``, or the names of joints in the robot's file, with rad or
+    deg in brackets, m or mm for a prismatic joint, by default SI; of the keys `known`, ``time [s]``, ``dwell [s]``.
     """
-    found: list[str] = []
-    columns = csv_columns(path, found, timed=False)
+    lines: list[str] = []
+    columns = csv_columns(path, lines, timed=False)
     if columns is not None:
         names, units, values, _ = columns
         keys = {"time": "times", "dwell": "dwell"}
@@ -210,22 +191,22 @@ def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dic
             if unit and unit not in factors:
                 wrong.setdefault(f"expected {' or '.join(factors)}, got {unit!r}", []).append(heading)
             if name in table:
-                found.append(f"{path}: row 1: {heading}: expected one column for {name}, got another one.")
+                lines.append(f"{path}: row 1: {heading}: expected one column for {name}, got another one.")
             table[name] = column * factors.get(unit, 1.0)
         if unknown:
             also = "".join(f", {key}" for key, value in keys.items() if value in known)
-            own = f", or {', '.join(filter(None, of_names))}" if any(of_names) else ""
-            found.append(
-                f"{path}: row 1: {', '.join(unknown)}: expected q1 to q{robot.n}{own}{also}. Write a heading such as "
+            also = (f", or {', '.join(filter(None, of_names))}" if any(of_names) else "") + also
+            lines.append(
+                f"{path}: row 1: {', '.join(unknown)}: expected q1 to q{robot.n}{also}. Write a heading such as "
                 f"{_EXAMPLE}."
             )
-        for what, headings in wrong.items():
-            columns_are = "columns" if len(headings) > 1 else "column"
-            found.append(f"{path}: row 1: {', '.join(headings)}: {what}. Convert the {columns_are}.")
+        for mismatch, headings in wrong.items():
+            plural = "s" if len(headings) > 1 else ""
+            lines.append(f"{path}: row 1: {', '.join(headings)}: {mismatch}. Convert the column{plural}.")
         if missing := [name for name in numbered if name not in table]:
-            found.append(f"{path}: row 1: expected a column for each joint, got none of {', '.join(missing)}.")
-        if not found:
+            lines.append(f"{path}: row 1: expected a column for each joint, got none of {', '.join(missing)}.")
+        if not lines:
             points = np.column_stack([table[name] for name in numbered])
             return {"points": points} | {keys[key]: table[key] for key in keys if key in table}
-    problems.lines.extend(found)
+    problems.lines.extend(lines)
     return {}

@@ -1,9 +1,13 @@
-"""Gears and motors by name: the tables of a joint that the catalogue has for them."""
+"""Gears and motors by name: their tables of a joint, and the fit of (2)-(3) to the printed stiffnesses of gears."""
 
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
-from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS
+import numpy as np
+
+from vdfmu.arm.equations.harmonic_drive import deformation
+from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS, SPRING_KEYS
 from vdfmu.base.files import data_path
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import read_toml
@@ -12,14 +16,16 @@ from vdfmu.base.toml_tables import Problems, value_text
 NAMED = ("gear", "motor")
 """Keys of a joint that name an entry."""
 _ALWAYS = ("drive", "friction")
-"""Tables of a joint that an entry fills where the file has none; options are filled where the file has their table."""
+"""Tables of a joint that an entry adds to a file without them. It adds keys of options to tables that are there."""
 _SPRING = ("K1", "K2", "K3", "T1", "T2")
-_CALCULATED_OF = {"drive": _SPRING, "hysteresis": (*_SPRING, "hysteresis_loss")}
-"""Tables of a gear to its printed numbers from which they are calculated; others have none that is assumed."""
+_PRINTED = {"drive": _SPRING, "hysteresis": (*_SPRING, "hysteresis_loss")}
+"""Tables of a gear that are calculated from printed numbers, to these numbers."""
 _FILE = "models/drives/catalogue.toml"
+_OF_RATIO = {"N.m/rad": 2, "1/(N.m)": -1}
+"""Units of motor-side numbers of springs, to the power of the ratio that keeps the link side."""
 
 Tables = dict[str, dict[str, tuple[float, str]]]
-"""Table of a joint to its numbers, and where each is from."""
+"""Table of a joint to its numbers and their sources."""
 
 
 @cache
@@ -28,70 +34,115 @@ def catalogue() -> dict[str, dict[str, Any]]:
     return read_toml(data_path("models") / "drives" / "catalogue.toml")
 
 
-_OF_RATIO = {"N.m/rad": 2, "1/(N.m)": -1}
-"""Units of motor-side numbers of springs, to the power of the ratio that makes them of those of the link side."""
-
-
-def assumed(entry: dict[str, Any], part: str = "hysteresis") -> list[str]:
-    """Names of the numbers of a gear, of which a table of it is calculated, that are assumed."""
-    texts, of_part = catalogue()["sources"], _CALCULATED_OF.get(part, ())
-    made_up = [keys for source, keys in entry["sources"].items() if texts[source].startswith("Assumed")]
-    return [key for keys in made_up for key in keys if key in of_part]
+def assumed(gear: dict[str, Any], part: str = "hysteresis") -> list[str]:
+    """Names of the assumed numbers from which a table of a gear is calculated."""
+    texts = catalogue()["sources"]
+    assumptions = [keys for source, keys in gear["sources"].items() if texts[source].startswith("Assumed")]
+    return [key for keys in assumptions for key in keys if key in _PRINTED.get(part, ())]
 
 
 def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, ell: Any = None) -> Tables:
-    """Return the tables that the catalogue has for the gear and the motor that a joint at `path` of a file names.
+    """Return the tables of the gear and the motor that a joint at `path` of a file names.
 
     `kind` is revolute or prismatic, and `ell` the joint's own reduction ratio, if it has one.
     """
-    found: Tables = {}
+    tables: Tables = {}
     entries: dict[str, dict[str, Any]] = {}
-    for what in NAMED:
-        name, known = named.get(what), catalogue()[f"{what}s"]
-        if isinstance(name, str) and name in known:
-            entries[what] = known[name]
-        elif what in named:
-            way_out = nearest(name, list(known)) if isinstance(name, str) else "Give it as a string."
-            problems.add(f"{path}.{what}", f"a {what} of the catalogue", value_text(name), way_out)
-    gear, motor = (entries.get(what, {}) for what in NAMED)
+    for part in NAMED:
+        name, listed = named.get(part), catalogue()[f"{part}s"]
+        if isinstance(name, str) and name in listed:
+            entries[part] = listed[name]
+        elif part in named:
+            way_out = nearest(name, list(listed)) if isinstance(name, str) else "Give it as a string."
+            problems.add(f"{path}.{part}", f"a {part} of the catalogue", value_text(name), way_out)
+    gear, motor = (entries.get(part, {}) for part in NAMED)
     if gear and kind == "prismatic":
         problems.add(
             f"{path}.gear", "none on a prismatic joint", value_text(named["gear"]), "Give [joints.drive] itself."
         )
     ratio = ell if isinstance(ell, (int, float)) and ell > 0 else gear.get("ratio")
-    for what, entry in entries.items():
-        for part in (*_ALWAYS, *JOINT_OPTIONS):
-            source = f"{_FILE}: {what} {named[what]}"
-            if what == "gear" and assumed(entry, part):
-                source += f"; assumed there: {', '.join(assumed(entry, part))}"
-            for key, value in entry.get(part, {}).items():
-                if PARAMETERS[key].quantity == "velocity" and what == "motor":
+    for part, entry in entries.items():
+        for table in (*_ALWAYS, *JOINT_OPTIONS):
+            source = f"{_FILE}: {part} {named[part]}"
+            if part == "gear" and assumed(entry, table):
+                source += f"; assumed there: {', '.join(assumed(entry, table))}"
+            for key, value in entry.get(table, {}).items():
+                if PARAMETERS[key].quantity == "velocity" and part == "motor":
                     if not ratio:
                         continue
                     value = value / ratio
                 power = _OF_RATIO.get(PARAMETERS[key].quantity)
-                if (what, part) == ("gear", "drive") and power:  # the link side stays as printed
+                if (part, table) == ("gear", "drive") and power:  # the link side stays as printed
                     value = value * (gear["ratio"] / ratio) ** power
-                found.setdefault(part, {})[key] = value, source
+                tables.setdefault(table, {})[key] = value, source
     if gear:
-        found["drive"]["ell"] = gear["ratio"], f"{_FILE}: gear {named['gear']}"
+        tables["drive"]["ell"] = gear["ratio"], f"{_FILE}: gear {named['gear']}"
     if motor and ratio:
-        both = " and ".join(f"{what} {named[what]}" for what in entries)
+        both = " and ".join(f"{part} {named[part]}" for part in entries)
         inertia = sum(entry["inertia"] for entry in entries.values())
-        found.setdefault("drive", {})["I_m"] = ratio * inertia, f"{_FILE}: inertia of {both}, times ell"
-    return found
+        tables.setdefault("drive", {})["I_m"] = ratio * inertia, f"{_FILE}: inertia of {both}, times ell"
+    return tables
 
 
 def filled_from_catalogue(problems: Problems, joint: Any, path: str) -> tuple[Any, dict[str, str]]:
-    """Return a joint's table, filled_from_catalogue from the catalogue, and the sources of what was added by key."""
-    if not isinstance(joint, dict) or not any(what in joint for what in NAMED):
+    """Return a joint's table, filled from the catalogue, and the sources of the added numbers by key."""
+    if not isinstance(joint, dict) or not any(part in joint for part in NAMED):
         return joint, {}
     own = {part: joint[part] for part in (*_ALWAYS, *JOINT_OPTIONS) if isinstance(joint.get(part), dict)}
-    found = tables_of(problems, path, joint, joint.get("type", ""), own.get("drive", {}).get("ell"))
+    tables = tables_of(problems, path, joint, joint.get("type", ""), own.get("drive", {}).get("ell"))
     sources: dict[str, str] = {}
-    filled = {part: found[part] for part in found if part in own or (part in _ALWAYS and part not in joint)}
-    for part, numbers in filled.items():
-        missing = {key: number for key, number in numbers.items() if key not in own.get(part, {})}
+    for part in (part for part in tables if part in own or (part in _ALWAYS and part not in joint)):
+        missing = {key: number for key, number in tables[part].items() if key not in own.get(part, {})}
         own[part] = {key: value for key, (value, _) in missing.items()} | own.get(part, {})
         sources |= {f"{path}.{part}.{key}": source for key, (_, source) in missing.items()}
     return {key: value for key, value in joint.items() if key not in NAMED} | own, sources
+
+
+_POINTS, _PASSES = 60, 200
+_NAMES = SPRING_KEYS[1:5]  # of (2)-(3)
+_LEAST = np.log(1e-6)
+"""Smallest value of any parameter: the flexspline of a c_f of 1e-6 is a linear spring."""
+
+
+def catalogue_torsion(torque: Any, K: Any, T: Any) -> Any:
+    """Torsion [rad] of three straight pieces, for stiffnesses K (3,) [N m/rad] and torques T (2,) [N m].
+
+    Catalogues print K_1 up to the torque T_1, K_2 up to T_2 and K_3 beyond, with the wave generator held.
+    """
+    first, second = np.clip(torque, 0.0, T[0]), np.clip(torque - T[0], 0.0, T[1] - T[0])
+    return first / K[0] + second / K[1] + np.clip(torque - T[1], 0.0, None) / K[2]
+
+
+def fit_spring(ratio: float, K: Any, T: Any, largest: float) -> tuple[dict[str, float], float, float]:
+    """Fit the deformation D of (2)-(3) to :func:`catalogue_torsion`, by least squares up to the torque `largest` [N m].
+
+    Levenberg's method in the logarithms keeps the parameters positive. scipy's methods with bounds end in another
+    minimum for two gears of the catalogue.
+
+    Returns
+    -------
+    numbers : the parameters by name
+    residual, share : float [rad, -]
+        Largest difference of the torsions, and the same over the largest torsion.
+    """
+    torque = np.linspace(0.0, largest, _POINTS + 1)[1:]
+    wanted = catalogue_torsion(torque, K, T)
+
+    def residual(logarithms: Any) -> Any:
+        drive = SimpleNamespace(ell=ratio, **dict(zip(_NAMES, np.exp(logarithms), strict=True)))
+        return (deformation(drive, torque) - wanted) / wanted[-1]
+
+    # as if half of the compliance at rest, and of its fall, were the flexspline's
+    start = [2.0 * K[0], 1.0 / largest, 2.0 * K[0] / ratio**2, ratio / T[1]]
+    x, damping = np.log(start), 1e-2
+    r = residual(x)
+    for _ in range(_PASSES):
+        J = np.stack([(residual(x + step) - residual(x - step)) / 2e-6 for step in 1e-6 * np.eye(4)], axis=1)
+        trial = np.maximum(x - np.linalg.solve(J.T @ J + damping * np.eye(4), J.T @ r), _LEAST)
+        better = residual(trial)
+        if better @ better < r @ r:
+            x, r, damping = trial, better, damping / 4.0
+        else:
+            damping *= 4.0
+    share = float(np.abs(r).max())
+    return dict(zip(_NAMES, map(float, np.exp(x)), strict=True)), share * float(wanted[-1]), share

@@ -1,4 +1,4 @@
-"""Drives by a user's file: options with laws as in `vdfmu.arm.drive`, and the class of their robots."""
+"""Drives by a user's file: options as in `vdfmu.arm.drive`, and the class of their robots."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vdfmu.compiler.unit.load import check_may_run
 
 
 def drive_text(value: str, folder: Path) -> str:
-    """Read the file of a drive. A text of several lines is returned as it is. UsageError without a file."""
+    """Read the file of a drive, or return a text of several lines. UsageError without a file."""
     if "\n" in value:
         return value
     try:
@@ -32,14 +32,9 @@ def drive_text(value: str, folder: Path) -> str:
 
 @lru_cache(maxsize=32)
 def robot_class(text: str) -> type[Robot]:
-    """Return the class of robots with the drive of a text. The text is run.
+    """Run the text of a drive and return the class of its robots.
 
-    Raises
-    ------
-    UnitError
-        If it fails, or declares no drive.
-    CodeNotRunError
-        If nothing may be run.
+    UnitError if it fails or declares no drive, CodeNotRunError if no code may run.
     """
     check_may_run(Path("drive"))
     module = ModuleType(f"_vdfmu_drive_{sha256(text.encode()).hexdigest()[:12]}")
@@ -51,10 +46,10 @@ def robot_class(text: str) -> type[Robot]:
     except Exception as error:  # whatever code of others raises
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == module.__name__]
         raise UnitError(f"drive, line {lines[-1]}: {kind_text(error)}." if lines else f"drive: {error}.") from None
-    members: list[tuple[str, Any]] = [*vars(module).items()]
-    options = {name: value for name, value in members if isinstance(value, DriveOption) and not name.startswith("_")}
-    tables = [each for _, each in members if dataclasses.is_dataclass(each) and each.__module__ == module.__name__]
-    fields = [f for each in tables for f in dataclasses.fields(each) if f.metadata]
+    members: dict[str, Any] = dict(vars(module))
+    options = {n: value for n, value in members.items() if isinstance(value, DriveOption) and not n.startswith("_")}
+    tables = [t for t in members.values() if dataclasses.is_dataclass(t) and t.__module__ == module.__name__]
+    fields = [f for table in tables for f in dataclasses.fields(table) if f.metadata]
     rows = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields}
     _check(options, rows)
     attributes: dict[str, Any] = {"rows": PARAMETERS | rows, "own": tuple(options.values()), "drive": text}
@@ -65,7 +60,7 @@ def robot_class(text: str) -> type[Robot]:
 
 
 def _check(options: Mapping[str, DriveOption], rows: Mapping[str, Row]) -> None:
-    """Raise UnitError if a file has no drive, or a name that every arm has already."""
+    """Raise UnitError without a drive, or for a name that every arm has already."""
     if not options:
         raise UnitError("drive: the file must have a DriveOption of vdfmu.drive, such as MY_DRIVE = DriveOption(...).")
     names = [*rows, *dict.fromkeys(row.section for row in rows.values())]
@@ -75,7 +70,7 @@ def _check(options: Mapping[str, DriveOption], rows: Mapping[str, Row]) -> None:
 
 
 def _reduced(robot: Robot) -> tuple[Any, ...]:
-    """Return how a robot is pickled, whose class is of no module."""
+    """Pickle a robot whose class is in no module."""
     return _restored, (robot.drive, {f.name: getattr(robot, f.name) for f in dataclasses.fields(robot)})
 
 

@@ -1,9 +1,8 @@
 """THE table of a robot's parameters: every number of a robot, once.
 
-`Robot`, the robot file with its checks, the kernel's parameter vector, the FMI variables, ``vdfmu robot show`` and the
-docs read it. A new parameter is a field of `Parameters`, or of an option in `vdfmu.arm.drive`. The plant's torques, its
-losses and energies and the exact inverse must know it: ``tests/arm/laws/test_inverse_and_power.py`` walks the table.
-Exceptions are declared in `NOT_INVERTED` and `NOT_BALANCED`.
+A new parameter is a field of `Parameters`, or of an option in `vdfmu.arm.drive`. The plant's torques, losses and
+energies and the exact inverse must include it: ``tests/arm/laws/test_inverse_and_power.py`` walks the table. Exceptions
+are declared in `NOT_INVERTED` and `NOT_BALANCED`.
 """
 
 from __future__ import annotations
@@ -25,13 +24,13 @@ Fold = Literal["never", "always", "zeros", "inertia", "lumped friction"]
 JOINT_OPTIONS: tuple[OptionName, ...] = tuple(OPTIONS)
 """Tables that all joints of a robot have or none."""
 OPTIONAL: tuple[Section, ...] = ("payload", *JOINT_OPTIONS)
-"""Sections that a robot may lack; the flag of `Robot` that says so has the same name."""
+"""Sections that a robot may lack; its flag has the same name."""
 ENDS = ("moving_base", "coupled_tool")
-"""Flags of a robot that couple an end of it to what is around it."""
+"""Flags of a robot that couple an end of it to its surroundings."""
 
 
 def read_only(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return a contiguous float copy that refuses assignment."""
+    """Return a contiguous read-only float copy."""
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
@@ -39,62 +38,40 @@ def read_only(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Row:
-    """One row of the table.
-
-    Attributes
-    ----------
-    name : str
-        Field of `Robot` and group of the FMI variables.
-    section : str
-        Where the robot file has it: "robot" is the top of the file, "joint" that of each ``[[joints]]``, "payload" a
-        table of the file, the others are tables of each joint.
-    quantity : str
-        Unit of measurement, or what `unit_of` has different units for on revolute and prismatic joints.
-    text : str
-        Its meaning; ``Eq. {}`` cites `equation`.
-    equation : str
-        The paper's, "(2)"; empty for what the paper does not have.
-    largest : float
-        Largest absolute value, in SI units, far above that of any machine.
-    smallest : float or None
-        Smallest value. `POSITIVE` stands for "above 0", None for minus the largest.
-    default : float, matrix or None
-        Value of every entry, or of all, where the file does not say. None: the file must have it.
-    shape : tuple of int
-        Shape of one joint's value, or of the only one.
-    fold : str
-        Which entries are constants of the functions and no parameters at run time, so that they cost nothing: "never"
-        any, "always" all, "zeros", of an "inertia" the zeros off the diagonal and what symmetry gives, all in an arm
-        with "lumped friction".
-    part_of : str
-        Parameter of the joint without which, where it is 0, this one counts for nothing and is a constant too.
-    hint : str
-        Way out of a problem with it; else the text.
-    given : str
-        Its name in files of other tools: an attribute of a URDF's <limit> or <dynamics>, MJCF's armature and
-        gravity, the tip.
-    scaled_as : str
-        Word by which users scale it; all parameters of one word are scaled together.
-    start : float, matrix or None
-        Start value in the unit of a single link or joint; default that of a robot, or 0. A joint's unit has the options
-        without a state always: with these values an option changes no number to the bit.
-    """
+    """One row of the table."""
 
     name: str
+    """Field of `Robot` and group of the FMI variables."""
     section: Section
+    """Place in the robot file: "robot" is its top, "joint" the top of each ``[[joints]]``, others are tables."""
     quantity: str
+    """Unit of measurement, or a key of `unit_of` with different units for revolute and prismatic joints."""
     text: str
+    """Its meaning; ``Eq. {}`` cites `equation`."""
     equation: str = ""
+    """The paper's, "(2)"; empty if the paper lacks it."""
     largest: float = LARGEST_NUMBER
+    """Largest absolute value, in SI units, far above any machine."""
     smallest: float | None = None
+    """Smallest value. `POSITIVE` stands for "above 0", None for minus the largest."""
     default: Any = None
+    """Value of every entry, or of all, if the file lacks it. None: the file must have it."""
     shape: tuple[int, ...] = ()
+    """Shape of one joint's value, or of the only value."""
     fold: Fold = "never"
+    """Entries that are constants of the functions and cost nothing, no run-time parameters: "never" any, "always" all,
+    "zeros", of an "inertia" the zeros off the diagonal and its symmetric half, all in an arm with "lumped friction"."""
     part_of: str = ""
+    """Parameter of the joint that switches this one off, as a constant, if it is 0."""
     hint: str = ""
+    """Way out of a problem with it; else the text."""
     given: str = ""
+    """Its name in files of other tools: in a URDF's <limit> or <dynamics>, MJCF's armature and gravity, the tip."""
     scaled_as: str = ""
+    """Word for scaling: all parameters of one word are scaled together."""
     start: Any = None
+    """Start value in the unit of a single link or joint, else the default or 0. A joint's unit always has the options
+    without a state: with these values an option changes no bit."""
 
     @property
     def per_joint(self) -> bool:
@@ -158,7 +135,7 @@ _MOMENTS = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 mat
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArmParameters:
-    """The table of what every arm has, except for what follows its options."""
+    """The table of every arm, up to its options."""
 
     # fmt: off
     gravity: Array = row(
@@ -222,7 +199,6 @@ class ArmParameters:
     f_ck: Array = row(
         "friction", "N.m", "Coulomb friction of the rotor, motor-side, Eq. {}", "(55)", 1e9, 0.0,
         fold="lumped friction", scaled_as="friction")
-    # fmt: on
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -239,7 +215,6 @@ class Parameters(OptionRows, ArmParameters):
     theta_err_phase: Array = row(
         "drive", "rad", "phase of the kinematic error, Eq. {}", "(3)", 1e6, default=0.0,
         part_of="theta_err_amplitude")
-    # fmt: on
 
 
 PARAMETERS = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields(Parameters) if f.metadata}

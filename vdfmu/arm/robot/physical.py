@@ -1,12 +1,12 @@
-"""Physical conditions of robots: as checks of numbers, which note what they find in a `Problems`, and as margins.
+"""Physical conditions of robots: as checks that add to `Problems`, and as margins of parameters at run time.
 
-The margins are of parameters at run time and can be traced: inertias without eigenvalues, so that a native unit can
-evaluate them.
+The margins can be traced, for native units: inertias without eigenvalues.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import groupby
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,11 +15,10 @@ import numpy as np
 from vdfmu.arm.drive.option import Condition
 from vdfmu.arm.drive.options import options_of
 from vdfmu.arm.robot.parameters import PARAMETERS, Row
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.arrays import Floats
 from vdfmu.base.toml_tables import Problems, value_text
-from vdfmu.compiler.scalar.generic import minimum
-from vdfmu.compiler.unit.machine import STRICT, Entry, Requirement
+from vdfmu.compiler.scalar import minimum
+from vdfmu.compiler.unit.declaration import STRICT, Entry, Requirement
 
 # Entries of a rotation are at most 1, so ten printed digits leave R R^T - E below 1e-9.
 ROTATION_TOLERANCE = 1e-9
@@ -30,7 +29,7 @@ CONTRACTION_LIMIT = 0.5
 
 
 def check_rotation(problems: Problems, key: str, rotation: Floats) -> None:
-    """Note a rotation, shape (3, 3), that is not orthogonal or turns right-handed axes left-handed."""
+    """Add a problem if a rotation, (3, 3), is not orthogonal or mirrors."""
     if not np.isfinite(rotation).all():
         return
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
@@ -45,7 +44,7 @@ def check_rotation(problems: Problems, key: str, rotation: Floats) -> None:
 
 
 def check_inertia(problems: Problems, key: str, inertia: Floats) -> None:
-    """Note an inertia, shape (3, 3) [kg.m2], that no rigid body has."""
+    """Add a problem if no rigid body has the inertia, (3, 3) [kg.m2]."""
     if not np.isfinite(inertia).all():
         return
     scale = float(np.abs(inertia).max())
@@ -57,37 +56,27 @@ def check_inertia(problems: Problems, key: str, inertia: Floats) -> None:
     if moments[0] <= 0:
         problems.add(key, "positive definite, in kg.m2", got, "Every principal moment of a body is > 0.")
     elif moments[0] + moments[1] < moments[2] * (1 - INERTIA_TOLERANCE):
-        problems.add(
-            key,
-            "no principal moment above the sum of the other two (triangle inequality)",
-            got,
-            "Give the inertia about the centre of mass; check products of inertia and units.",
-        )
+        expected = "no principal moment above the sum of the other two (triangle inequality)"
+        way_out = "Give the inertia about the centre of mass; check products of inertia and units."
+        problems.add(key, expected, got, way_out)
 
 
 CONTRACTION = Condition(
-    "theta_err_amplitude",
-    f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}",
+    "theta_err_amplitude", f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}",
     lambda robot: CONTRACTION_LIMIT - 2.0 * robot.ell * robot.theta_err_amplitude,
     "Lower the amplitude, or the rotor's position does not follow from the spring.",
-)
+)  # fmt: skip
 STATIC_FRICTION = Condition(
-    "f_s",
-    "f_s >= f_c",
-    lambda robot: robot.f_s - robot.f_c,
-    "Set f_s = f_c for friction without the Stribeck effect.",
+    "f_s", "f_s >= f_c", lambda robot: robot.f_s - robot.f_c, "Set f_s = f_c for friction without the Stribeck effect.",
     strict=False,
-)
+)  # fmt: skip
 
 
 def check_conditions(
-    problems: Problems,
-    path: str,
-    conditions: Iterable[Condition],
-    joint: Mapping[str, Any],
+    problems: Problems, path: str, conditions: Iterable[Condition], joint: Mapping[str, Any],
     rows: Mapping[str, Row] = PARAMETERS,
-) -> None:
-    """Note conditions that a joint at `path`, field of `Robot` to its value, does not meet."""
+) -> None:  # fmt: skip
+    """Add the unmet conditions of a joint at `path`, field of `Robot` to its value."""
     for condition in conditions:
         row, margin = rows[condition.name], condition.margin(SimpleNamespace(**joint))
         broken = margin <= 0.0 if condition.strict else margin < 0.0
@@ -98,22 +87,15 @@ def check_conditions(
 
 def requirements(robot: Any) -> list[Requirement]:
     """Return the conditions of a robot, joint by joint."""
-    listed = dict.fromkeys(parameters(robot))
-    conditions = [one for option, _ in options_of(robot) for one in option.conditions]
-    inertias: list[list[Entry]] = [[] for _ in range(robot.n)]
-    for p in listed:
-        if p.field == "inertia":
-            inertias[p.index[0]].append(p)
-    found: list[Requirement] = []
-    for i, inertia in enumerate(map(tuple, inertias)):
-        found += [
-            _of_joint(condition, i)
-            for condition in (STATIC_FRICTION, *conditions, CONTRACTION)
-            if Entry(condition.name, (i,)) in listed
-        ]
-        found += _of_inertia(inertia)
-    payload = tuple(p for p in listed if p.field == "payload_inertia")
-    return found + (_of_inertia(payload) if payload else [])
+    entries = dict.fromkeys(robot.entries())
+    conditions = (STATIC_FRICTION, *(c for option, _ in options_of(robot) for c in option.conditions), CONTRACTION)
+    inertias = groupby((p for p in entries if p.field == "inertia"), lambda p: p.index[0])
+    listed: list[Requirement] = []
+    for i, inertia in inertias:
+        listed += [_of_joint(condition, i) for condition in conditions if Entry(condition.name, (i,)) in entries]
+        listed += _of_inertia(tuple(inertia))
+    payload = tuple(p for p in entries if p.field == "payload_inertia")
+    return listed + (_of_inertia(payload) if payload else [])
 
 
 def _of_joint(condition: Condition, i: int) -> Requirement:
@@ -123,15 +105,11 @@ def _of_joint(condition: Condition, i: int) -> Requirement:
 
 
 def _of_inertia(inertia: tuple[Entry, ...]) -> list[Requirement]:
+    def definite(arm: Any, at: Entry) -> Any:
+        return _smallest_minor(getattr(arm, at.field)[at.index[:-2]])
+
     text = "no principal moment of inertia above the sum of the other two"
-    return [
-        Requirement(
-            "a positive definite inertia matrix",
-            inertia,
-            lambda arm, at: _smallest_minor(getattr(arm, at.field)[at.index[:-2]]),
-        ),
-        Requirement(text, inertia, _triangle),
-    ]
+    return [Requirement("a positive definite inertia matrix", inertia, definite), Requirement(text, inertia, _triangle)]
 
 
 def _triangle(robot: Any, first: Entry) -> Any:
@@ -148,10 +126,3 @@ def _smallest_minor(A: Any) -> Any:
     minor_2 = a * d - b * b
     minor_3 = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
     return minimum(minimum(a, minor_2), minor_3) - STRICT
-
-
-def principal(inertia: Floats) -> tuple[Floats, Floats]:
-    """Return the principal moments of inertia, (3,), from small to large, and their right-handed axes as columns."""
-    moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    return moments, axes

@@ -1,7 +1,7 @@
-"""Plausibility: numbers that are allowed and of no arm, each with its likely mistake.
+"""Plausibility: allowed numbers outside the range of arms, each with its likely mistake.
 
-Files of robots and scenarios, imports and runs ask this one list. Its limits lie outside all shipped robots, and all
-gears of the catalogue with all its motors, and inside the usual mistakes: factors of 1000, of 180 / pi and of ell.
+The limits lie outside all shipped robots, and all gears of the catalogue with all its motors, and inside the usual
+mistakes: factors of 1000, of 180 / pi and of ell.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FAST = {"revolute": (60.0, "rad/s"), "prismatic": (20.0, "m/s")}
 """Speed of a joint. The wrists of SCARA robots reach 45 rad/s, linear motors 15 m/s. Limits in public robot files go up
 to 1e4 rad/s and are not asked."""
 _NONE = 1e6
-"""From here on a stop is none, as importers and FMUs write it."""
+"""Position of a missing stop, as importers and FMUs write it."""
 _HEAVY = 500.0
 """Mass of a link [kg]: the largest shipped has 395 kg, a link of half a kilogram has 500 g."""
 _STRONG_GRAVITY = 30.0
@@ -40,7 +40,7 @@ _WEAK_MOTOR, _STRONG_MOTOR = 1e3, 2e6
 
 
 class Plausibility(NamedTuple):
-    """A size that each joint has, the limits of arms, and what to say beyond them."""
+    """A size of each joint, the limits of arms, and the note beyond them."""
 
     size: Callable[[Robot], Floats]
     low: float
@@ -91,12 +91,11 @@ CHECKS = (
         f"looks like tau_stall of the link side, or I_m without its factor ell. {_MOTORS}",
     ),
 )  # fmt: skip
-"""What is asked of each joint."""
 
 
 def robot_notes(robot: Robot) -> list[str]:
-    """Return what of a robot looks like a mistake: what it is, its likely cause, and a way out."""
-    return [*_gravity(robot), *_joints(robot), *_payload(robot), *_stops(robot)]
+    """Return the probable mistakes of a robot: number, likely cause, way out."""
+    return [*_gravity(robot), *_joints(robot), *_stops(robot)]
 
 
 def _gravity(robot: Robot) -> Iterator[str]:
@@ -109,7 +108,7 @@ def _gravity(robot: Robot) -> Iterator[str]:
 
 
 def _joints(robot: Robot) -> Iterator[str]:
-    """Yield a note for each check, on the joint that is furthest out."""
+    """Yield a note for each failed check, on the worst joint, and on the tool and the payload."""
     for check in CHECKS:
         sizes = check.size(robot)
         for out, i, why in (
@@ -119,15 +118,12 @@ def _joints(robot: Robot) -> Iterator[str]:
                 yield f"joint {robot.joint_labels[i()]}: {check.text.format(sizes[i()])} {why}"
     for i in np.flatnonzero(np.abs(robot.tool_offset) > FAR)[:1]:
         yield f"tool_offset[{i + 1}] = {robot.tool_offset[i]:g} m looks like mm. Give it in m."
-
-
-def _payload(robot: Robot) -> Iterator[str]:
     if robot.payload and robot.payload_mass > _HEAVY:
         yield f"payload: a mass of {float(robot.payload_mass):g} kg looks like grams. Give it in kg."
 
 
 def _stops(robot: Robot) -> Iterator[str]:
-    """Yield a note for the lower and the upper stops, on the joint that is furthest out."""
+    """Yield a note for the lower and the upper stops, on the worst joint."""
     for name in ("q_min", "q_max") if robot.limits else ():
         values = getattr(robot, name)
         i = int(np.where(np.abs(values) < _NONE, np.abs(values), 0.0).argmax())
@@ -136,7 +132,7 @@ def _stops(robot: Robot) -> Iterator[str]:
 
 
 def position_notes(name: str, value: float, kind: str) -> Iterator[str]:
-    """Yield a note on a position of a revolute or prismatic joint that looks like degrees or millimetres."""
+    """Yield a note if the position of a revolute or prismatic joint looks like degrees or millimetres."""
     if kind == "revolute" and abs(value) > WIDE_ANGLE:
         yield f"{name} = {value:.4g} rad looks like degrees. Write {math.radians(value):.4g} rad."
     elif kind == "prismatic" and abs(value) > FAR:
@@ -144,7 +140,7 @@ def position_notes(name: str, value: float, kind: str) -> Iterator[str]:
 
 
 def speed_notes(name: str, value: float, kind: str) -> Iterator[str]:
-    """Yield a note on a speed of a revolute or prismatic joint that no arm has."""
+    """Yield a note if the speed of a revolute or prismatic joint is above all arms."""
     most, unit = _FAST[kind]
     if abs(value) > most:
         yield (

@@ -1,46 +1,44 @@
-"""A serial manipulator with flexible joints, as one structure of arrays."""
+"""A serial manipulator with flexible joints: its arrays, and its parameters at run time."""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from hashlib import sha256
+from typing import Any, ClassVar, Self
 
+import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.arm.drive.option import DriveOption
-from vdfmu.arm.robot.parameters import (
-    ENDS,
-    JOINT_OPTIONS,
-    OPTIONAL,
-    PARAMETERS,
-    Array,
-    Parameters,
-    Row,
-    Section,
-    read_only,
-)
+from vdfmu.arm.drive.option import Array, DriveOption
+from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, OPTIONAL, PARAMETERS, Parameters, Row, Section, read_only
 from vdfmu.arm.robot.physical import requirements
-from vdfmu.arm.robot.structure import parameters, set_parameters, shorter_robots, structure_key, symbolic_robot, values
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.arm.world.payload import link_body
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.machine import Entry, Facts
+from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.compiler.scalar import ZERO, Symbol
+from vdfmu.compiler.unit.declaration import Entry
 
 JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
+_UNLIKE = 3
+"""Joints at each end that may differ from the others in a robot with shorter equivalents."""
+_MANY = 1.1
+"""Joints, over those of the shorter robots together, from which tracing these takes less time than the robot itself."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Robot(Parameters):
     """Parameters of a serial chain of n links on revolute or prismatic joints with flexible drives.
 
-    Frame {B_i} is fixed to link i, its z axis is the axis of joint i; {B_0} is the inertial frame {I}, {O} that of the
-    end effector. SI units, angles in rad; a unit after "or" is that of a prismatic joint, whose motor side stays
+    Frame {B_i} is fixed to link i, its z axis is the axis of joint i; {B_0} is the inertial frame {I}, {O} the
+    end-effector frame. SI units, angles in rad. A unit after "or" is for prismatic joints; their motor side stays in
     rad and N.m. The kinematic error of Eq. (3) is ``A*sin(2*ell*kappa + phase)``.
 
     Nothing is checked here: the equations also run with fields that hold symbols. `vdfmu.arm.robot.robot_file` checks.
@@ -51,27 +49,27 @@ class Robot(Parameters):
         Name and description of the robot.
     joint_types : (n,) tuple of "revolute" or "prismatic"
     joint_names : (n,) tuple of str
-        Names that the file of another tool has for the joints; empty for none.
+        Names of the joints in the file of another tool; empty for none.
     friction : "lumped" or "split"
         Arrangement of the friction: all at the rotor, or Eq. (54) on the link and Eq. (55) on the rotor.
     rotor_coupling : bool
         Whether the rotors turn with the links that carry them, as bodies of Eq. (4), (7) and (11), or in pure
         rotation about their own axis, Eq. (56).
     sources : mapping of str to str
-        Provenance: key of the robot file to where its number is from.
+        Provenance: key of the robot file to the source of its number.
     payload : bool
-        Whether the last link carries a body of its own; the fields ``payload_`` count only then.
+        Whether the last link carries another body; the fields ``payload_`` count only then.
     {options} : bool
         Whether joints have this option of the drives; the fields of its table, such as ``[joints.limits]``, count
         only then.
     moving_base : bool
-        Whether the base moves, as inputs of the plant say; else it is at rest in {I}.
+        Whether the base moves by inputs of the plant; else it is at rest in {I}.
     coupled_tool : bool
-        Whether the plant shows how its end effector moves, and takes a load that has a mass.
+        Whether the plant outputs the motion of its end effector and takes a load with a mass.
     visuals : tuple of Visual
         Shapes of the links in pictures; no calculation uses them.
     file : str
-        The path or name from which it was loaded, if it is not a shipped one.
+        Path or name that it was loaded from; empty for a shipped robot.
     """
 
     reader: ClassVar[str] = "vdfmu.arm.robot.robot_file:robot_from_dict"
@@ -80,15 +78,13 @@ class Robot(Parameters):
         name for name, row in PARAMETERS.items() if row.per_joint and not row.shape
     )
 
-    # see Machine
-    entries, with_values, symbolic, key = parameters, set_parameters, symbolic_robot, structure_key
-    values, requirements, shorter = values, requirements, shorter_robots
+    requirements = requirements
     body = link_body
 
     own: ClassVar[tuple[DriveOption, ...]] = ()
-    """Options of a drive of its own, see :mod:`vdfmu.arm.robot.own_drive`."""
+    """Options of its own drive, see :mod:`vdfmu.arm.robot.own_drive`."""
     drive: ClassVar[str] = ""
-    """Text of the file of that drive."""
+    """Text of the file of its own drive."""
 
     name: str
     description: str
@@ -113,6 +109,90 @@ class Robot(Parameters):
         """Tables of a joint in its file that its own drive adds."""
         return [*dict.fromkeys(row.section for name, row in cls.rows.items() if name not in PARAMETERS)]
 
+    def entries(self) -> list[Entry]:
+        """Run-time parameters, in the order of the parameter vector of every traced function.
+
+        Structural zeros and fixed rotations are folded: the functions are three times as fast, and a folded number
+        cannot change later.
+        """
+        return [
+            Entry(name, index)
+            for name, row in self.rows.items()
+            for index in np.ndindex(getattr(self, name).shape)
+            if row.is_free(self, index)
+        ]
+
+    def values(self) -> np.ndarray:
+        """Parameter vector, in the order of :meth:`entries`."""
+        return np.array([getattr(self, p.field)[p.index] for p in self.entries()], dtype=float)
+
+    def with_values(self, vector: Sequence[float] | np.ndarray) -> Self:
+        """Copy with another parameter vector."""
+        return self._with_entries(self.entries(), list(vector), float)
+
+    def symbolic(self) -> tuple[Self, ca.SX]:
+        """Copy with symbols for run-time parameters, constants elsewhere; and the symbols' vector."""
+        entries = self.entries()
+        vector = ca.SX.sym("p", len(entries))
+        arrays = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        constants = {name: _constants(array) for name, array in arrays.items() if isinstance(array, np.ndarray)}
+        symbols = [Symbol(vector[i]) for i in range(len(entries))]
+        return dataclasses.replace(self, **constants)._with_entries(entries, symbols, object), vector
+
+    def _with_entries(self, entries: Sequence[Entry], new: Sequence[Any], dtype: Any) -> Self:
+        arrays: dict[str, np.ndarray] = {}
+        for entry, value in zip(entries, new, strict=True):
+            array = arrays.setdefault(entry.field, np.array(getattr(self, entry.field), dtype=dtype))
+            array[entry.index] = value
+            if self.rows[entry.field].fold == "inertia":
+                *joint, j, k = entry.index
+                array[(*joint, k, j)] = value
+        for array in arrays.values():
+            array.flags.writeable = False
+        return dataclasses.replace(self, **arrays)
+
+    def key(self) -> str:
+        """Key of the traced functions: equal for robots that differ in run-time parameters only."""
+        entries = self.entries()
+        fixed = self.with_values([0.0] * len(entries))
+        structure = {
+            "source": source_digest("arm.kernel", "compiler.functions"), "joints": self.joint_types,
+            "friction": self.friction, "rotor_coupling": self.rotor_coupling, "drive": self.drive,
+            "flags": [name for name in self.flags if getattr(self, name)], "parameters": [p.name for p in entries],
+            "folded": {name: np.asarray(getattr(fixed, name), dtype=float).tolist() for name in self.rows},
+        }  # fmt: skip
+        return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]
+
+    def shorter(self) -> list[Self]:
+        """Two robots without joints of the middle, if these repeat after one, two or four joints; else none.
+
+        The traced functions of a long robot follow from theirs.
+        """
+        n, entries = self.n, self.entries()
+        fixed = self.with_values([0.0] * len(entries))
+        arrays = {name: getattr(self, name) for name, row in self.rows.items() if row.per_joint}
+        free: list[list[tuple[str, tuple[int, ...]]]] = [[] for _ in range(n)]
+        for p in entries:
+            if p.field in arrays:
+                free[p.index[0]].append((p.field, p.index[1:]))
+        folded = [[getattr(fixed, name)[i].tobytes() for name in arrays] for i in range(n)]
+        inner = list(zip(self.joint_types, free, folded, strict=True))[_UNLIKE : n - _UNLIKE]
+        period = next((p for p in (1, 2, 4) if inner[p:] == inner[:-p]), None)
+        if period is None:
+            return []
+        step, least = (2, 14) if period == 1 else (4, 20)  # signs may alternate
+        first = least + (n - least) % step
+        sizes = [first, first + step]
+        if n < max(_MANY * sum(sizes), sizes[-1] + 3 * step):
+            return []
+        robots: list[Self] = []
+        for m in sizes:
+            kept = [*range(m // 2), *range(n - m + m // 2, n)]
+            parts: dict[str, Any] = {name: read_only(array[kept]) for name, array in arrays.items()}
+            joint_types = tuple(self.joint_types[i] for i in kept)
+            robots.append(dataclasses.replace(self, joint_types=joint_types, joint_names=(), visuals=(), **parts))
+        return robots
+
     @property
     def joint_labels(self) -> list[str]:
         """Number of each joint, from 1, and its name, if it has one: for tables."""
@@ -130,41 +210,31 @@ class Robot(Parameters):
 
         options: list[Section] = [part for part in JOINT_OPTIONS if getattr(self, part)]
         parts: tuple[Section, ...] = ("link", "drive", "friction", *options, *self.own_sections())
+        joints = [
+            {
+                **({"name": self.joint_names[i]} if any(self.joint_names[i : i + 1]) else {}),
+                "type": kind,
+                **numbers("joint", i),
+                **{part: numbers(part, i) for part in parts},
+            }
+            for i, kind in enumerate(self.joint_types)
+        ]
+        texts = ("name", "description", "friction", "rotor_coupling")
         return {
-            "name": self.name,
-            "description": self.description,
-            "friction": self.friction,
-            "rotor_coupling": self.rotor_coupling,
+            **{name: getattr(self, name) for name in texts},
             **{flag: True for flag in ENDS if getattr(self, flag)},
             **({"drive": self.drive} if self.drive else {}),
             **numbers("robot", ()),
             **({"payload": numbers("payload", ())} if self.payload else {}),
-            "joints": [
-                {
-                    **({"name": self.joint_names[i]} if any(self.joint_names[i : i + 1]) else {}),
-                    "type": kind,
-                    **numbers("joint", i),
-                    **{part: numbers(part, i) for part in parts},
-                }
-                for i, kind in enumerate(self.joint_types)
-            ],
+            "joints": joints,
             "sources": dict(self.sources),
             **({"visuals": [visual.to_dict() for visual in self.visuals]} if looks and self.visuals else {}),
         }
 
     def with_parameters(self, **arrays: npt.ArrayLike) -> Robot:
-        """Return a copy with some numbers replaced; nothing physical is checked.
+        """Return a copy with other numbers by field name, unchecked. A scalar sets every joint.
 
-        Parameters
-        ----------
-        **arrays : array_like
-            New values by field name. A value is broadcast to the shape of the field, so a scalar sets every
-            joint.
-
-        Raises
-        ------
-        UsageError
-            If a name is not one of `PARAMETERS`, or a value does not fit its shape.
+        UsageError if a name is not in `PARAMETERS`, or a value does not fit its shape.
         """
         new: dict[str, Array] = {}
         for key, value in arrays.items():
@@ -182,29 +252,36 @@ class Robot(Parameters):
                 raise UsageError(f"robot {self.name}: {key}: expected numbers of shape {shape}, got {got}.") from error
         return dataclasses.replace(self, **new)
 
-    def facts(self, entry: Entry) -> Facts:
-        """Return what a variable says of one of the numbers."""
+    def facts(self, entry: Entry) -> tuple[str, float, float, str]:
+        """Return unit of measurement, bounds and text of the variable for an entry."""
         row = self.rows[entry.field]
         counted = ",".join(str(i + 1) for i in entry.index)
         text = f"{row.description}{_PLACES[row.per_joint, len(row.shape)]} {counted}".rstrip()
         if row.per_joint and not row.shape:
             text = f"Joint {counted}: {row.description}"
         unit = row.unit(self.joint_types[entry.index[0]] if row.per_joint else "revolute")
-        return Facts(unit, -row.largest if row.smallest is None else row.smallest, row.largest, text)
+        return unit, (-row.largest if row.smallest is None else row.smallest), row.largest, text
 
     def source_of(self, key: str) -> str | None:
-        """Return where the number at `key`, such as ``joints[2].link.mass``, is from; None if not said.
+        """Return the source of the number at `key`, such as ``joints[2].link.mass``, or None.
 
-        A per-joint entry overrides that of all joints, ``joints.link.mass``.
+        An entry of a joint overrides the entry of all joints, ``joints.link.mass``.
         """
         return self.sources.get(key, self.sources.get(joint_free(key)))
+
+
+def _constants(array: np.ndarray) -> np.ndarray:
+    out = np.empty(array.shape, dtype=object)
+    for index in np.ndindex(array.shape):
+        out[index] = Symbol(float(array[index])) if array[index] or np.signbit(array[index]) else ZERO
+    return out
 
 
 _PLACES = {
     (False, 0): "", (False, 1): ", axis", (False, 2): ", (row, column)",
     (True, 0): "", (True, 1): ", (link, axis)", (True, 2): ", (link, row, column)",
 }  # fmt: skip
-"""Whether each joint has its own and number of axes, to what the indices are."""
+"""(per joint?, number of axes) -> label of the indices."""
 
 
 def _documented(row: Row) -> str:
@@ -226,7 +303,7 @@ def joint_free(key: str) -> str:
 
 
 def robot_argument(value: Any) -> Robot:
-    """Return a robot that a user passed; UsageError for anything else, such as its name."""
+    """Return a robot that a user passed; UsageError for another type, such as its name."""
     if not isinstance(value, Robot):
         raise UsageError(
             f"expected a Robot, got {type(value).__name__} {value!r:.60}. Load it with vdfmu.load_robot(path_or_name)."

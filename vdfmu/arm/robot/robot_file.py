@@ -37,19 +37,9 @@ JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIO
 
 
 def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
-    """Build a robot from the content of a robot file.
+    """Build a robot from the content of a TOML file, the inverse of `Robot.to_dict`.
 
-    Parameters
-    ----------
-    data : mapping
-        The layout of a robot's TOML file; the inverse of `Robot.to_dict`.
-    where : str
-        Name of the data in messages.
-
-    Raises
-    ------
-    ModelError
-        With every problem found.
+    Messages name the data `where`. ModelError has every problem found.
     """
     problems = Problems(where)
     file = Table(problems, data, "", ROBOT_KEYS)
@@ -81,14 +71,11 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     for i, name_of in enumerate(names, 1):
         if name_of and names.index(name_of) < i - 1:
             other = names.index(name_of) + 1
-            problems.add(f"joints[{i}].name", "a name of its own", f"that of joints[{other}]", "Rename one.")
+            problems.add(f"joints[{i}].name", "its own name", f"the name of joints[{other}]", "Rename one.")
     options = {option: any(joint[option] for joint in read) for option in JOINT_OPTIONS}
     for i, joint in enumerate(read, 1):
-        for option in JOINT_OPTIONS:
-            if options[option] and not joint[option]:
-                problems.add(
-                    f"joints[{i}].{option}", "a table, as other joints have", "nothing", "Give it to all or none."
-                )
+        for option in (option for option in JOINT_OPTIONS if options[option] and not joint[option]):
+            problems.add(f"joints[{i}].{option}", "a table, as other joints have", "nothing", "Give it to all or none.")
     visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
     problems.raise_any()
     arrays: dict[str, Any] = {
@@ -96,44 +83,28 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         for name in made.rows
     }
     return made(
-        name=name,
-        description=description,
-        joint_types=tuple(cast(str, joint["type"]) for joint in read),
-        joint_names=tuple(names),
-        friction=friction,
-        rotor_coupling=rotor_coupling,
-        sources=of_catalogue | sources,
-        payload="payload" in file.data,
-        visuals=visuals,
-        **options,
-        **flags,
-        **arrays,
-    )
+        name=name, description=description, joint_types=tuple(cast(str, joint["type"]) for joint in read),
+        joint_names=tuple(names), friction=friction, rotor_coupling=rotor_coupling, sources=of_catalogue | sources,
+        payload="payload" in file.data, visuals=visuals, **options, **flags, **arrays,
+    )  # fmt: skip
 
 
 def robot_names() -> list[str]:
-    """Return the names of the robots that travel with the package."""
+    """Return the names of the shipped robots."""
     return toml_names("robots")
 
 
 def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
-    """Load a robot by the name of a shipped one or by the path of a TOML file.
+    """Load a shipped robot by its name, or a robot by the path of a TOML file.
 
-    Parameters
-    ----------
-    path_or_name : str or path
-        A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
-
-    Returns
-    -------
-    Robot
+    A path has a path separator, ends in ``.toml`` or names an existing file.
 
     Raises
     ------
     UsageError
         If no shipped robot has the name.
     ModelError
-        If the file cannot be read or describes no physical robot; it lists every problem.
+        If the file cannot be read or the robot is not physical; it lists every problem.
     """
     path = locate(path_or_name, "robots")
     robot = robot_from_dict(read_toml(path), str(path))
@@ -142,20 +113,14 @@ def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
 
 
 def check_robot(robot: Robot, where: str = "") -> Robot:
-    """Return the robot if it is physical, such as one from `Robot.with_parameters`.
-
-    Raises
-    ------
-    ModelError
-        With every problem found.
-    """
+    """Return a physical robot, for example from `Robot.with_parameters`; ModelError with every problem found."""
     robot_argument(robot)
     robot_from_dict(robot.to_dict(), where or f"robot {robot.name}")
     return robot
 
 
 def _class(problems: Problems, file: Table, folder: Path) -> type[Robot]:
-    """Return the class of a robot: that of a drive of its own, of the file of its key `drive` or that file's text."""
+    """Return `Robot`, or the class by the key `drive`: the path of a file or its text."""
     if "drive" not in file.data:
         return Robot
     try:
@@ -189,44 +154,33 @@ def _joint(problems: Problems, data: object, path: str, made: type[Robot]) -> di
         for name in OPTIONS[option].revolute_only:
             if kind == "prismatic" and joint[name] != 0.0:
                 key = f"{path}.{option}.{name}"
-                problems.add(key, "0 at a prismatic joint", f"{joint[name]:g}", "Its law is that of a turn.")
+                problems.add(key, "0 at a prismatic joint", f"{joint[name]:g}", "It acts on revolute joints alone.")
         check_conditions(problems, path, OPTIONS[option].conditions, joint)
     return joint
 
 
 def section_numbers(
-    table: Table,
-    part: Section,
-    joint_type: str = "revolute",
-    keys: Container[str] | None = None,
+    table: Table, part: Section, joint_type: str = "revolute", keys: Container[str] | None = None,
     rows: Iterable[Row] | None = None,
-) -> dict[str, float | Floats]:
+) -> dict[str, float | Floats]:  # fmt: skip
     """Read the numbers of a section, or some `keys` of it: field of `Robot` to its value."""
-    found: dict[str, float | Floats] = {}
+    numbers: dict[str, float | Floats] = {}
     for row in (row for row in rows or section(part) if keys is None or row.key in keys):
-        options = bounds(row, joint_type)
+        unit = row.unit(joint_type)
+        options: dict[str, Any] = {"above": 0.0} if row.smallest == POSITIVE else {"at_least": row.smallest}
+        options |= {"at_most": row.largest, "way_out": row.way_out, "unit": "" if unit == "1" else unit}
         if row.fold == "inertia":
-            found[row.name] = _inertia(table, row, options)
+            numbers[row.name] = _inertia(table, row, options)
         elif row.shape:
             default = None if row.default is None else np.full(row.shape, row.default).tolist()
-            found[row.name] = table.numbers(row.key, row.shape, default=default, **options)
+            numbers[row.name] = table.numbers(row.key, row.shape, default=default, **options)
         else:
-            found[row.name] = table.number(row.key, default=row.default, **options)
-    return found
-
-
-def bounds(row: Row, joint_type: str) -> dict[str, Any]:
-    """Return the options of `Table.number` for a parameter."""
-    unit = row.unit(joint_type)
-    low = {"above": 0.0} if row.smallest == POSITIVE else {"at_least": row.smallest}
-    return low | {"at_most": row.largest, "way_out": row.way_out, "unit": "" if unit == "1" else unit}
+            numbers[row.name] = table.number(row.key, default=row.default, **options)
+    return numbers
 
 
 def _inertia(table: Table, row: Row, options: dict[str, Any]) -> Floats:
-    """Read an inertia as 3 x 3 matrix, from one number, three principal moments or the matrix itself.
-
-    One that has a default may be 0, that of a point mass.
-    """
+    """Read an inertia (3, 3) from one number, three moments or a matrix; with a default it may be 0, a point mass."""
     key, value = row.key, table.data.get(row.key)
     shape = shape_of(value)
     if value is None and row.default is not None:
@@ -244,7 +198,7 @@ def _inertia(table: Table, row: Row, options: dict[str, Any]) -> Floats:
 
 def _sources(file: Table, made: type[Robot]) -> dict[str, str]:
     """Read [sources], whose keys may be quoted or nested: "joints.link.mass" or joints.link.mass."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     keys = [row.path for row in made.rows.values()]
 
     def walk(value: object, path: str) -> None:
@@ -252,16 +206,16 @@ def _sources(file: Table, made: type[Robot]) -> dict[str, str]:
             for key, entry in cast("dict[str, object]", value).items():
                 walk(entry, f"{path}.{key}" if path else key)
         elif not isinstance(value, str):
-            file.problems.add(f"sources.{path}", "a string", value_text(value), "Say where the number is from.")
+            file.problems.add(f"sources.{path}", "a string", value_text(value), "Name the source of the number.")
         elif joint_free(path) not in keys:
             file.problems.add(f"sources.{path}", "a key of this file", "an unknown one", nearest(path, keys))
         else:
             file.check_text(f"sources.{path}", value)
-            found[path] = value
+            texts[path] = value
 
     sources = file.value("sources", "a table", {})
     if isinstance(sources, dict):
         walk(cast(object, sources), "")
     else:
-        file.problems.add("sources", "a table", value_text(sources), "Its entries are: key = where its number is from.")
-    return found
+        file.problems.add("sources", "a table", value_text(sources), "Its entries are: key = source of the number.")
+    return texts

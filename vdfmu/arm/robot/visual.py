@@ -1,4 +1,4 @@
-"""Looks of a link: shapes and meshes that a robot file names for a 3D view. No calculation uses them."""
+"""Shapes and meshes of links in a robot file, for 3D views. No calculation uses them."""
 
 from __future__ import annotations
 
@@ -19,32 +19,22 @@ _KEYS = ("joint", "shape", "file", "size", "rotation", "offset", "color")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Visual:
-    """A shape that is fixed to a link.
-
-    Attributes
-    ----------
-    joint : int
-        Number of the joint that moves it, from 1; 0 for what stands still.
-    shape : str
-        One of `SHAPES`.
-    size : (k,) [m], or 1 of a mesh
-    rotation : (3, 3)
-        Its axes as columns, in the link frame {B_i}.
-    offset : (3,) [m]
-        Its origin in {B_i}, of boxes, spheres, cylinders and the like their centre.
-    color : (4,)
-        Red, green, blue and opacity, 0 to 1.
-    file : str
-        File of a mesh: a path from the folder of the robot file, or what the robot's first file says.
-    """
+    """A shape that is fixed to a link."""
 
     joint: int
+    """Number of the joint that moves it, from 1; 0 for a shape at rest."""
     shape: str
+    """A key of `SHAPES`."""
     size: Array
+    """(k,) [m], or scale of a mesh."""
     rotation: Array
+    """(3, 3): its axes as columns, in the link frame {B_i}."""
     offset: Array
+    """(3,) [m]: its origin in {B_i}, of shapes other than meshes the centre."""
     color: Array
+    """(4,): red, green, blue and opacity, 0 to 1."""
     file: str = ""
+    """File of a mesh: a path from the folder of the robot file, or the name in an imported file."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the table of a robot file."""
@@ -57,7 +47,7 @@ class Visual:
 
 
 def read_visuals(problems: Problems, data: object, n: int) -> tuple[Visual, ...]:
-    """Read the tables [[visuals]] of a robot of `n` joints; what is wrong is noted."""
+    """Read the tables [[visuals]] of a robot of `n` joints."""
     if not isinstance(data, list):
         problems.add("visuals", "tables", value_text(data), "Write [[visuals]] in double brackets.")
         return ()
@@ -68,7 +58,7 @@ def _visual(problems: Problems, data: object, path: str, n: int) -> Visual:
     table = Table(problems, data, path, _KEYS)
     joint = table.value("joint", f"a joint from 0 to {n}")
     if joint is not None and (isinstance(joint, bool) or not isinstance(joint, int) or not 0 <= joint <= n):
-        problems.add(f"{path}.joint", f"a joint from 0 to {n}", value_text(joint), "0 is what stands still.")
+        problems.add(f"{path}.joint", f"a joint from 0 to {n}", value_text(joint), "0 is for shapes at rest.")
     shape = table.text("shape", choices=tuple(SHAPES))
 
     def numbers(key: str, size: tuple[int, ...], unit: str, default: Any, **bounds: Any) -> Floats:
@@ -76,15 +66,10 @@ def _visual(problems: Problems, data: object, path: str, n: int) -> Visual:
 
     rotation = numbers("rotation", (3, 3), "", np.eye(3).tolist())
     check_rotation(problems, f"{path}.rotation", rotation)
-    mesh = shape == "mesh"
+    mesh, size = shape == "mesh", (SHAPES.get(shape, 0),)
     return Visual(
-        joint=joint if isinstance(joint, int) else 0,
-        shape=shape,
-        size=numbers(
-            "size", (SHAPES.get(shape, 0),), "" if mesh else "m", [1.0] * 3 if mesh else None,
-            **({} if mesh else {"at_least": 0.0}),
-        ),
-        rotation=rotation,
+        joint=joint if isinstance(joint, int) else 0, shape=shape, rotation=rotation,
+        size=numbers("size", size, "", [1.0] * 3) if mesh else numbers("size", size, "m", None, at_least=0.0),
         offset=numbers("offset", (3,), "m", [0.0] * 3),
         color=numbers("color", (4,), "", [0.7, 0.7, 0.7, 1.0], at_least=0.0, at_most=1.0),
         file=table.text("file") if mesh else table.text("file", ""),

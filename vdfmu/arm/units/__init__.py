@@ -1,7 +1,7 @@
-"""The units of the package, one file each. Users write theirs the same way.
+"""The units of the package, one file each, as users write theirs: of the shipped systems, and in the folders.
 
-In addition to those of the shipped systems there are control laws in `laws`, observers in `observers`, `devices` and
-`pieces`, the links and joints of an arm by themselves.
+`laws` has controllers, `observers` estimators and filters, `devices` actuators and sensors, `pieces` single links and
+joints.
 """
 
 from __future__ import annotations
@@ -15,10 +15,8 @@ from pkgutil import walk_packages
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.plugins import Plugins
+from vdfmu.compiler.unit import Unit
 from vdfmu.compiler.unit.load import load_units
-from vdfmu.compiler.unit.unit import Unit
-
-__all__ = ["find_unit", "known_units", "package_units", "shipped_units"]
 
 PLUGINS = Plugins(
     "units", "unit", "a class of a unit", lambda found: isinstance(found, type) and issubclass(found, Unit)
@@ -26,14 +24,14 @@ PLUGINS = Plugins(
 
 
 def shipped_units() -> dict[str, type[Unit]]:
-    """Return the units of an arm in the shipped systems by name, without those around it, which need no robot."""
+    """Return the units of the shipped systems that need a robot, by name."""
     units = package_units().items()
     return {name: unit for name, unit in units if unit.needs_robot() and unit.__module__ == f"{__name__}.{name}"}
 
 
 @lru_cache
 def package_units() -> dict[str, type[Unit]]:
-    """Return the units by name, which is that of their file."""
+    """Return the units by the name of their file."""
     paths = sorted(module.name for module in walk_packages(__path__, f"{__name__}.") if not module.ispkg)
     named = {path.rpartition(".")[2]: path for path in paths}
     modules = {name: import_module(path) for name, path in named.items() if not name.startswith("_")}
@@ -46,20 +44,16 @@ def package_units() -> dict[str, type[Unit]]:
 
 
 def known_units() -> dict[str, type[Unit]]:
-    """Return the units of the package by name, and those that other packages add."""
+    """Return the units of the package and of plugins, by name."""
     shipped = package_units()
     return shipped | PLUGINS.all(shipped)
 
 
 def find_unit(name: object) -> type[Unit]:
-    """Return a unit: a class, a shipped name (``plant``, ``Plant``), ``my_unit.py``, or ``my_units.py:Name``.
+    """Return a unit by its class, a shipped name (``plant``, ``Plant``), ``my_unit.py``, or ``my_units.py:Name``.
 
-    Raises
-    ------
-    UsageError
-        If no unit has the name, or `name` is something else.
-    UnitError
-        If the file fails or declares a unit wrongly; with file and line.
+    UsageError for an unknown name or another type; UnitError, with file and line, if the file fails or declares a unit
+    wrongly.
     """
     if isinstance(name, type) and issubclass(name, Unit):
         return name

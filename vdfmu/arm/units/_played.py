@@ -1,4 +1,4 @@
-"""Units that play a motion which was worked out before the run: what :meth:`vdfmu.arm.motion.Motion.unit` makes."""
+"""Units that play a motion, for :meth:`vdfmu.arm.motion.Motion.unit`."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from vdfmu.compiler.unit import Output, Parameter, Terminal, Unit
 
 
 class Played(Unit):
-    """A motion of the joints with four time derivatives, none of which jumps.
+    """A motion of the joints with four continuous time derivatives.
 
-    It is a polynomial of degree 5 between two knots, played from ``t_start`` on, `speed` times as fast as it was worked
-    out, and held before and after.
+    It is a polynomial of degree 5 between two knots, played from ``t_start`` on, `speed` times as fast as planned, and
+    held before and after.
     """
 
     edges: ClassVar[Any] = np.array([0.0, 1.0, 2.0])
@@ -35,11 +35,11 @@ class Played(Unit):
 
     @classmethod
     def begin(cls) -> list[float]:
-        """Return the positions at which the motion starts."""
+        """Positions at the start of the motion."""
         return cls.rows[0, 1 : 1 + (cls.rows.shape[1] - 1) // 6].tolist()
 
     def repeats(self) -> Any:
-        """Return how often the motion is played."""
+        """Return the number of times that the motion is played."""
         return 1.0
 
     def outputs(self) -> None:
@@ -50,14 +50,14 @@ class Played(Unit):
 
 
 class Cycle(Played):
-    """A motion of the joints that ends where it starts, with four time derivatives, none of which jumps.
+    """A closed motion of the joints with four continuous time derivatives.
 
     It is a polynomial of degree 5 between two knots, played `cycles` times from ``t_start`` on, `speed` times as fast
-    as it was worked out, and held before and after.
+    as planned, and held before and after.
     """
 
     cycles = Parameter("1", text="Number of times that the motion is played", start=1.0, minimum=1.0)
 
     def repeats(self) -> Any:
-        """Return how often the motion is played."""
+        """Return the number of times that the motion is played."""
         return np.floor(self.cycles)

@@ -10,7 +10,7 @@ from vdfmu.arm.equations.inverse_dynamics import AT_REST, Base
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.arm.world.attachment import moving_base
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
-from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 
 DESIRED = {
     "q_d": ("position", JOINTS, "desired position"),
@@ -20,7 +20,6 @@ DESIRED = {
     "q_d_ddddot": ("snap", JOINTS, "fourth derivative of the desired position"),
 }
 """Unit, shape and text of the desired motion."""
-
 MEASURED = {
     "q": ("position", JOINTS, "position of the link"),
     "q_dot": ("velocity", JOINTS, "velocity of the link"),
@@ -28,7 +27,7 @@ MEASURED = {
     "kappa_dot": ("velocity", JOINTS, "velocity of the rotor divided by ell"),
     "tau_s": ("torque", JOINTS, "spring torque, link-side"),
 }
-"""Unit, shape and text of the motion and torque of joints that a plant has and others measure."""
+"""Unit, shape and text of the measured motion and torque of joints."""
 
 WRENCH = (3 * ("N",) + 3 * ("N.m",), 6)
 """Units and shape of a force and a moment."""
@@ -52,24 +51,22 @@ def wrench(text: str) -> Input:
 
 def base_motion() -> tuple[Input, Input, Input]:
     """Rotation, velocity and acceleration of a moving base."""
+    velocity = six("Velocity of the base in {S}", "Angular velocity of the base in {S}")
+    acceleration = six("Acceleration of the origin of {S} in {S}", "Angular acceleration of the base in {S}")
     return (
         Input("1", (3, 3), "Rotation matrix of the base in {I}", start=np.eye(3), when="moving_base"),
-        Input(*VELOCITY, six("Velocity of the base in {S}", "Angular velocity of the base in {S}"), when="moving_base"),
-        Input(
-            *ACCELERATION,
-            six("Acceleration of the origin of {S} in {S}", "Angular acceleration of the base in {S}"),
-            when="moving_base",
-        ),
+        Input(*VELOCITY, velocity, when="moving_base"),
+        Input(*ACCELERATION, acceleration, when="moving_base"),
     )
 
 
 def base_of(unit: Any) -> Base:
-    """Return the motion of the base that a unit is given, or at rest, as its robot's."""
+    """Return the motion of the base from a unit's inputs, or at rest, as of its robot."""
     return moving_base(unit.R_S, unit.V_S[3:], unit.A_S) if unit.of_robot.moving_base else AT_REST
 
 
 def tool_inputs() -> tuple[Input, Input, Input]:
-    """Pose and velocity of the end effector, as a plant with coupled_tool shows them."""
+    """Pose and velocity of the end effector, from a plant with coupled_tool."""
     return (
         Input("m", 3, "Position of the end effector in {I}, axis"),
         Input("1", (3, 3), "Rotation matrix of the end effector in {I}", start=np.eye(3)),
@@ -78,7 +75,7 @@ def tool_inputs() -> tuple[Input, Input, Input]:
 
 
 def gain(unit: str, text: str, start: float) -> Parameter:
-    """Tunable parameter of each joint, not below 0."""
+    """Tunable parameter of each joint, at least 0."""
     return Parameter(unit, JOINTS, text, start=start, minimum=0.0, tunable=True)
 
 

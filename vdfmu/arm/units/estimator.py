@@ -1,4 +1,4 @@
-"""The unit TorqueEstimator: spring torques from what a robot measures."""
+"""The unit TorqueEstimator: spring torques from measured positions."""
 
 from __future__ import annotations
 
@@ -29,13 +29,8 @@ class TorqueEstimator(Unit):
     tau_s_hat = Output("torque", JOINTS, "spring torque from the positions alone, link-side")
     tau_f_hat = Output("torque", JOINTS, "spring torque from the motor torque, link-side, Eq. (2)-(3) as printed")
     tau_hat_max = Parameter(
-        "torque",
-        JOINTS,
-        "largest estimate, link-side; start: 10/c_f, where the flexspline is 100 times as stiff as at rest",
-        start=lambda robot: 10.0 / robot.c_f,
-        minimum=0.0,
-        tunable=True,
-    )
+        "torque", JOINTS, "largest estimate, link-side; start: 10/c_f, where the flexspline is 100 times as stiff as "
+        "at rest", start=lambda robot: 10.0 / robot.c_f, minimum=0.0, tunable=True)  # fmt: skip
     robot = RobotParameters(*SPRING_KEYS)
     terminals = (
         Terminal("joints", "left", ("tau", "q", "kappa"), "Motor torques and positions of the joints"),
@@ -44,8 +39,8 @@ class TorqueEstimator(Unit):
 
     def outputs(self) -> None:
         """Both estimates."""
-        found = torque_estimates(self.robot, self.q, self.kappa, self.tau, self.tau_hat_max)
-        self.tau_s_hat, self.tau_f_hat = found.tau_s_hat, found.tau_f_hat
+        estimates = torque_estimates(self.robot, self.q, self.kappa, self.tau, self.tau_hat_max)
+        self.tau_s_hat, self.tau_f_hat = estimates.tau_s_hat, estimates.tau_f_hat
 
     def experiment(self) -> None:
         """Move a little, with deformations of the size that catalogue drives have."""

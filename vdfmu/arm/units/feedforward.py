@@ -13,8 +13,8 @@ from vdfmu.compiler.unit import JOINTS, Choice, Input, Output, RobotParameters, 
 class Feedforward(Unit):
     """Feedforward torque by virtual decomposition, Eq. (12)-(28) and (48)-(53).
 
-    Numbers in brackets are those of the paper. Link-side quantities are those of the joint, motor-side ones those of
-    the rotor; ell is the reduction ratio. For a prismatic joint read m for rad and N for N.m on the link side.
+    Numbers in brackets are the paper's. Link-side quantities belong to the joint, motor-side quantities to the rotor;
+    ell is the reduction ratio. For a prismatic joint read m for rad and N for N.m on the link side.
 
     Mode 0, inverse: the exact inverse of the plant along the desired motion::
 
@@ -25,18 +25,18 @@ class Feedforward(Unit):
     Mode 1, vdc: virtual decomposition control, from the desired and the measured motion::
 
         q_dot_r     = q_d_dot + Lambda (q_d - q)                         required velocity, (12)
-        kappa_dot_r = q_dot_r + (kappa_d_dot - q_d_dot)                  that of the rotors
+        kappa_dot_r = q_dot_r + (kappa_d_dot - q_d_dot)                  of the rotors
         F*_B,r      = M_B V_B,r_dot + C_B V_B,r + G_B + K_V (V_B,r - V_B)        required net forces, (50)
         tau_t       = (z' F_B,r + xi_l) / ell + k_vq (q_dot_r - q_dot)   (26)
         tau_m       = tau_t + k_vkappa (kappa_dot_r - kappa_dot) + xi_m + I_m kappa_r_ddot       (27), (56)
 
     ID is the inverse dynamics of the links, (29)-(47) and (59)-(62); D the deformation of a drive and theta_err its
-    kinematic error, (2)-(3); xi_l and xi_m friction on link and rotor, (54)-(55). What counterbalances give is taken
-    off ID and off z' F_B,r.
+    kinematic error, (2)-(3); xi_l and xi_m friction on link and rotor, (54)-(55). Torques of counterbalances are
+    subtracted from ID and z' F_B,r.
 
     The inverse is not exact in two cases. With rotor_coupling the rotors' own accelerations would take two more
-    derivatives of q_d for each joint: left out of kappa_d, which matters in fast motions. Of options it knows backlash,
-    load loss and counterbalances. It does not know hysteresis, bristles, the winding, a temperature, or limits.
+    derivatives of q_d for each joint. They are left out of kappa_d, with an effect in fast motions. Of options it
+    includes backlash, load loss and counterbalances, but not hysteresis, bristles, the winding, temperature, or limits.
 
     For a robot with moving_base the motion of the base is an input, the derivatives of its acceleration A_S taken as 0.
     """
@@ -75,11 +75,11 @@ class Feedforward(Unit):
         desired = Desired(self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot)
         base = base_of(self)
         if self.mode == "inverse":
-            found = feedforward_inverse(self.robot, desired, self.F_e_d, base)
+            torques = feedforward_inverse(self.robot, desired, self.F_e_d, base)
         else:
             gains = FeedbackGains(self.Lambda, self.K_V, self.k_vq, self.k_vkappa)
-            found = feedforward_vdc(self.robot, gains, desired, self.q, self.q_dot, self.kappa_dot, self.F_e_d, base)
-        self.tau_m, self.tau_s, self.kappa_dot_d = found.tau_m, found.tau_s, found.kappa_dot_d
+            torques = feedforward_vdc(self.robot, gains, desired, self.q, self.q_dot, self.kappa_dot, self.F_e_d, base)
+        self.tau_m, self.tau_s, self.kappa_dot_d = torques
 
     def experiment(self) -> None:
         """Follow a small motion nearly."""

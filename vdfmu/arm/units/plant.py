@@ -51,7 +51,7 @@ _STARTS = {
 
 @cache
 def _own_variables(state: OptionState) -> tuple[Declared, ...]:
-    """Return state, derivative and start of a drive of a robot's own."""
+    """Return state, derivative and start of a robot's own drive."""
     own = State(state.unit, JOINTS, state.text)
     start = Parameter(state.unit, JOINTS, state.start_text, start=state.start, minimum=state.minimum)
     named = {state.name: own, f"der_{state.name}": Derivative(own), f"{state.name}_0": start}
@@ -63,7 +63,7 @@ def _own_variables(state: OptionState) -> tuple[Declared, ...]:
 class Plant(Unit):
     """Serial manipulator with flexible harmonic-drive joints, Eq. (4)-(11), (29)-(47), (54)-(56).
 
-    Numbers in brackets are those of the paper. q is the position of a link, kappa that of its rotor divided by the
+    Numbers in brackets are the paper's. q is the position of a link, kappa the position of its rotor divided by the
     reduction ratio ell, tau_s the spring torque, link-side. For a prismatic joint read m for rad and N for N.m on the
     link side. The state is q, q_dot, kappa_dot, tau_s::
 
@@ -81,14 +81,14 @@ class Plant(Unit):
         split:  xi_l = xi(q_dot), xi_m = f_ck tanh(kappa_dot / eps)               (54)-(55)
 
     A robot with rotor_coupling has rotors as bodies that turn with the links, (4), (7), (11). Drives and motors may
-    have options, some with states of their own: hysteresis (tau_h), friction that holds at rest (tau_z), a winding with
+    have options, some with their own states: hysteresis (tau_h), friction that holds at rest (tau_z), a winding with
     its current loop (i_m), a temperature (T_j), load-dependent loss, backlash; or a counterbalance, a gas spring
     between two links, whose torque adds to the right of (9).
 
     The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
-    state alone. Friction is regularised by tanh(v / eps), so the equations are smooth and there are no events; sticking
-    is a creep slower than eps. At a tolerance of 1e-7 stiff springs that swing for thousands of cycles lose their
-    phase: compare with 1e-9. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops and
+    state alone. Friction is regularised by tanh(v / eps), so the equations are smooth, without events; sticking is a
+    creep slower than eps. At a tolerance of 1e-7 stiff springs that swing for thousands of cycles lose their phase:
+    compare with 1e-9. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops,
     counterbalances.
 
     A robot with moving_base stands on a frame {S} whose motion is an input; the wrench of the base on the arm depends
@@ -97,7 +97,7 @@ class Plant(Unit):
         F_S = M_S A_S + F_S0                 M_S: apparent mass matrix of the arm, F_S0: wrench at A_S = 0
         F   = M_e A_O + F_e                  wrench of the arm on a load; M_e = 0: on its surroundings, F_e
 
-    M_S and F_S0 of an arm are M_e and F_e of the one that carries it.
+    M_S and F_S0 of an arm are M_e and F_e of its carrier arm.
     """
 
     tau = Input("N.m", JOINTS, "motor torque, motor-side")
@@ -121,25 +121,17 @@ class Plant(Unit):
     E_kin = Output("J", text="Kinetic energy of links and rotors")
     E_pot = Output("J", text="Potential energy of gravity")
     E_spring = Output("J", text="Elastic energy of drives, end stops and counterbalances")
-    V_O = Output(
-        *VELOCITY,
-        six("Velocity of the end effector in {O}", "Angular velocity of the end effector in {O}"),
-        when="coupled_tool",
-    )
-    A_O = Output(
-        *ACCELERATION,
-        six("Acceleration of the origin of {O} in {O}", "Angular acceleration of the end effector in {O}"),
-        when="coupled_tool",
-    )
-    F_S = Output(
-        *WRENCH, six("Force of the base on the arm in {S}", "Moment of the base on the arm in {S}"), when="moving_base"
-    )
+    # fmt: off
+    V_O = Output(*VELOCITY, six("Velocity of the end effector in {O}", "Angular velocity of the end effector in {O}"),
+                 when="coupled_tool")
+    A_O = Output(*ACCELERATION, six("Acceleration of the origin of {O} in {O}",
+                                    "Angular acceleration of the end effector in {O}"), when="coupled_tool")
+    F_S = Output(*WRENCH, six("Force of the base on the arm in {S}", "Moment of the base on the arm in {S}"),
+                 when="moving_base")
     M_S = Output(*MASS, "Apparent mass matrix of the arm at its base in {S}", when="moving_base")
-    F_S0 = Output(
-        *WRENCH,
-        six("Force of the base on the arm at A_S = 0 in {S}", "Moment of the base on the arm at A_S = 0 in {S}"),
-        when="moving_base",
-    )
+    F_S0 = Output(*WRENCH, six("Force of the base on the arm at A_S = 0 in {S}",
+                               "Moment of the base on the arm at A_S = 0 in {S}"), when="moving_base")
+    # fmt: on
     q_0 = Parameter("position", JOINTS, "start position of the link")
     q_dot_0 = Parameter("velocity", JOINTS, "start velocity of the link")
     equilibrium = Switch(
@@ -152,17 +144,12 @@ class Plant(Unit):
     vars().update(_STARTS)
     robot = RobotParameters()
     terminals = (
-        Terminal(
-            "joints",
-            "left",
-            ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa", *_STATES),
-            "Motor torques and motion of the joints",
-        ),
-        Terminal(
-            "end_effector", "right", ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"), "Wrench and pose of the end effector"
-        ),
+        Terminal("joints", "left", ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa", *_STATES),
+                 "Motor torques and motion of the joints"),
+        Terminal("end_effector", "right", ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"),
+                 "Wrench and pose of the end effector"),
         Terminal("base", "bottom", ("p_S", "R_S", "V_S", "A_S", "F_S", "M_S", "F_S0"), "Motion and wrench of the base"),
-    )
+    )  # fmt: skip
     # positions, rotors and springs are each tied to their own joint; the links' dense block last
     elimination = ("q", *reversed(_STATES), "kappa_dot", "tau_s", "q_dot")
     chain = 9  # from here on elimination along the chain takes fewer operations than that of the dense block
@@ -185,7 +172,7 @@ class Plant(Unit):
         return base_of(self), Load(self.M_e) if self.robot.coupled_tool else None
 
     def start(self) -> None:
-        """Rest under the wrench on a base at rest, or what the parameters say."""
+        """Rest under the wrench on a base at rest, or the start values."""
         self.q, self.q_dot = self.q_0, self.q_dot_0
         if self.equilibrium:
             self.kappa_dot = self.q_dot_0
@@ -219,7 +206,7 @@ class Plant(Unit):
             self._write(self.declared[f"der_{name}"], rate)
 
     def balance(self) -> Any:
-        """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""
+        """Balance forces by the inverse dynamics: its derivatives are shorter than those of the accelerations."""
         return balance(self.robot, self._x(), self._x("der_"), self.tau, self.F_e, *self._ends())
 
     def experiment(self) -> None:

@@ -1,4 +1,4 @@
-"""The unit Screw: what the end effector feels while it drives a screw."""
+"""The unit Screw: the wrench of a screw on the end effector that drives it."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ class Screw(Unit):
 
     ::
 
-        depth    = a' p_O - distance - pitch turn / (2 pi)    of the bit in the head, which goes on as the screw turns
+        depth    = a' p_O - distance - pitch turn / (2 pi)    of the bit in the head, moving on as the screw turns
         N        = k depth max(0, 1 + c depth_dot)            axial force, for a depth above 0; else 0
         turn_dot = omega                                      while N > 0, else 0; omega: turning of {O} about a
         T        = (T_0 + T_1 turn) tanh(omega / omega_eps)         thread: grows with the turns that are in
                  + k_seat (turn - turn_seat) max(0, 1 + c_seat omega)       the head is seated, beyond turn_seat
-                   and at most r_cam N, where the bit slips out of the head
+                   and at most r_cam N: there the bit slips out of the head
         F_e      = [R_O' N a, R_O' T a]                       wrench of the arm on the screw, in {O}
 
     a is the direction of `axis`, into the material. A wrench that is held over a step h is stable for
@@ -48,7 +48,7 @@ class Screw(Unit):
     terminals = (Terminal("end_effector", "left", ("p_O", "R_O", "V_O", "F_e"), "Motion and wrench of the tool"),)
 
     def requirements(self) -> dict[str, tuple[str, float]]:
-        """There is an axis."""
+        """Require an axis."""
         return {"axis": ("a direction", self.axis @ self.axis)}
 
     def _contact(self) -> tuple[np.ndarray, float, float]:

@@ -37,7 +37,7 @@ class Wall(Unit):
     terminals = (Terminal("end_effector", "left", ("p_O", "R_O", "V_O", "F_e"), "Motion and wrench of the tool"),)
 
     def requirements(self) -> dict[str, tuple[str, float]]:
-        """There is a normal."""
+        """Require a normal."""
         return {"normal": ("a direction", self.normal @ self.normal)}
 
     def outputs(self) -> None:

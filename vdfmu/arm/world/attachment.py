@@ -1,8 +1,8 @@
 """The ends of an arm: a moving base, a load that has a mass. Not in the paper; off by default.
 
-Virtual decomposition cuts a system into subsystems that know of each other what acts at the cutting point: a motion
-one way, a wrench the other. The wrench of a load depends on the acceleration of the cutting point, ``M_e A_O + F_e``,
-and that acceleration on the wrench. The load hands over M_e and F_e: they need no acceleration.
+Subsystems of virtual decomposition exchange a motion one way and a wrench the other way at their cutting point. The
+wrench of a load depends on the acceleration of the cutting point, ``M_e A_O + F_e``, and that acceleration on the
+wrench. The load hands over M_e and F_e: they need no acceleration.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vdfmu.arm.equations.inverse_dynamics import Base, ChainMotion, link_motion
 from vdfmu.arm.equations.kinematics import tool_transform
 from vdfmu.arm.equations.plant import driven
 from vdfmu.arm.equations.spatial import skew, transform_mass_matrix
-from vdfmu.compiler.scalar.jet import jets
+from vdfmu.compiler.scalar import jets
 
 
 class Load(NamedTuple):
@@ -28,7 +28,7 @@ class Load(NamedTuple):
     """(6, 6) [kg, kg m, kg m2] apparent mass matrix in {O}, symmetric."""
 
     def hanging(self, robot: Any, V_B: np.ndarray) -> Hanging:
-        """Return it as a body at the last link, which moves with `V_B`: its part of F is ``M_e A_O``."""
+        """Return it as a body at the last link with the velocity `V_B`: its part of F is ``M_e A_O``."""
         U_O = tool_transform(robot)
         turning = point_acceleration(U_O.T @ V_B, np.zeros(6))
         M = transform_mass_matrix(robot.tool_rotation, robot.tool_offset, self.M_e)
@@ -40,13 +40,10 @@ class Load(NamedTuple):
 
 
 def moving_base(R_S: np.ndarray, omega_S: Any, A_S: np.ndarray) -> Base:
-    """Return the motion of a base for equations of forces, relative to the frame in which it has no linear velocity.
+    """Return the motion of a base for equations of forces: relative to its comoving frame, without linear velocity.
 
-    Parameters
-    ----------
-    R_S : (3, 3) rotation of {S} in {I}
-    omega_S : (3,) [rad/s] angular velocity of {S} in {S}
-    A_S : (6,) [m/s2, rad/s2] acceleration of the origin of {S}, as of a point, and angular acceleration, in {S}
+    `R_S` (3, 3) rotates {S} in {I}. `omega_S` (3,) [rad/s] and `A_S` (6,) [m/s2, rad/s2], the acceleration of the
+    origin as of a point and the angular acceleration, are in {S}.
     """
     return Base(R_S, np.concatenate([np.zeros(3), omega_S]), A_S)
 
@@ -76,24 +73,15 @@ def point_acceleration(V: np.ndarray, V_dot: np.ndarray) -> np.ndarray:
 
 
 def tool_acceleration(robot: Any, V_B: np.ndarray, V_B_dot: np.ndarray) -> np.ndarray:
-    """Acceleration A_O of the end-effector frame {O} in {O}, as :func:`point_acceleration` has it: (6,).
-
-    Parameters
-    ----------
-    V_B, V_B_dot : (6,) [m/s, rad/s, and per s] of the last link
-    """
+    """:func:`point_acceleration` A_O of the end-effector frame {O}: (6,) in {O}; V_B, V_B_dot of the last link."""
     U_O = tool_transform(robot)
     return point_acceleration(U_O.T @ V_B, U_O.T @ V_B_dot)
 
 
 def base_load(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base, load: Load | None) -> Hanging:
-    """Return the plant as its base feels it, in {S}: the wrench of the base on it is ``M_S A_S + F_S0``.
+    """Return the plant as a body at its base, in {S}: the wrench of the base on it is ``M_S A_S + F_S0``.
 
-    Parameters
-    ----------
-    x, tau, F_e, load : as in :func:`.plant_derivative`
-    base : Base
-        Without linear velocity; `V_S_dot` does not count, since A_S is left open.
+    Arguments as in :func:`.plant_derivative`; the `base` has no linear velocity, and its `V_S_dot` does not count.
     """
     state = split_state(robot, x)
     tau_l, _, F_Dk, hanging = driven(robot, state, tau, base, load)
@@ -104,10 +92,9 @@ def base_load(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base:
 def tool_motion(
     robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base, load: Load | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return velocity V_O and acceleration A_O of the end-effector frame {O}, (6,) each, in {O}.
+    """Return V_O, without the base's linear velocity, and A_O of :func:`tool_acceleration`: (6,) each, in {O}.
 
-    V_O is relative to the frame in which `base` has no linear velocity; A_O: see :func:`tool_acceleration`.
-    Parameters: see :func:`.plant_derivative`.
+    Arguments as in :func:`.plant_derivative`.
     """
     state = split_state(robot, x)
     tau_l, _, F_Dk, hanging = driven(robot, state, tau, base, load)

@@ -1,8 +1,8 @@
 """Compilation with the C compiler of the package ziglang: one compiler on every machine, for every platform.
 
-The same sources give the same bits: objects are compiled under relative names without debug information, and
-what the linker takes from the clock is replaced. Objects and libraries are cached by the digest of all that they
-are made from, so that FMUs that differ in start values share the compiled equations.
+The same sources give the same bits: objects are compiled under relative names without debug information, and time
+stamps of the linker are replaced. Objects and libraries are cached by the digest of their sources, so FMUs that differ
+in start values share the compiled equations.
 """
 
 from __future__ import annotations
@@ -35,56 +35,47 @@ _FLAGS = (
     "-Wall", "-Wextra", "-I.", "-DDISABLE_PREFIX", "-g0",
 )  # fmt: skip
 WRITTEN = "fmu_src.c"
-"""File of all that is the same for all units."""
+"""File with the common code of all units."""
 _SINGLY = "-fno-slp-vectorize"
-"""Does not join operations. The search for them takes half of the time to compile a straight line, and gains none at
-run time; but a solver's step works on arrays, and takes up to 8 % less with two numbers at a time, of the same bits."""
+"""Does not join operations. In straight code the search takes half of the compile time without a gain at run time. A
+solver's step works on arrays, and takes up to 8 % less with two numbers at a time, of the same bits."""
 _STEP = re.compile(r"kernel_\w+_step(_avx2)?\.c")
-"""File of a solver's step, without the long functions that it calls."""
+"""File of a solver's step, without its long callees."""
 _DERIVATIVES = re.compile(r"kernel_\w+_forward_reverse\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
-"""For what runs rarely: derivatives, and the step for processors of before 2015, where it has a copy for AVX2. To
-optimise takes three times as long, and such code runs in half of the time."""
+"""For rare code: derivatives, and the step for processors from before 2015, if AVX2 has a copy of it.
+Optimised code takes three times as long to compile, and runs in half of the time."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
-"""For what is the same for all units, without long loops."""
+"""For the common code of all units, without long loops."""
+_ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class Compilation:
-    """One library to make.
-
-    Attributes
-    ----------
-    name : str
-        Model name.
-    sources : mapping of str to bytes
-        File name to content, of C files and headers.
-    platform : str
-        One of :data:`~vdfmu.compiler.c.platforms.PLATFORMS`.
-    flags : tuple of str
-        Further flags of the compiler and the linker.
-    """
+    """One library to make from C files and headers, with its model name."""
 
     name: str
     sources: Mapping[str, bytes]
     platform: str
+    """Name in :data:`~vdfmu.compiler.c.platforms.PLATFORMS`."""
     flags: tuple[str, ...] = ()
+    """Further flags of the compiler and the linker."""
 
-    @cached_property
+    @property
     def target(self) -> Platform:
-        """Platform of the name."""
+        """Platform of the library."""
         return PLATFORMS[self.platform]
 
     @cached_property
     def objects(self) -> dict[str, str]:
-        """C file to the key of its object."""
+        """Key of the object of each C file."""
         names = sorted(name for name in self.sources if name.endswith(".c"))
         how = {name: f"object {self.target.target} {' '.join(self.flags_of(name))}" for name in names}
         return {name: self._key(how[name], self._needed(name)) for name in names}
 
     def flags_of(self, name: str) -> list[str]:
-        """Return the flags that a C file is compiled with."""
+        """Return the compiler's flags for a C file."""
         chosen = () if _STEP.fullmatch(name) else (_SINGLY,)
         has_copy = self.target.flags == X86 and name.replace(".c", "_avx2.c") in self.sources
         if has_copy or _DERIVATIVES.fullmatch(name):
@@ -95,14 +86,13 @@ class Compilation:
 
     def _needed(self, name: str) -> dict[str, bytes]:
         """Return a file and the sources that it includes, directly or through others."""
-        found: dict[str, bytes] = {}
+        needed: dict[str, bytes] = {}
         names = [name]
         while names:
-            one = names.pop()
-            if one not in found and one in self.sources:
-                found[one] = self.sources[one]
-                names += [header.decode() for header in _INCLUDE.findall(found[one])]
-        return found
+            if (file := names.pop()) not in needed and file in self.sources:
+                needed[file] = self.sources[file]
+                names += [header.decode() for header in _INCLUDE.findall(needed[file])]
+        return needed
 
     @cached_property
     def key(self) -> str:
@@ -126,49 +116,39 @@ def compile_library(sources: Mapping[str, bytes], platform: str, *, name: str, f
 def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
     """Return the shared library of each job: from the cache, or compiled with all processors.
 
-    Jobs that are made one after the other are compiled while the next one is made.
-
-    Raises
-    ------
-    FmuError
-        If the compiler is not installed, refuses a file, or the disk is full.
+    A job is compiled while the iterator makes the next one. FmuError if the compiler is not installed or refuses a
+    file, or if the disk is full.
     """
-    found: dict[int, bytes] = {}
+    libraries: dict[int, bytes] = {}
 
-    def not_found() -> Iterator[tuple[int, Compilation]]:
+    def missing() -> Iterator[tuple[int, Compilation]]:
         for i, job in enumerate(jobs):
-            library = load(cache_folder() / "native" / job.key)
-            if library is None:
+            if (library := load(_stored(job.key))) is None:
                 yield i, job
             else:
-                found[i] = library
+                libraries[i] = library
 
-    missing = not_found()
-    with _saying_where():
-        if (first := next(missing, None)) is not None:
+    new = missing()
+    try:
+        if (first := next(new, None)) is not None:
             zig()
             with temporary_folder("vdfmu_native_") as folder:
-                for i, (key, library) in _Workshop(folder).make(chain([first], missing)).items():
-                    store(cache_folder() / "native" / key, library)
-                    found[i] = library
-    return [found[i] for i in sorted(found)]
-
-
-@contextmanager
-def _saying_where() -> Generator[None]:
-    """Name the folder in which the system refuses a file."""
-    try:
-        yield
+                for i, (key, library) in _Workshop(folder).make(chain([first], new)).items():
+                    store(_stored(key), library)
+                    libraries[i] = library
     except OSError as error:
         where = error.filename or tempfile.gettempdir()
         raise FmuError(f"the native FMUs cannot be compiled: {where}: {error.strerror}. {_ROOM}") from error
+    return [libraries[i] for i in sorted(libraries)]
 
 
-_ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
+def _stored(key: str) -> Path:
+    """Return the file of an object or a library in the cache."""
+    return cache_folder() / "native" / key
 
 
 class _Workshop:
-    """One subfolder of a folder for each job, and the processes that work in it."""
+    """A subfolder for each job, and the processes of the compiler."""
 
     def __init__(self, folder: str) -> None:
         self._folder = Path(folder)
@@ -181,7 +161,7 @@ class _Workshop:
         }
 
     def _support_folder(self) -> str:
-        """Folder in which zig keeps what it compiles of its own for each platform, with locks of its own."""
+        """Return the folder for zig's own libraries of each platform, with zig's locks."""
         chosen = os.environ.get("ZIG_GLOBAL_CACHE_DIR")
         if chosen and trusted(Path(chosen)):
             return chosen
@@ -196,9 +176,9 @@ class _Workshop:
             return str(self._folder / "zig_support")
 
     def make(self, jobs: Iterable[tuple[int, Compilation]]) -> dict[int, tuple[str, bytes]]:
-        """Make libraries; return key and library of each job's number."""
+        """Make libraries. Return key and library for the number of each job."""
         places: dict[int, tuple[Compilation, Path]] = {}
-        objects: dict[str, Path] = {}
+        objects: dict[str, Path] = {}  # by key, of all jobs
         with self._pool() as pool:
             tasks: list[Future[None]] = []
             for i, job in jobs:
@@ -215,7 +195,7 @@ class _Workshop:
 
     @contextmanager
     def _pool(self) -> Generator[ThreadPoolExecutor]:
-        """Threads that wait for processes; an error or an interrupt ends the processes."""
+        """Yield threads that wait for processes. An error or an interrupt ends the processes."""
         with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
             try:
                 yield pool
@@ -227,13 +207,13 @@ class _Workshop:
     def _compile(
         self, pool: ThreadPoolExecutor, job: Compilation, place: Path, objects: dict[str, Path]
     ) -> list[Future[None]]:
-        """Start to compile the objects that no job before has, the longest first; `objects`: key to file of all."""
+        """Start to compile the objects that no earlier job has, the longest first."""
         missing: list[tuple[str, str]] = []
         for name, key in job.objects.items():
             if key in objects:
                 continue
             objects[key] = place / f"{PurePosixPath(name).stem}.o"
-            stored = load(cache_folder() / "native" / key)
+            stored = load(_stored(key))
             if stored is None:
                 missing.append((name, key))
             else:
@@ -244,13 +224,13 @@ class _Workshop:
     def _object(self, job: Compilation, place: Path, name: str, key: str) -> None:
         file = f"{PurePosixPath(name).stem}.o"
         self._run(job, place, name, ["-c", *job.flags_of(name), "-o", file, name])
-        store(cache_folder() / "native" / key, (place / file).read_bytes())
+        store(_stored(key), (place / file).read_bytes())
 
     def _link(self, job: Compilation, place: Path, objects: Mapping[str, Path]) -> bytes:
         files = [os.path.relpath(objects[key], place) for key in job.objects.values()]
         library = f"{job.name}{job.target.suffix}"
         extra = self._system_libraries(job)
-        # the name inside the library is its file's, without the folder in which it was made
+        # the name in the library would include the temporary folder
         if job.platform.endswith("darwin"):
             extra.append(f"-Wl,-install_name,@rpath/{library}")
         if job.platform == WASM:
@@ -259,9 +239,9 @@ class _Workshop:
         return _without_time((place / library).read_bytes())
 
     def _system_libraries(self, job: Compilation) -> list[str]:
-        """Return the files to link with instead of the system's libraries: their names and functions, but no code.
+        """Return linker arguments for files that stand for the system's libraries, with names but no code.
 
-        Zig would compile its own first, for 7 s, to take the same from them: which library has which function.
+        Zig would first compile its own for 7 s, to learn the library of each function.
         """
         if not job.target.libraries:
             return []
@@ -277,19 +257,19 @@ class _Workshop:
                     "versions": "".join(f"{v} {{ {f.replace(' ', '; ')}; }};\n" for v, f in versions.items()).encode(),
                 }
                 flags = ("-shared", "-nostdlib", f"-Wl,-soname,{file}", "-Wl,--version-script=versions")
-                kept = cache_folder() / "native" / Compilation(file, sources, job.platform, flags).key
-                if (stored := load(kept)) is not None:
+                path = _stored(Compilation(file, sources, job.platform, flags).key)
+                if (stored := load(path)) is not None:
                     (folder / file).write_bytes(stored)
                     continue
                 for name, text in sources.items():
                     (folder / name).write_bytes(text)
                 self._run(job, folder, file, [*flags, "-o", file, "names.s"])
-                store(kept, (folder / file).read_bytes())
+                store(path, (folder / file).read_bytes())
         return ["-nostdlib", "-Wl,--as-needed,-z,defs", *(str(folder / file) for file in job.target.libraries)]
 
-    def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str]) -> None:
+    def _run(self, job: Compilation, place: Path, product: str, arguments: Sequence[str]) -> None:
         command = [zig(), "cc", "-target", job.target.target, *arguments]
-        # in a session of its own a process does not get Ctrl-C, and its children end with it
+        # a process in a new session does not get Ctrl-C, and its children end with it
         environment, began = self._environment, time.perf_counter()
         process = subprocess.Popen(
             command, cwd=place, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
@@ -310,10 +290,10 @@ class _Workshop:
         spare = str(self._folder / "zig_support")
         if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it only takes longer
             self._environment = self._environment | {"ZIG_GLOBAL_CACHE_DIR": spare}
-            return self._run(job, place, what, arguments)
+            return self._run(job, place, product, arguments)
         errors = "\n".join(line for line in words.splitlines() if line and not line.startswith("warning(zcu)"))
         hint = f" {_ROOM}" if full else ""
-        raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{errors}{hint}")
+        raise FmuError(f"{job.name} for {job.platform}: {product} cannot be compiled:\n{errors}{hint}")
 
     def _stop(self) -> None:
         self._stopped = True
@@ -322,7 +302,7 @@ class _Workshop:
 
 
 def _without_time(library: bytes) -> bytes:
-    """Library without the time of its making, which the header of a Windows library holds."""
+    """Return a library without the time stamp in the header of Windows libraries."""
     if library[:2] != b"MZ":
         return library
     (header,) = struct.unpack_from("<I", library, 0x3C)

@@ -1,8 +1,7 @@
-"""The operations of a trace, and which of them are counterparts at one joint and the next.
+"""The operations of a trace, and their counterparts from one joint to the next.
 
-Pairs of results that lie a joint apart lead, operand by operand, to pairs of operations that do the same. Where a
-recursion ends in no such result, as the pose of the last link or a sum over the joints, pairs of its operations are
-found by what is below them.
+Pairs of results a joint apart lead, operand by operand, to pairs of operations that do the same. A recursion may end in
+no such result, as the pose of the last link or a sum over the joints. Then the operands below its operations decide.
 """
 
 from __future__ import annotations
@@ -13,48 +12,40 @@ from collections.abc import Iterable, Iterator, Sequence
 import casadi as ca
 import numpy as np
 
+from vdfmu.compiler.functions.derivatives import instructions
+
 _DEPTH = 4
-"""Operations below two that must be alike for these to be tried as a pair."""
+"""Depth of operands that must be alike before two operations are tried as a pair."""
 _TRIED = 3
-"""Operations that are tried as the counterpart of one in a recursion."""
+"""Candidates for the counterpart of an operation in a recursion."""
 _FAILED = 200
-"""Operations in a row without a counterpart in a recursion after which no more are tried."""
+"""Operations of recursions in a row without a counterpart that end the search."""
 _LOOK = 1000
-"""Pairs below two operations that are looked at."""
+"""Pairs of operands below two operations that are compared."""
 _GLANCE = 20
-"""The same of two elements of a result."""
+"""Pairs of operands below two elements of a result that are compared."""
 
 
 class Trace:
-    """The operations of a function without the memory that they share: each has a value of its own.
-
-    Attributes
-    ----------
-    operations : list of int
-        CasADi's codes.
-    operands : list of tuple of int
-        Operations that each reads.
-    given : list
-        Of an input (argument, element), of a constant its value, else None.
-    results : list of (result, element, operation)
-        What is an input or a constant has an operation too, which copies it.
-    away : dict of (operation, operation) to int
-        See :class:`Counterparts`.
-    """
+    """The operations of a function without their shared memory: each has a separate value."""
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
         self.operations: list[int] = []
+        """Codes of CasADi."""
         self.operands: list[tuple[int, ...]] = []
+        """Operations that each operation reads."""
         self.given: list[tuple[int, int] | float | None] = []
+        """Argument and element of an input, value of a constant, else None."""
         self.results: list[tuple[int, int, int]] = []
+        """Result, element and operation. An input or a constant is copied by an operation."""
         self.away: dict[tuple[int, int], int] = {}
+        """Distances that :class:`Counterparts` of any period have found."""
         self._digests: list[list[int]] = []  # by depth
-        held: dict[int, int] = {}  # place in CasADi's memory to the operation whose value is there
-        for k in range(function.n_instructions()):
-            operation, target = function.instruction_id(k), function.instruction_output(k)
+        held: dict[int, int] = {}  # place in CasADi's memory to the operation of its value
+        for k, operation, source, target in instructions(function):
             if operation == ca.OP_OUTPUT:
-                made = held[function.instruction_input(k)[0]]
+                made = held[source[0]]
                 if self.is_leaf(made):
                     made = self._append(ca.OP_ASSIGN, (made,))
                 self.results.append((target[0], target[1], made))
@@ -64,10 +55,9 @@ class Trace:
             if operation == ca.OP_CONST:
                 given = function.instruction_constant(k)
             elif operation == ca.OP_INPUT:
-                argument, element = function.instruction_input(k)
-                given = argument, element
+                given = source[0], source[1]
             else:
-                read = tuple(held[place] for place in function.instruction_input(k))
+                read = tuple(held[place] for place in source)
             held[target[0]] = self._append(operation, read, given)
 
     def _append(self, operation: int, read: tuple[int, ...], given: tuple[int, int] | float | None = None) -> int:
@@ -81,31 +71,20 @@ class Trace:
         return self.given[k] is not None
 
     def digests(self, depth: int) -> list[int]:
-        """Return a number for each operation, the same for those that are alike with all that is `depth` below."""
+        """Return a number for each operation, the same for operations with alike operands down to a depth."""
         if not self._digests:
             arguments = (given[0] if isinstance(given, tuple) else -1 for given in self.given)
             self._digests.append(list(map(hash, zip(self.operations, arguments, strict=True))))
         while len(self._digests) <= depth:
-            found = self._digests[-1]
+            last = self._digests[-1]
             self._digests.append(
-                [hash((f, *(found[a] for a in read))) for f, read in zip(found, self.operands, strict=True)]
+                [hash((f, *(last[a] for a in read))) for f, read in zip(last, self.operands, strict=True)]
             )
         return self._digests[depth]
 
 
 class Counterparts:
-    """Counterparts of a trace.
-
-    Parameters
-    ----------
-    trace, joints, period, alike
-        See :func:`~vdfmu.compiler.c.series.find_series`.
-
-    Attributes
-    ----------
-    after : dict of int to int
-        Operation to its counterpart at the next joint.
-    """
+    """Counterparts of a trace. Parameters: see :func:`~vdfmu.compiler.c.series.find_series`."""
 
     def __init__(self, trace: Trace, joints: int, period: int, alike: Sequence[int]) -> None:
         self._trace, self._joints, self._period, self._alike = trace, joints, period, alike
@@ -113,13 +92,15 @@ class Counterparts:
         function = trace.function
         self._by_joint = [function.numel_in(k) % joints == 0 for k in range(function.n_in())]
         self._taken: set[int] = set()
-        self._steps: dict[int, dict[int, int]] = defaultdict(dict)  # argument to element to that of the next joint
+        self._steps: dict[int, dict[int, int]] = defaultdict(dict)
+        """Argument to element to the element of the next joint."""
         self.after: dict[int, int] = {}
+        """Operation to its counterpart at the next joint."""
         columns: dict[int, dict[int, int]] = defaultdict(dict)
         for result, element, operation in trace.results:
             columns[result][element] = operation
         size = function.numel_out
-        # vectors with so many numbers for each joint, one after the other, show where the next joint is in others
+        # vectors with the same number of elements for each joint come first: they show the steps of other vectors
         for result in sorted(columns, key=lambda result: size(result) % joints != 0):
             if size(result) >= joints:
                 self._pair(self._of_results(columns[result], self._next_elements(result, columns[result])))
@@ -135,38 +116,37 @@ class Counterparts:
         pairs = [pair for pair in pairs if not self._is_further_apart(pair)]
         middle = len(pairs) // 2
         risen = Counter[int]()
-        for argument, one, other in self._inputs_below(pairs[middle : middle + 20], _LOOK):
-            risen[argument] += int(np.sign(other - one))
+        for argument, first, second in self._inputs_below(pairs[middle : middle + 20], _LOOK):
+            risen[argument] += int(np.sign(second - first))
         return pairs if sum(map(np.sign, risen.values())) >= 0 else [(b, a) for a, b in pairs]
 
     def _is_further_apart(self, pair: tuple[int, int]) -> bool:
-        """Whether what is just below two operations is that of joints that are not a period apart."""
+        """Whether inputs just below two operations belong to joints that are not a period apart."""
         return any(
-            abs(other - one) != self._period
-            for argument, one, other in self._inputs_below([pair], _GLANCE)
+            abs(second - first) != self._period
+            for argument, first, second in self._inputs_below([pair], _GLANCE)
             if self._by_joint[argument]
         )
 
     def _next_elements(self, result: int, column: dict[int, int]) -> dict[int, int]:
-        """Return element of a result to that of the next joint."""
+        """Return element of a result to the element of the next joint."""
         function, size, joints = self._trace.function, self._trace.function.numel_out(result), self._joints
         if size % joints == 0:
             by_vector = {e: e + self._period for e in range(size) if e % joints + self._period < joints}
             each = size // joints * self._period
             by_joint = {e: e + each for e in range(size - each)}
-            return max(by_vector, by_joint, key=lambda following: self._alike_in(column, following))
-        same = [a for a in self._steps if function.numel_in(a) == size]  # as derivatives by the parameters are laid out
+            return max(
+                by_vector, by_joint,
+                key=lambda following: sum(self._deep[column[e]] == self._deep[column[f]] for e, f in following.items()),
+            )  # fmt: skip
+        same = [a for a in self._steps if function.numel_in(a) == size]  # layout of derivatives by the parameters
         if same:
             return self._steps[same[0]]
         away = self._distance(column, size, self._period * size / joints)
         return {e: e + away for e in range(size - away)}
 
-    def _alike_in(self, column: dict[int, int], following: dict[int, int]) -> int:
-        """Return how many elements of a result are alike with the following ones."""
-        return sum(self._deep[column[e]] == self._deep[column[f]] for e, f in following.items())
-
     def _distance(self, column: dict[int, int], size: int, about: float) -> int:
-        """Return the number of elements after which the operations of a result repeat."""
+        """Return the period of the operations of a result, in elements."""
         digests = np.zeros(size, dtype=np.int64)
         digests[list(column)] = [self._deep[operation] for operation in column.values()]
         tried = range(max(1, int(0.75 * about)), min(size // 2, int(1.35 * about)) + 1)
@@ -174,7 +154,7 @@ class Counterparts:
         return min((k for k in tried if score[k] >= 0.95 * max(score.values())), default=1)
 
     def _inputs_below(self, waiting: Iterable[tuple[int, int]], limit: int) -> Iterator[tuple[int, int, int]]:
-        """Yield pairs of inputs below pairs of operations, the nearest first: argument and both elements."""
+        """Yield the argument and both elements of pairs of inputs below pairs of operations, the nearest first."""
         operations, operands, given = self._trace.operations, self._trace.operands, self._trace.given
         waiting = deque(waiting)
         seen: set[tuple[int, int]] = set()
@@ -183,31 +163,31 @@ class Counterparts:
             if a == b or pair in seen or operations[a] != operations[b]:
                 continue
             seen.add(pair)
-            one, other = given[a], given[b]
-            if one is None:
+            first, second = given[a], given[b]
+            if first is None:
                 waiting.extend(zip(operands[a], operands[b], strict=True))
-            elif isinstance(one, tuple) and isinstance(other, tuple) and one[0] == other[0]:
-                yield one[0], one[1], other[1]
+            elif isinstance(first, tuple) and isinstance(second, tuple) and first[0] == second[0]:
+                yield first[0], first[1], second[1]
 
     def _away(self, a: int, b: int) -> int:
-        """Joints from the nearest number of a joint below an operation to its counterpart below another; 0: none."""
+        """Return the joints between the nearest inputs below two operations; 0 without inputs by joint."""
         if a > b:
             return -self._away(b, a)
-        known = self._trace.away
-        if (a, b) not in known:
+        away = self._trace.away
+        if (a, b) not in away:
             below = self._inputs_below([(a, b)], _LOOK)
-            known[a, b] = next((other - one for argument, one, other in below if self._by_joint[argument]), 0)
-        return known[a, b]
+            away[a, b] = next((second - first for argument, first, second in below if self._by_joint[argument]), 0)
+        return away[a, b]
 
     def _pair_recursions(self) -> None:
-        """Pair operations that are in no pair with those before them that have the same below, one joint earlier."""
+        """Pair the remaining operations with earlier operations whose inputs belong to the joint before."""
         trace = self._trace
         failed = 0
         by_digest: dict[int, list[int]] = defaultdict(list)
         for k, digest in enumerate(self._deep):
             if not trace.is_leaf(k):
                 by_digest[digest].append(k)
-        least = self._joints // self._period // 2  # which a recursion over all joints has in its middle
+        least = self._joints // self._period // 2  # a recursion over all joints has as many in its middle
         rank = {k: i for listed in by_digest.values() for i, k in enumerate(listed)}
         for b in reversed(range(len(trace.operations))):
             if (b in self._taken and b in self.after) or b not in rank:
@@ -220,33 +200,33 @@ class Counterparts:
             failed += 1
             for a in reversed(listed[max(0, i - _TRIED) : i]):
                 free = [pair for pair in ((a, b), (b, a)) if pair[0] not in self.after and pair[1] not in self._taken]
-                found = next(filter(self._is_a_joint_apart, free), None)
-                if found is not None:
-                    self._pair([found])
+                pair = next(filter(self._is_a_joint_apart, free), None)
+                if pair is not None:
+                    self._pair([pair])
                     failed = 0
                     break
 
     def _is_a_joint_apart(self, pair: tuple[int, int]) -> bool:
-        """Whether what is below the second of two operations is that of the next joint."""
+        """Whether the inputs below the second of two operations belong to the next joint."""
         if self._away(*pair) != self._period:
             return False
-        for argument, one, other in self._inputs_below([pair], _LOOK):
-            known = one + self._period if self._by_joint[argument] else self._steps[argument].get(one)
-            if known is not None and known != other:
+        for argument, first, second in self._inputs_below([pair], _LOOK):
+            expected = first + self._period if self._by_joint[argument] else self._steps[argument].get(first)
+            if expected not in (None, second):
                 return False
         return True
 
     def _pair(self, waiting: list[tuple[int, int]]) -> None:
-        """Go down from pairs of operations to those of their operands."""
+        """Pair operations, and down from them their operands."""
         trace, alike = self._trace, self._alike
         while waiting:
             a, b = waiting.pop()
             if a == b or alike[a] != alike[b] or a in self.after or b in self._taken:
                 continue
-            one, other = trace.given[a], trace.given[b]
-            if one is not None:
-                if isinstance(one, tuple) and isinstance(other, tuple):
-                    self._steps[one[0]].setdefault(one[1], other[1])
+            first, second = trace.given[a], trace.given[b]
+            if first is not None:
+                if isinstance(first, tuple) and isinstance(second, tuple):
+                    self._steps[first[0]].setdefault(first[1], second[1])
                 continue
             self.after[a] = b
             self._taken.add(b)

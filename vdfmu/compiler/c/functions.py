@@ -1,41 +1,106 @@
-"""C text of traced functions, one C function each, from the instructions of the trace, and of tables.
+"""C files of traced functions: one C function each, from the instructions of the trace, and tables.
 
-CasADi's own generator puts a check for null around every access, and around each function an interface that a
-solver asks for; here a function is what the equations are, with plain pointers, so that a compiler sees all of
-it. The arithmetic is that of the trace, operation by operation.
+The arithmetic is the trace, operation by operation, on plain pointers. CasADi's code generator adds a check for null to
+every access, and a solver's interface to each function.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
 
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant, c_prototype
 from vdfmu.compiler.c.loop_text import c_loops
-from vdfmu.compiler.c.loops import find_loops
-from vdfmu.compiler.c.text import source_text
+from vdfmu.compiler.c.loops import find_loops, straight
+from vdfmu.compiler.c.operations import c_derivatives, c_operations
+from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, instructions
 from vdfmu.compiler.scalar.symbol import LOOKUP
+
+_MOST_IN_C = 1_700
+"""Most operations of a function with derivatives, three times as long, in C. Longer: :mod:`.operations`.
+
+Importers rarely call derivatives, and the derivatives of a feedforward took 4 s to compile. An importer's implicit
+solver may call the derivatives of the paper's plant. These are shorter.
+"""
+_DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
+"""Definition of a function, with its name."""
+
+
+def kernel_files(
+    function: ca.Function,
+    apart: Collection[str] = (),
+    joints: int = 0,
+    derivative: Callable[[str], ca.Function] | None = None,
+) -> dict[str, str]:
+    """Return file name to text of a traced function, without its callees in `apart`. It loops over many `joints`.
+
+    `derivative` traces a derivative by its direction. With it, the files of both derivatives are made too.
+    """
+    loops = find_loops(function, joints)
+    calls = not function.is_a("SXFunction")
+    texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=joints if calls else 0)
+    name = f"kernel_{function.name()}"
+    top = head(f"The traced function {function.name()}, operation by operation.") + "#include <math.h>\n"
+    files = {f"{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
+    files[f"{name}.c"] = f"{top}\n{wrapped(c_prototype(function))};\n\n{texts[-1]}"
+    if not calls:
+        _sources()[function, joints] = "\n".join(files.values())
+    if derivative is None:
+        return files
+    if loops is None and function.n_instructions() > _MOST_IN_C:
+        loops = straight(function)
+    text = head(f"The derivatives of the traced function {function.name()}.")
+    if loops is not None and not has_roundings(function):
+        text += f'#include <math.h>\n\n#include "operations.h"\n\n{c_derivatives(loops)}'
+        files |= c_operations()
+    else:
+        text += "#include <math.h>\n"
+        for ending in DIRECTIONS:
+            text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *c_texts(derivative(ending))])
+    return files | {f"{name}_forward_reverse.c": text}
+
+
+def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
+    """Return files that compile the files of the step again for AVX2, with other names of their functions."""
+    names = _DEFINED.findall("\n".join(files.values()))
+    renamed = "".join(f"#define {name} {name}_avx2\n" for name in names)
+    return {
+        file.replace(".c", "_avx2.c"): head(f"{file} once more, for processors with AVX2; see processor.h.")
+        + source_text("avx2.c").replace("/* RENAMED */\n", renamed + "\n").replace("FILE", file)
+        for file in files
+    }
+
+
+def kernel_source(function: ca.Function, joints: int = 0) -> str:
+    """Return the C text of a traced function in one file, see :func:`kernel_files`. A job makes it once."""
+    sources = _sources()
+    if (function, joints) not in sources:
+        sources[function, joints] = "\n".join(kernel_files(function, joints=joints).values())
+    return sources[function, joints]
+
+
+@cached_per_command
+def _sources() -> dict[tuple[ca.Function, int], str]:
+    """Return the texts of the functions of a job. FMUs and references share them, and so their objects."""
+    return {}
 
 
 def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0) -> list[str]:
-    """Return a C11 function of a trace, as texts that can be compiled side by side; the last has the function itself.
+    """Return a C11 function of a trace, as texts that can be compiled side by side. The last defines the function.
 
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.compiler.functions.traced.KernelFunction`. It needs ``<math.h>``.
 
-    The trace becomes loops over many `joints`, see :mod:`.loops`. Where these have too little in common, one of more
-    than :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time in which compilers place
-    variables in registers grows with the square of a function's length. The values are the same bits. Functions that it
-    calls come before it, except those in `apart`.
-
-    Raises
-    ------
-    KernelError
-        If the trace has an operation that this module does not know.
+    The trace becomes loops over many `joints`, see :mod:`.loops`. If these have too little in common, a trace of more
+    than :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time of register allocation in
+    compilers grows with the square of a function's length. The values are the same bits. Callees come first, except
+    for those in `apart`. KernelError for an unknown operation.
     """
     if not function.is_a("SXFunction"):
         return _calling(function, apart, joints)
@@ -45,36 +110,29 @@ def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0)
     operations = operations_of(function)
     if len(operations) <= WHOLE:
         read = {name for operation in operations for name in operation.arguments}
-        head = [f"(void){name};" for name in function.name_in() if name not in read]
-        return [lookups(function) + _definition(c_prototype(function), operations, head, [])]
+        unused = [f"(void){name};" for name in function.name_in() if name not in read]
+        return [lookups(function) + _definition(c_prototype(function), operations, unused)]
     first, *parts = _chain(function, operations)
     return [lookups(function) + first, *parts]
 
 
 WHOLE = 18_000
-"""Operations that go into one C function; the shipped arms have no longer trace."""
+"""Most operations in a C function. The traces of the shipped arms are shorter."""
 _PART = 1_000
 """Operations of one part of a longer trace."""
 _LONG = 3_000
-"""Operations from which a trace is long."""
+"""Most operations, for ten joints of a long arm, of a callee without a separate text."""
 _TOGETHER = 30
-"""Parts that one compiler gets, which takes some 200 MB for them."""
-
-
-def is_long(function: ca.Function, joints: int) -> bool:
-    """Whether a trace has a text of its own where another calls it; of a long arm its part for ten joints decides."""
-    return 10 * function.n_instructions() > _LONG * max(joints, 10)
+"""Parts in a file. A compiler takes some 200 MB for them."""
 
 
 def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list[str]:
-    """Return the texts of a function that only calls others: long ones each by itself, the last has the others."""
-    places: dict[int, str] = {}  # part of CasADi's memory to the C name of what it holds
+    """Return the texts of a function of calls: one for each long callee, then the rest."""
+    places: dict[int, str] = {}  # part of CasADi's memory to the C name of its content
     sizes: dict[str, int] = {}
     callees: dict[str, ca.Function] = {}
     lines: list[str] = []
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        source, target = function.instruction_input(k), function.instruction_output(k)
+    for k, operation, source, target in instructions(function):
         if operation == ca.OP_INPUT:
             places[target[0]] = function.name_in(source[0])
         elif operation == ca.OP_OUTPUT:
@@ -92,27 +150,32 @@ def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list
         else:
             raise KernelError(f"{function.name()}: expected calls only, got operation {operation}.")
     declared = [f"double {name}[{size}];" for name, size in sizes.items()]
-    body = "\n".join(f"    {line}" for line in (*declared, *lines))
     prototypes = "".join(f"{c_prototype(callee)};\n" for callee in callees.values())
     texts: list[str] = []
     together = [f"#include <string.h>\n\n{prototypes}"]
     for callee in callees.values():
         if callee.name() not in apart:
-            (texts if is_long(callee, joints) else together).extend(c_texts(callee, joints=joints))
-    return [*texts, "\n".join([*together, f"{c_prototype(function)}\n{{\n{body}\n}}\n"])]
+            is_long = 10 * callee.n_instructions() > _LONG * max(joints, 10)
+            (texts if is_long else together).extend(c_texts(callee, joints=joints))
+    return [*texts, "\n".join([*together, definition(c_prototype(function), [*declared, *lines])])]
 
 
 def lookups(function: ca.Function) -> str:
-    """Return the C functions of the tables that a trace looks rows up in."""
-    return "".join(c_lookup(one) for one in function.find_functions(0) if one.name().startswith(LOOKUP))
+    """Return the C functions of the tables of a trace."""
+    return "".join(_lookup(table) for table in function.find_functions(0) if table.name().startswith(LOOKUP))
 
 
 def _chain(function: ca.Function, operations: list[Operation]) -> list[str]:
     """Return the texts of a long trace."""
     parts = [operations[i : i + _PART] for i in range(0, len(operations), _PART)]
+    head, _, arguments = c_prototype(function).partition("(")
+    prototypes = [
+        f"{head}_part_{k}({arguments.removesuffix(')')}, double *restrict w)" for k in range(1, len(parts) + 1)
+    ]
+    names = (*function.name_in(), *(f"{name}_out" for name in function.name_out()))
     live: set[int] = set()  # values that later parts read
     texts: list[str] = []
-    for number, part in reversed(list(enumerate(parts, 1))):
+    for prototype, part in reversed(list(zip(prototypes, parts, strict=True))):
         written: set[int] = set()
         needed: set[int] = set()
         for operation in part:
@@ -120,17 +183,13 @@ def _chain(function: ca.Function, operations: list[Operation]) -> list[str]:
             written |= set(operation.writes)
         load = [f"w{i} = w[{i}];" for i in sorted(needed)]
         keep = [f"w[{i}] = w{i};" for i in sorted(written & live)]
-        read = {name for operation in part for name in operation.arguments}
-        used = read | {name for operation in part for name in operation.results}
-        names = (*function.name_in(), *(f"{name}_out" for name in function.name_out()))
-        head = [f"(void){name};" for name in names if name not in used]
-        prototype = _part_prototype(function, number)
-        texts.append(f"{prototype};\n{_definition(prototype, part, [*head, '(void)w;', *load], keep)}")
+        used = {name for operation in part for name in (*operation.arguments, *operation.results)}
+        unused = [f"(void){name};" for name in names if name not in used]
+        texts.append(f"{prototype};\n{_definition(prototype, part, [*unused, '(void)w;'], load, keep)}")
         live = (live - written) | needed
     size = 1 + max(i for operation in operations for i in operation.writes)
-    call = ", ".join((*function.name_in(), *(f"{name}_out" for name in function.name_out()), "w"))
-    calls = "".join(f"    {function.name()}_part_{k}({call});\n" for k in range(1, len(parts) + 1))
-    declared = "".join(f"{_part_prototype(function, k)};\n" for k in range(1, len(parts) + 1))
+    calls = "".join(f"    {function.name()}_part_{k}({', '.join(names)}, w);\n" for k in range(1, len(parts) + 1))
+    declared = "".join(f"{prototype};\n" for prototype in prototypes)
     texts.reverse()
     return [
         *("\n".join(texts[i : i + _TOGETHER]) for i in range(0, len(texts), _TOGETHER)),
@@ -139,7 +198,7 @@ def _chain(function: ca.Function, operations: list[Operation]) -> list[str]:
 
 
 class Operation(NamedTuple):
-    """One line of code: the values ``w`` that it reads and writes, and the arguments and results that it names."""
+    """A line of code: its text, the values ``w`` that it reads and writes, its arguments and results."""
 
     text: str
     reads: tuple[int, ...] = ()
@@ -149,14 +208,14 @@ class Operation(NamedTuple):
 
 
 def _row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
-    """Return the C text that looks a row up and takes numbers of it, place in it and value."""
+    """Return the C text that looks up a row and copies some of its numbers: place in the row and value."""
     numbers = " ".join(f"w{i} = row[{j}];" for j, i in taken)
     return f"{{ double row[{function.numel_out(0)}]; {function.name()}(&w{argument}, row); {numbers} }}"
 
 
 @dataclass(frozen=True)
 class Language:
-    """How a language writes the operations of a trace, whose values are ``w0``, ``w1``, .."""
+    """Text of the operations of a trace in a language, with the values ``w0``, ``w1``, .."""
 
     expressions: Mapping[int, str]
     """Operation to the pattern of its operands."""
@@ -166,7 +225,7 @@ class Language:
     result: Callable[[str, int], str]
     """Text of an element of a result."""
     row: Callable[[ca.Function, int, Sequence[tuple[int, int]]], str] = _row
-    """Text that looks a row of a table up by a value, and takes numbers of it: place in it and value."""
+    """Text of the lookup of a row, see :func:`_row`."""
     assignment: str = "{} = {};"
 
 
@@ -176,25 +235,30 @@ C = Language(EXPRESSIONS, c_constant, "{}[{}]".format, "{}_out[{}]".format)
 def operations_of(function: ca.Function, language: Language = C) -> list[Operation]:
     """Return the operations of a trace, a line each."""
     arguments, results = function.name_in(), function.name_out()
-    found: list[Operation] = []
+    lines: list[Operation] = []
     assign = language.assignment.format
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        source, target = tuple(function.instruction_input(k)), tuple(function.instruction_output(k))
+    for k, operation, inputs, outputs in instructions(function):
+        source, target = tuple(inputs), tuple(outputs)
         if operation == ca.OP_OUTPUT:
             name = results[target[0]]
             text = assign(language.result(name, target[1]), f"w{source[0]}")
-            found.append(Operation(text, source[:1], results=(f"{name}_out",)))
+            lines.append(Operation(text, source[:1], results=(f"{name}_out",)))
         elif operation == ca.OP_CONST:
             value = language.number(function.instruction_constant(k))
-            found.append(Operation(assign(f"w{target[0]}", value), (), target))
+            lines.append(Operation(assign(f"w{target[0]}", value), (), target))
         elif operation == ca.OP_CALL:
             called = function.instructions_sx()[k].which_function()
-            found.append(_call(called, source, target, language))
+            wanted = [(j, i) for j, i in enumerate(target) if i >= 0]
+            writes = tuple(i for _, i in wanted)
+            if called.name().startswith(LOOKUP):
+                lines.append(Operation(language.row(called, source[0], wanted), source[:1], writes))
+            else:  # the derivative of a lookup
+                zero = language.number(0.0)
+                lines.append(Operation(" ".join(assign(f"w{i}", zero) for i in writes), (), writes))
         elif operation == ca.OP_INPUT:
             name = arguments[source[0]]
             text = assign(f"w{target[0]}", language.argument(name, source[1]))
-            found.append(Operation(text, (), target, arguments=(name,)))
+            lines.append(Operation(text, (), target, arguments=(name,)))
         else:
             pattern = language.expressions.get(operation)
             if pattern is None:
@@ -204,39 +268,21 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
                     'backend = "python" in the class of the unit.'
                 )
             value = pattern.format(*[f"w{i}" for i in source])
-            found.append(Operation(assign(f"w{target[0]}", value), source, target))
-    return found
+            lines.append(Operation(assign(f"w{target[0]}", value), source, target))
+    return lines
 
 
-def _call(called: ca.Function, source: tuple[int, ...], target: tuple[int, ...], language: Language) -> Operation:
-    """Look up a row; what else a trace calls is a derivative of that, which is 0."""
-    wanted = [(j, i) for j, i in enumerate(target) if i >= 0]
-    writes = tuple(i for _, i in wanted)
-    if not called.name().startswith(LOOKUP):
-        zero = language.number(0.0)
-        return Operation(" ".join(language.assignment.format(f"w{i}", zero) for i in writes), (), writes)
-    return Operation(language.row(called, source[0], wanted), source[:1], writes)
-
-
-def _definition(prototype: str, operations: list[Operation], head: list[str], tail: list[str]) -> str:
+def _definition(
+    prototype: str, operations: list[Operation], unused: list[str], load: Sequence[str] = (), keep: Sequence[str] = ()
+) -> str:
     used = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
     declared = [f"double {', '.join(f'w{i}' for i in used)};"] if used else []
-    first = [line for line in head if line.startswith("(void)")]
-    lines = [*first, *declared, *(line for line in head if line not in first)]
-    body = "\n".join(f"    {line}" for line in (*lines, *(o.text for o in operations), *tail))
-    return f"{prototype}\n{{\n{body}\n}}\n"
+    lines = (*unused, *declared, *load, *(operation.text for operation in operations), *keep)
+    return definition(prototype, lines)
 
 
-def _part_prototype(function: ca.Function, number: int) -> str:
-    head, _, arguments = c_prototype(function).partition("(")
-    return f"{head}_part_{number}({arguments.removesuffix(')')}, double *restrict w)"
-
-
-def c_lookup(function: ca.Function) -> str:
-    """Return the C text of a table and the static function ``name(const double *x, double *row)`` that reads it.
-
-    In a file that has it already it does nothing.
-    """
+def _lookup(function: ca.Function) -> str:
+    """Return the C text of a table and its reader ``static void name(const double *x, double *row)``, once a file."""
     edges, rows = lookup_table(function)
     name, w = function.name(), function.numel_out(0)
     return f"""{source_text("lookup.h")}
@@ -265,11 +311,11 @@ static void {name}(const double *x, double *row)
 
 def lookup_table(function: ca.Function) -> tuple[list[float], list[float]]:
     """Return the edges of a table, and its rows one after the other."""
-    constants = [k for k in range(function.n_instructions()) if function.instruction_id(k) == ca.OP_CONST]
+    constants = [k for k, operation, *_ in instructions(function) if operation == ca.OP_CONST]
     edges, rows = (function.instruction_MX(k).to_DM().nonzeros() for k in constants)
     return edges, rows
 
 
 def _listed(numbers: Iterable[float]) -> str:
-    found = [repr(number) for number in numbers]
-    return ",\n".join("    " + ", ".join(found[i : i + 5]) for i in range(0, len(found), 5))
+    texts = list(map(repr, numbers))
+    return ",\n".join("    " + ", ".join(texts[i : i + 5]) for i in range(0, len(texts), 5))

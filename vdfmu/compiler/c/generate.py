@@ -1,6 +1,6 @@
 """The generated C of a unit: `unit.c`, `config.h`, `kernel.h` and one file for each traced function.
 
-`fmu_src/c/unit.h` says what `unit.c` must offer. The tables and the functions come from the
+`fmu_src/c/unit.h` declares the content of `unit.c`. Tables and functions come from the
 :class:`~vdfmu.compiler.unit.interface.Interface`.
 """
 
@@ -15,23 +15,33 @@ import numpy as np
 
 from vdfmu.base.progress import counted
 from vdfmu.base.version import __version__
-from vdfmu.compiler.c.expressions import c_constant, c_prototype
-from vdfmu.compiler.c.files import avx2_copies, kernel_files
+from vdfmu.compiler.c.functions import avx2_copies, kernel_files
 from vdfmu.compiler.c.grow import grown
-from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, setting_lines, string, wrapped
-from vdfmu.compiler.functions.derivatives import DIRECTIONS
-from vdfmu.compiler.functions.switching import NEVER
+from vdfmu.compiler.c.text import (
+    array,
+    c_constant,
+    c_prototype,
+    call_lines,
+    cell,
+    comment,
+    definition,
+    fields,
+    head,
+    indented,
+    setting_lines,
+    string,
+    wrapped,
+)
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, NEVER
 from vdfmu.compiler.unit.declaration import PHASES
+from vdfmu.compiler.unit.evaluate import traced_margins, traced_requirements
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.machine import traced_margins
-from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.unit.requirements import traced_requirements
-from vdfmu.compiler.unit.trace import argument_name
+from vdfmu.compiler.unit.trace import Call, argument_name
 from vdfmu.compiler.unit.variable import Variable
 
 _ROLES = {"input": "INPUT", "output": "OUTPUT", "local": "DERIVATIVE", "independent": "TIME"}
 _SOLVER = ("h", "tolerance")
-"""Arguments of the step that its caller gives by value."""
+"""Arguments of the step that its caller passes by value."""
 _ADD = """\
 static void add(double *target, const double *term, size_t n)
 {
@@ -44,11 +54,11 @@ static void add(double *target, const double *term, size_t n)
 def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     """Return file name to text of the generated part of a unit."""
     shorter = interface.shorter
-    files = grown({one.joints: traced_files(one) for one in shorter}, interface.joints) if shorter else None
+    files = grown({each.joints: traced_files(each) for each in shorter}, interface.joints) if shorter else None
     traced = _TracedFunctions(interface if files is None else shorter[0])
     unit = _UnitGenerator(interface, guid, traced)
-    own = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
-    return own | (files or traced.files())
+    tables = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
+    return tables | (files or traced.files())
 
 
 def traced_files(interface: Interface) -> dict[str, str]:
@@ -57,7 +67,7 @@ def traced_files(interface: Interface) -> dict[str, str]:
 
 
 class _TracedFunctions:
-    """The traced functions of a unit that its C has."""
+    """The traced functions in the C of a unit."""
 
     def __init__(self, interface: Interface) -> None:
         self.interface = interface
@@ -78,31 +88,26 @@ class _TracedFunctions:
     def files(self) -> dict[str, str]:
         """Return file name to text of the functions."""
         files: dict[str, str] = {}
-        for function in self.functions.values():
-            with_derivatives = function.name() in self.called
-            derivative = partial(self._derivative, function.name()) if with_derivatives else None
-            own = kernel_files(function, self.functions, self.interface.joints, derivative)
-            files |= own | (avx2_copies(own) if function.name() in self.steps else {})
+        for name, function in self.functions.items():
+            derivative = partial(self._derivative, name) if name in self.called else None
+            kernel = kernel_files(function, self.functions, self.interface.joints, derivative)
+            files |= kernel | (avx2_copies(kernel) if name in self.steps else {})
         return files
 
     def _derivative(self, name: str, ending: str) -> ca.Function:
-        """Trace a derivative of a function."""
         return self.interface.functions.casadi_function(f"{name}_{ending}")
 
 
 class _UnitGenerator:
-    """Generator of one unit, with its functions or a shorter arm's, which have the same names."""
+    """Generator of one unit, with its functions or a shorter arm's functions of the same names."""
 
     def __init__(self, interface: Interface, guid: str, traced: _TracedFunctions) -> None:
         self.interface, self.guid = interface, guid
         self.program = interface.program
-        self.called, self.steps, self.functions = traced.called, traced.steps, traced.functions
+        self.traced, self.functions = traced, traced.functions
         robot = interface.robot if interface.has_robot else None
         self.conditions = robot.requirements() if robot is not None else []
         self.requirements = self.conditions + traced_requirements(interface)[0]
-        self.margins = traced.margins
-
-    # ---------------------------------------------------------------- files
 
     def config(self) -> str:
         name = self.interface.model_name
@@ -131,17 +136,15 @@ class _UnitGenerator:
         listed = [
             c_prototype(function, ending)
             for name, function in self.functions.items()
-            for ending in (("", *DIRECTIONS) if name in self.called else ("",))
+            for ending in (("", *DIRECTIONS) if name in self.traced.called else ("",))
         ]
-        listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in sorted(self.steps)]
+        listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in self.traced.steps]
         prototypes = "".join(f"{wrapped(prototype)};\n" for prototype in listed)
-        return (
-            head(
-                "Traced equations. `*_forward` is the product of the Jacobian with a direction d_*, `*_reverse` that "
-                "of a direction bar_* with the Jacobian, `*_avx2` see processor.h."
-            )
-            + f"#ifndef VDFMU_KERNEL_H\n#define VDFMU_KERNEL_H\n\n{prototypes}\n#endif\n"
+        about = (
+            "Traced equations. `*_forward` is the product of the Jacobian with a direction d_*, `*_reverse` that of a "
+            "direction bar_* with the Jacobian, `*_avx2` see processor.h."
         )
+        return head(about) + f"#ifndef VDFMU_KERNEL_H\n#define VDFMU_KERNEL_H\n\n{prototypes}\n#endif\n"
 
     def source(self) -> str:
         name, robot = self.interface.model_name, self.interface.robot
@@ -166,10 +169,8 @@ class _UnitGenerator:
         )
         return "\n".join(filter(None, parts))
 
-    # ---------------------------------------------------------------- tables
-
     def _positions(self) -> str:
-        """Positions of the groups, as an enumeration."""
+        """Return the positions of the groups, as an enumeration."""
         arguments = self.interface.arguments.items()
         places = {group: where.start for group, where in arguments if where.stop > where.start}
         listed = fields(f"at_{group} = {place}" for group, place in places.items())
@@ -181,14 +182,14 @@ class _UnitGenerator:
             if v.choices and v.choices not in lists:
                 lists[v.choices] = f"choices_of_{v.group}"
                 yield array("char *const", lists[v.choices], map(string, v.choices))
-        kinds: dict[str, str] = {}  # what variables share, to the name of its macro
+        kinds: dict[str, str] = {}  # common part of rows to its macro
         rows: list[str] = []
         for v in self.interface.memory:
             kind = kinds.setdefault(_kind(v, lists.get(v.choices)), f"V{len(kinds)}")
             rows.append(f"{kind}({string(v.name)}, {c_constant(0.0 if v.start is None else v.start)})")
         macros = "".join(f"#define {name}(name, start) {kind}\n" for kind, name in kinds.items())
-        head = "/* name, unit, type, role, start, min, max, names of the values, their number */\n"
-        yield head + macros + array("Variable", "variables", rows)
+        columns = "/* name, unit, type, role, start, min, max, names of the values, their number */\n"
+        yield columns + macros + array("Variable", "variables", rows)
 
     def _arrays(self) -> str:
         rows = (cell(string(a.name), a.first, a.size) for a in self.interface.arrays)
@@ -216,65 +217,52 @@ class _UnitGenerator:
         yield array("Requirement", "requirements", rows, one_a_line=True)
         calls = ""
         first = [0, len(self.conditions)] if self.conditions else [0]
-        for begin, function in zip(first, self.margins, strict=False):
-            places = [self._place("m", argument) for argument in function.name_in()]
+        for begin, function in zip(first, self.traced.margins, strict=False):
+            places = [f"m + at_{argument}" for argument in function.name_in()]
             calls += f"    {function.name()}({', '.join([*places, f'margin + {begin}' if begin else 'margin'])});\n"
         yield f"static void unit_margins(const double *m, double *margin)\n{{\n{calls}}}\n"
-
-    # ---------------------------------------------------------------- programs
 
     def _programs(self) -> Iterator[str]:
         for name in PHASES:
             calls: tuple[Call, ...] = getattr(self.program, name)
             if name == "update" and not calls:
                 continue
-            yield _function(name, "double *m", ("m",), self._blocks(calls, self._forth))
-            yield _function(f"{name}_forward", "const double *m, double *d", "md", self._blocks(calls, self._forward))
-            backwards = tuple(reversed(calls))
-            yield _function(
-                f"{name}_reverse", "const double *m, double *d", "md", self._blocks(backwards, self._reverse)
-            )
+            yield _function(name, "double *m", "m", self._blocks(calls, partial(self._set, "m", "")))
+            forward = self._blocks(calls, partial(self._set, "md", "_forward"))
+            yield _function(f"{name}_forward", "const double *m, double *d", "md", forward)
+            reverse = self._blocks(calls[::-1], self._reverse)
+            yield _function(f"{name}_reverse", "const double *m, double *d", "md", reverse)
 
     def _blocks(self, calls: Sequence[Call], write: Callable[[Call], list[str]]) -> list[str]:
-        """Lines of calls, each in a block of the choices with which it runs."""
+        """Return the lines of calls, with a condition if a call depends on choices."""
         lines: list[str] = []
         for call in calls:
             conditions = [f"m[at_{argument_name(group)}] == {c_constant(value)}" for group, value in call.when]
-            indent = "    " if conditions else ""
-            lines += [f"if ({' && '.join(conditions)}) {{"] if conditions else []
-            lines += [indent + line for line in write(call)]
-            lines += ["}"] if conditions else []
+            lines += indented(f"if ({' && '.join(conditions)}) {{", write(call)) if conditions else write(call)
         return lines
 
-    def _forth(self, call: Call) -> list[str]:
-        return self._set("m", "", call)
-
-    def _forward(self, call: Call) -> list[str]:
-        return self._set("md", "_forward", call)
-
     def _set(self, memories: str, ending: str, call: Call) -> list[str]:
-        """Lines of a call that reads memories and sets its results in the last."""
+        """Return the lines of a call that reads memories and sets its results in the last memory."""
         function = self.functions[call.function]
-        given = [self._place(memory, call.group(name)) for memory in memories for name in function.name_in()]
+        given = [f"{memory} + at_{call.group(name)}" for memory in memories for name in function.name_in()]
         groups = ((name, call.group(name)) for name in function.name_out())
-        made = [(name, self._place(memories[-1], group), self._size(group), name != group) for name, group in groups]
+        made = [(name, f"{memories[-1]} + at_{group}", self._size(group), name != group) for name, group in groups]
         return setting_lines(f"{function.name()}{ending}", given, made)
 
     def _reverse(self, call: Call) -> list[str]:
         function = self.functions[call.function]
         given = {name: call.group(name) for name in function.name_in()}
         made = [call.group(name) for name in function.name_out()]
-        places = [self._place("m", group) for group in given.values()]
-        places += [self._place("d", group) for group in made] + [f"bar_{name}" for name in given]
+        places = [f"m + at_{group}" for group in given.values()]
+        places += [f"d + at_{group}" for group in made] + [f"bar_{name}" for name in given]
         bars = fields((f"bar_{name}[{self._size(group)}]" for name, group in given.items()), indent="")
-        return [
-            "{",
-            *[f"    {line}" for line in f"double {bars};".splitlines()],
-            *[f"    {line}" for line in call_lines(f"{function.name()}_reverse", places)],
-            *[f"    {self._clear(group)}" for group in made],
-            *[f"    add({self._place('d', group)}, bar_{name}, {self._size(group)});" for name, group in given.items()],
-            "}",
+        lines = [
+            *f"double {bars};".splitlines(),
+            *call_lines(f"{function.name()}_reverse", places),
+            *(f"memset(d + at_{group}, 0, {self._size(group)} * sizeof(double));" for group in made),
+            *(f"add(d + at_{group}, bar_{name}, {self._size(group)});" for name, group in given.items()),
         ]
+        return indented("{", lines)
 
     def _solver_step(self) -> Iterator[str]:
         if not self.program.step:
@@ -285,9 +273,7 @@ class _UnitGenerator:
         )
         for ending in ("", "_avx2"):
             lines = self._blocks(self.program.step, partial(self._step_call, ending))
-            unused = [] if any("rate + " in line for line in lines) else ["(void)rate;"]
-            body = "".join(f"    {line}\n" for line in (*unused, *lines))
-            text = f"static void solver_step{ending}({arguments})\n{{\n{body}}}\n"
+            text = _function(f"solver_step{ending}", arguments, ["rate"], lines)
             yield f"#ifdef AVX2_STEP\n{text}#endif\n" if ending else text
 
     def _left(self) -> Iterator[str]:
@@ -296,28 +282,15 @@ class _UnitGenerator:
             yield _function("left", "const double *m, const double *rate, double *left", ("m", "rate"), lines)
 
     def _step_call(self, ending: str, call: Call) -> list[str]:
-        function = self.functions[call.function]
-        places = [
-            f"&{name}"
-            if name in _SOLVER
-            else self._place("rate", name.removeprefix("rate_"))
-            if name.startswith("rate_")
-            else self._place("m", name)
-            for name in function.name_in()
-        ]
+        function, places = self.functions[call.function], list[str]()
+        for name in function.name_in():
+            memory = "rate" if name.startswith("rate_") else "m"
+            places.append(f"&{name}" if name in _SOLVER else f"{memory} + at_{name.removeprefix('rate_')}")
         return call_lines(function.name() + ending, [*places, *function.name_out()])
-
-    def _place(self, memory: str, group: str) -> str:
-        return f"{memory} + at_{group}"
 
     def _size(self, group: str) -> int:
         where = self.interface.arguments[group]
         return where.stop - where.start
-
-    def _clear(self, group: str) -> str:
-        return f"memset({self._place('d', group)}, 0, {self._size(group)} * sizeof(double));"
-
-    # ---------------------------------------------------------------- the unit
 
     def _unit(self) -> str:
         interface, N = self.interface, self.interface.size
@@ -347,26 +320,26 @@ class _UnitGenerator:
             "requirements": "requirements" if self.requirements else "NULL",
             "margins": "unit_margins" if self.requirements else "NULL",
         }
-        for name in ("start", "outputs", "derivatives"):
+        for name in ("start", "outputs", "derivatives", *(["update"] if self.program.update else [])):
             for ending in ("", "_forward", "_reverse"):
                 values[name + ending] = name + ending
-        for ending in ("", "_forward", "_reverse") if self.program.update else ():
-            values[f"update{ending}"] = f"update{ending}"
-        values["left"] = "left" if self.program.left else "NULL"
-        values["solver_step"] = "solver_step" if has_step else "NULL"
+        values |= {
+            "left": "left" if self.program.left else "NULL",
+            "solver_step": "solver_step" if has_step else "NULL",
+        }
         lines = "".join(f"    .{name} = {value}".rstrip() + ",\n" for name, value in values.items())
         copy = "#ifdef AVX2_STEP\n    .solver_step_avx2 = solver_step_avx2,\n#endif\n" if has_step else ""
         return f"const Unit unit = {{\n{lines.replace(' */,', ' */')}{copy}}};\n"
 
 
 def _runs(positions: list[int]) -> list[tuple[int, int]]:
-    """Return first and end of the runs of positions."""
+    """Return begin and end of the runs of positions."""
     parts = np.split(np.array(positions, int), np.flatnonzero(np.diff(positions) > 1) + 1) if positions else ()
     return [(int(part[0]), int(part[-1]) + 1) for part in parts]
 
 
 def _kind(v: Variable, choices: str | None) -> str:
-    """Row of the table of variables, without name and start."""
+    """Return a row of the table of variables, without name and start."""
     role = _ROLES.get(v.causality)
     if role is None:
         role = "TUNABLE_PARAMETER" if v.variability == "tunable" else "FIXED_PARAMETER"
@@ -377,8 +350,7 @@ def _kind(v: Variable, choices: str | None) -> str:
 
 
 def _function(name: str, arguments: str, names: Iterable[str], lines: Sequence[str]) -> str:
-    """Text of a function of the program; one that does nothing says that it uses no argument."""
+    """Return a function of the program. An empty function marks its arguments as unused."""
     text = "\n".join(lines)
     unused = [f"(void){argument};" for argument in names if f"{argument} + " not in text]
-    body = "".join(f"    {line}\n" for line in (*unused, *lines))
-    return f"static void {name}({arguments})\n{{\n{body}}}\n"
+    return definition(f"static void {name}({arguments})", [*unused, *lines])

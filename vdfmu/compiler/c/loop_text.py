@@ -1,8 +1,7 @@
 """C text of a trace as loops over the joints.
 
-Text and compiled code do not grow with the number of joints. The values are the same bits as those of the trace: each
-operation runs once, with its operands. The text is indented by one blank a level: most of its lines are three levels
-deep.
+Text and compiled code do not grow with the number of joints. Each operation runs once with its operands, so the values
+are the same bits. A level is indented by one blank, because most lines are three levels deep.
 """
 
 from __future__ import annotations
@@ -12,17 +11,17 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 
-from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype
 from vdfmu.compiler.c.loops import Loops, Operand, Pass, Segment
+from vdfmu.compiler.c.text import EXPRESSIONS, c_prototype
 
 STACK = 32_768
-"""Numbers of the memory from which it is not on the stack, which threads have 512 kB of on some systems."""
+"""Most numbers of a memory on the stack: threads have 512 kB on some systems."""
 
 _INDEX = re.compile(r"\b([ir])\b")
-"""What the loops count with: arguments of these names have others in the definition."""
+"""Indices of the loops. Arguments with these names are renamed in the definition."""
 _OPERAND = re.compile(r"{(\d)}")
 _WORDS = 16
-"""Words of an expression from which it has a line of its own; digits would grow with the joints."""
+"""Fewest words of an expression in a separate line. A count of digits would grow with the joints."""
 
 
 def c_loops(loops: Loops) -> str:
@@ -35,12 +34,11 @@ class _Text:
 
     def __init__(self, loops: Loops) -> None:
         self.loops, self.series = loops, loops.series
-        function = loops.trace.function
+        function, self._n_in = loops.trace.function, loops.trace.function.n_in()
         self._prototype = _INDEX.sub(r"own_\1", c_prototype(function))
-        self._name_of_all, _, arguments = self._prototype.removeprefix("void ").partition("(")
+        self._function_name, _, arguments = self._prototype.removeprefix("void ").partition("(")
         self._arguments = arguments.removesuffix(")").split(", ")
-        self.given = [_INDEX.sub(r"own_\1", name) for name in function.name_in()]
-        self.made = function.name_out()
+        self._pointers = [argument.rpartition(" ")[2] for argument in self._arguments]
         self._reserve()
         self._read = Counter(
             segment.operands[int(k)].series
@@ -49,35 +47,29 @@ class _Text:
             for k in _OPERAND.findall(EXPRESSIONS[loops.operation(segment)])
         )
         self._inside: dict[int, str] = {}
-        """Series that are read once, in the block that calculates them: their expressions."""
+        """Expressions of series that are read once, in the block that calculates them."""
 
     def text(self) -> str:
         """Return the definitions of the function and of one for each pass."""
         body = [line for segment in self.loops.before for line in self._statements(segment, "double ")]
-        given = [argument.rpartition(" ")[2] for argument in self._arguments]
         texts: list[str] = []
-        for turn, found in self.loops.passes.items():
-            name = f"{self._name_of_all}_pass_{turn}"
-            texts.append(f"{self._part(name)};\n{_block(self._part(name), list(self._loop(turn, found)))}")
-            body.append(f"{name}({', '.join([*given, 'w'])});")
+        for turn, loop in self.loops.passes.items():
+            name = f"{self._function_name}_pass_{turn}"
+            prototype = f"void {name}({', '.join([*self._arguments, 'double *restrict w'])})"
+            texts.append(f"{prototype};\n{_block(prototype, list(self._loop(turn, loop)))}")
+            body.append(f"{name}({', '.join([*self._pointers, 'w'])});")
         size = max(self._size, 1)
         memory = [f"#if {size} > {STACK}", "static _Thread_local", "#endif"] if self._size else []
-        body = [*memory, f"double w[{size}];", *self._unused(), *body]
+        body = [*memory, f"double w[{size}];", *(f"(void){name};" for name in self._pointers), *body]
         return "\n".join([*texts, _block(self._prototype, body)])
-
-    def _part(self, name: str) -> str:
-        return f"void {name}({', '.join([*self._arguments, 'double *restrict w'])})"
-
-    def _unused(self) -> list[str]:
-        return [f"(void){argument.rpartition(' ')[2]};" for argument in self._arguments]
 
     def _loop(self, turn: int, found: Pass) -> Iterator[str]:
         """Yield the lines of a pass."""
-        yield from (*self._unused(), "(void)w;")
-        first, last, ahead, change = (
-            (found.low, found.high, "<=", "i++") if turn % 2 == 0 else (found.high, found.low, ">=", "i--")
-        )
-        yield f"for (int i = {first}; i {ahead} {last}; {change}) {{"
+        yield from (f"(void){name};" for name in (*self._pointers, "w"))
+        if turn % 2 == 0:
+            yield f"for (int i = {found.low}; i <= {found.high}; i++) {{"
+        else:
+            yield f"for (int i = {found.high}; i >= {found.low}; i--) {{"
         yield f" const int r = {_affine(self._width, -self._width * self._base)};"
         yield " (void)r;"
         if shared := sorted(found.shared & self._named):
@@ -96,17 +88,15 @@ class _Text:
         condition = f"i == {begin}" if begin == end else " && ".join(limits)
         return f" if ({condition}) {{" if limits else " {"
 
-    # ---------------------------------------------------------------- memory
-
     def _reserve(self) -> None:
-        """Give places in the memory to what is read at another index or in another pass than its own.
+        """Give places in the memory to values that are read at another index or in another pass.
 
-        It has a row for each index; a column is used again once the pass is over in which it is read last.
+        The memory has a row for each index. A column is free again after the last pass that reads it.
         """
         loops, series = self.loops, self.series
         self._named = set(loops.stores)
-        until: dict[int, int] = {}
-        for segment in (one for segments in loops.segments for one in segments):
+        until: dict[int, int] = {}  # series to its last pass
+        for segment in (segment for segments in loops.segments for segment in segments):
             for operand in segment.operands:
                 if operand.series < 0:
                     continue
@@ -134,14 +124,12 @@ class _Text:
         self._size = self._width * height + len(single)
 
     def _place(self, k: int, offset: int = 0) -> str | None:
-        """Place in the memory of a series at the index of the loop and an offset; None without one."""
+        """Return the place of a series in the memory, at an offset from the index of the loop, or None."""
         if k in self._cells:
             return str(self._cells[k])
         if k not in self._columns:
             return None
         return f"r + {offset * self._width + self._columns[k]}"
-
-    # ---------------------------------------------------------------- statements
 
     def _statements(self, segment: Segment, declared: str) -> Iterator[str]:
         k, place = segment.series, self._place(segment.series)
@@ -165,16 +153,18 @@ class _Text:
                 whole = (begin, end) == (segment.begin, segment.end)
                 guard = "" if whole else f"if (i >= {first + begin} && i <= {first + end}) "
                 element = _affine(store.slope, store.base - store.slope * (first + store.begin))
-                yield f"{guard}{self.made[store.result]}_out[{element}] = {name};"
+                yield f"{guard}{self._pointers[self._n_in + store.result]}[{element}] = {name};"
 
     def _operand(self, segment: Segment, operand: Operand) -> str:
-        """Return the value that a segment reads."""
+        """Return an operand of a segment as C."""
         read = operand.series
         if operand.number:
             return f"({operand.number})" if operand.number.startswith("-") else operand.number
         if operand.argument >= 0:
             slope = operand.slope or 0
-            return f"{self.given[operand.argument]}[{_affine(slope, operand.base - slope * self.loops.at(segment))}]"
+            return (
+                f"{self._pointers[operand.argument]}[{_affine(slope, operand.base - slope * self.loops.at(segment))}]"
+            )
         if self.loops.is_local(segment, operand):
             return self._inside.get(read) or self._name(read)
         offset = 0 if self.series[read].alone else self.loops.offset(segment, operand)
@@ -189,7 +179,7 @@ def _block(prototype: str, lines: list[str]) -> str:
 
 
 def _affine(slope: int, constant: int) -> str:
-    """Return ``slope * i + constant`` as C text, whose form does not depend on the constant."""
+    """Return ``slope * i + constant`` as C text, in the same form for each constant."""
     if slope == 0:
         return str(constant)
     return f"{'i' if slope == 1 else f'{slope} * i'} + {constant}"

@@ -1,9 +1,9 @@
-"""Derivatives of long functions along directions, exact: a table of operations that one C function runs both ways.
+"""Exact derivatives of long functions along directions: a table of operations for a C function that runs both ways.
 
-A line of the table is an operation of the trace, or of its loops over the joints. Each value has a place of its own in
-a memory, which arguments, results and constants are in too. Forward, a value's change is calculated beside it;
-backward, the derivative by a value is shared out to its operands. A table compiles in a hundredth of the time of C
-text, and does not grow with the joints.
+A line of the table is an operation of the trace, or of its loops over the joints. Each argument, result, constant and
+value has a separate place in a memory. Forward, the change of a value is calculated beside it. Backward, the derivative
+by a value is shared out to its operands. A table compiles in a hundredth of the time of C text, and does not grow with
+the joints.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
 from vdfmu.compiler.c.loop_text import STACK
 from vdfmu.compiler.c.loops import Loops, Operand, Segment
-from vdfmu.compiler.c.text import array, cell, head, source_text, wrapped
+from vdfmu.compiler.c.text import EXPRESSIONS, array, c_prototype, cell, definition, head, slopes, source_text, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative_names
 
 _CODES = {operation: code for code, operation in enumerate(EXPRESSIONS)}
@@ -27,7 +26,7 @@ _CODE = 6
 
 
 def c_operations() -> dict[str, str]:
-    """Return file name to text of what runs tables, the same for all units."""
+    """Return file name to text of the runner of tables, the same for all units."""
     cases: list[str] = []
     for operation, code in _CODES.items():
         value, by_a, by_b, *_ = (x.format("a", "b") for x in (EXPRESSIONS[operation], *slopes(operation), "0.0"))
@@ -40,7 +39,7 @@ def c_operations() -> dict[str, str]:
 
 
 class _Place(NamedTuple):
-    """Place in the memory at index 0, and how far on it is at the next index."""
+    """Place in the memory at index 0, and its change to the next index."""
 
     at: int
     slope: int = 0
@@ -54,10 +53,7 @@ class _Line(NamedTuple):
 
 
 def c_derivatives(loops: Loops) -> str:
-    """Return the C text of both derivatives of a function, see :mod:`vdfmu.compiler.functions.derivatives`.
-
-    It needs ``operations.h``.
-    """
+    """Return both derivatives of a function (:mod:`vdfmu.compiler.functions.derivatives`) as C for ``operations.h``."""
     return _OperationTable(loops).text()
 
 
@@ -69,20 +65,20 @@ class _OperationTable:
         self._given, self._made = self._function.name_in(), self._function.name_out()
         sizes = [self._function.numel_in(name) for name in self._given]
         sizes += [self._function.numel_out(name) for name in self._made]
-        sizes += [len(one.members) for one in loops.series]
+        sizes += [len(series.members) for series in loops.series]
         self._begins = list(accumulate(sizes, initial=0))
-        """Of each argument, result and series, and of the constants."""
+        """Places of each argument, result and series, and of the constants."""
         self._constants: dict[str, int] = {}
         before = [self._line(segment) for segment in loops.before]
         self._passes = [(0, 0, [(0, 0, before)])] if before else []
-        for turn, found in loops.passes.items():
-            first, last = (found.low, found.high) if turn % 2 == 0 else (found.high, found.low)
-            blocks = [(*span, [self._line(segment) for segment in segments]) for span, segments in found.blocks]
+        for turn, loop in loops.passes.items():
+            first, last = (loop.low, loop.high) if turn % 2 == 0 else (loop.high, loop.low)
+            blocks = [(*span, [self._line(segment) for segment in segments]) for span, segments in loop.blocks]
             self._passes.append((first, last, blocks))
         self._passes.append(self._results())
 
     def _results(self) -> tuple[int, int, list[tuple[int, int, list[_Line]]]]:
-        """Return the pass that copies what is a result."""
+        """Return the pass that copies the results."""
         blocks: dict[tuple[int, int], list[_Line]] = defaultdict(list)
         for k, stores in self._loops.stores.items():
             for store in stores:
@@ -98,9 +94,9 @@ class _OperationTable:
         return _Line(self._loops.operation(segment), [self._value(segment.series), *operands])
 
     def _value(self, k: int, offset: int = 0) -> _Place:
-        """Return the place of a series at the index of the loop and an offset."""
-        one, begin = self._loops.series[k], self._begins[len(self._given) + len(self._made) + k]
-        return _Place(begin) if one.alone else _Place(begin - one.first + offset, 1)
+        """Return the place of a series at an offset from the index of the loop."""
+        series, begin = self._loops.series[k], self._begins[len(self._given) + len(self._made) + k]
+        return _Place(begin) if series.alone else _Place(begin - series.first + offset, 1)
 
     def _operand(self, segment: Segment, operand: Operand) -> _Place:
         if operand.number:
@@ -109,8 +105,6 @@ class _OperationTable:
             return self._value(operand.series, self._loops.offset(segment, operand))
         slope = operand.slope or 0
         return _Place(self._begins[operand.argument] + operand.base - slope * self._loops.at(segment), slope)
-
-    # ---------------------------------------------------------------- text
 
     def text(self) -> str:
         """Return the table and the functions that run it."""
@@ -128,7 +122,7 @@ class _OperationTable:
         n_given, n_made = len(self._given), len(self._made)
         fields = f"{name}_lines, {name}_blocks, {name}_passes, {len(self._passes)}, {bits}, {name}_move"
         fields += f", {name}_begins, {n_given}, {n_made}, {name}_constants, {len(self._constants)}, {size}"
-        blocks = [block for *_, found in self._passes for block in found]
+        blocks = [block for *_, listed in self._passes for block in listed]
         arrays = {"int64_t lines": rows, "Span blocks": _spans(blocks), "Span passes": _spans(self._passes)}
         arrays |= {"int begins": map(str, self._begins[: n_given + n_made + 1]), "double constants": self._constants}
         parts = [
@@ -149,25 +143,24 @@ class _OperationTable:
         ]
         for ending in DIRECTIONS:
             given, made = derivative_names(self._function, ending)
-            parts.append(f"""{wrapped(c_prototype(self._function, ending))}
-{{
-    const double *const given[] = {{{", ".join(given)}}};
-    double *const made[] = {{{", ".join(f"{one}_out" for one in made)}}};
-    {name}_run(given, made, {DIRECTIONS.index(ending)});
-}}
-""")
+            lines = [
+                f"const double *const given[] = {{{', '.join(given)}}};",
+                f"double *const made[] = {{{', '.join(f'{result}_out' for result in made)}}};",
+                f"{name}_run(given, made, {DIRECTIONS.index(ending)});",
+            ]
+            parts.append(definition(wrapped(c_prototype(self._function, ending)), lines))
         return "\n".join(parts)
 
 
-def _array(what: str, items: Iterable[str]) -> str:
-    """Text of a constant array, four items a line whatever their length: numbers alone grow with the joints."""
-    kind, name = what.split()
+def _array(declared: str, items: Iterable[str]) -> str:
+    """Return a constant array, four items a line for any length: numbers alone grow with the joints."""
+    kind, name = declared.split()
     listed = list(items)
     return array(kind, name, (", ".join(listed[i : i + 4]) for i in range(0, len(listed), 4)), one_a_line=True)
 
 
 def _spans(listed: Iterable[tuple[int, int, Sequence[object]]]) -> Iterator[str]:
-    """Yield first and last index of each part, and where its content begins and ends in all of them."""
+    """Yield first and last index of each part, and begin and end of its content in all contents."""
     begin = 0
     for first, last, content in listed:
         yield cell(first, last, begin, begin + len(content))

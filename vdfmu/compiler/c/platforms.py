@@ -1,4 +1,4 @@
-"""The platforms of native FMUs, compiler target, folders and file names, and the program that compiles for them."""
+"""The platforms of native FMUs, with targets of the compiler, folders and file names, and the compiler itself."""
 
 from __future__ import annotations
 
@@ -18,45 +18,30 @@ from vdfmu.base.standards import FMI_VERSIONS
 
 @dataclass(frozen=True)
 class Platform:
-    """One platform.
-
-    Attributes
-    ----------
-    name : str
-        Platform tuple of FMI 3.0, which names its folder in ``binaries/``; of WebAssembly the processor alone, as the
-        module asks no system for anything.
-    target : str
-        Target of zig: the oldest system on which the library loads.
-    folder_2 : str
-        Folder in FMI 2.0. It has names of its own for x86; others are platform tuples (FMI 2.0.4, section 2.3).
-    suffix : str
-        Suffix of the library.
-    flags : tuple of str
-        Flags of the compiler.
-    link : tuple of str
-        Flags of the linker.
-    libraries : mapping of str to mapping of str to str
-        The system's libraries: file, then version of its functions, then the functions that may be called, separated
-        by spaces. The linker needs no more of them. Without any it takes zig's own, which zig compiles first.
-    """
+    """A platform, with the flags of its compiler and its linker."""
 
     name: str
+    """Platform tuple of FMI 3.0 and folder in ``binaries/``. WebAssembly has a processor alone: it calls no system."""
     target: str
+    """Target of zig: the oldest system on which the library loads."""
     folder_2: str
+    """Folder in FMI 2.0: a defined name for x86, else the platform tuple (FMI 2.0.4, section 2.3)."""
     suffix: str
     flags: tuple[str, ...] = ()
     link: tuple[str, ...] = ("-shared",)
     libraries: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
+    """The system's libraries: file to version to the callable functions, separated by spaces. The linker needs no more.
+    Without libraries zig first compiles its own."""
 
 
 X86 = ("-march=x86_64_v2",)
 """Flags of the platforms with processors of x86."""
 WASM = "wasm32"
-"""Name of the platform of WebAssembly: a module with the functions of FMI in C."""
+"""Platform of WebAssembly: a module with the functions of FMI in C."""
 _MODULE = (
     "-mexec-model=reactor", "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
 )  # fmt: skip
-"""A module with memory for their arguments, and a table that takes the importer's callbacks."""
+"""The module also exports memory for arguments, and a table for the importer's callbacks."""
 _MATH = (
     "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh exp exp10 exp2 expm1 fabs floor fma fmax fmin "
     "fmod frexp hypot ldexp log log10 log1p log2 nearbyint pow rint round sin sincos sinh sqrt tan tanh trunc"
@@ -65,7 +50,7 @@ _C = (
     "bcmp calloc free malloc memccpy memchr memcmp memmove mempcpy memset realloc snprintf stpcpy strcat strchr strcmp "
     "strcpy strcspn strlen strncat strncmp strncpy strnlen strpbrk strrchr strspn strstr strtod vsnprintf"
 )
-"""What the C of units, and of benchmarks, calls, and what the compiler may make of it."""
+"""Functions called by the C of units and benchmarks, and functions that the compiler may call instead."""
 # fmt: off
 PLATFORMS = {
     p.name: p
@@ -75,7 +60,7 @@ PLATFORMS = {
             libraries={
                 "libm.so.6": {"GLIBC_2.2.5": _MATH},
                 "libc.so.6": {"GLIBC_2.2.5": _C, "GLIBC_2.14": "memcpy", "GLIBC_2.17": "clock_gettime"},
-                "ld-linux-x86-64.so.2": {"GLIBC_2.3": "__tls_get_addr"},  # memory that each thread has of its own
+                "ld-linux-x86-64.so.2": {"GLIBC_2.3": "__tls_get_addr"},  # thread-local memory
             },
         ),
         Platform(
@@ -91,58 +76,43 @@ PLATFORMS = {
 # fmt: on
 """Name to platform."""
 ALL = tuple(name for name in PLATFORMS if name != WASM)
-"""Platforms that ``all`` means: importers of native FMUs load their libraries."""
+"""Platforms with ``all``: importers of native FMUs load their libraries."""
 
 _SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
 _MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 
 
 def this_platform() -> str:
-    """Name of this machine's platform.
-
-    Raises
-    ------
-    FmuError
-        If native FMUs cannot be built for it.
-    """
-    found = machine.machine()
-    name = f"{_MACHINES.get(found.lower(), found)}-{_SYSTEMS.get(sys.platform, sys.platform)}"
+    """Name of this machine's platform. FmuError if native FMUs cannot be built for it."""
+    processor = machine.machine()
+    name = f"{_MACHINES.get(processor.lower(), processor)}-{_SYSTEMS.get(sys.platform, sys.platform)}"
     if name not in PLATFORMS:
         raise FmuError(f"there are no native FMUs for this machine, {name}. There are: {', '.join(PLATFORMS)}.")
     return name
 
 
 def chosen_platforms(chosen: Sequence[str] | str | None) -> tuple[str, ...]:
-    """Names of platforms, in the order of :data:`PLATFORMS`.
+    """Return names of platforms, in the order of :data:`PLATFORMS`.
 
-    Parameters
-    ----------
-    chosen : sequence of str, str or None
-        Names; ``"all"`` for :data:`ALL`; None for this machine's.
-
-    Raises
-    ------
-    UsageError
-        If one does not exist, or none is chosen.
-    FmuError
-        See :func:`this_platform`.
+    `chosen`: names, ``"all"`` for :data:`ALL`, or None for :func:`this_platform`. UsageError for an unknown name or an
+    empty list.
     """
     if chosen is None:
         return (this_platform(),)
     names = [chosen] if isinstance(chosen, str) else list(chosen)
     unknown = [name for name in names if name not in (*PLATFORMS, "all")]
     if unknown or not names:
-        what = f"There is no platform {unknown[0]!r}." if unknown else "No platform is chosen."
-        raise UsageError(f"{what} There are: {', '.join(PLATFORMS)}; and all.")
+        problem = f"There is no platform {unknown[0]!r}." if unknown else "No platform is chosen."
+        raise UsageError(f"{problem} There are: {', '.join(PLATFORMS)}; and all.")
     return tuple(name for name in PLATFORMS if name in names or ("all" in names and name in ALL))
 
 
 def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:
-    """Path in the FMU to content, for libraries by platform.
+    """Return path in the FMU to content, for libraries by platform.
 
-    Importers of FMI 2.0 on Arm may look into the folder of their system's x86: fmpy and OpenModelica do. So
-    ``darwin64`` holds a library for both processors where both are chosen, and ``linux64`` that for Arm where
-    there is no other.
+    On Arm, importers of FMI 2.0 such as fmpy and OpenModelica may read the folder of their system's x86. So
+    ``darwin64`` holds a library for both processors if both are chosen. Without a library for x86, its folder holds the
+    library for Arm.
     """
     files: dict[str, bytes] = {}
     tuples = FMI_VERSIONS[fmi_version].platform_tuples
@@ -163,8 +133,8 @@ def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) 
 
 
 def _universal(x86: bytes, arm: bytes) -> bytes:
-    """Universal binary of macOS: a header, then the library of each processor on a page of its own."""
-    page = 14  # 2^14 bytes, a page of the larger of the two
+    """Return a universal binary of macOS: a header, then the library of each processor from a new page on."""
+    page = 14  # 2^14 bytes, the larger page of both processors
     processors = ((0x01000007, 3, x86), (0x0100000C, 0, arm))
     header = struct.pack(">II", 0xCAFEBABE, len(processors))
     body = b""
@@ -178,7 +148,7 @@ def _universal(x86: bytes, arm: bytes) -> bytes:
 
 
 def native_available() -> bool:
-    """Whether native FMUs can be built and run here: whether the compiler is installed."""
+    """Whether native FMUs can be built and run here, with the compiler installed."""
     try:
         this_platform()
         zig()
@@ -188,7 +158,7 @@ def native_available() -> bool:
 
 
 def compiler_version() -> str:
-    """Name and version of the compiler; its name alone where it is not installed."""
+    """Name of the compiler, with its version if it is installed."""
     try:
         return f"ziglang {version('ziglang')}"
     except PackageNotFoundError:

@@ -1,9 +1,8 @@
-"""Series in a trace: operations that are one another's counterpart at one joint after the other.
+"""Series in a trace: operations that are counterparts from joint to joint.
 
-The trace of a chain of joints repeats its operations for each joint. Series find them again: pairs of results that lie
-a joint apart lead, operand by operand, to pairs of operations that do the same. A series has an index, its joint, and
-belongs to a pass, a loop over the joints up or down, as the recursions that it is part of run from base to tip or back.
-What has no counterpart is a series of one.
+The trace of a chain of joints repeats its operations for each joint, see :mod:`.counterparts`. A series has an index,
+its joint. It belongs to a pass, a loop over the joints up or down, as its recursion runs from base to tip or back. An
+operation without counterpart is a series of one member.
 """
 
 from __future__ import annotations
@@ -19,22 +18,23 @@ import numpy as np
 from vdfmu.compiler.c.counterparts import Counterparts, Trace
 
 _MOVES = 4
-"""Lengths of the longest series by which an index may move for series that use each other to go one way."""
+"""Most lengths of the longest series that an index may move, so that series that read each other run one way."""
 
 BEFORE = -1
-"""Pass of what needs no loop and comes before all."""
+"""Pass of operations before all loops."""
 
 
 @dataclass
 class Series:
-    """Operations of the same kind, one a joint; `first` is the index of the first."""
+    """Operations of the same kind, one for each joint."""
 
     members: list[int]
     first: int = 0
+    """Index of the first member."""
     turn: int = BEFORE
-    """Its pass: even ones run up, odd ones down."""
+    """Number of its pass. Even passes run up, odd passes down."""
     reads: dict[int, Counter[int]] = field(default_factory=lambda: defaultdict(Counter))
-    """Series that it reads to how far on in them the member is that a member reads, and how often."""
+    """Series that it reads to the distance from reader to member, and its count."""
 
     @property
     def alone(self) -> bool:
@@ -49,32 +49,25 @@ class Series:
 
 @dataclass
 class Layout:
-    """A trace in series; `places` has series and position of each operation that is not a leaf."""
+    """A trace in series."""
 
     trace: Trace
     series: list[Series]
     places: dict[int, tuple[int, int]]
+    """Series and position of each operation that is not a leaf."""
     ordered: bool = False
-    """Whether each series has a pass; series that use each other may have no common direction."""
+    """Whether each series has a pass. Series that read each other may lack a common direction."""
 
     def offset(self, reader: int, read: int, ahead: int) -> int:
-        """Index of what is read less the index of the reader, for an entry of `reads`."""
+        """Index of the read member less the index of the reader, for an entry of `reads`."""
         return self.series[read].first + ahead - self.series[reader].first
 
 
 def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int], most: float = math.inf) -> Layout | None:
-    """Return the series of a trace; None where they are as many as `most`.
+    """Return the series of a trace, or None for `most` series or more.
 
-    Parameters
-    ----------
-    joints : int
-        Elements of a vector that has a number for each joint.
-    period : int
-        Joints from one member to the next.
-    alike : sequence of int
-        Number of each operation; counterparts have the same.
-    most : float
-        Lines of the best layout so far: another has at least one for each of its series.
+    A vector with a number for each joint has `joints` elements. Members of a series are `period` joints apart.
+    Counterparts have the same number in `alike`. The best layout so far has `most` lines, one or more for each series.
     """
     layout = _grouped(trace, Counterparts(trace, joints, period, alike).after)
     if len(layout.series) >= most:
@@ -88,7 +81,7 @@ def _grouped(trace: Trace, after: dict[int, int]) -> Layout:
     heads = set(range(len(trace.operations))) - set(after.values())
     series: list[Series] = []
     places: dict[int, tuple[int, int]] = {}
-    ring = set(range(len(trace.operations))) - heads  # what is its own counterpart some joints later is in no series
+    ring = set(range(len(trace.operations))) - heads  # an operation may be its own counterpart some joints later
     for head in [*sorted(heads), *sorted(ring)]:
         if trace.is_leaf(head) or head in places:
             continue
@@ -105,51 +98,47 @@ def _grouped(trace: Trace, after: dict[int, int]) -> Layout:
     return Layout(trace, series, places)
 
 
-# ---------------------------------------------------------------- indices
-
-
 def _number(layout: Layout, joints: int, period: int) -> None:
-    """Choose the indices so that most operations read what has their own index."""
+    """Choose the indices so that most operations read members of the same index."""
     series = layout.series
-    known = {k for k, one in enumerate(series) if len(one.members) >= joints // period}  # from 0 on
+    numbered = {k for k, s in enumerate(series) if len(s.members) >= joints // period}  # from 0 on
     readers: dict[int, list[int]] = defaultdict(list)
-    for k, one in enumerate(series):
-        for read in one.reads:
+    for k, s in enumerate(series):
+        for read in s.reads:
             readers[read].append(k)
-    waiting = [k for k, one in enumerate(series) if not one.alone and k not in known]
+    waiting = [k for k, s in enumerate(series) if not s.alone and k not in numbered]
     while waiting:
         left: list[int] = []
         for k in waiting:
-            votes = _votes(layout, k, known, readers[k])
+            votes = _votes(layout, k, numbered, readers[k])
             votes.update(_votes_of_inputs(layout, k, joints, period))
             if votes:
                 series[k].first = min(votes, key=lambda index: (-votes[index], abs(index), index))
-                known.add(k)
+                numbered.add(k)
             else:
                 left.append(k)
         if len(left) == len(waiting):
-            known.add(left.pop(0))
+            numbered.add(left.pop(0))
         waiting = left
 
 
-def _votes(layout: Layout, k: int, known: set[int], readers: Iterable[int]) -> Counter[int]:
+def _votes(layout: Layout, k: int, numbered: set[int], readers: Iterable[int]) -> Counter[int]:
     series = layout.series
     votes = Counter[int]()
-    for read in known.intersection(series[k].reads):
+    for read in numbered.intersection(series[k].reads):
         for ahead, count in series[k].reads[read].items():
             votes[series[read].first + ahead] += count
-    for reader in readers:
-        if reader in known:
-            for ahead, count in series[reader].reads[k].items():
-                votes[series[reader].first - ahead] += count
+    for reader in numbered.intersection(readers):
+        for ahead, count in series[reader].reads[k].items():
+            votes[series[reader].first - ahead] += count
     return votes
 
 
 def _votes_of_inputs(layout: Layout, k: int, joints: int, period: int) -> Counter[int]:
     trace, (a, b, *_) = layout.trace, layout.series[k].members
     votes = Counter[int]()
-    for one, other in zip(trace.operands[a], trace.operands[b], strict=True):
-        first, second = trace.given[one], trace.given[other]
+    for operands in zip(trace.operands[a], trace.operands[b], strict=True):
+        first, second = (trace.given[operand] for operand in operands)
         if isinstance(first, tuple) and isinstance(second, tuple) and first[0] == second[0]:
             per_joint = trace.function.numel_in(first[0]) % joints == 0
             if per_joint and second[1] - first[1] == period:
@@ -157,15 +146,12 @@ def _votes_of_inputs(layout: Layout, k: int, joints: int, period: int) -> Counte
     return votes
 
 
-# ---------------------------------------------------------------- passes
-
-
 def _order(layout: Layout) -> bool:
-    """Choose the pass of each series; return whether there is one for all."""
+    """Choose the pass of each series. Return whether each series has a pass."""
     series = layout.series
     readers, read = [k for k, s in enumerate(series) for _ in s.reads], [r for s in series for r in s.reads]
     shape = (len(series), len(series))
-    from scipy.sparse import coo_matrix  # takes long to import, and long functions alone have series
+    from scipy.sparse import coo_matrix  # takes long to import, and only long functions have series
     from scipy.sparse.csgraph import connected_components
 
     _, label = connected_components(coo_matrix((np.ones(len(read)), (readers, read)), shape), connection="strong")
@@ -175,11 +161,11 @@ def _order(layout: Layout) -> bool:
     needed = {
         part: {int(label[r]) for k in members for r in series[k].reads} - {part} for part, members in parts.items()
     }
-    wanted: dict[int, list[int]] = defaultdict(list)  # indices of what reads a single operation
-    for one in series:
-        for r, ahead in one.reads.items():
-            if series[r].alone and not one.alone:
-                wanted[r] += [one.first - a for a in ahead]
+    wanted: dict[int, list[int]] = defaultdict(list)  # indices of readers of a single operation
+    for s in series:
+        for r, ahead in s.reads.items():
+            if series[r].alone and not s.alone:
+                wanted[r] += [s.first - a for a in ahead]
     for part in TopologicalSorter(needed).static_order():
         if not _place(layout, parts[part], wanted):
             return False
@@ -187,7 +173,7 @@ def _order(layout: Layout) -> bool:
 
 
 def _place(layout: Layout, part: list[int], wanted: dict[int, list[int]]) -> bool:
-    """Choose the pass of series that need each other: the first in which all that they read is there."""
+    """Choose the pass of series that read each other: the first pass with all their operands."""
     series = layout.series
     inside = set(part)
     outside = [(k, r) for k in part for r in series[k].reads if r not in inside]
@@ -220,7 +206,7 @@ def _place(layout: Layout, part: list[int], wanted: dict[int, list[int]]) -> boo
 
 
 def _choose_index(layout: Layout, k: int, turn: int, wanted: list[int]) -> None:
-    """Put a single operation where what it reads in a pass is there, else where it is read first."""
+    """Put a single operation at the index at which its operands in a pass are there, else at its first reader."""
     series = layout.series
     read = [series[r].first + max(ahead) for r, ahead in series[k].reads.items() if series[r].turn == turn]
     earliest, latest = (max, min) if turn % 2 == 0 else (min, max)
@@ -228,7 +214,7 @@ def _choose_index(layout: Layout, k: int, turn: int, wanted: list[int]) -> None:
 
 
 def _direction(layout: Layout, part: list[int], inside: set[int]) -> int | None:
-    """Return 1 if series that read each other run up, -1 for down, None for neither, and move their indices to that."""
+    """Return 1 if series that read each other run up, -1 for down, None for neither. Move their indices accordingly."""
     series, places = layout.series, {k: i for i, k in enumerate(part)}
     read_inside = ((k, r) for k in part for r in series[k].reads if r in inside)
     edges = [(places[k], places[r], ahead) for k, r in read_inside for ahead in series[k].reads[r]]

@@ -1,8 +1,8 @@
-"""A unit as a block of eFMI: its variables, and what its methods call.
+"""A unit as a block of eFMI: its variables, and the calls of its methods.
 
-What is fixed in a run is constant here: parameters that cannot be tuned, parameters of the robot, and choices; only the
-chosen method is written. What a sampled state was before the sample is a state of its own, as in ``previous(x)``
-of Modelica. A unit that reads the time counts its steps.
+Parameters that are fixed in a run, parameters of the robot and choices are constant here. Only the chosen methods are
+written. The value of a sampled state before the sample is a separate state, as ``previous(x)`` in Modelica. A unit that
+reads the time counts its steps.
 """
 
 from __future__ import annotations
@@ -17,15 +17,13 @@ from vdfmu.base.errors import UsageError
 from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.unit.interface import Interface, general_description
-from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.unit.trace import argument_name
+from vdfmu.compiler.unit.trace import Call, argument_name
 from vdfmu.compiler.unit.variable import Variable
 
 PERIOD, FIRST, STEPS = "period", "firstStep", "steps"
 """Variables of a block that its unit may not declare, except for the period of a sampled unit."""
-_OURS = {PERIOD, FIRST, STEPS, "errorSignals", "self"}
-_WORDS = set(
-    # words of GALEC, and its functions
+_RESERVED = (PERIOD, FIRST, STEPS, "errorSignals", "self")
+_WORDS = set(  # words of GALEC, and its functions
     "block protected public end record function method signals algorithm input output parameter constant Boolean "
     "Integer Real limit if signal in then elseif else for loop and or not size self while do until break return "
     "enumeration min max sign absolute integer real fractional ln lg pi euler nan interpolation1D interpolation2D "
@@ -35,34 +33,23 @@ _WORDS = set(
 
 @dataclass(frozen=True)
 class BlockVariable:
-    """A variable of a block.
-
-    Attributes
-    ----------
-    name : str
-        Of a state that is what another variable was before, that variable's.
-    causality : "input", "output", "tunableParameter", "constant" or "state"
-    start : tuple of float
-        Start values, one for all of an array or one each.
-    size : int
-        Length of an array, in which a matrix lies row by row; 0 of a scalar.
-    unit : str or None
-    description : str
-    type : "Real", "Integer" or "Boolean"
-    minimum, maximum : float or None
-    """
+    """A variable of a block."""
 
     name: str
     causality: str
+    """"input", "output", "tunableParameter", "constant" or "state"."""
     start: tuple[float, ...]
+    """Start values: one for a whole array, or one for each element."""
     size: int = 0
+    """Length of an array, with matrices row by row; 0 for a scalar."""
     unit: str | None = None
     description: str = ""
     type: str = "Real"
+    """"Real", "Integer" or "Boolean"."""
     minimum: float | None = None
     maximum: float | None = None
     before: bool = False
-    """Whether it is what the variable of the name was before the sample."""
+    """Whether it is the value of the variable `name` before the sample."""
 
 
 class SampledBlock:
@@ -71,46 +58,38 @@ class SampledBlock:
     Parameters
     ----------
     interface : Interface
-        Its start values are the start values of tunable parameters, and the values of all others.
+        Start values of tunable parameters, and values of all other parameters.
     step : float
-        Time from one step to the next [s] of a memoryless unit; a sampled one has its period.
-
-    Attributes
-    ----------
-    start, update, outputs : tuple of Call
-        What the first step begins with, and what each step does.
-    has_time : bool
-        Whether a step reads the time: k periods in step k, from 0.
-    variables : tuple of BlockVariable
+        Time from one step to the next [s] of a memoryless unit. A sampled unit has its period.
     """
 
     def __init__(self, interface: Interface, step: float) -> None:
         self.interface, program = interface, interface.program
         self.start, self.update, self.outputs = map(self._chosen, (program.start, program.update, program.outputs))
-        self.has_time = any("t" in call.reads for call in (*self.start, *self.update, *self.outputs))
+        """Calls at the begin of the first step, and calls of each step."""
+        self.calls = (*self.start, *self.update, *self.outputs)
+        self.has_time = any("t" in call.reads for call in self.calls)
+        """Whether a step reads the time: k periods in step k, from 0."""
         self.is_sampled = bool(program.update)
         self.period = float(interface.find(PERIOD).start) if self.is_sampled else step
+        self.name = interface.model_name
         self.variables = tuple(self._variables())
         if len({(v.name, v.before) for v in self.variables}) < len(self.variables):
-            raise UsageError(f"{interface.name}: a block of eFMI has variables {', '.join(_OURS)} of its own. Rename.")
-
-    @property
-    def name(self) -> str:
-        """Name of the block, which is the model's."""
-        return self.interface.model_name
+            names = ", ".join(_RESERVED)
+            raise UsageError(f"{interface.name}: blocks of eFMI reserve the variables {names}. Rename.")
 
     @property
     def description(self) -> str:
-        """What the unit is, for which robot, and what was chosen."""
+        """Description of the unit with its robot and its choices."""
         robot = self.interface.robot
-        chosen = [f"{v.name} = {v.choices[int(v.start)]}" for v in self.interface if v.choices]
         about = [robot.name] if robot is not None else []
-        return self.interface.description + (f" ({', '.join(about + chosen)})" if about + chosen else "")
+        about += [f"{v.name} = {v.choices[int(v.start)]}" for v in self.interface if v.choices]
+        return self.interface.description + (f" ({', '.join(about)})" if about else "")
 
     def named(self, group: str) -> str:
         """Name of a group of variables, or an argument of traced functions, in the block."""
-        ours = group in _OURS and not (group == PERIOD and self.is_sampled)
-        return f"own_{group}" if ours or group in _WORDS else group
+        reserved = group in _RESERVED and not (group == PERIOD and self.is_sampled)
+        return f"own_{group}" if reserved or group in _WORDS else group
 
     def _chosen(self, calls: Sequence[Call]) -> tuple[Call, ...]:
         fixed = {v.name: float(v.start) for v in self.interface if v.causality == "parameter" and not v.index}
@@ -118,47 +97,49 @@ class SampledBlock:
 
     def _variables(self) -> list[BlockVariable]:
         interface = self.interface
-        read = {name for call in (*self.start, *self.update, *self.outputs) for name in call.reads}
+        read = {name for call in self.calls for name in call.reads}
         places = {argument_name(group): where for group, where in interface.groups.items()}
-        found: dict[str, list[BlockVariable]] = {k: [] for k in ("input", "output", "tunable", "fixed", "state")}
+        kinds = ("input", "output", "tunableParameter", "constant", "state")
+        variables: dict[str, list[BlockVariable]] = {kind: [] for kind in kinds}
+
+        def add(v: BlockVariable) -> None:
+            variables[v.causality].append(v)
+
         for name, where in places.items():
             members = interface.variables[where]
             first = members[0]
             if name == PERIOD and self.is_sampled:
                 continue
             if first.causality != "parameter":
-                found[first.causality].append(self._variable(name, members, first.causality))
+                add(self._variable(name, members, first.causality))
                 if first.variability == "discrete":
-                    found["state"].append(self._variable(name, members, "state", before=True))
+                    add(self._variable(name, members, "state", before=True))
             elif first.variability == "tunable":
-                found["tunable"].append(self._variable(name, members, "tunableParameter"))
+                add(self._variable(name, members, "tunableParameter"))
             elif name in read:
-                found["fixed"].append(self._variable(name, members, "constant"))
+                add(self._variable(name, members, "constant"))
         if "p" in read:
             members = interface.variables[interface.arguments["p"]]
             text = f"Parameters of the robot, in the order of its FMU: {members[0].name} .. {members[-1].name}"
-            start = tuple(float(v.start) for v in members)
-            found["fixed"].append(BlockVariable("p", "constant", start, len(members), description=text))
+            add(BlockVariable("p", "constant", tuple(float(v.start) for v in members), len(members), description=text))
         for table in self._tables():
-            for what, numbers in zip(("edges", "rows"), lookup_table(table), strict=True):
-                text = f"Table, {what}"
-                name = f"{table.name()}_{what}"
-                found["fixed"].append(BlockVariable(name, "constant", tuple(numbers), len(numbers), description=text))
+            for part, numbers in zip(("edges", "rows"), lookup_table(table), strict=True):
+                name = f"{table.name()}_{part}"
+                add(BlockVariable(name, "constant", tuple(numbers), len(numbers), description=f"Table, {part}"))
         text = "Time from one step to the next"
-        found["fixed"].append(BlockVariable(PERIOD, "constant", (self.period,), unit="s", description=text))
+        add(BlockVariable(PERIOD, "constant", (self.period,), unit="s", description=text))
         if self.start:
             text = "Whether the next step is the first"
-            found["state"].append(BlockVariable(FIRST, "state", (1,), description=text, type="Boolean"))
+            add(BlockVariable(FIRST, "state", (1,), description=text, type="Boolean"))
         if self.has_time:
-            found["state"].append(BlockVariable(STEPS, "state", (0,), description="Steps done", type="Integer"))
-        return [v for variables in found.values() for v in variables]
+            add(BlockVariable(STEPS, "state", (0,), description="Steps done", type="Integer"))
+        return [v for listed in variables.values() for v in listed]
 
     def _tables(self) -> list[ca.Function]:
-        """Return the tables in which the traced functions look rows up."""
-        calls = (*self.start, *self.update, *self.outputs)
-        functions = (self.interface.functions.casadi_function(call.function) for call in calls)
-        named = {one.name(): one for function in functions for one in function.find_functions(0)}
-        return [one for name, one in named.items() if name.startswith(LOOKUP)]
+        """Return the tables of the traced functions."""
+        functions = (self.interface.functions.casadi_function(call.function) for call in self.calls)
+        tables = {table.name(): table for function in functions for table in function.find_functions(0)}
+        return [table for name, table in tables.items() if name.startswith(LOOKUP)]
 
     def _variable(self, name: str, members: Sequence[Variable], causality: str, before: bool = False) -> BlockVariable:
         first = members[0]
@@ -175,7 +156,7 @@ class SampledBlock:
 
     @cached_property
     def sizes(self) -> dict[str, int]:
-        """Name to length; 0 of a scalar."""
+        """Name to length, 0 for a scalar."""
         return {v.name: v.size for v in self.variables}
 
     def of(self, *causalities: str) -> list[BlockVariable]:
@@ -184,12 +165,12 @@ class SampledBlock:
 
     @property
     def tunable(self) -> list[tuple[BlockVariable, list[tuple[str, float]]]]:
-        """Tunable parameters with their bounds: the relation that breaks each, and its number."""
+        """Tunable parameters with their bounds: the relation of a violation, and its number."""
         return [
             (v, [(sign, bound) for sign, bound in (("<", v.minimum), (">", v.maximum)) if bound is not None])
             for v in self.of("tunableParameter")
         ]
 
     def is_before(self, call: Call, name: str) -> bool:
-        """Whether a call means by a name what a sampled state was, or begins as: updates read it, a start sets it."""
+        """Whether a name in a call is the state before the sample. Updates read this state, a start sets it."""
         return call not in self.outputs and any(v.before and v.name == self.named(name) for v in self.variables)

@@ -1,12 +1,12 @@
-"""An FMU becomes an eFMU: the folder ``eFMU`` is added to it, with its manifests."""
+"""The folder ``eFMU`` with its manifests. With it an FMU is an eFMU."""
 
 from __future__ import annotations
 
 import uuid
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from hashlib import sha1, sha256
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
@@ -33,7 +33,7 @@ from vdfmu.compiler.unit.declaration import State
 
 
 def reason_against(unit: type[BaseUnit]) -> str | None:
-    """Return why a unit has no eFMU; None if it has one."""
+    """Return the reason why a unit cannot be an eFMU, or None."""
     if unit.backend == "python":
         return "it runs in Python"
     if unit.exchange:
@@ -44,58 +44,49 @@ def reason_against(unit: type[BaseUnit]) -> str | None:
 
 
 def finish(path: Path, fmu: Content, precision: str, step: float) -> None:
-    """Add the folder ``eFMU`` to a native FMU.
+    """Add the folder ``eFMU`` to the native FMU of a content.
 
-    Parameters
-    ----------
-    path : Path
-    fmu : Content
-        What the FMU was built from.
-    precision : str
-        One of :data:`~vdfmu.compiler.efmi.production.PRECISIONS`.
-    step : float
-        Time from one step to the next [s] of a memoryless unit; a sampled one has its period.
+    `precision`: name in :data:`~vdfmu.compiler.efmi.production.PRECISIONS`. `step`: time from one step to the next [s]
+    of a memoryless unit. A sampled unit has its period.
     """
     with storing(path):
         whole = path.read_bytes()
         with zipfile.ZipFile(path) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
-        pack_zip(
-            path, members | {f"{EFMU}/{name}": text for name, text in _folder(fmu, whole, precision, step).items()}
-        )
+            files = {name: archive.read(name) for name in archive.namelist()}
+        added = _folder(fmu, whole, precision, step)
+        pack_zip(path, files | {f"{EFMU}/{name}": text for name, text in added.items()})
 
 
 def _folder(fmu: Content, whole: bytes, precision: str, step: float) -> dict[str, bytes]:
     """Return path to content of the folder ``eFMU``."""
     block, kind = SampledBlock(fmu.interface, step), PRECISIONS[precision]
-    origin = Origin(f"{fmu.guid} {precision} {block.period!r}", fmu.generation_tool, fmu.made_by or {})
+    origin = _Origin(f"{fmu.guid} {precision} {block.period!r}", fmu.generation_tool, fmu.made_by)
     name = block.name
-    program = galec_text(block).encode()
+    program = {f"{name}.alg": galec_text(block).encode()}
     code = {f"{name}.h": header_text(block, kind).encode(), f"{name}.c": source_text(block, kind).encode()}
-    algorithm = document(algorithm_manifest(block, origin, (f"{name}.alg", program)))
-    inside = f"{name}.fmu"
-    production = document(production_manifest(block, origin, algorithm, code, (inside, whole), kind))
+    inside = {f"{name}.fmu": whole}
+    algorithm = document(_algorithm_manifest(block, origin, program))
+    production = document(_production_manifest(block, origin, algorithm, code, inside, kind))
     manifests = {ALGORITHM: algorithm, PRODUCTION: production}
     return {
-        "__content.xml": document(content(block, origin, manifests)),
-        f"{ALGORITHM}/{name}.alg": program,
-        f"{PRODUCTION}/{inside}": whole,
-        **{f"{PRODUCTION}/{file}": text for file, text in code.items()},
-        **{f"{container}/{MANIFEST}": text for container, text in manifests.items()},
+        "__content.xml": document(_content(block, origin, manifests)),
+        **{f"{ALGORITHM}/{file}": text for file, text in program.items()},
+        **{f"{PRODUCTION}/{file}": text for file, text in (inside | code).items()},
+        **{f"{container}/{_MANIFEST}": text for container, text in manifests.items()},
         **{f"schemas/{file}": text for file, text in _schemas().items()},
     }
 
 
 @lru_cache
 def _schemas() -> dict[str, bytes]:
-    """Return path to content of the schemas of eFMI, which every eFMU has."""
+    """Return path to content of the schemas of eFMI, part of every eFMU."""
     folder = data_path("fmu_src") / "efmi" / "schemas"
     files = sorted(file for file in folder.rglob("*") if file.is_file())
     return {file.relative_to(folder).as_posix(): source_bytes(file) for file in files}
 
 
 ALGORITHM, PRODUCTION = "AlgorithmCode", "ProductionCode"
-MANIFEST = "manifest.xml"
+_MANIFEST = "manifest.xml"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _ORIGIN = "algorithm"
 """Reference of the production code to the manifest of the algorithm code."""
@@ -103,28 +94,21 @@ _STRUCTURE = "type.block"
 
 
 @dataclass(frozen=True)
-class Origin:
-    """What all manifests of an eFMU say.
-
-    Attributes
-    ----------
-    seed : str
-        Text that is the same for the same eFMU, and for no other.
-    tool : str
-    about : mapping of str to str
-        Version, copyright and licence of the unit, as far as they are known.
-    """
+class _Origin:
+    """Common data of all manifests of an eFMU."""
 
     seed: str
+    """Text that identifies the eFMU."""
     tool: str
     about: Mapping[str, str]
+    """Version, copyright and licence of the unit, if they are known."""
 
     def identifier(self, kind: str) -> str:
         """Return the identifier of a manifest."""
         return f"{{{uuid.UUID(bytes=sha256(f'{kind} {self.seed}'.encode()).digest()[:16])}}}"
 
     def root(self, tag: str, kind: str, block: SampledBlock, version: str, schema: str) -> Element:
-        """Root element of a manifest."""
+        """Return the root element of a manifest."""
         about = {name: self.about[name] for name in ("version", "copyright", "license") if name in self.about}
         attributes = {
             f"{{{_XSI}}}noNamespaceSchemaLocation": schema,
@@ -140,8 +124,7 @@ class Origin:
         return Element(tag, attributes)
 
 
-def checksum(content: bytes) -> str:
-    """Return the checksum of a file: SHA-1."""
+def _checksum(content: bytes) -> str:
     return sha1(content, usedforsecurity=False).hexdigest()
 
 
@@ -154,20 +137,20 @@ def _add_files(root: Element, files: Mapping[str, tuple[bytes, str]]) -> None:
     listed = _add(root, "Files")
     for name, (content, role) in files.items():
         _add(listed, "File", id=f"file.{name}", name=name, path="./", needsChecksum="true",
-             checksum=checksum(content), role=role)  # fmt: skip
+             checksum=_checksum(content), role=role)  # fmt: skip
 
 
 def _identifier(v: BlockVariable) -> str:
     return f"variable.{c_name(v)}"
 
 
-def algorithm_manifest(block: SampledBlock, origin: Origin, program: tuple[str, bytes]) -> Element:
-    """Manifest of the algorithm code; `program` is the name and the content of its file."""
+def _algorithm_manifest(block: SampledBlock, origin: _Origin, program: Mapping[str, bytes]) -> Element:
+    """Return the manifest of the algorithm code in the file of `program`."""
     schema = f"../schemas/{ALGORITHM}/efmiAlgorithmCodeManifest.xsd"
     root = origin.root("Manifest", ALGORITHM, block, "0.14.0", schema)
     root.set("kind", ALGORITHM)
-    root.set("fileRefId", f"file.{program[0]}")
-    _add_files(root, {program[0]: (program[1], "Code")})
+    root.set("fileRefId", f"file.{block.name}.alg")
+    _add_files(root, {name: (text, "Code") for name, text in program.items()})
     period = next(v for v in block.variables if v.name == PERIOD)
     _add(root, "Clock", id="clock", variableRefId=_identifier(period))
     methods = _add(root, "BlockMethods")
@@ -180,60 +163,48 @@ def algorithm_manifest(block: SampledBlock, origin: Origin, program: tuple[str, 
     units = _add(root, "Units")
     for name in sorted({v.unit for v in block.variables if v.unit}):
         exponents = {base: str(exponent) for base, exponent in measure(name).exponents.items()}
-        _add(_add(units, "Unit", id=f"unit.{_units_id(name)}", name=name), "BaseUnit", **exponents)
+        _add(_add(units, "Unit", id=_unit_id(name), name=name), "BaseUnit", **exponents)
     variables = _add(root, "Variables")
     for v in block.variables:
         _add_variable(variables, v)
     return root
 
 
-def _units_id(name: str) -> str:
-    return name.replace("*", ".").replace("^", "_")
+def _unit_id(name: str) -> str:
+    return f"unit.{name.replace('*', '.').replace('^', '_')}"
 
 
 def _add_variable(parent: Element, v: BlockVariable) -> None:
-    values = list(v.start) if len(set(v.start)) > 1 else v.start[:1]
+    values = v.start if len(set(v.start)) > 1 else v.start[:1]
+    text = number if v.type == "Real" else partial(galec_value, v)
     element = _add(
         parent, f"{v.type}Variable", id=_identifier(v), name=galec_name(v), description=v.description,
-        blockCausality=v.causality, start=" ".join(_start(v, value) for value in values),
+        blockCausality=v.causality, start=" ".join(map(text, values)),
     )  # fmt: skip
     if v.unit:
-        element.set("unitRefId", f"unit.{_units_id(v.unit)}")
-    if v.size:
-        _add(_add(element, "Dimensions"), "Dimension", number="1", size=str(v.size))
+        element.set("unitRefId", _unit_id(v.unit))
+    _add_size(element, v, "1")
 
 
-def _start(v: BlockVariable, value: float) -> str:
-    return number(value) if v.type == "Real" else galec_value(v, value)
-
-
-def production_manifest(
+def _production_manifest(
     block: SampledBlock,
-    origin: Origin,
+    origin: _Origin,
     algorithm: bytes,
     code: Mapping[str, bytes],
-    fmu: tuple[str, bytes],
+    fmu: Mapping[str, bytes],
     precision: Precision,
 ) -> Element:
-    """Manifest of the production code.
+    """Return the manifest of the production code.
 
-    Parameters
-    ----------
-    block, origin
-    algorithm : bytes
-        Manifest of the algorithm code.
-    code : mapping of str to bytes
-        Name to content of the header and of the source.
-    fmu : tuple of str and bytes
-        Name and content of the FMU.
-    precision : Precision
+    `algorithm` is the manifest of the algorithm code, `code` has header and source, `fmu` the FMU, name to content.
     """
     schema = f"../schemas/{PRODUCTION}/efmiProductionCodeManifest.xsd"
     root = origin.root("Manifest", PRODUCTION, block, "0.17.0", schema)
     root.set("kind", PRODUCTION)
-    reference = {"manifestRefId": origin.identifier(ALGORITHM), "checksum": checksum(algorithm), "origin": "true"}
+    reference = {"manifestRefId": origin.identifier(ALGORITHM), "checksum": _checksum(algorithm), "origin": "true"}
     _add(_add(root, "ManifestReferences"), "ManifestReference", id=_ORIGIN, **reference)
-    _add_files(root, {name: (text, "Code") for name, text in code.items()} | {fmu[0]: (fmu[1], "FMU")})
+    files = {name: (text, "Code") for name, text in code.items()} | {name: (text, "FMU") for name, text in fmu.items()}
+    _add_files(root, files)
     container = _add(
         root, "CodeContainer", language="C", standard="C99", platform="Legacy", floatPrecision=f"{precision.bits}-bit"
     )
@@ -248,38 +219,37 @@ def production_manifest(
     targets = _add(container, "TargetTypes")
     for name, (kind, coded) in types.items():
         _add(targets, "TargetType", id=f"target.{name}", kind=kind, codedType=coded)
-    files = _add(container, "CodeFiles")
-    header, source = code
-    _add_header(files, header, block, list(types))
-    _add_source(files, source, header, block)
+    code_files = _add(container, "CodeFiles")
+    _add_header(code_files, block, types)
+    _add_source(code_files, block)
     _add_logical_data(container, block)
     return root
 
 
-def _add_header(files: Element, name: str, block: SampledBlock, types: Sequence[str]) -> None:
+def _add_header(files: Element, block: SampledBlock, types: Iterable[str]) -> None:
     file = _add(files, "CodeFile", id="code.header", fileType=PRODUCTION, codeType="HeaderFile")
-    _add(file, "FileReference", fileRefId=f"file.{name}")
+    _add(file, "FileReference", fileRefId=f"file.{block.name}.h")
     definitions = _add(file, "Typedefs")
-    for one in types:
-        definition = _add(definitions, "Typedef", id=f"type.{one}", name=one)
-        _add(definition, "Alias", targetTypeRefId=f"target.{one}")
+    for name in types:
+        definition = _add(definitions, "Typedef", id=f"type.{name}", name=name)
+        _add(definition, "Alias", targetTypeRefId=f"target.{name}")
     structure = _add(_add(definitions, "Typedef", id=_STRUCTURE, name=block.name), "Components")
     for v in members(block):
         component = _add(structure, "Component", id=f"component.{c_name(v)}", name=c_name(v),
                          typeDefRefId=f"type.{c_type(v, block)}")  # fmt: skip
-        _add_size(component, v)
+        _add_size(component, v, "0")
     _add(structure, "Component", id="component.errorSignals", name="errorSignals", typeDefRefId="type.uint32_t")
 
 
-def _add_source(files: Element, name: str, header: str, block: SampledBlock) -> None:
+def _add_source(files: Element, block: SampledBlock) -> None:
     file = _add(files, "CodeFile", id="code.source", fileType=PRODUCTION, codeType="SourceFile")
-    _add(file, "FileReference", fileRefId=f"file.{name}")
+    _add(file, "FileReference", fileRefId=f"file.{block.name}.c")
     _add(_add(file, "Includes"), "Include", codeFileRefId="code.header")
     constants = _add(file, "Variables")
     for v in block.of("constant"):
         attributes = {"typeDefRefId": f"type.{c_type(v, block)}", "const": "true", "static": boolean(v.name != PERIOD)}
         variable = _add(constants, "Variable", id=f"constant.{v.name}", name=constant_name(block, v), **attributes)
-        _add_size(variable, v)
+        _add_size(variable, v, "0")
     functions = _add(file, "Functions")
     for method in METHODS:
         function = _add(functions, "Function", id=f"function.{method}", name=f"{block.name}_{method}")
@@ -288,42 +258,38 @@ def _add_source(files: Element, name: str, header: str, block: SampledBlock) -> 
              typeDefRefId=_STRUCTURE, pointer="true")  # fmt: skip
 
 
-def _add_size(parent: Element, v: BlockVariable) -> None:
+def _add_size(parent: Element, v: BlockVariable, first: str) -> None:
+    """Add the dimension of an array, with the number `first`."""
     if v.size:
-        _add(_add(parent, "Dimensions"), "Dimension", number="0", size=str(v.size))
+        _add(_add(parent, "Dimensions"), "Dimension", number=first, size=str(v.size))
 
 
 def _add_logical_data(container: Element, block: SampledBlock) -> None:
-    """Say where each variable and each method of the algorithm code is in the production code."""
+    """Map each variable and each method of the algorithm code to the production code."""
     data = _add(container, "LogicalData")
+
+    def reference(parent: Element, kind: str, identifier: str, tag: str, **attributes: str) -> None:
+        element = _add(parent, f"{'Data' if kind == 'Variable' else kind}Reference")
+        _add(element, f"Foreign{kind}Reference", manifestReferenceRefId=_ORIGIN, foreignRefId=identifier)
+        _add(element, tag, **attributes)
+
     references = _add(data, "DataReferences")
-
-    def foreign(parent: Element, tag: str, identifier: str) -> None:
-        _add(parent, tag, manifestReferenceRefId=_ORIGIN, foreignRefId=identifier)
-
-    for identifier, component in [
-        *((_identifier(v), c_name(v)) for v in members(block)),
-        ("errorSignals", "errorSignals"),
-    ]:
-        reference = _add(references, "DataReference")
-        foreign(reference, "ForeignVariableReference", identifier)
-        _add(reference, "FormalParameter", formalParameterRefId="self.DoStep", componentIdentifier=component)
+    components = {_identifier(v): c_name(v) for v in members(block)} | {"errorSignals": "errorSignals"}
+    for identifier, component in components.items():
+        place = {"formalParameterRefId": "self.DoStep", "componentIdentifier": component}
+        reference(references, "Variable", identifier, "FormalParameter", **place)
     for v in block.of("constant"):
-        reference = _add(references, "DataReference")
-        foreign(reference, "ForeignVariableReference", _identifier(v))
-        _add(reference, "GlobalVariable", variableRefId=f"constant.{v.name}")
+        reference(references, "Variable", _identifier(v), "GlobalVariable", variableRefId=f"constant.{v.name}")
     functions = _add(data, "FunctionReferences")
     for method in METHODS:
-        reference = _add(functions, "FunctionReference")
-        foreign(reference, "ForeignFunctionReference", f"method.{method}")
-        _add(reference, "GlobalFunction", functionRefId=f"function.{method}")
+        reference(functions, "Function", f"method.{method}", "GlobalFunction", functionRefId=f"function.{method}")
 
 
-def content(block: SampledBlock, origin: Origin, manifests: Mapping[str, bytes]) -> Element:
-    """Root element of ``__content.xml``; `manifests` are those of the containers by their kind."""
+def _content(block: SampledBlock, origin: _Origin, manifests: Mapping[str, bytes]) -> Element:
+    """Return the root element of ``__content.xml``, for the manifests of the containers by their kind."""
     root = origin.root("Content", "Content", block, "0.11.0", "schemas/efmiContainerManifest.xsd")
     root.set("activeFmu", PRODUCTION)
     for kind, text in manifests.items():
-        _add(root, "ModelRepresentation", name=kind, kind=kind, manifest=MANIFEST, checksum=checksum(text),
+        _add(root, "ModelRepresentation", name=kind, kind=kind, manifest=_MANIFEST, checksum=_checksum(text),
              manifestRefId=origin.identifier(kind))  # fmt: skip
     return root

@@ -7,17 +7,14 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import casadi as ca
 
-from vdfmu.compiler.c.expressions import EXPRESSIONS
 from vdfmu.compiler.c.functions import Language, operations_of
+from vdfmu.compiler.c.text import EXPRESSIONS, indented
 from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.trace import Call
 
 _TRUTHS = {
-    ca.OP_LT: "{0} < {1}",
-    ca.OP_LE: "{0} <= {1}",
-    ca.OP_EQ: "{0} == {1}",
+    **{k: EXPRESSIONS[k].removesuffix(" ? 1.0 : 0.0") for k in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NOT)},
     ca.OP_NE: "{0} <> {1}",
-    ca.OP_NOT: "{0} == 0.0",
     ca.OP_AND: "{0} <> 0.0 and {1} <> 0.0",
     ca.OP_OR: "{0} <> 0.0 or {1} <> 0.0",
 }
@@ -42,60 +39,50 @@ _OTHERS = {
     ca.OP_IF_ELSE_ZERO: "(if {0} <> 0.0 then {1} else 0.0)",
 }
 GALEC_EXPRESSIONS = EXPRESSIONS | {k: f"(if {text} then 1.0 else 0.0)" for k, text in _TRUTHS.items()} | _OTHERS
-"""Operation to its text: C's, except for what GALEC writes in another way."""
+"""Operation to its text: C, except for other syntax of GALEC."""
 
 _INFINITE = "not isFinite({0})"
 
 
 def galec_number(value: float) -> str:
-    """Return a number: with a point, and a sign in the exponent."""
-    if math.isnan(value):
-        return "nan()"
-    if math.isinf(value):
-        return "plusInfinite()" if value > 0.0 else "minusInfinite()"
+    """Return a number, always with a point."""
+    if not math.isfinite(value):
+        return "nan()" if math.isnan(value) else "plusInfinite()" if value > 0.0 else "minusInfinite()"
     digits, e, exponent = repr(float(value)).partition("e")
     return digits + ("" if "." in digits else ".0") + e + exponent
 
 
 def galec_value(v: BlockVariable, value: float) -> str:
     """Return a value of a variable."""
-    texts = {"Real": galec_number, "Integer": lambda x: str(int(x)), "Boolean": lambda x: str(bool(x)).lower()}
-    return texts[v.type](value)
+    if v.type == "Real":
+        return galec_number(value)
+    return str(int(value)) if v.type == "Integer" else str(bool(value)).lower()
 
 
 def galec_name(v: BlockVariable) -> str:
-    """Name of a variable."""
+    """Return the name of a variable."""
     return f"'previous({v.name})'" if v.before else v.name
 
 
 def galec_text(block: SampledBlock) -> str:
     """Return the program."""
-    return "\n".join(
-        [
-            f"block {block.name}",
-            *(
-                f"    {_DECLARED[v.causality]}{_declaration(v)}"
-                for v in block.of("input", "output", "tunableParameter")
-            ),
-            "protected",
-            *(f"    {_DECLARED[v.causality]}{_declaration(v)}" for v in block.of("constant", "state")),
-            "public",
-            *_method("Startup", [], _startup(block)),
-            *_method("Recalibrate", ["    signals INVALID_ARGUMENT;"] if block.tunable else [], _recalibrate(block)),
-            *_step(block),
-            f"end {block.name};",
-            "",
-        ]
-    )
-
-
-_DECLARED = {
-    "input": "input ", "output": "output ", "tunableParameter": "parameter ", "constant": "constant ", "state": "",
-}  # fmt: skip
+    lines = [
+        f"block {block.name}",
+        *map(_declaration, block.of("input", "output", "tunableParameter")),
+        "protected",
+        *map(_declaration, block.of("constant", "state")),
+        "public",
+        *_method("Startup", [], _startup(block)),
+        *_method("Recalibrate", ["    signals INVALID_ARGUMENT;"] if block.tunable else [], _recalibrate(block)),
+        *_step(block),
+        f"end {block.name};\n",
+    ]
+    return "\n".join(lines)
 
 
 def _declaration(v: BlockVariable) -> str:
-    return f"{v.type} {galec_name(v)}{f'[{v.size}]' if v.size else ''};"
+    kind = {"tunableParameter": "parameter ", "state": ""}.get(v.causality, f"{v.causality} ")
+    return f"    {kind}{v.type} {galec_name(v)}{f'[{v.size}]' if v.size else ''};"
 
 
 def _method(name: str, before: Sequence[str], lines: Iterable[str]) -> list[str]:
@@ -105,12 +92,8 @@ def _method(name: str, before: Sequence[str], lines: Iterable[str]) -> list[str]
 
 def _startup(block: SampledBlock) -> Iterator[str]:
     for v in block.of("output", "tunableParameter", "constant", "state"):
-        values = [galec_value(v, value) for value in v.start]
-        yield f"self.{galec_name(v)} := {_listed(values) if v.size else values[0]};"
-
-
-def _listed(values: Iterable[str]) -> str:
-    return f"{{{', '.join(values)}}}"
+        values = ", ".join(galec_value(v, value) for value in v.start)
+        yield f"self.{galec_name(v)} := {f'{{{values}}}' if v.size else values};"
 
 
 def _recalibrate(block: SampledBlock) -> Iterator[str]:
@@ -120,10 +103,14 @@ def _recalibrate(block: SampledBlock) -> Iterator[str]:
 
 
 def _each(v: BlockVariable, broken: str, then: Sequence[str]) -> list[str]:
-    """Lines that do something where a condition is true for an element of a variable."""
+    """Return lines that run if a condition holds for an element of a variable."""
     element = f"self.{galec_name(v)}{'[i]' if v.size else ''}"
-    lines = [f"if {broken.format(element)} then", *(f"    {line}" for line in then), "end if;"]
-    return [f"for i in 1:{v.size} loop", *(f"    {line}" for line in lines), "end for;"] if v.size else lines
+    lines = _when(broken.format(element), then)
+    return indented(f"for i in 1:{v.size} loop", lines, "end for;") if v.size else lines
+
+
+def _when(condition: str, lines: Iterable[str]) -> list[str]:
+    return indented(f"if {condition} then", lines, "end if;")
 
 
 def _step(block: SampledBlock) -> list[str]:
@@ -141,20 +128,17 @@ def _step(block: SampledBlock) -> list[str]:
     def check(variables: Iterable[BlockVariable]) -> list[str]:
         return [line for v in variables for line in _each(v, _INFINITE, ["signal NAN;", "valid := false;"])]
 
-    def when(condition: str, listed: Iterable[str]) -> list[str]:
-        return [f"if {condition} then", *(f"    {line}" for line in listed), "end if;"]
-
     body: list[str] = []
     states = [v for v in block.variables if v.before]
     if block.has_time:
         body += [f"t := real(self.{STEPS});", f"t := t * self.{PERIOD};", f"self.{STEPS} := self.{STEPS} + 1;"]
     body += ["valid := true;", *check(block.of("input", "tunableParameter"))]
     if block.start:
-        body += when(f"valid and self.{FIRST}", [*lines(block.start), *check(states)])
+        body += _when(f"valid and self.{FIRST}", [*lines(block.start), *check(states)])
     first = [f"self.{FIRST} := false;"] * bool(block.start)
-    body += when("valid", [*first, *lines(block.update), *lines(block.outputs), *check(block.of("output"))])
+    body += _when("valid", [*first, *lines(block.update), *lines(block.outputs), *check(block.of("output"))])
     if states:
-        body += when("valid", [f"self.{galec_name(v)} := self.{v.name};" for v in states])
+        body += _when("valid", [f"self.{galec_name(v)} := self.{v.name};" for v in states])
     local = [f"    Real w{i};" for i in range(values)] + ["    Real t;"] * block.has_time + ["    Boolean valid;"]
     local += ["    Integer place;"] * any(line.startswith("place := ") for line in body)
     return _method("DoStep", ["    signals NAN;", "protected", *local], body)
@@ -171,11 +155,8 @@ def _language(block: SampledBlock, call: Call) -> Language:
     def row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
         name, width = function.name(), function.numel_out(0)
         last = block.sizes[f"{name}_edges"] - 2
-        found = [
-            f"place := 0; for i in 1:{last} loop",
-            f"if w{argument} >= self.{name}_edges[i + 1] then place := i; end if; end for;",
-            *(f"w{i} := self.{name}_rows[place * {width} + {j + 1}];" for j, i in taken),
-        ]
-        return " ".join(found)
+        search = f"if w{argument} >= self.{name}_edges[i + 1] then place := i; end if;"
+        numbers = (f"w{i} := self.{name}_rows[place * {width} + {j + 1}];" for j, i in taken)
+        return " ".join([f"place := 0; for i in 1:{last} loop {search} end for;", *numbers])
 
     return Language(GALEC_EXPRESSIONS, galec_number, element, element, row, assignment="{} := {};")

@@ -1,4 +1,4 @@
-"""Production code: a block in C99, for a microcontroller: no memory but its structure, no library but math."""
+"""Production code: a block in C99 for a microcontroller, with one structure as memory and libm as library."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import casadi as ca
 import numpy as np
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.version import __version__
-from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant
 from vdfmu.compiler.c.functions import Language, operations_of
-from vdfmu.compiler.c.text import comment, fields
+from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, comment, definition, fields, indented
 from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
 from vdfmu.compiler.scalar.symbol import LOOKUP
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.trace import Call
 
 SIGNALS = {"INVALID_ARGUMENT": 1, "NAN": 4}
 """Error signal to its bit."""
@@ -26,11 +26,11 @@ METHODS = ("Startup", "Recalibrate", "DoStep")
 
 @dataclass(frozen=True)
 class Precision:
-    """A type of numbers. A new one is a row of `PRECISIONS`."""
+    """A type of numbers, a row of `PRECISIONS`."""
 
     type: str
     suffix: str
-    """Of literals, and of the functions of the math library."""
+    """Suffix of literals, and of the functions of the math library."""
     bits: int
 
 
@@ -40,8 +40,6 @@ _SMALLEST, _LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float3
 _LITERAL = re.compile(r"\b\d+\.\d*(?:e[+-]?\d+)?")
 _TRUTH = re.compile(r"(\{0\} [<>=!]+ (?:\{1\}|0\.0)) \?")
 _CALL = re.compile(r"\b([a-z]\w*)\(")
-
-
 _INFINITE = "!isfinite({0})"
 
 
@@ -51,7 +49,7 @@ def c_name(v: BlockVariable) -> str:
 
 
 def constant_name(block: SampledBlock, v: BlockVariable) -> str:
-    """Name of a constant, which no other file has."""
+    """Name of a constant, unique among the files of a program."""
     return f"{block.name}_{v.name}"
 
 
@@ -148,20 +146,16 @@ def _value(v: BlockVariable, value: float, block: SampledBlock, precision: Preci
     return str(int(value)) if v.type == "Integer" else str(bool(value)).lower()
 
 
-def _literal(value: float, precision: Precision, what: str) -> str:
-    """Return a number; `what` says whose, for where the precision has no such number."""
+def _literal(value: float, precision: Precision, owner: str) -> str:
+    """Return a number. UsageError, with the owner, if the precision lacks it."""
     size = abs(value)
     if precision.bits == 32 and math.isfinite(size) and size and not _SMALLEST <= size <= _LARGEST:
         raise UsageError(
-            f"{what}: expected 0 or a size from {_SMALLEST:.3g} to {_LARGEST:.3g}, which single precision has, "
+            f"{owner}: expected 0 or a size from {_SMALLEST:.3g} to {_LARGEST:.3g}, which single precision has, "
             f"got {value!r}. Change it, or build it with double precision."
         )
     text = c_constant(value)
-    return (
-        text
-        if "I" in text or text == "NAN"
-        else f"{text if '.' in text else text.replace('e', '.0e')}{precision.suffix}"
-    )
+    return f"{text if '.' in text else text.replace('e', '.0e')}{precision.suffix}" if math.isfinite(value) else text
 
 
 def _constant(v: BlockVariable, block: SampledBlock, precision: Precision) -> str:
@@ -178,11 +172,8 @@ def _function(block: SampledBlock, call: Call, precision: Precision) -> str:
     operations = operations_of(function, _language(block, call, precision))
     used = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
     lines = [f"{block.name}_Real w{i};" for i in used] + [operation.text for operation in operations]
-    return f"static void {_prototype(block, call)}\n{{\n" + "".join(f"    {line}\n" for line in lines) + "}\n"
-
-
-def _prototype(block: SampledBlock, call: Call) -> str:
-    return f"{call.function}({block.name} *self{f', {block.name}_Real t' if 't' in call.reads else ''})"
+    time = f", {block.name}_Real t" if "t" in call.reads else ""
+    return definition(f"static void {call.function}({block.name} *self{time})", lines)
 
 
 def _language(block: SampledBlock, call: Call, precision: Precision) -> Language:
@@ -192,18 +183,16 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
         if name == "t":
             return "t"
         group = block.named(call.group(name))
+        place = f"[{k}]" if block.sizes[group] else ""
         if name == call.group(name) and block.is_before(call, name):
             group = f"previous_{group}"
-        place = f"[{k}]" if block.sizes[block.named(call.group(name))] else ""
         return f"{constants[group]}{place}" if group in constants else f"self->{group}{place}"
 
     def row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
         name, width = function.name(), function.numel_out(0)
-        edges = block.sizes[f"{name}_edges"]
+        edges, rows, last = constants[f"{name}_edges"], constants[f"{name}_rows"], block.sizes[f"{name}_edges"] - 1
         numbers = " ".join(f"w{i} = row[{j}];" for j, i in taken)
-        start = (
-            f"&{constants[f'{name}_rows']}[{width}U * place({constants[f'{name}_edges']}, {edges - 1}U, w{argument})]"
-        )
+        start = f"&{rows}[{width}U * place({edges}, {last}U, w{argument})]"
         return f"{{ const {block.name}_Real *row = {start}; {numbers} }}"
 
     def number(value: float) -> str:
@@ -218,7 +207,7 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
 
 
 def _expressions(precision: Precision) -> dict[int, str]:
-    """Return operation to text: truths in parentheses, literals and functions of the precision."""
+    """Return operation to text, with truths in parentheses, and literals and functions of the precision."""
     texts = {k: _TRUTH.sub(r"(\1) ?", text) for k, text in EXPRESSIONS.items()}
     texts |= {k: EXPRESSIONS[k].replace("&", "&&").replace("|", "||") for k in (ca.OP_AND, ca.OP_OR)}
     return {
@@ -230,18 +219,12 @@ def _expressions(precision: Precision) -> dict[int, str]:
 def _method(block: SampledBlock, name: str, lines: Iterable[str]) -> str:
     body = list(lines)
     first = ["uint32_t i;"] if any("for (i" in line for line in body) else []
-    text = "".join(f"    {line}\n" for line in (*first, *body))
-    return f"void {block.name}_{name}({block.name} *self)\n{{\n{text}}}\n"
+    return definition(f"void {block.name}_{name}({block.name} *self)", [*first, *body])
 
 
-def _loop(size: int, lines: Iterable[str]) -> Iterator[str]:
-    """Yield lines for each index i of an array, or alone."""
-    if size:
-        yield f"for (i = 0U; i < {size}U; i++) {{"
-        yield from (f"    {line}" for line in lines)
-        yield "}"
-    else:
-        yield from lines
+def _loop(size: int, lines: list[str]) -> list[str]:
+    """Return lines for each index i of an array, or alone."""
+    return indented(f"for (i = 0U; i < {size}U; i++) {{", lines) if size else lines
 
 
 def _startup(block: SampledBlock, precision: Precision) -> Iterator[str]:
@@ -254,42 +237,31 @@ def _startup(block: SampledBlock, precision: Precision) -> Iterator[str]:
     yield "self->errorSignals = 0U;"
 
 
-def _check(v: BlockVariable, broken: str, signal: str) -> Iterator[str]:
-    element = f"self->{c_name(v)}{'[i]' * bool(v.size)}"
-    yield from _loop(v.size, [f"if ({broken.format(element)}) {{", f"    self->errorSignals |= {signal};", "}"])
+def _check(v: BlockVariable, broken: str, signal: str) -> list[str]:
+    condition = broken.format(f"self->{c_name(v)}{'[i]' * bool(v.size)}")
+    return _loop(v.size, indented(f"if ({condition}) {{", [f"self->errorSignals |= {signal};"]))
 
 
 def _recalibrate(block: SampledBlock, precision: Precision) -> Iterator[str]:
     yield "self->errorSignals = 0U;"
     for v, bounds in block.tunable:
-        broken = [
-            "(!isfinite({0}))",
-            *(f"({{0}} {sign} {_literal(bound, precision, v.name)})" for sign, bound in bounds),
-        ]
-        text = " || ".join(broken) if bounds else _INFINITE
+        broken = [_INFINITE, *(f"{{0}} {sign} {_literal(bound, precision, v.name)}" for sign, bound in bounds)]
+        text = " || ".join(f"({condition})" for condition in broken) if bounds else _INFINITE
         yield from _check(v, text, f"{block.name}_INVALID_ARGUMENT")
 
 
 def _step(block: SampledBlock) -> Iterator[str]:
-    """Yield the lines of a step: nothing is calculated from what is not finite, and no such state is kept."""
+    """Yield the lines of a step. If a value is not finite, the rest is not calculated, and states are not kept."""
 
-    def calls(listed: Sequence[Call]) -> Iterator[str]:
-        for call in listed:
-            yield f"{call.function}(self{', t' if 't' in call.reads else ''});"
+    def calls(listed: Sequence[Call]) -> list[str]:
+        return [f"{call.function}(self{', t' if 't' in call.reads else ''});" for call in listed]
 
-    def check(variables: Iterable[BlockVariable]) -> Iterator[str]:
-        for v in variables:
-            yield from _check(v, _INFINITE, f"{block.name}_NAN")
+    def check(variables: Iterable[BlockVariable]) -> list[str]:
+        return [line for v in variables for line in _check(v, _INFINITE, f"{block.name}_NAN")]
 
     fine = "self->errorSignals == 0U"
-
-    def when(condition: str, lines: Iterable[str]) -> Iterator[str]:
-        yield f"if ({condition}) {{"
-        yield from (f"    {line}" for line in lines)
-        yield "}"
-
     states = [v for v in block.variables if v.before]
-    given = list(check(block.of("input", "tunableParameter")))
+    given = check(block.of("input", "tunableParameter"))
     if block.has_time:
         yield f"const {block.name}_Real t = ({block.name}_Real)self->{STEPS} * {block.name}_{PERIOD};"
         yield f"self->{STEPS}++;"
@@ -297,14 +269,11 @@ def _step(block: SampledBlock) -> Iterator[str]:
     yield from given
     if block.start:
         first = f"({fine}) && self->{FIRST}" if given else f"self->{FIRST}"
-        yield from when(first, [*calls(block.start), *check(states)])
+        yield from indented(f"if ({first}) {{", [*calls(block.start), *check(states)])
     started = [f"self->{FIRST} = false;"] * bool(block.start)
     step = [*started, *calls(block.update), *calls(block.outputs), *check(block.of("output"))]
-    yield from when(fine, step) if given or block.start else step
-    kept = [
-        line
-        for v in states
-        for line in _loop(v.size, [f"self->{c_name(v)}{{0}} = self->{v.name}{{0}};".format("[i]" * bool(v.size))])
-    ]
-    if kept:
-        yield from when(fine, kept)
+    yield from indented(f"if ({fine}) {{", step) if given or block.start else step
+    if states:
+        elements = [(v, "[i]" * bool(v.size)) for v in states]
+        kept = [_loop(v.size, [f"self->{c_name(v)}{i} = self->{v.name}{i};"]) for v, i in elements]
+        yield from indented(f"if ({fine}) {{", chain.from_iterable(kept))

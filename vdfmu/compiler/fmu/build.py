@@ -1,12 +1,17 @@
-"""Build of the FMUs of a robot, Python or native, reproducible to the bit."""
+"""Build of the FMUs of a robot, Python or native, reproducible to the bit.
+
+Further targets: a folder of the compiler and an entry of `TARGETS`.
+"""
 
 from __future__ import annotations
 
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
@@ -14,14 +19,34 @@ from vdfmu.base.progress import warn_once
 from vdfmu.base.standards import BACKENDS, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
 from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.fmu.content import Content, is_built, keep_record
-from vdfmu.compiler.targets import TARGETS, BuildTarget
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
-from vdfmu.compiler.unit.machine import Machine
-from vdfmu.compiler.unit.requirements import unmet
+from vdfmu.compiler.unit.declaration import Machine
+from vdfmu.compiler.unit.evaluate import unmet
 
 _MOST_JOINTS = 512
 _SLOW_JOINTS = 9
-"""Joints from which a first build is announced."""
+"""Fewest joints with which a first build is announced."""
+
+
+@dataclass(frozen=True)
+class BuildTarget:
+    """A target beside the plain FMU, imported only when it is built."""
+
+    module: str
+    """Module with ``reason_against(unit)``, the reason why a unit cannot be built for it or None, and
+    ``finish(path, content, precision, step)`` to turn an FMU into the target."""
+    precisions: tuple[str, ...]
+    """Floating-point types of its code, the default first."""
+
+    def load(self) -> Any:
+        """Return the module."""
+        return import_module(self.module)
+
+
+FMI = "fmi"
+"""The target of all units: an FMU alone."""
+TARGETS = {FMI: None, "efmi": BuildTarget("vdfmu.compiler.efmi.build", ("double", "float32"))}
+"""Name to target."""
 
 
 def _build_seconds(n: int) -> float:
@@ -30,7 +55,7 @@ def _build_seconds(n: int) -> float:
 
 
 def build_notes(robot: Machine | None, backend: str | None = None) -> list[str]:
-    """Return what to say before the FMUs of a robot are built: how long the first build of many joints takes."""
+    """Return notes before a build of a robot's FMUs: the time of a first build with many joints."""
     if robot is None or robot.n < _SLOW_JOINTS or choose_backend(backend) == "python":
         return []
     seconds = _build_seconds(robot.n)
@@ -38,23 +63,16 @@ def build_notes(robot: Machine | None, backend: str | None = None) -> list[str]:
 
 
 def choose_backend(backend: str | None) -> str:
-    """Return the backend that is asked for, or the default: native where its compiler is installed.
-
-    Raises
-    ------
-    UsageError
-        For an unknown one.
-    ImportError
-        If the package is missing that Python FMUs need.
-    """
-    if backend is None and not native_available():
-        warn_once(f"{WITHOUT_NATIVE}. 'pip install vdfmu[native]' brings the compiler of native ones.")
+    """Return the backend, by default native if its compiler is installed; ImportError if pythonfmu is missing."""
+    if backend is None and native_available():
+        return "native"
     if backend is None:
-        return "native" if native_available() else "python"
+        warn_once(f"{WITHOUT_NATIVE}. 'pip install vdfmu[native]' brings the compiler of native ones.")
+        return "python"
     if backend not in BACKENDS:
         raise UsageError(f"There is no backend {backend!r}. There are: {', '.join(BACKENDS)}.")
     if backend == "python":
-        import_module("pythonfmu")  # an FMU that is built already would only say that it needs vdfmu
+        import_module("pythonfmu")  # its error is clearer than the error of an FMU without it
     return backend
 
 
@@ -76,18 +94,15 @@ def build_units(
     """Build FMUs of units, each ``<Name>.fmu`` or as `files` names it; see :func:`vdfmu.build_fmus`."""
     further = _checked_target(target, precision, step, backend, units)
     asked = fmi_version != PYTHON_FMI.name or platforms is not None or not sources or further is not None
-    if backend is None and asked:
-        backend = "native"  # what only native FMUs have asks for them
+    backend = choose_backend("native" if backend is None and asked else backend)  # options of native FMUs alone
     named = {unit_name(unit): unit for unit in units}
-    backend = choose_backend(backend)
     _check_names(named, start_values, backend, fmi_version, platforms)
-    if robot is not None:
-        if robot.n > _MOST_JOINTS:
-            raise UsageError(
-                f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
-                f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of "
-                "memory; vdfmu.inverse_dynamics and forward_dynamics take more joints."
-            )
+    if robot is not None and robot.n > _MOST_JOINTS:
+        raise UsageError(
+            f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
+            f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of "
+            "memory; vdfmu.inverse_dynamics and forward_dynamics take more joints."
+        )
     out = Path(out_dir)
     contents = {
         out / (files or {}).get(name, f"{unit.__name__}.fmu"): Content(
@@ -102,7 +117,8 @@ def build_units(
     for content in contents.values():
         if content.backend == "python" and not sources:
             raise UsageError(f"{content.model_name}: a Python FMU is its source. Build a native one to leave it out.")
-        _check(content)
+        if problems := unmet(content.interface, content.interface.memory_of({})):
+            raise UsageError(f"start values of {content.interface.name}: {' '.join(problems)}")
     for path in contents:  # all of them before the first is replaced
         regular_target(path)
         require_ours(path)
@@ -129,7 +145,7 @@ def build_units(
 def _checked_target(
     name: str, precision: str, step: float, backend: str | None, units: Sequence[type[BaseUnit]]
 ) -> BuildTarget | None:
-    """Return a target; UsageError if there is none of the name, or a unit or the options do not go with it."""
+    """Return a target; UsageError for an unknown name, or a unit or options that do not go with it."""
     if name not in TARGETS:
         raise UsageError(f"There is no target {name!r}. There are: {', '.join(TARGETS)}.")
     if not 0.0 < step < math.inf:
@@ -150,7 +166,7 @@ def _checked_target(
 
 
 def form_of(unit: type[BaseUnit], backend: str, fmi_version: str) -> tuple[str, str]:
-    """Return backend and version of FMI of a unit where these are asked for: some units are Python FMUs only."""
+    """Return backend and version of FMI of a unit; some units are Python FMUs only."""
     return ("python", PYTHON_FMI.name) if unit.backend == "python" else (backend, fmi_version)
 
 
@@ -161,22 +177,15 @@ def _check_names(
     fmi_version: str,
     platforms: Sequence[str] | str | None,
 ) -> None:
-    unknown = [unit for unit in start_values if unit not in units]
-    if unknown:
+    if unknown := [unit for unit in start_values if unit not in units]:
         raise UsageError(f"start_values: there is no unit {unknown[0]!r}. There are: {', '.join(units)}.")
     if fmi_version not in FMI_VERSIONS:
         raise UsageError(f"There is no FMI {fmi_version!r} here. There are: {', '.join(map(repr, FMI_VERSIONS))}.")
-    if backend == "python" and fmi_version != PYTHON_FMI.name:
+    if backend != "python":
+        return
+    if fmi_version != PYTHON_FMI.name:
         raise UsageError(f"Python FMUs are of FMI {PYTHON_FMI.name}, got {fmi_version}. Native ones are of 3.0 too.")
-    if backend == "python" and (exchanged := [name for name, unit in units.items() if unit.exchange]):
-        raise UsageError(f"{exchanged[0]} is for model exchange, which native FMUs alone have, got the backend python.")
-    if backend == "python" and platforms is not None:
+    if exchanged := [name for name, unit in units.items() if unit.exchange]:
+        raise UsageError(f"{exchanged[0]} is for model exchange and must be a native FMU, got the backend python.")
+    if platforms is not None:
         raise UsageError("Platforms can be chosen for native FMUs only.")
-
-
-def _check(content: Content) -> None:
-    """Raise for start values with which the unit could not start."""
-    interface = content.interface
-    problems = unmet(interface, interface.memory_of({}))
-    if problems:
-        raise UsageError(f"start values of {interface.name}: {' '.join(problems)}")

@@ -1,4 +1,4 @@
-"""Content of an FMU in addition to its script: unit and who made it, robot, start values, the version that built it."""
+"""Content of an FMU in addition to its script: unit and its author, robot, start values, version of vdfmu."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from vdfmu.base.text import kind_text
 from vdfmu.base.version import __version__
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.base import ABOUT, BaseUnit, is_shipped, unit_name
+from vdfmu.compiler.unit.declaration import Machine
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import load_units
-from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import source_file
 
 CONTENT_FILE = "vdfmu.json"
@@ -34,21 +34,20 @@ EFMU = "eFMU"
 """Folder of an eFMU in its FMU."""
 UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
+THIRD_PARTY = """
+The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
+LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
+WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, Copyright 2005-2020 Rich Felker, et al.).
+"""
 _DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "functions/*.[ch]", "icons/*")}
-"""Data files that decide what the FMUs of a backend are, in addition to the modules."""
+"""Data files of the FMUs of a backend, in addition to the modules."""
 
 
 @lru_cache
 def installed_digest(backend: str, module: str | None, reader: str | None) -> str:
-    """Digest of everything installed that decides what an FMU computes, CasADi's version included.
+    """Digest of all installed code that affects the results of an FMU, CasADi's version included.
 
-    Parameters
-    ----------
-    backend : str
-    module : str or None
-        Module of a unit of this package.
-    reader : str or None
-        ``module:function`` that reads its robot.
+    `module` is the module of a unit of this package, `reader` the ``module:function`` that reads its robot.
     """
     modules = [each.partition(":")[0].partition(".")[2] for each in (module, reader) if each]
     digest = sha256(source_digest("compiler", *modules).encode())
@@ -59,8 +58,8 @@ def installed_digest(backend: str, module: str | None, reader: str | None) -> st
     return digest.hexdigest()
 
 
-def tool_of(backend: str) -> str:
-    """Name and version of what makes the library of an FMU."""
+def _tool_of(backend: str) -> str:
+    """Name and version of the tool that makes the library of an FMU."""
     if backend == "python":
         return f"pythonfmu {version_of('pythonfmu')}"
     from vdfmu.compiler.c.platforms import compiler_version
@@ -82,21 +81,23 @@ class Content:
     version: str = __version__
     """Version of vdfmu that built the FMU."""
     digest: str = ""
-    """:func:`installed_digest` there; empty: that of here."""
+    """:func:`installed_digest` where the FMU was built; default: of this installation."""
     tool: str = ""
-    """Name and version of what made the FMU's libraries; empty: that of here."""
-    made_by: Mapping[str, str] | None = None
-    """Author, licence, copyright and version of the unit; None: see :func:`~vdfmu.compiler.fmu.content.about`."""
+    """Name and version of the tool that made the FMU's libraries; default: of this installation."""
+    made_by: Mapping[str, str] = None  # pyright: ignore[reportAssignmentType]
+    """Author, licence, copyright and version of the unit; default: see :func:`about`."""
     sources: bool = True
     """Whether a native FMU carries its C."""
 
     def __post_init__(self) -> None:
-        if not self.digest:
-            object.__setattr__(self, "digest", installed_digest(self.backend, self._module, self._reader))
-        if not self.tool:
-            object.__setattr__(self, "tool", tool_of(self.backend))
-        if self.made_by is None:
-            object.__setattr__(self, "made_by", about(self.unit))
+        defaults: dict[str, Any] = {
+            "digest": self.digest or installed_digest(self.backend, self._module, self._reader),
+            "tool": self.tool or _tool_of(self.backend),
+        }
+        if self.made_by is None:  # pyright: ignore[reportUnnecessaryComparison]
+            defaults["made_by"] = about(self.unit)
+        for name, value in defaults.items():
+            object.__setattr__(self, name, value)
 
     @property
     def _module(self) -> str | None:
@@ -107,13 +108,17 @@ class Content:
         return None if self.robot is None else self.robot.reader
 
     @property
+    def _robot(self) -> dict[str, Any] | None:
+        return None if self.robot is None else self.robot.to_dict(looks=False)
+
+    @property
     def generation_tool(self) -> str:
-        """Names and versions of what made the FMU; by the first a later build knows that it may be replaced."""
+        """Names and versions of the tools that made the FMU. The first marks it as replaceable by a later build."""
         return f"vdfmu {self.version}, {self.tool}"
 
     @property
     def fmi(self) -> FmiVersion:
-        """The particulars of its version of FMI."""
+        """Its version of FMI."""
         return FMI_VERSIONS[self.fmi_version]
 
     @property
@@ -128,10 +133,9 @@ class Content:
 
     @property
     def model_key(self) -> str:
-        """Digest of what decides the results: source and robot of the unit, without version of FMI and start values."""
-        robot = None if self.robot is None else self.robot.to_dict(looks=False)
-        what = [self.digest, unit_name(self.unit), robot, self.interface.functions.digest]
-        return json.dumps(what, sort_keys=True)
+        """Identifier of source and robot of the unit, without version of FMI and start values."""
+        parts = [self.digest, unit_name(self.unit), self._robot, self.interface.functions.digest]
+        return json.dumps(parts, sort_keys=True)
 
     @cached_property
     def interface(self) -> Interface:
@@ -142,43 +146,44 @@ class Content:
 
     def to_json(self, **further: Any) -> str:
         """Text of the content file, with `further` entries."""
-        data = (
-            further
-            | ({} if self.sources else {"sources": False})
-            | {
-                "unit": unit_name(self.unit),
-                "module": self._module,
-                "reader": self._reader,
-                "backend": self.backend,
-                "fmi_version": self.fmi_version,
-                "version": self.version,
-                "digest": self.digest,
-                "functions": self.interface.functions.digest,
-                "tool": self.tool,
-                "made_by": dict(self.made_by or {}),
-                "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
-                "robot": None if self.robot is None else self.robot.to_dict(looks=False),
-            }
-        )
+        data = {
+            **further,
+            **({} if self.sources else {"sources": False}),
+            "unit": unit_name(self.unit),
+            "module": self._module,
+            "reader": self._reader,
+            "backend": self.backend,
+            "fmi_version": self.fmi_version,
+            "version": self.version,
+            "digest": self.digest,
+            "functions": self.interface.functions.digest,
+            "tool": self.tool,
+            "made_by": dict(self.made_by),
+            "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
+            "robot": self._robot,
+        }
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 
     @staticmethod
     def read(resources: Path, model_name: str) -> Content:
-        """Content of the unpacked Python FMU of a model from its folder ``resources``.
-
-        Raises
-        ------
-        FmuError
-            If it cannot be used, or another vdfmu than the installed one built it.
-        """
+        """Content of a Python FMU from its folder ``resources``; FmuError if damaged or built by another vdfmu."""
         source, file = resources / UNIT_FILE, CONTENT_PLACES["python"]
         try:
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
-            name, here = str(data["unit"]), installed_digest("python", data["module"], data["reader"])
-            _check_version(f"{model_name}.fmu", str(data["version"]), str(data["digest"]), here)
+            name, version, digest = (str(data[key]) for key in ("unit", "version", "digest"))
+            if version != __version__:
+                raise FmuError(
+                    f"{model_name}.fmu was built with vdfmu {version}, but this Python has vdfmu {__version__}. "
+                    f"Build the FMU again with `vdfmu build`, or install vdfmu {version}."
+                )
+            if digest != (here := installed_digest("python", data["module"], data["reader"])):
+                raise FmuError(
+                    f"{model_name}.fmu was built with vdfmu {version} of other sources or with another CasADi (digest "
+                    f"{digest[:8]}, here {here[:8]}). Build the FMU again with `vdfmu build`."
+                )
             unit = load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
             if unit is None or unit_name(unit) != name or unit.__name__ != model_name:
-                raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
+                raise FmuError(f"{file} belongs to unit {name!r}, expected a file of {model_name}.")
             robot = None if data["robot"] is None else _named(data["reader"])(data["robot"], file)
             made_by = {key: str(data["made_by"][key]) for key in ABOUT if key in data["made_by"]}
             content = Content(unit, robot, dict(data["start_values"]), tool=str(data["tool"]), made_by=made_by)
@@ -186,8 +191,8 @@ class Content:
         except FmuError:
             raise
         except (OSError, LookupError, AttributeError, TypeError, ValueError, VdfmuError) as error:
-            what = str(error) if isinstance(error, VdfmuError) else kind_text(error)
-            raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
+            reason = str(error) if isinstance(error, VdfmuError) else kind_text(error)
+            raise FmuError(f"{file} cannot be used: {reason}. Build the FMU again.") from None
         return content
 
 
@@ -199,29 +204,15 @@ def _named(place: str) -> Any:
     return getattr(import_module(module), name, None)
 
 
-def _check_version(fmu: str, version: str, digest: str, here: str) -> None:
-    """Raise if the installed vdfmu is not the one that built the FMU."""
-    if version != __version__:
-        raise FmuError(
-            f"{fmu} was built with vdfmu {version}, but this Python has vdfmu {__version__}. "
-            f"Build the FMU again with `vdfmu build`, or install vdfmu {version}."
-        )
-    if digest != here:
-        raise FmuError(
-            f"{fmu} was built with vdfmu {version} of other sources or with another CasADi (digest "
-            f"{digest[:8]}, here {here[:8]}). Build the FMU again with `vdfmu build`."
-        )
-
-
 def keep_record(path: Path, guid: str) -> None:
-    """Note in the user's cache that an FMU of these bytes was built here, and its GUID or instantiation token."""
+    """Store the digest of an FMU with its GUID or instantiation token in the user's cache."""
     store(_record(path), guid.encode())
 
 
 def is_built(path: Path, guid: str) -> bool:
-    """Whether an FMU on disk is, to the byte, one that was built here with this GUID or instantiation token.
+    """Whether an FMU on disk is, to the byte, a result of a build here with this GUID or instantiation token.
 
-    The GUID inside does not show that: it stays the same when a library is changed.
+    The GUID inside does not prove it: it stays the same when a library is changed.
     """
     try:
         return path.is_file() and load(_record(path)) == guid.encode()
@@ -235,31 +226,31 @@ def _record(path: Path) -> Path:
 
 
 def about(unit: type[BaseUnit]) -> dict[str, str]:
-    """Return author, licence, copyright and version of a unit, without those that nobody has written down.
+    """Return the known ones of author, licence, copyright and version of a unit.
 
-    The attributes of its class count, then ``[project]`` of the nearest ``pyproject.toml`` in the folders above its
-    file. Those of units of the package are its own.
+    Attributes of its class override ``[project]`` of the nearest ``pyproject.toml`` above its file. Units of the
+    package have fixed texts.
     """
     if is_shipped(unit):
         return {"version": __version__, "author": "vdfmu contributors", "license": "MIT"}
     file = source_file(unit)
     project = {} if file is None else _project(file)
-    found = {name: getattr(unit, name) or project.get(name, "") for name in ABOUT}
-    return {name: text for name, text in found.items() if text}
+    texts = {name: getattr(unit, name) or project.get(name, "") for name in ABOUT}
+    return {name: text for name, text in texts.items() if text}
 
 
-def terms(known: Mapping[str, str]) -> str:
+def terms(about: Mapping[str, str]) -> str:
     """Return copyright, author and licence in a line."""
-    who = known.get("copyright") or known.get("author")
-    return f"{f'{who}, ' if who else ''}{known.get('license') or 'no licence is named'}."
+    owner = about.get("copyright") or about.get("author")
+    return f"{f'{owner}, ' if owner else ''}{about.get('license') or 'no licence is named'}."
 
 
 def _project(file: Path) -> dict[str, str]:
-    """Return what the nearest project of a file says."""
+    """Return version, author and licence of the nearest project of a file."""
     for folder in file.resolve().parents:
         try:
             table: Any = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-            authors = [one.get("name") or one["email"] for one in table.get("authors", ())]
+            authors = [author.get("name") or author["email"] for author in table.get("authors", ())]
             terms = table.get("license", "")
             return {
                 "version": str(table.get("version", "")),
@@ -267,5 +258,5 @@ def _project(file: Path) -> dict[str, str]:
                 "license": terms if isinstance(terms, str) else str(terms.get("text", "")),
             }
         except (OSError, ValueError, LookupError, TypeError, AttributeError):
-            continue  # there is none, or not of a project
+            continue  # absent, or not of a project
     return {}

@@ -1,30 +1,29 @@
-"""modelDescription.xml of FMI 2.0, of Python and native FMUs, and the parts that FMI 3.0 has too."""
+"""modelDescription.xml of FMI 2.0 and 3.0, and buildDescription.xml of FMI 3.0."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from vdfmu.base.measure import measure
-from vdfmu.base.standards import FMI_2, FmiVersion
-from vdfmu.compiler.unit.interface import Interface
+from vdfmu.base.standards import FMI_2, FMI_3, FmiVersion
+from vdfmu.compiler.unit.interface import Array, Interface
 from vdfmu.compiler.unit.variable import Variable
 
 DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "stepSize": "0.001"}
 LOG_CATEGORIES = {
     "logEvents": "Start of the simulation.",
-    "logStatusWarning": "Log messages with fmi2Warning status.",
-    "logStatusDiscard": "Log messages with fmi2Discard status.",
-    "logStatusError": "Log messages with fmi2Error status.",
-    "logStatusFatal": "Log messages with fmi2Fatal status.",
+    **{f"logStatus{s}": f"Log messages with fmi2{s} status." for s in ("Warning", "Discard", "Error", "Fatal")},
     "logAll": "Log all messages.",
 }
 SAMPLED = "org.vdfmu.sampled"
 """Annotation that names the parameter with the time between samples: the discrete outputs are states that are sampled
-by the inputs at the begin of a communication step, and a directional derivative of them is that of the next sample."""
+by the inputs at the begin of a communication step. Their directional derivatives belong to the next sample."""
 TIME_STAMP = "2026-01-01T00:00:00Z"
 """Fixed, so that the same sources give the same FMU."""
+FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+"""Type of FMI 2.0 to the type of FMI 3.0 and SSP 2.0."""
 
 
 def number(value: float) -> str:
@@ -54,14 +53,13 @@ def model_description(
 ) -> Element:
     """Root element of the model description of FMI 2.0.
 
-    A native unit with continuous states also has model exchange, and one that says so. The time is not a variable; by
-    the standard, every unknown is then taken to depend on it. `tool` is name and version of the generation tool;
-    `about` has author, licence, copyright and version of the unit, as far as they are known. `sources` are the files of
-    the folder ``sources`` to compile, if it has one; None for a Python FMU, which has neither states nor derivatives
-    for the importer.
+    Native units have model exchange if they have continuous states or `exchange`. The time is not a variable; by the
+    standard, every unknown then depends on it. `tool` is name and version of the generation tool; `about` has author,
+    licence, copyright and version of the unit, as far as they are known. `sources` are the C files of the folder
+    ``sources``, or None for a Python FMU. It shows neither states nor derivatives.
     """
     native = sources is not None
-    root = root_element(interface, version, guid, tool, about)
+    root = _root_element(interface, version, guid, tool, about)
     places = range(interface.size)
     states, derivatives = places[interface.states], places[interface.derivatives]
     common = {
@@ -71,9 +69,8 @@ def model_description(
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
+        **({"providesDirectionalDerivative": "true"} if native else {}),
     }
-    if native:
-        common["providesDirectionalDerivative"] = "true"
     simulation = {
         "canHandleVariableCommunicationStepSize": "true",
         "canInterpolateInputs": boolean(native),
@@ -88,34 +85,37 @@ def model_description(
     if native:
         _add_sources(element, sources)
     shown = interface.memory[: interface.time] if native else interface.variables
-    add_units(root, shown)
-    add_log_and_experiment(root, version.prefix, interface)
+    _add_units(root, shown)
+    _add_log_and_experiment(root, version.prefix, interface)
     if interface.is_sampled:
-        add_sampled(SubElement(SubElement(root, "VendorAnnotations"), "Tool", {"name": SAMPLED}))
+        _add_sampled(SubElement(SubElement(root, "VendorAnnotations"), "Tool", {"name": SAMPLED}))
     variables = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(shown):
-        _add_variable(variables, variable, reference)
+        attributes = _variable_attributes(variable.name, reference, variable.description, variable)
+        start = {} if variable.start is None else {"start": _start_text(variable)}
+        scalar = SubElement(variables, "ScalarVariable", attributes)
+        SubElement(scalar, variable.type, _value_attributes(variable) | start)
     for derivative, state in zip(derivatives, states, strict=True) if native else ():
         variables[derivative][0].set("derivative", str(state + 1))
-
-    def known(positions: Iterable[int]) -> list[int]:
-        kinds = ("input", "parameter") if not native else ("input", "parameter", "output", "local")
-        return [i for i in positions if interface.memory[i].causality in kinds]
-
     structure = SubElement(root, "ModelStructure")
-    unknowns = [i for i, v in enumerate(shown) if v.causality == "output"]
-    _add_unknowns(structure, "Outputs", unknowns, [known(interface.step_dependencies(i)) for i in unknowns])
-    if native and derivatives:
-        steps = [known(interface.step_dependencies(i)) for i in derivatives]
-        _add_unknowns(structure, "Derivatives", derivatives, steps)
-        unknowns += derivatives
-    initial = [known(interface.start_dependencies(i)) for i in unknowns]
-    _add_unknowns(structure, "InitialUnknowns", unknowns, initial)
+    causalities = ("input", "parameter", "output", "local") if native else ("input", "parameter")
+
+    def add(tag: str, unknowns: Sequence[int], dependencies: Callable[[int], list[int]]) -> None:
+        parent = SubElement(structure, tag) if unknowns else structure  # a list must not be empty
+        for unknown in unknowns:
+            knowns = [i for i in dependencies(unknown) if interface.memory[i].causality in causalities]
+            counted = {"index": str(unknown + 1), "dependencies": " ".join(str(i + 1) for i in knowns)}
+            SubElement(parent, "Unknown", counted)
+
+    outputs = [i for i, v in enumerate(shown) if v.causality == "output"]
+    rates = list(derivatives) if native else []
+    add("Outputs", outputs, interface.step_dependencies)
+    add("Derivatives", rates, interface.step_dependencies)
+    add("InitialUnknowns", outputs + rates, interface.start_dependencies)
     return root
 
 
-def root_element(interface: Interface, version: FmiVersion, guid: str, tool: str, about: Mapping[str, str]) -> Element:
-    """Root element."""
+def _root_element(interface: Interface, version: FmiVersion, guid: str, tool: str, about: Mapping[str, str]) -> Element:
     attributes = {
         "fmiVersion": version.name,
         "modelName": interface.model_name,
@@ -129,8 +129,8 @@ def root_element(interface: Interface, version: FmiVersion, guid: str, tool: str
     return Element("fmiModelDescription", attributes)
 
 
-def add_units(root: Element, variables: Iterable[Variable]) -> None:
-    """Add the definitions of the units that some variables have."""
+def _add_units(root: Element, variables: Iterable[Variable]) -> None:
+    """Add the definitions of the units of measurement of variables."""
     names = sorted({v.unit for v in variables if v.unit})
     definitions = SubElement(root, "UnitDefinitions") if names else root
     for name in names:
@@ -141,76 +141,159 @@ def add_units(root: Element, variables: Iterable[Variable]) -> None:
             SubElement(unit, "DisplayUnit", {"name": display, "factor": number(factor)})
 
 
-def add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> None:
+def _add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> None:
     """Add the log categories and the default experiment; `fmi` is the prefix of status names.
 
-    The tolerance is that of the unit's solver: importers choose one of their own where none is named. The
-    step of one with sampled states is their period.
+    The tolerance is the tolerance of the unit's solver: importers choose another if it is missing. The step of a unit
+    with sampled states is their period.
     """
     categories = SubElement(root, "LogCategories")
-    for name, description in LOG_CATEGORIES.items():
-        text = description.replace("fmi2", fmi)
-        SubElement(categories, "Category", {"name": name, "description": text})
+    for name, text in LOG_CATEGORIES.items():
+        SubElement(categories, "Category", {"name": name, "description": text.replace("fmi2", fmi)})
     experiment = SubElement(root, "DefaultExperiment", DEFAULT_EXPERIMENT)
     if interface.is_sampled:
-        experiment.set("stepSize", start_text(interface.find("period")))
+        experiment.set("stepSize", _start_text(interface.find("period")))
     if "tolerance" in interface.groups:
-        experiment.set("tolerance", start_text(interface.find("tolerance")))
+        experiment.set("tolerance", _start_text(interface.find("tolerance")))
 
 
-def add_sampled(annotation: Element) -> None:
-    """Say of a unit with sampled states what `SAMPLED` means."""
+def _add_sampled(annotation: Element) -> None:
     SubElement(annotation, "Sampled", {"xmlns": f"urn:{SAMPLED}", "period": "period"})
 
 
-def value_attributes(variable: Variable) -> dict[str, str]:
-    """Return unit and limits of a variable, which both versions of FMI name alike."""
+def _value_attributes(variable: Variable) -> dict[str, str]:
+    """Return unit and limits of a variable; both versions of FMI name them alike."""
     text = number if variable.type == "Real" else str
-    found = {
+    attributes = {
         "unit": variable.unit,
         "displayUnit": variable.display_unit,
         "min": None if variable.minimum is None else text(variable.minimum),
         "max": None if variable.maximum is None else text(variable.maximum),
     }
-    return {name: value for name, value in found.items() if value}
+    return {name: value for name, value in attributes.items() if value}
 
 
-def start_text(variable: Variable) -> str:
-    """Start value of a variable that has one."""
-    write = {"Real": number, "Integer": str, "Boolean": boolean}[variable.type]
-    return write(variable.start)
+def _start_text(variable: Variable) -> str:
+    return {"Real": number, "Integer": str, "Boolean": boolean}[variable.type](variable.start)
 
 
-def variable_attributes(name: str, reference: int, description: str, variable: Variable) -> dict[str, str]:
-    """Return what both versions of FMI say of a variable; inputs and the time have no ``initial``."""
-    found = {"parameter": "exact", "output": "calculated", "local": "calculated"}.get(variable.causality)
+def _variable_attributes(name: str, reference: int, description: str, variable: Variable) -> dict[str, str]:
+    """Return attributes of a variable in both versions of FMI; inputs and the time lack ``initial``."""
+    initial = {"parameter": "exact", "output": "calculated", "local": "calculated"}.get(variable.causality)
     return {
         "name": name,
         "valueReference": str(reference),
         "description": description,
         "causality": variable.causality,
         "variability": variable.variability,
-        **({"initial": found} if found else {}),
+        **({"initial": initial} if initial else {}),
     }
 
 
 def _add_sources(parent: Element, sources: Sequence[str]) -> None:
-    if sources:
-        files = SubElement(parent, "SourceFiles")
-        for name in sources:
-            SubElement(files, "File", {"name": name})
+    files = SubElement(parent, "SourceFiles") if sources else parent
+    for name in sources:
+        SubElement(files, "File", {"name": name})
 
 
-def _add_unknowns(structure: Element, tag: str, unknowns: Sequence[int], dependencies: Sequence[Sequence[int]]) -> None:
-    """Add a list of unknowns, which may not be empty; FMI 2.0 counts variables from 1."""
-    parent = SubElement(structure, tag) if unknowns else structure
-    for unknown, positions in zip(unknowns, dependencies, strict=True):
-        knowns = " ".join(str(i + 1) for i in positions)
-        SubElement(parent, "Unknown", {"index": str(unknown + 1), "dependencies": knowns})
+# ------------------------------------------------------------------ FMI 3.0
 
 
-def _add_variable(parent: Element, variable: Variable, reference: int) -> None:
-    attributes = variable_attributes(variable.name, reference, variable.description, variable)
-    scalar = SubElement(parent, "ScalarVariable", attributes)
-    start = {} if variable.start is None else {"start": start_text(variable)}
-    SubElement(scalar, variable.type, value_attributes(variable) | start)
+def model_description_3(
+    interface: Interface, guid: str, tool: str, about: Mapping[str, str], version: FmiVersion = FMI_3
+) -> Element:
+    """Root element of the model description of a native FMU of FMI 3.0; see :func:`model_description`.
+
+    `guid` is the instantiation token. Dependencies are between whole variables; functions of the FMU give dependencies
+    of elements.
+    """
+    root = _root_element(interface, version, guid, tool, about)
+    _add_interfaces(root, interface)
+    _add_units(root, interface.memory)
+    _add_log_and_experiment(root, version.prefix, interface)
+    variables = SubElement(root, "ModelVariables")
+    for array in interface.arrays:
+        _add_array(variables, interface, array)
+    _add_structure(root, interface)
+    if interface.is_sampled:
+        _add_sampled(SubElement(SubElement(root, "Annotations"), "Annotation", {"type": SAMPLED}))
+    return root
+
+
+def build_description(files: Sequence[str], definitions: Mapping[str, str], model_identifier: str) -> Element:
+    """Root element of ``sources/buildDescription.xml``: the files of the folder ``sources`` to compile.
+
+    `definitions` of the preprocessor are name to value. Give each a value: fmpy writes an absent value as ``None``.
+    """
+    root = Element("fmiBuildDescription", {"fmiVersion": FMI_3.name})
+    configuration = SubElement(root, "BuildConfiguration", {"modelIdentifier": model_identifier})
+    sources = SubElement(configuration, "SourceFileSet", {"language": "C11"})
+    for file in files:
+        SubElement(sources, "SourceFile", {"name": file})
+    for name, value in definitions.items():
+        SubElement(sources, "PreprocessorDefinition", {"name": name, "value": value})
+    return root
+
+
+def _add_interfaces(root: Element, interface: Interface) -> None:
+    common = {
+        "modelIdentifier": interface.model_name,
+        "needsExecutionTool": "false",
+        "canBeInstantiatedOnlyOncePerProcess": "false",
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "providesDirectionalDerivatives": "true",
+        "providesAdjointDerivatives": "true",
+        "providesPerElementDependencies": "true",
+    }
+    if interface.has_exchange:
+        exchange = {"needsCompletedIntegratorStep": "false", "providesEvaluateDiscreteStates": "false"}
+        SubElement(root, "ModelExchange", common | exchange)
+    simulation = {
+        "canHandleVariableCommunicationStepSize": "true",
+        "maxOutputDerivativeOrder": "0",
+        "recommendedIntermediateInputSmoothness": "0",
+        "providesIntermediateUpdate": "true",
+        # early return only if the importer asks for it, between steps of the solver
+        "mightReturnEarlyFromDoStep": "false",
+        "canReturnEarlyAfterIntermediateUpdate": boolean(interface.has_states),
+        "hasEventMode": "false",
+        "providesEvaluateDiscreteStates": "false",
+    }
+    SubElement(root, "CoSimulation", common | simulation)
+
+
+def _add_array(parent: Element, interface: Interface, array: Array) -> None:
+    members = interface.memory[array.positions]
+    variable = members[0]
+    attributes = _variable_attributes(array.name, array.first, interface.array_description(array), variable)
+    if variable.variability == "continuous":
+        attributes["intermediateUpdate"] = "true"
+    attributes |= _value_attributes(variable)
+    if variable.start is not None:
+        attributes["start"] = " ".join(_start_text(v) for v in members)
+    if variable.causality == "local":
+        offset = array.first - interface.derivatives.start
+        attributes["derivative"] = str(interface.states.start + offset)
+    element = SubElement(parent, FMI_3_TYPES[variable.type], attributes)
+    for length in array.shape:
+        SubElement(element, "Dimension", {"start": str(length)})
+
+
+def _add_structure(root: Element, interface: Interface) -> None:
+    structure = SubElement(root, "ModelStructure")
+    outputs, rates = (
+        [array for array in interface.arrays if interface.memory[array.first].causality == kind]
+        for kind in ("output", "local")
+    )
+
+    def add(tag: str, unknowns: Sequence[Array], dependencies: Callable[[int], list[int]]) -> None:
+        for array in unknowns:
+            elements = range(array.first, array.first + array.size)
+            owners = {interface.owners[known] for element in elements for known in dependencies(element)}
+            knowns = " ".join(str(interface.arrays[owner].first) for owner in sorted(owners))
+            SubElement(structure, tag, {"valueReference": str(array.first), "dependencies": knowns})
+
+    add("Output", outputs, interface.step_dependencies)
+    add("ContinuousStateDerivative", rates, interface.step_dependencies)
+    add("InitialUnknown", outputs + rates, interface.start_dependencies)

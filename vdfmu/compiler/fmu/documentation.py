@@ -1,4 +1,4 @@
-"""documentation/index.html of an FMU: one page that needs no other file and no network."""
+"""documentation/index.html of an FMU: one page, complete without other files and network."""
 
 from __future__ import annotations
 
@@ -62,14 +62,13 @@ def _texts(content: Content, exchange: bool) -> dict[str, dict[str, bool]]:
         "tolerance of 1e-6 or less.": exchange and states,
         "Sampled states change every <code>period</code> from the start time on. In co-simulation they do so at the "
         "start of a communication step, by the inputs set for it, and inside a longer step by the same inputs: choose "
-        "steps of which the period is a whole multiple. In model exchange they change in event mode, at the times that "
-        "the FMU names.": sampled,
+        "steps that divide the period. In model exchange they change in event mode, at times from the FMU.": sampled,
         "The unit has no state: its outputs after a communication step belong to its inputs and the end of the step."
         : not states and not sampled,
     }, "Limits": {
         "There are no event indicators: equations that jump with a state or an input are solved with small steps "
         "there. Switching by time is located. In model exchange it is a time event.": states,
-        "If the solver cannot meet the tolerance, the error names time and state. The state is that before the step."
+        "If the solver cannot meet the tolerance, the error names time and state. It keeps the state before the step."
         : states,
         "Numbers of the robot that are zero, its joint types and the rotations of its frames are part of the code. All "
         "others are parameters.": interface.has_robot,
@@ -82,13 +81,13 @@ def _texts(content: Content, exchange: bool) -> dict[str, dict[str, bool]]:
         "<code>extra/org.fmi-standard.fmi-ls-ref/</code>: reference results, see "
         '<a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a>.': bool(columns(content, "output")),
         "<code>extra/vdfmu/vdfmu.json</code>: the robot, the start values and the versions that made the FMU.": True,
-        f"{escape(terms(content.made_by or {}))}{other} See "
+        f"{escape(terms(content.made_by))}{other} See "
         '<a href="licenses/license.txt">licenses/license.txt</a>.': True,
     } if native else {}}  # fmt: skip
 
 
 def _docstring(text: str) -> list[str]:
-    """HTML of a docstring except for its first line: paragraphs, and indented blocks as they stand."""
+    """HTML of a docstring without its first line: paragraphs, and indented blocks verbatim."""
     blocks = [block.strip("\n") for block in "\n".join(text.splitlines()[1:]).split("\n\n")]
     return [
         f"<pre>{escape(inspect.cleandoc(block))}</pre>" if block.startswith("    ")
@@ -106,7 +105,7 @@ def _cells(content: Content, array: Array) -> tuple[str, ...]:
     elif len(members) > 1:
         name, reference = f"{first.name} .. {last.name}", f"{array.first} .. {array.first + array.size - 1}"
     kind = _KIND.get(first.causality, f"{first.variability} parameter")
-    starts = [_value(v) for v in members]
+    starts = [_start(v) for v in members]
     start = starts[0] if len(set(starts)) == 1 else ", ".join(starts)
     bounds = (f"{sign} {value:g}" for sign, value in (("≥", first.minimum), ("≤", first.maximum)) if value is not None)
     names = " or ".join(f"{i} ({choice})" for i, choice in enumerate(first.choices))
@@ -114,7 +113,7 @@ def _cells(content: Content, array: Array) -> tuple[str, ...]:
     return name, reference, kind, first.unit or "", start, names or ", ".join(bounds), described
 
 
-def _value(v: Variable) -> str:
-    if v.start is None or v.causality == "input":
-        return "" if v.start is None else f"{v.start:g}"
-    return str(bool(v.start)).lower() if v.type == "Boolean" else f"{v.start:.9g}"
+def _start(v: Variable) -> str:
+    if v.start is None or v.type == "Boolean":
+        return "" if v.start is None else str(v.start).lower()
+    return f"{v.start:g}" if v.causality == "input" else f"{v.start:.9g}"

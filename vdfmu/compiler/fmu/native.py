@@ -9,27 +9,21 @@ from importlib.metadata import files as installed_files
 from importlib.util import find_spec
 from pathlib import Path
 
-from vdfmu.base.errors import FmuError, StorageError
-from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_member, source_bytes
+from vdfmu.base.errors import FmuError
+from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_member, source_bytes, storing
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.compiler.c.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.c.platforms import binaries, chosen_platforms
-from vdfmu.compiler.fmu.content import CONTENT_PLACES, Content, is_built, keep_record, terms
-from vdfmu.compiler.fmu.description import document, model_description
-from vdfmu.compiler.fmu.description3 import build_description, model_description_3
+from vdfmu.compiler.fmu.content import CONTENT_PLACES, THIRD_PARTY, Content, is_built, keep_record, terms
+from vdfmu.compiler.fmu.description import build_description, document, model_description, model_description_3
 from vdfmu.compiler.fmu.documentation import documentation_files
 from vdfmu.compiler.fmu.reference_results import reference_files
 from vdfmu.compiler.fmu.terminals import icon_files
 
 _RARE = ("derivative.c", "instance.c", "message.c", "state.c")
-"""Files of `fmu_src/c` whose functions a step does not call: to optimise them takes a third of the time of all."""
+"""Files of `fmu_src/c` that a step does not call: their optimization takes a third of the time of all."""
 _CONTENT = CONTENT_PLACES["native"]
-THIRD_PARTY = """
-The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
-LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
-WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, Copyright 2005-2020 Rich Felker, et al.).
-"""
 
 
 def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str] | str | None) -> None:
@@ -48,12 +42,10 @@ def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str]
     made = iter(compile_libraries(jobs()))
     for path, content in stale.items():
         libraries = {name: next(made) for name in names}
-        try:
+        with storing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             pack_zip(path, _members(content, sources[path], libraries))
             keep_record(path, content.guid)
-        except OSError as error:
-            raise StorageError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
 
 
 def unit_sources(content: Content) -> dict[str, bytes]:
@@ -67,25 +59,25 @@ def unit_sources(content: Content) -> dict[str, bytes]:
 
 @lru_cache
 def _written_sources(prefix: str) -> dict[str, bytes]:
-    """Return file name to content of what is the same for all units whose FMI functions have this prefix."""
-    others = {f"{version.prefix}.c" for version in FMI_VERSIONS.values()} - {f"{prefix}.c"}
+    """Return file name to content of the C of all units whose FMI functions have this prefix."""
+    left_out = {f"{version.prefix}.c" for version in FMI_VERSIONS.values()} - {f"{prefix}.c"}
     files = sorted((data_path("fmu_src") / "c").glob("*.[ch]"))
-    return {file.name: source_bytes(file) for file in files if file.name not in others}
+    return {file.name: source_bytes(file) for file in files if file.name not in left_out}
 
 
 def _as_compiled(sources: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:
-    """Return the files from which a library is compiled: what is the same for all units is one object for all.
+    """Return the files of a library. The C of all units is one object for all.
 
-    As one file it compiles in two thirds of the time. In a library the FMI functions have no prefix, which `config.h`
-    would make of the name of the unit.
+    As one file it compiles in two thirds of the time. An empty `config.h` leaves the FMI functions without the prefix
+    of the unit's name.
     """
     same = [name for name in _written_sources(FMI_VERSIONS[fmi_version].prefix) if name.endswith(".c")]
     files = {name: text for name, text in sources.items() if name not in same} | fmi_headers(fmi_version)
-    one = "".join(
+    joined = "".join(
         f'#pragma clang optimize {"off" if name in _RARE else "on"}\n#line 1 "{name}"\n{sources[name].decode()}\n'
         for name in same
     )
-    return files | {"config.h": b"", WRITTEN: one.encode()}
+    return files | {"config.h": b"", WRITTEN: joined.encode()}
 
 
 @lru_cache
@@ -99,7 +91,7 @@ def fmi_headers(fmi_version: str) -> dict[str, bytes]:
         headers = sorted((Path(folder) / "c-code").glob(f"{FMI_VERSIONS[fmi_version].prefix}*.h"))
         if headers:
             return {header.name: source_bytes(header) for header in headers}
-    raise FmuError("fmpy has no headers of FMI (folder fmpy/c-code). Install fmpy again.")
+    raise FmuError("fmpy lacks the headers of FMI (folder fmpy/c-code). Install fmpy again.")
 
 
 def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
@@ -113,41 +105,36 @@ def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
 
 
 def _members(content: Content, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Path to content of everything in the FMU."""
-    fmi = content.fmi
-    if not content.sources:
-        sources = {}
+    """Path to content of all members of the FMU."""
+    fmi, sources = content.fmi, sources if content.sources else {}
     c_files = [name for name in sorted(sources) if name.endswith(".c")]
-    interface, guid, tool = content.interface, content.guid, content.generation_tool
-    about = content.made_by or {}
+    about = content.interface, content.guid, content.generation_tool, content.made_by
+    root = model_description_3(*about, fmi) if fmi.arrays else model_description(*about, c_files, fmi)
     members = {f"sources/{name}": text for name, text in sources.items()}
-    if fmi.arrays:
-        root = model_description_3(interface, guid, tool, about, fmi)
-    else:
-        root = model_description(interface, guid, tool, about, c_files, fmi)
     if fmi.build_description and sources:
-        definitions = {"DISABLE_PREFIX": "1"}
-        build = build_description(c_files, definitions, content.model_name)
+        build = build_description(c_files, {"DISABLE_PREFIX": "1"}, content.model_name)
         members["sources/buildDescription.xml"] = document(build)
-    members["modelDescription.xml"] = document(root)
-    members |= binaries(content.model_name, libraries, content.fmi_version)
-    members |= icon_files(interface, fmi)
-    members |= documentation_files(content)
-    members |= reference_files(content)
-    members["documentation/licenses/license.txt"] = (_of_the_unit(content) + _license() + THIRD_PARTY).encode()
-    members[_CONTENT] = content.to_json(platforms=list(libraries)).encode()
-    return members
+    return {
+        **members,
+        "modelDescription.xml": document(root),
+        **binaries(content.model_name, libraries, content.fmi_version),
+        **icon_files(content.interface, fmi),
+        **documentation_files(content),
+        **reference_files(content),
+        "documentation/licenses/license.txt": (_terms_of_unit(content) + _license() + THIRD_PARTY).encode(),
+        _CONTENT: content.to_json(platforms=list(libraries)).encode(),
+    }
 
 
-def _of_the_unit(content: Content) -> str:
-    """Return the terms of a unit of a user's own, and which files are under those that follow."""
+def _terms_of_unit(content: Content) -> str:
+    """Return the terms of a user's unit, and the files under the licence of vdfmu; empty for units of the package."""
     if content.interface.functions.shipped:
         return ""
     files, rest = "", "The other parts of binaries/"
     if content.sources:
         files = " (sources/unit.c and sources/kernel_*.c)"
-        rest = "All other files in sources/, and what binaries/ has of them,"
-    return f"The unit {content.model_name}{files}: {terms(content.made_by or {})}\n\n{rest} are of vdfmu:\n\n"
+        rest = "All other files in sources/, and their parts of binaries/,"
+    return f"The unit {content.model_name}{files}: {terms(content.made_by)}\n\n{rest} are of vdfmu:\n\n"
 
 
 @lru_cache

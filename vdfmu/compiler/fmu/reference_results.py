@@ -1,8 +1,8 @@
-"""Reference results inside an FMU, `extra/org.fmi-standard.fmi-ls-ref/`, as the layered standard FMI-LS-REF has them.
+"""Reference results inside an FMU, `extra/org.fmi-standard.fmi-ls-ref/`, of the layered standard FMI-LS-REF.
 
-They are made without the generated C and without the unit's own solver: continuous states by scipy's LSODA at a
-tolerance of 1e-12, all else by the unit's methods in numpy. The inputs are constant between the rows of a table, so
-that co-simulation and model exchange have the same solution.
+They are independent of the generated C and of the unit's solver: continuous states by scipy's LSODA at a tolerance of
+1e-12, all else by the unit's methods in numpy. Inputs are constant between the rows of a table, so co-simulation and
+model exchange have the same solution.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 20
 """Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
 _MOST_SOLVED = 1280
-"""Product of intervals and continuous states, or joints, which takes seconds; with more the results end sooner."""
+"""Limit of intervals times continuous states, or joints, for some seconds. Beyond it the results end sooner."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"
-"""Relative tolerance: rounding of the last digits differs from one machine to the next."""
+"""Rounding of further digits differs between machines."""
 
 
 def reference_files(content: Content) -> dict[str, bytes]:
-    """Path in the FMU to content: manifest, inputs, results, and a page about them; nothing without results."""
+    """Path in the FMU to content: manifest, inputs, results, and a page about them; empty without results."""
     interface, name = content.interface, content.model_name
     outputs, inputs = columns(content, "output"), columns(content, "input")
     if not outputs:
@@ -42,7 +42,7 @@ def reference_files(content: Content) -> dict[str, bytes]:
     times = [_time(interface, k) for k in range(_intervals(interface) + 1)]
     files = {f"{FOLDER}/{name}_out.csv": _csv(outputs, times, stored["results"])}
     if inputs:
-        # every change is a row for the value before it and one for the value after it
+        # a change is two rows, with the values before and after it
         double = [t for t in times for _ in (0, 1)][1:-1]
         held = {group: [row for row in rows for _ in (0, 1)] for group, rows in stored["inputs"].items()}
         files[f"{FOLDER}/{name}_in.csv"] = _csv(inputs, double, held)
@@ -53,15 +53,15 @@ def reference_files(content: Content) -> dict[str, bytes]:
 
 def _stored(content: Content) -> dict[str, Any]:
     """Return inputs and results by group, from the cache: they are the same for both versions of FMI."""
-    what = {"model": content.model_key, "start": content.interface.start_values().tolist()}
-    key = sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
-    cached = load(cache_folder() / "reference" / key)
+    identity = {"model": content.model_key, "start": content.interface.start_values().tolist()}
+    file = cache_folder() / "reference" / sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    cached = load(file)
     if cached is not None:
         return json.loads(cached)
     with np.errstate(all="ignore"):
-        made = reference_results(content.interface)
-    store(cache_folder() / "reference" / key, json.dumps(made).encode())
-    return made
+        results = reference_results(content.interface)
+    store(file, json.dumps(results).encode())
+    return results
 
 
 def reference_results(interface: Interface) -> dict[str, dict[str, list[list[float]]]]:
@@ -71,7 +71,7 @@ def reference_results(interface: Interface) -> dict[str, dict[str, list[list[flo
     for k in range(_intervals(interface)):
         unit.memory[-1] = _time(interface, k)
         unit.experiment()
-        # what the table says to the last digit
+        # as rounded in the table
         row = _values(unit, "input")
         held.append({group: [float(_DIGITS % v) for v in values] for group, values in row.items()})
     rows = list(_rows(unit, held))
@@ -97,7 +97,7 @@ def _values(unit: Evaluation, causality: str) -> dict[str, list[float]]:
 
 
 def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[dict[str, list[float]]]:
-    """Yield the outputs at the end of each interval; before them, those of the initialization."""
+    """Yield the outputs of the initialization, then at the end of each interval."""
     interface = unit.interface
     hold = _time(interface, 1)
     moves = interface.has_states or interface.is_sampled
@@ -116,45 +116,41 @@ def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[di
 
 
 def _settled(unit: Plain, t: float) -> dict[str, list[float]]:
-    """Return the outputs at a time without those that switch at it, whose value rounding of the time decides."""
-    unit.outputs()
-    values = _values(unit, "output")
+    """Return the outputs at a time, except for outputs that switch there: rounding of the time decides their value."""
     if not unit.switches:
-        return values
+        unit.outputs()
+        return _values(unit, "output")
     sides: list[dict[str, list[float]]] = []
     for time in (t - 2.0 * margin(t), t + 2.0 * margin(t), t):
         unit.memory[-1] = time
         unit.outputs()
         sides.append(_values(unit, "output"))
-    before, after, _ = sides
+    before, after, values = sides
     return {group: row for group, row in values.items() if np.allclose(before[group], after[group])}
 
 
-# ------------------------------------------------------------------ files
-
-
 Column = tuple[str, str, slice]
-"""A variable, its group, and the elements of the group that it has."""
+"""A variable, its group, and its elements in the group."""
 
 
 def columns(content: Content, causality: str) -> list[Column]:
     """Return the columns of the table of inputs or outputs. In FMI 3.0 a column is an array.
 
-    Readers split the head at commas, so variables with a comma in their name are left out.
+    Variables with a comma in their name are left out, since readers split the head at commas.
     """
     interface, groups = content.interface, content.interface.groups_of(causality)
-    found: list[Column] = []
+    listed: list[Column] = []
     for array in interface.arrays:
         group = interface.memory[array.first].group
         if group not in groups:
             continue
         first = array.first - groups[group].start
         if content.fmi.arrays:
-            found.append((array.name, group, slice(first, first + array.size)))
+            listed.append((array.name, group, slice(first, first + array.size)))
         else:
             names = [v.name for v in interface.memory[array.positions]]
-            found += [(name, group, slice(first + i, first + i + 1)) for i, name in enumerate(names)]
-    return [column for column in found if "," not in column[0]]
+            listed += [(name, group, slice(first + i, first + i + 1)) for i, name in enumerate(names)]
+    return [column for column in listed if "," not in column[0]]
 
 
 def _csv(listed: Sequence[Column], times: Sequence[float], rows: Mapping[str, Sequence[Sequence[float]]]) -> bytes:
@@ -177,41 +173,29 @@ def _manifest(name: str, stop: float, has_inputs: bool) -> Element:
         "description": "Layered Standard providing information on related files included in an FMU.",
     }
     root = Element("fmiReferences", {f"{{{_NAMESPACE}}}fmi-ls-{key}": text for key, text in stated.items()})
-
-    def add(source: str, kind: str, role: str, description: str) -> None:
-        attributes = {"type": kind, "source": source, "role": role, "description": description}
-        SubElement(root, "Related", attributes)
-
-    what = f"an experiment of {stop:g} s"
-    if has_inputs:
-        add(f"{name}_in.csv", "text/csv", "testcase", f"Inputs of {what}")
-    add(f"{name}_out.csv", "text/csv", "result", f"Outputs of {what}")
-    add("../../documentation/fmi-ls-ref.txt", "text/plain", "document", "What the experiment is")
+    inputs = (f"{name}_in.csv", "text/csv", "testcase", f"Inputs of an experiment of {stop:g} s")
+    outputs = (f"{name}_out.csv", "text/csv", "result", f"Outputs of an experiment of {stop:g} s")
+    page = ("../../documentation/fmi-ls-ref.txt", "text/plain", "document", "What the experiment is")
+    for source, kind, role, description in (*([inputs] if has_inputs else []), outputs, page):
+        about = {"type": kind, "source": source, "role": role, "description": description}
+        SubElement(root, "Related", about)
     return root
 
 
 def _page(interface: Interface, has_inputs: bool) -> str:
     name, stop = interface.model_name, _time(interface, _intervals(interface))
     hold = f"{_time(interface, 1):g} s"
-    lines = [
-        f"Reference results of {name}",
-        "",
-        f"Start at 0 s, stop at {stop:g} s, all parameters at their start values.",
-    ]
-    if has_inputs:
-        lines += [
-            f"Inputs: {name}_in.csv. They are constant for {hold} at a time; a change is two rows of the same",
-            "time. Co-simulation steps must end where the inputs change.",
-        ]
-    lines += [
-        f"Outputs: {name}_out.csv, at the end of each {hold}, before the inputs change; the first row is that of",
-        "the initialization. Variables with a comma in their name are left out in FMI 2.0.",
-    ]
-    if interface.has_states:
-        lines += [
-            f"Made by scipy's LSODA at a relative and absolute tolerance of {TOLERANCE:g}, not by the FMU's solver.",
-            "Expect differences of about the parameter `tolerance`, times the size of the variable.",
-        ]
-    else:
-        lines += ["Made by the equations in numpy, not by the FMU. Expect differences of rounding."]
-    return "\n".join(lines) + "\n"
+    inputs = f"""Inputs: {name}_in.csv. They are constant for {hold} at a time; a change is two rows of the same
+time. Co-simulation steps must end at each change of the inputs.
+"""
+    solved = f"""Made by scipy's LSODA at a relative and absolute tolerance of {TOLERANCE:g}, not by the FMU's solver.
+Expect differences of about the parameter `tolerance`, times the size of the variable.
+"""
+    calculated = "Made by the equations in numpy, not by the FMU. Expect differences of rounding.\n"
+    return f"""Reference results of {name}
+
+Start at 0 s, stop at {stop:g} s, all parameters at their start values.
+{inputs if has_inputs else ""}\
+Outputs: {name}_out.csv, at the end of each {hold}, before the inputs change; the first row is from
+the initialization. Variables with a comma in their name are left out in FMI 2.0.
+{solved if interface.has_states else calculated}"""

@@ -1,7 +1,7 @@
-"""terminalsAndIcons/: which variables of a unit belong together in a connection, and how the unit is drawn.
+"""terminalsAndIcons/ of an FMU: groups of variables that are connected together, and the picture of the unit.
 
-Units are connected by joining their terminals of the same name, output to input, member by member; this makes
-the connections of ``ssp/system.toml``. FMI 2.0 allows the folder since 2.0.4; the file has the format of FMI 3.0.
+Connecting terminals of the same name, output to input, member by member, makes the connections of ``ssp/system.toml``.
+FMI 2.0 allows the folder since 2.0.4; the file has the format of FMI 3.0.
 """
 
 from __future__ import annotations
@@ -19,11 +19,8 @@ FOLDER = "terminalsAndIcons"
 
 # Corners of a terminal (x1, y1, x2, y2); the unit fills -100 .. 100.
 _PLACES = {
-    "left": (-110, -10, -90, 10),
-    "right": (90, -10, 110, 10),
-    "bottom": (-10, -110, 10, -90),
-    "top": (-10, 90, 10, 110),
-}
+    "left": (-110, -10, -90, 10), "right": (90, -10, 110, 10), "bottom": (-10, -110, 10, -90), "top": (-10, 90, 10, 110)
+}  # fmt: skip
 _COLOR = "31 78 121"
 
 
@@ -38,14 +35,11 @@ def terminals_and_icons(interface: Interface, version: FmiVersion) -> Element:
     extent = _extent(-100, -100, 100, 100)
     SubElement(picture, "CoordinateSystem", extent | {"suggestedScalingFactorTo_mm": "0.1"})
     SubElement(picture, "Icon", extent)
-    has_some = [t for t in interface.unit.terminals if any(group in interface.groups for group in t.groups)]
-    if not has_some:
-        return root
-    terminals = SubElement(root, "Terminals")
-    for terminal in has_some:
-        element = SubElement(
-            terminals, "Terminal", {"name": terminal.name, "matchingRule": "bus", "description": terminal.description}
-        )
+    listed = [t for t in interface.unit.terminals if any(group in interface.groups for group in t.groups)]
+    terminals = SubElement(root, "Terminals") if listed else root
+    for terminal in listed:
+        about = {"name": terminal.name, "matchingRule": "bus", "description": terminal.description}
+        element = SubElement(terminals, "Terminal", about)
         for name in _members(interface, terminal, version):
             member = {"variableName": name, "memberName": name, "variableKind": "signal"}
             SubElement(element, "TerminalMemberVariable", member)
@@ -60,8 +54,8 @@ def icon_files(interface: Interface, version: FmiVersion) -> dict[str, bytes]:
     icons = data_path("fmu_src") / "icons"
     files = {f"{FOLDER}/terminalsAndIcons.xml": document(terminals_and_icons(interface, version))}
     for kind in ("png", "svg"):
-        own = icons / f"{interface.name}.{kind}"
-        files[f"{FOLDER}/icon.{kind}"] = (own if own.is_file() else icons / f"unit.{kind}").read_bytes()
+        icon = icons / f"{interface.name}.{kind}"
+        files[f"{FOLDER}/icon.{kind}"] = (icon if icon.is_file() else icons / f"unit.{kind}").read_bytes()
         files[f"{FOLDER}/terminal.{kind}"] = (icons / f"terminal.{kind}").read_bytes()
     if version.picture:
         files["model.png"] = files[f"{FOLDER}/icon.png"]

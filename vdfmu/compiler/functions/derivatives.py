@@ -1,22 +1,22 @@
-"""Derivatives of traced functions along directions, by automatic differentiation of the trace."""
+"""Derivatives of traced functions along directions, and the time until they switch, both by their trace."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import accumulate
 from typing import Any
 
 import casadi as ca
 
 DIRECTIONS = ("forward", "reverse")
-"""Endings of the names of derivatives: Jacobian times direction, and direction times Jacobian."""
+"""Suffixes of the names of derivatives: Jacobian times direction, and direction times Jacobian."""
 
 
 def derivative_names(function: ca.Function, ending: str) -> tuple[list[str], list[str]]:
     """Return the names of the arguments and of the results of a derivative."""
-    forward = ending == "forward"
-    prefix = "d" if forward else "bar"
-    given, made = [function.name_in(), function.name_out()][:: 1 if forward else -1]
+    prefix, given, made = "d", function.name_in(), function.name_out()
+    if ending == "reverse":
+        prefix, given, made = "bar", made, given
     return [*function.name_in(), *(f"{prefix}_{name}" for name in given)], [f"{prefix}_{name}" for name in made]
 
 
@@ -25,8 +25,8 @@ def derivative(function: ca.Function, ending: str, rounded: bool = False) -> ca.
 
     Forward takes the arguments of `function` and a direction ``d_<argument>`` for each, and returns ``d_<result>``,
     (J direction). Reverse takes the arguments and a direction ``bar_<result>`` for each result, and returns
-    ``bar_<argument>``, (direction J). With `rounded`, what depends on an argument by rounding alone, as an encoder
-    does, has the slope of the line that the rounding follows, instead of 0.
+    ``bar_<argument>``, (direction J). With `rounded`, a result that depends on an argument by rounding alone, as in an
+    encoder, has the slope of the line that the rounding follows, instead of 0.
     """
     transposed = ending == "reverse"
     arguments = [ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()]
@@ -54,21 +54,26 @@ def has_roundings(function: ca.Function) -> bool:
 
 
 _ROUNDING = {ca.OP_FLOOR: -0.5, ca.OP_CEIL: 0.5}
-"""Operation to how far it is from its argument in the mean."""
+"""Operation to its mean distance from the argument."""
 
 
 def _slopes_of_rounding(function: ca.Function, result: ca.SX, argument: ca.SX, arguments: list[ca.SX]) -> ca.SX:
-    """Return those elements of a Jacobian that are 0 except for the lines that roundings follow."""
+    """Return the elements of a Jacobian that are 0 except for the lines that roundings follow."""
     lines = rebuilt(
         function, arguments, lambda operation, read: read[0] + _ROUNDING[operation] if operation in _ROUNDING else None
     )
     exact, followed = (ca.sparsify(ca.jacobian(each, argument)) for each in (result, ca.vertcat(*map(ca.vec, lines))))
-    known = set(zip(*exact.sparsity().get_triplet(), strict=True))
-    new = [place for place in zip(*followed.sparsity().get_triplet(), strict=True) if place not in known]
-    found = ca.SX(*exact.shape)
-    for row, column in new:
-        found[row, column] = followed[row, column]
-    return found
+    places = [set(zip(*each.sparsity().get_triplet(), strict=True)) for each in (exact, followed)]
+    slopes = ca.SX(*exact.shape)
+    for row, column in places[1] - places[0]:
+        slopes[row, column] = followed[row, column]
+    return slopes
+
+
+def instructions(function: ca.Function) -> Iterator[tuple[int, int, list[int], list[int]]]:
+    """Yield number, operation, inputs and outputs of each instruction of a function."""
+    for k in range(function.n_instructions()):
+        yield k, function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
 
 
 def rebuilt(
@@ -76,13 +81,11 @@ def rebuilt(
 ) -> list[ca.SX]:
     """Return the results of a function of SX, without calls, as expressions of `arguments`.
 
-    `replace` gets each operation and what it reads, and returns what takes its place, or None.
+    `replace` gets each operation and its operands, and returns a replacement or None.
     """
     work: list[Any] = [0.0] * function.sz_w()
     results = [ca.SX(function.size_out(i)[0], 1) for i in range(function.n_out())]
-    for k in range(function.n_instructions()):
-        operation, read = function.instruction_id(k), function.instruction_input(k)
-        place = function.instruction_output(k)
+    for k, operation, read, place in instructions(function):
         if operation == ca.OP_CONST:
             work[place[0]] = ca.SX(function.instruction_constant(k))
         elif operation == ca.OP_INPUT:
@@ -95,3 +98,61 @@ def rebuilt(
             apply = ca.SX.unary if len(read) == 1 else ca.SX.binary
             work[place[0]] = apply(operation, *operands) if made is None else made
     return results
+
+
+NEVER = 1e300
+"""Time [s] until the next switch without any switch."""
+_JUMPS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
+_BENDS = (ca.OP_FMIN, ca.OP_FMAX)
+_SIGNS = {ca.OP_SIGN: 0, ca.OP_FABS: 0, ca.OP_COPYSIGN: 1}
+"""Operation to the position of the operand that switches it at 0."""
+_WHOLE = (ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD)
+
+
+def time_left(function: ca.Function, inputs: dict[str, ca.SX], changing: dict[str, ca.SX]) -> ca.SX | None:
+    """Return the time [s] until a choice on the time ``t`` changes, or None without such a choice.
+
+    `inputs` are the arguments of a function of SX, `changing` their derivatives by time. Other arguments are constant.
+    The time is exact for conditions that are linear in time. Other arguments are followed along their tangents.
+    ValueError for a jump at a condition that is not linear in time, or if a table is read.
+    """
+    t = inputs["t"]
+    operations = {function.instruction_id(k) for k in range(function.n_instructions())}
+    if not operations & {*_JUMPS, *_BENDS, *_SIGNS, *_WHOLE, ca.OP_CALL}:
+        return None
+    if ca.OP_CALL in operations:
+        raise ValueError("it reads a table by lookup, and the time, so it is not known when it switches")
+    levels: list[tuple[ca.SX, bool]] = []
+
+    def choice(operation: int, read: list[ca.SX]) -> None:
+        if operation in (*_JUMPS, *_BENDS):
+            level = read[0] - read[1]
+        elif operation in _SIGNS:
+            level = read[_SIGNS[operation]]
+        elif operation in _WHOLE:
+            level = read[0] / read[1] if operation == ca.OP_FMOD else read[0]
+        else:
+            return
+        if not ca.depends_on(level, t):
+            return
+        curve = ca.sparsify(ca.jacobian(ca.jacobian(level, t), t))
+        if curve.nnz() == 0:
+            levels.append((level, operation in _WHOLE))
+        elif operation not in (*_BENDS, ca.OP_FABS):
+            raise ValueError("a condition is not linear in time, so it is not known when it switches")
+
+    rebuilt(function, list(inputs.values()), choice)
+    if not levels:
+        return None
+    moving = {"t": ca.SX(1.0), **changing}
+    level_column = ca.vertcat(*[level for level, _ in levels])
+    rates = ca.jtimes(level_column, ca.vertcat(*[inputs[key] for key in moving]), ca.vertcat(*moving.values()))
+    left = ca.SX(NEVER)
+    for (level, whole), rate in zip(levels, ca.vertsplit(rates), strict=True):
+        if whole:
+            up, down = (ca.floor(level) + 1.0 - level) / rate, (ca.ceil(level) - 1.0 - level) / rate
+            time = ca.if_else(rate > 0.0, up, ca.if_else(rate < 0.0, down, NEVER))
+        else:
+            time = ca.if_else(level * rate < 0.0, -level / rate, NEVER)
+        left = ca.fmin(left, time)
+    return left

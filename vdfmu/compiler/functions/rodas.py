@@ -1,7 +1,7 @@
 """One step of Rodas4, an L-stable, stiffly accurate Rosenbrock method of order 4 with error estimate.
 
 Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, sections VI.3 and VI.4. The step is traced
-like the equations: its matrix with the elimination, and what a stage calculates once for all six.
+like the equations: its matrix with the elimination once, then one function for all six stages.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.compiler.scalar.elimination import Rows, factorize, solve, sparse
+from vdfmu.compiler.scalar.matrices import Rows, factorize, solve_factorized, sparse
 from vdfmu.compiler.scalar.symbol import Symbol, from_sx, to_sx
 
 ORDER = 4
@@ -47,12 +47,12 @@ class Stages(NamedTuple):
     factors: ca.SX
     """Elements (l, 1) of the factors, of E and of R_t that are not constant, each once."""
     solve: ca.Function
-    """Function of them, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t [s], to the
-    increment. The right-hand side of the stage is ``right + (E - explicit) slope``, with R_t."""
+    """Increment as a function of `factors`, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t
+    [s]. The right-hand side of the stage is ``right + (E - explicit) slope``, with R_t."""
     explicit: ca.DM
-    """(m, 1): 1 for rows ``f(x, t) - y``, whose y is never needed, else 0."""
+    """(m, 1): 1 for rows ``f(x, t) - y`` that need no y, else 0."""
     carried: list[int]
-    """Rows of which y is carried from stage to stage; none of a plain right-hand side."""
+    """Rows whose y is carried from stage to stage. A plain right-hand side lacks such rows."""
 
 
 def stage_equations(
@@ -63,12 +63,12 @@ def stage_equations(
     Parameters
     ----------
     h : (1, 1) step [s]
-    E, J : (m + k, m + k) derivatives of R with respect to y, times -1, and to x, at the start. E is invertible; where
-        it holds a mass matrix, the step needs no inverse of it. With k rows and columns of algebraic equations and
-        unknowns after the m states, the columns of E are 0 there.
+    E, J : (m + k, m + k) derivatives of R with respect to y, times -1, and to x, at the start. E is invertible. The
+        step needs no inverse of a mass matrix in it. With k rows and columns of algebraic equations and unknowns after
+        the m states, the columns of E are 0 there.
     R_t : (m + k, 1) partial derivative of R with respect to time
-    order : elimination order of the m + k unknowns; it decides the fill-in, not the result
-    name : of the function, ``<name>_solve``
+    order : elimination order of the m + k unknowns. It decides the fill-in, not the result.
+    name : prefix of the function, ``<name>_solve``
     """
     size = len(order)
     factorized = factorize(permuted(E / (h * GAMMA) - J, order))
@@ -82,8 +82,8 @@ def stage_equations(
     LU = sparse(size, zip(rows, columns, map(Symbol, kept.nonzeros()), strict=True))
     right, slope, delay = ca.SX.sym("right", m), ca.SX.sym("slope", len(carried)), ca.SX.sym("delay")
     u = np.empty(size, dtype=object)
-    known = ca.vertcat(right, ca.SX(size - m, 1)) + rest @ slope + delay * R_t
-    u[order] = solve(LU, from_sx(known)[order])
+    right_side = ca.vertcat(right, ca.SX(size - m, 1)) + rest @ slope + delay * R_t
+    u[order] = solve_factorized(LU, from_sx(right_side)[order])
     arguments = {"factors": symbols, "right": right} | ({"slope": slope} if carried else {}) | {"delay": delay}
     increment = ca.cse([to_sx(u[:m])])
     function = ca.Function(f"{name}_solve", list(arguments.values()), increment, list(arguments), ["u"])
@@ -108,7 +108,7 @@ def _varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
     symbols = ca.SX.sym("factors", len(elements))
     places: dict[int, Any] = dict(zip(elements, symbols.nonzeros(), strict=True))
     replaced = [
-        ca.SX(expression.sparsity(), ca.vertcat(*(places.get(one.element_hash(), one) for one in row)))
+        ca.SX(expression.sparsity(), ca.vertcat(*(places.get(x.element_hash(), x) for x in row)))
         for expression, row in zip(expressions, nonzeros, strict=True)
     ]
     return ca.vertcat(*elements.values()), symbols, replaced
@@ -119,20 +119,20 @@ def rodas_step(
 ) -> tuple[Any, Any]:
     """Take one step of the system ``R(x, x_dot, t) = 0``.
 
-    x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = R(x, y, t)``, for which Rodas4 was made: no
-    stage solves R for x_dot. Of rows ``f(x, t) - y`` y cancels, and the step is that for ordinary differential
+    x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = R(x, y, t)``. Rodas4 was made for such systems:
+    no stage solves R for x_dot. In rows ``f(x, t) - y`` y cancels. Their step is the step of ordinary differential
     equations.
 
-    In SX the step is traced as a whole; in MX it calls functions that are traced once: `f`, the one of `stages`, and
-    those that form the arguments of both, ``<name>_point_2``, ``<name>_right_1``, ..
+    In SX the step is traced as a whole. In MX it calls functions that are traced once: `f`, the function of `stages`,
+    and functions that form the arguments of both, ``<name>_point_2``, ``<name>_right_1``, ..
 
     Parameters
     ----------
-    f : of state, time since the start of the step and, where y is carried, y of these rows: R, (m, 1), and f in
-        explicit rows
+    f : function of the state, the time since the start of the step and, if rows carry y, their y
+        Returns R (m, 1), with f in explicit rows.
     x, x_dot : (m, 1) state at the start of the step, and its derivative there
     h : (1, 1) step [s]
-    factors, stages : see :func:`stage_equations`; the factors may be numbers
+    factors, stages : see :func:`stage_equations`. The factors may be numbers.
 
     Returns
     -------
@@ -142,28 +142,25 @@ def rodas_step(
     m, l = x.numel(), len(stages.carried)
     start, rate, size = ca.SX.sym("x", m), ca.SX.sym("x_dot", m), ca.SX.sym("h")
     begin, point = ca.SX.sym("y_0", l), ca.SX.sym("y", l)
-    before: list[ca.SX] = []  # increments of x and, where it is carried, of y
-    rises: list[ca.SX] = []
+    before: list[ca.SX] = []  # symbols of the increments u of x
+    rises: list[ca.SX] = []  # symbols of the increments w of carried y
     u: list[Any] = []
     w: list[Any] = []
     explicit = ca.SX(stages.explicit)
     value: Any = ca.Function(f"{name}_begin", [rate], [explicit * rate])(x_dot)
     y_0: Any = ca.Function(f"{name}_carried", [rate], [rate[stages.carried]])(x_dot) if l else None
-    y_i = y_0
-    x_i = x
+    x_i, y_i = x, y_0
     for k, (a_i, c_i, alpha, gamma) in enumerate(zip(A, C, ALPHA, GAMMA_I, strict=True), 1):
-        given = [start, size, *before]
         if k > 1:
             at = start + _combined(a_i, before, m)
-            x_i, time = ca.Function(f"{name}_point_{k}", given, [at, alpha * size])(x, h, *u)
+            x_i, time = ca.Function(f"{name}_point_{k}", [start, size, *before], [at, alpha * size])(x, h, *u)
             if l:
                 moved = begin + _combined(a_i, rises, l)
                 y_i = ca.Function(f"{name}_slope_{k}", [begin, *rises], [moved])(y_0, *w)
             value = f(x_i, time, y_i) if l else f(x_i, time)
         past = _combined(c_i, before, m) / size
-        right = rate + explicit * past
-        equation = ca.Function(f"{name}_right_{k}", [rate, size, *before], [right, gamma * size])
-        right_i, delay = equation(value, h, *u)
+        right = [rate + explicit * past, gamma * size]
+        right_i, delay = ca.Function(f"{name}_right_{k}", [rate, size, *before], right)(value, h, *u)
         if l:
             slope = ca.Function(f"{name}_along_{k}", [point, size, *before], [point + past[stages.carried]])
             slope_i = slope(y_i, h, *u)

@@ -1,4 +1,4 @@
-"""Digests of the sources that decide a result: a module and all that it imports, as its text says."""
+"""Digests of the sources that decide a result: a module and all its imports, read from the text."""
 
 from __future__ import annotations
 
@@ -18,13 +18,7 @@ _NAME = re.compile(r"\w+")
 
 @cache
 def source_digest(*roots: str) -> str:
-    """Digest of modules of vdfmu with all that they import of it, and of CasADi's version.
-
-    Parameters
-    ----------
-    *roots : str
-        Modules, ``arm.kernel``, or packages, ``compiler``, which stand for all modules in them.
-    """
+    """Digest of modules, ``arm.kernel``, or packages, ``compiler``, with their imports and the version of CasADi."""
     digest = sha256(ca.CasadiMeta.version().encode())
     for name in imported(*roots):
         digest.update(f"{name} {_source(name)[0]}\n".encode())
@@ -32,22 +26,24 @@ def source_digest(*roots: str) -> str:
 
 
 def imported(*roots: str) -> list[str]:
-    """Return the names of modules and of all that they import, late imports too, without the top of the package."""
+    """Return the names of modules and of all their imports, late imports too, without the top of the package."""
     files = _files()
-    found: set[str] = set()
+    new: set[str] = set()
     for root in roots:
-        if not any(f"{name}.".startswith(f"{root}.") for name in files):
+        members = {name for name in files if f"{name}.".startswith(f"{root}.")}
+        if not members:
             raise ValueError(f"there is no module vdfmu.{root}")
-    new = {name for name in files for root in roots if f"{name}.".startswith(f"{root}.")}
+        new |= members
+    names: set[str] = set()
     while new:
-        found |= new
-        new = {each for name in new for each in _source(name)[1] if each in files} - found
-    return sorted(found)
+        names |= new
+        new = {each for name in new for each in _source(name)[1] if each in files} - names
+    return sorted(names)
 
 
 @cache
 def _files() -> dict[str, Path]:
-    """Return the name of each module, ``arm`` or ``arm.kernel``, to its file."""
+    """Return module, ``arm`` or ``arm.kernel``, to file."""
     paths = {file.relative_to(PACKAGE).with_suffix("").parts: file for file in PACKAGE.rglob("*.py")}
     named = {".".join(parts[:-1] if parts[-1] == "__init__" else parts): f for parts, f in paths.items()}
     return {name: file for name, file in named.items() if name}
@@ -55,7 +51,7 @@ def _files() -> dict[str, Path]:
 
 @cache
 def _source(name: str) -> tuple[str, frozenset[str]]:
-    """Return the digest of a module, and the names that it imports; some are not modules."""
+    """Return the digest of a module, and its imported names. Some are not modules."""
     content = source_bytes(_files()[name])
     names = _imports(content.decode())
     return sha256(content).hexdigest(), frozenset([name.rpartition(".")[0], *names])

@@ -20,37 +20,27 @@ from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 class KernelFunction:
     """A traced function with buffers for its arguments and results.
 
-    For speed, write into `args[name]`, call :meth:`run`, read `results[name]`; nothing is allocated. Keep the object as
-    long as its `run` is called: the buffers are its own. Calling
-    the object does the same with a check of shapes and copies of the results.
+    For speed, write into `args[name]`, call :meth:`run`, read `results[name]`: no memory is allocated. Keep the object
+    as long as its `run` is called, because it owns the buffers. A call of the object checks shapes and copies results.
 
-    Parameters
-    ----------
-    function : casadi.Function
-    buffers : mapping of str to numpy.ndarray, optional
-        Memory of the caller for some arguments or results, contiguous float arrays of the right length: the
-        function reads and writes there without a copy.
-
-    Attributes
-    ----------
-    args, results : dict of str to numpy.ndarray
-        Float arrays, (m,). A rotation is laid out row by row, a Jacobian, which is CasADi's, column by column.
+    `args` and `results` are float arrays (m,), rotations row by row, Jacobians of CasADi column by column. `buffers`
+    may have contiguous arrays of the caller, used without a copy.
     """
 
     def __init__(self, function: ca.Function, buffers: Mapping[str, Floats] | None = None) -> None:
         self.function = function
-        given = buffers or {}
-        self.args = {name: _buffer(given, name, function.numel_in(name)) for name in function.name_in()}
-        self.results = {name: _buffer(given, name, function.numel_out(name)) for name in function.name_out()}
+        buffers = buffers or {}
+        self.args = {name: _buffer(buffers, name, function.numel_in(name)) for name in function.name_in()}
+        self.results = {name: _buffer(buffers, name, function.numel_out(name)) for name in function.name_out()}
         self._buffer, self.run = function.buffer()
-        # casadi's stub asks for a size that the wrapper takes from the memory
+        # casadi's stub demands a size, but its wrapper reads the size of the memory
         for i, array in enumerate(self.args.values()):
             self._buffer.set_arg(i, memoryview(array.data))  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(self.results.values()):
             self._buffer.set_res(i, memoryview(array.data))  # pyright: ignore[reportCallIssue]
 
     def __call__(self, *arguments: npt.ArrayLike) -> Floats | tuple[Floats, ...]:
-        """Run on `arguments`, in the order of `args`; return a copy of each result."""
+        """Run on `arguments` in the order of `args`. Return a copy of each result."""
         if len(arguments) != len(self.args):
             raise KernelError(
                 f"{self.function.name()}: expected {len(self.args)} arguments ({', '.join(self.args)}), "
@@ -66,33 +56,26 @@ class KernelFunction:
         return results[0] if len(results) == 1 else results
 
 
-def _buffer(given: Mapping[str, Floats], name: str, size: int) -> Floats:
-    array = given.get(name)
-    if array is None:
-        return np.zeros(size)
+def _buffer(buffers: Mapping[str, Floats], name: str, size: int) -> Floats:
+    array = buffers[name] if name in buffers else np.zeros(size)
     if array.shape != (size,) or array.dtype != np.float64 or not array.flags.c_contiguous:
         raise KernelError(f"buffer of {name}: expected a contiguous float array of shape ({size},).")
     return array
 
 
 class Functions:
-    """Traced functions of one structure, each traced or loaded when it is first asked for.
+    """Traced functions of one structure, each traced or loaded at its first use.
 
-    Parameters
-    ----------
-    key : str
-        Key of the functions: their folder in the cache.
-    cache : path or None, optional
-        Folder of the cache; None traces every time. Default is :func:`cache_folder`.
+    `key` is their folder in `cache`, by default :func:`cache_folder`. Without a cache, None, they are traced each time.
     """
 
     def __init__(self, key: str, cache: Path | None | str = "default") -> None:
         self._cache = cache_folder() if cache == "default" else Path(cache) if cache is not None else None
         self._key = key
-        self._known: dict[str, ca.Function] = {}
+        self._functions: dict[str, ca.Function] = {}
 
     def names(self) -> Collection[str]:
-        """Names of the functions, except for derivatives of them."""
+        """Names of the functions without their derivatives."""
         raise NotImplementedError
 
     def made(self, name: str) -> ca.Function:
@@ -101,19 +84,12 @@ class Functions:
 
     def casadi_function(self, name: str) -> ca.Function:
         """CasADi function of a name, or ``<name>_forward`` or ``<name>_reverse``, see :mod:`.derivatives`."""
-        if name not in self._known:
-            if name not in self.names() and self._derivative(name) is None:
-                raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(self.names())}.")
-            with listening(signal.SIGINT):  # of which CasADi would drop what the default handler raises
-                self._known[name] = self._casadi_function(name)
-        return self._known[name]
+        if name not in self._functions:
+            with listening(signal.SIGINT):  # CasADi would drop the exception of the default handler
+                self._functions[name] = self._loaded(name)
+        return self._functions[name]
 
-    def _derivative(self, name: str) -> tuple[str, str] | None:
-        """Return function and direction of the name of a derivative; None for any other name."""
-        base, _, direction = name.rpartition("_")
-        return (base, direction) if direction in DIRECTIONS and base in self.names() else None
-
-    def _casadi_function(self, name: str) -> ca.Function:
+    def _loaded(self, name: str) -> ca.Function:
         if self._cache is None:
             return self._made(name)
         path = self._cache / self._key / f"{name}.casadi"
@@ -127,21 +103,15 @@ class Functions:
         return function
 
     def _made(self, name: str) -> ca.Function:
-        found = self._derivative(name)
-        if found is None:
+        if name in self.names():
             return self.made(name)
-        base, direction = found
-        return derivative(self.casadi_function(base), direction)
+        base, _, direction = name.rpartition("_")
+        if direction in DIRECTIONS and base in self.names():
+            return derivative(self.casadi_function(base), direction)
+        raise KernelError(f"traced function: must be one of {', '.join(self.names())}, got {name!r}.")
 
     def function(self, name: str, /, **buffers: Floats) -> KernelFunction:
-        """Return a function with buffers of its own, so that two users of it do not meet.
-
-        Parameters
-        ----------
-        name : str
-        **buffers : (m,) arrays
-            Memory of the caller for some arguments or results, see :class:`KernelFunction`.
-        """
+        """Return a function with separate buffers, or with some of the caller, see :class:`KernelFunction`."""
         return KernelFunction(self.casadi_function(name), buffers)
 
 

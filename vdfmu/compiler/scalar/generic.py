@@ -1,8 +1,7 @@
-"""Elementwise functions that numpy cannot dispatch to objects by itself.
+"""Elementwise functions without method dispatch in numpy.
 
-``np.sin`` and its like call the method ``sin`` of every element of an object array. The functions here have
-no such method dispatch in numpy (they compare, which a symbol must refuse), so they call the element's own
-method by name and fall back to numpy on floats.
+``np.sin`` calls the method ``sin`` of every element of an object array. The functions here compare in numpy, and
+symbols refuse comparisons. So they call a method of the element by name, and numpy on floats.
 """
 
 from __future__ import annotations
@@ -18,21 +17,21 @@ from vdfmu.base.errors import UsageError
 
 
 def sgn(x: Any) -> Any:
-    """Sign of every element, -1 or 1; at a zero its own sign, so that sgn(x) * f(|x|) keeps its slope."""
+    """Sign of every element, -1 or 1. At a zero it is the sign of the zero, so that sgn(x) * f(|x|) keeps its slope."""
     if isinstance(x, np.ndarray) and x.dtype == object:
         return np.frompyfunc(sgn, 1, 1)(x)
-    own = getattr(x, "sgn", None)
-    return np.copysign(1.0, x) if own is None else own()
+    method = getattr(x, "sgn", None)
+    return np.copysign(1.0, x) if method is None else method()
 
 
 def clip(x: Any, low: Any, high: Any) -> Any:
-    """Limit every element of `x` to [`low`, `high`]; None is no limit, as in numpy."""
+    """Limit every element of `x` to [`low`, `high`]. None means no limit, as in numpy."""
     x = x if low is None else maximum(x, low)
     return x if high is None else minimum(x, high)
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
-    """Return elements of `a` where the condition holds, else of `b`."""
+    """Return the elements of `a` under a condition, else the elements of `b`."""
     if all(np.asarray(x).dtype != object for x in (condition, a, b)):
         return np.where(condition, a, b)[()]
 
@@ -68,12 +67,7 @@ def interpolate(x: Any, points: Any, values: Any) -> Any:
     ----------
     x : scalar or array
     points : (m,) floats or parameters, increasing
-    values : (m, ...) values at the points
-
-    Raises
-    ------
-    UsageError
-        For points and values of different lengths.
+    values : (m, ...) values at the points. UsageError for another length.
     """
     if np.ndim(points) != 1 or np.shape(values)[:1] != np.shape(points):
         raise UsageError(
@@ -87,18 +81,14 @@ def interpolate(x: Any, points: Any, values: Any) -> Any:
 
 
 def lookup(x: Any, edges: Any, rows: Any) -> Any:
-    """Return the row of the interval that `x` lies in, of a table of any length; the first before, the last after it.
+    """Return the row of the interval that `x` lies in: the first row before, the last row after the table.
 
     Parameters
     ----------
     x : scalar
     edges : (m + 1,) floats, increasing
-    rows : (m, w) or (m,) floats; row k belongs to ``edges[k] <= x < edges[k + 1]``
-
-    Raises
-    ------
-    UsageError
-        For other shapes.
+    rows : (m, w) or (m,) floats
+        Row k belongs to ``edges[k] <= x < edges[k + 1]``. UsageError for other shapes.
     """
     shapes = np.shape(x), np.shape(edges), np.shape(rows)
     if shapes[0] or len(shapes[2]) not in (1, 2) or shapes[1] != (shapes[2][0] + 1,):
@@ -116,9 +106,9 @@ _cutter: ContextVar[_Cutter | None] = ContextVar("cutter", default=None)
 
 
 def cut(part: int, value: Any) -> Any:
-    """Return `value`, which a part of a chain, counted from 0, hands on to the next.
+    """Return `value`, passed from a part of a chain, counted from 0, to the next.
 
-    In the linearisation of a long chain symbols stand for it, so that the system of the solver is sparse, and its
+    In the linearisation of a long chain symbols replace it. The system of the solver is then sparse, and its
     elimination part by part takes O(n) operations.
     """
     cutter = _cutter.get()
@@ -127,7 +117,7 @@ def cut(part: int, value: Any) -> Any:
 
 @contextmanager
 def cutting(cutter: _Cutter | None) -> Generator[None]:
-    """Have :func:`cut` return what a function makes of its arguments; None: the value."""
+    """Have :func:`cut` return the result of a function of its arguments. None: the value."""
     before = _cutter.set(cutter)
     try:
         yield
@@ -136,5 +126,5 @@ def cutting(cutter: _Cutter | None) -> Generator[None]:
 
 
 def zeros(shape: tuple[int, ...], *like: Any) -> np.ndarray:
-    """Zeros of a dtype that can hold the elements of all arrays in `like` (object if any of them is)."""
+    """Zeros with dtype object if an array in `like` has it, else float."""
     return np.zeros(shape, dtype=object if any(np.asarray(a).dtype == object for a in like) else float)

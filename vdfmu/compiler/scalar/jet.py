@@ -7,11 +7,17 @@ Coefficients are floats or symbols, so a jet traces as well.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from vdfmu.compiler.scalar.generic import sgn
+
+
+def _method(expansion: Callable[[Any], tuple[Any, Any, Any]]) -> Callable[[Jet], Jet]:
+    """Return the method of a function f from its f, f' and f'' at x."""
+    return lambda jet: jet.chain(*expansion(jet.x))
 
 
 class Jet:
@@ -62,20 +68,18 @@ class Jet:
     def __truediv__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
             return NotImplemented
-        if not isinstance(other, Jet):
-            return self * (1.0 / other)
-        return self * other._chain(1.0 / other.x, -1.0 / other.x**2, 2.0 / other.x**3)
+        return self * (other._reciprocal() if isinstance(other, Jet) else 1.0 / other)
 
     def __rtruediv__(self, other: Any) -> Jet:
-        return self._chain(1.0 / self.x, -1.0 / self.x**2, 2.0 / self.x**3) * other
+        return self._reciprocal() * other
 
     def __pow__(self, n: float) -> Jet:
-        return self._chain(self.x**n, n * self.x ** (n - 1), n * (n - 1) * self.x ** (n - 2))
+        return self.chain(self.x**n, n * self.x ** (n - 1), n * (n - 1) * self.x ** (n - 2))
 
     def __abs__(self) -> Jet:
         return self * sgn(self.x)
 
-    def _chain(self, f: Any, df: Any, ddf: Any) -> Jet:
+    def chain(self, f: Any, df: Any, ddf: Any) -> Jet:
         """Jet of f(x) from f, f' and f'' at x."""
         return Jet(f, df * self.x_dot, df * self.x_ddot + ddf * self.x_dot**2)
 
@@ -83,45 +87,18 @@ class Jet:
         """Sign; at a zero the sign of the zero. Its derivatives are 0."""
         return Jet(sgn(self.x))
 
-    def sin(self) -> Jet:
-        """Sine."""
-        s, c = np.sin(self.x), np.cos(self.x)
-        return self._chain(s, c, -s)
-
-    def cos(self) -> Jet:
-        """Cosine."""
-        s, c = np.sin(self.x), np.cos(self.x)
-        return self._chain(c, -s, -c)
-
-    def exp(self) -> Jet:
-        """Exponential."""
-        e = np.exp(self.x)
-        return self._chain(e, e, e)
-
-    def expm1(self) -> Jet:
-        """Exponential minus 1."""
-        e = np.exp(self.x)
-        return self._chain(np.expm1(self.x), e, e)
-
-    def log1p(self) -> Jet:
-        """Logarithm of 1 plus the argument."""
-        d = 1.0 / (1.0 + self.x)
-        return self._chain(np.log1p(self.x), d, -d * d)
-
     def sqrt(self) -> Jet:
         """Square root."""
         return self**0.5
 
-    def tanh(self) -> Jet:
-        """Hyperbolic tangent."""
-        t = np.tanh(self.x)
-        d = 1.0 - t * t
-        return self._chain(t, d, -2.0 * t * d)
-
-    def arctan(self) -> Jet:
-        """Inverse tangent."""
-        d = 1.0 / (1.0 + self.x**2)
-        return self._chain(np.arctan(self.x), d, -2.0 * self.x * d * d)
+    _reciprocal = _method(lambda x: (1.0 / x, -1.0 / x**2, 2.0 / x**3))
+    sin = _method(lambda x: (s := np.sin(x), np.cos(x), -s))
+    cos = _method(lambda x: (c := np.cos(x), -np.sin(x), -c))
+    exp = _method(lambda x: (e := np.exp(x), e, e))
+    expm1 = _method(lambda x: (np.expm1(x), e := np.exp(x), e))
+    log1p = _method(lambda x: (np.log1p(x), d := 1.0 / (1.0 + x), -d * d))
+    tanh = _method(lambda x: (t := np.tanh(x), d := 1.0 - t * t, -2.0 * t * d))
+    arctan = _method(lambda x: (np.arctan(x), d := 1.0 / (1.0 + x**2), -2.0 * x * d * d))
 
 
 def jets(x: Any, x_dot: Any, x_ddot: Any) -> Any:
@@ -130,14 +107,12 @@ def jets(x: Any, x_dot: Any, x_ddot: Any) -> Any:
 
 
 def derivative(x: Any, order: int) -> np.ndarray:
-    """Value (order 0), first or second time derivative of an array of jets; numbers in it are constants."""
-    name = ("x", "x_dot", "x_ddot")[order]
+    """Value (order 0), first or second time derivative of an array of jets. Numbers in it are constants."""
+    name = Jet.__slots__[order]
 
-    def one(jet: Any) -> Any:
-        if isinstance(jet, Jet):
-            return getattr(jet, name)
-        return jet if order == 0 else 0.0
+    def element(value: Any) -> Any:
+        return getattr(value, name) if isinstance(value, Jet) else 0.0 if order else value
 
-    out = np.frompyfunc(one, 1, 1)(np.asarray(x, dtype=object))
+    out = np.frompyfunc(element, 1, 1)(np.asarray(x, dtype=object))
     floats = all(isinstance(v, (float, int, np.floating)) for v in np.ravel(out))
     return np.asarray(out, dtype=float) if floats else out

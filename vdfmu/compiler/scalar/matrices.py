@@ -1,44 +1,107 @@
 """Linear systems, inverses and exponentials of matrices, on floats and, for fixed sizes, on symbols.
 
-On floats numpy and scipy calculate them. On symbols there is no branch, and no loop that ends by a value: ``where``
-exchanges rows and keeps squarings, so a trace has all cases, and its derivatives belong to the case at hand.
+On floats numpy and scipy calculate :func:`solve`, :func:`inv` and :func:`expm`. On symbols no branch depends on a
+value. ``where`` exchanges rows and keeps squarings, so a trace has all cases, and its derivatives belong to the case at
+hand.
+
+:func:`factorize` takes its pivots on the diagonal, in order, for matrices that need no exchange of rows. Mass matrices
+are positive definite. A Rosenbrock matrix ``I/(h gamma) - J`` tends to a multiple of the identity as the step h
+shrinks, and a bad pivot shows up in the step's error estimate. Structural zeros are skipped: a trace has the length of
+a sparse elimination.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
-from vdfmu.base.errors import UsageError
-from vdfmu.compiler.scalar.elimination import is_zero
+from vdfmu.base.errors import KernelError, UsageError
 from vdfmu.compiler.scalar.generic import maximum, where
 from vdfmu.compiler.scalar.symbol import SymbolArray, instead_of
 
+Rows = list[dict[int, Any]]
+"""Sparse matrix (n, n): column to element of each row, without zeros."""
 _SQUARINGS = 12
 """Most squarings of `expm`."""
 _DEGREE = 18
 """Degree of the Taylor polynomial of `expm`, for matrices of norm 1: its error is below 1/19! = 8e-18."""
 
 
+def is_zero(x: Any) -> bool:
+    """Whether an element is 0 for all values of the symbols."""
+    return x.is_zero() if hasattr(x, "is_zero") else bool(x == 0.0)
+
+
+def sparse(n: int, elements: Iterable[tuple[int, int, Any]]) -> Rows:
+    """Return a sparse matrix (n, n) from elements (row, column, element)."""
+    rows: Rows = [{} for _ in range(n)]
+    for i, j, element in elements:
+        if not is_zero(element):
+            rows[i][j] = element
+    return rows
+
+
+def factorize(A: Rows | np.ndarray) -> Rows:
+    """Return the LU factors of `A` (n, n) in one matrix: U on and above the diagonal, the multipliers of L below it.
+
+    KernelError if a pivot is 0 for all values of the symbols.
+    """
+    LU = [dict(row) for row in A] if isinstance(A, list) else sparse(len(A), ((*i, x) for i, x in np.ndenumerate(A)))
+    below: list[set[int]] = [set() for _ in LU]  # by column
+    for i, row in enumerate(LU):
+        for j in row:
+            if j < i:
+                below[j].add(i)
+    for k, pivots in enumerate(LU):
+        if k not in pivots:
+            raise KernelError(f"row {k + 1} of a matrix lacks a pivot: its element on the diagonal is always 0.")
+        columns = sorted(j for j in pivots if j > k)
+        for i in sorted(below[k]):
+            row = LU[i]
+            row[k] = row[k] / pivots[k]
+            for j in columns:
+                product = row[k] * pivots[j]
+                element = row[j] - product if j in row else -product
+                if is_zero(element):
+                    row.pop(j, None)
+                    below[j].discard(i)
+                else:
+                    row[j] = element
+                    if j < i:
+                        below[j].add(i)
+    return LU
+
+
+def solve_factorized(LU: Rows, b: np.ndarray) -> np.ndarray:
+    """Solve ``A x = b`` for `b` (n,) with the factors of :func:`factorize`."""
+    pivots = np.array([row[i] for i, row in enumerate(LU)])
+    x = np.array(b, dtype=object if object in (pivots.dtype, np.asarray(b).dtype) else float)
+    for i, row in enumerate(LU):
+        for j in sorted(j for j in row if j < i):
+            x[i] = x[i] - row[j] * x[j]
+    for i in reversed(range(len(LU))):
+        row = LU[i]
+        for j in sorted(j for j in row if j > i):
+            x[i] = x[i] - row[j] * x[j]
+        x[i] = x[i] / row[i]
+    return x
+
+
 @instead_of(np.linalg.solve)
 def solve(A: Any, b: Any) -> Any:
     """Solve ``A x = b`` by elimination with partial pivoting.
 
-    On symbols it takes about n^3 operations and n^2 (n + k) choices, for k right-hand sides; a matrix that is singular
-    gives infinity or NaN there, which no FMU takes for a state or an input.
+    On symbols it takes about n^3 operations and n^2 (n + k) choices for k right-hand sides. A singular matrix gives
+    infinity or NaN on symbols. FMUs refuse these as states and inputs.
 
     Parameters
     ----------
     A : (n, n)
     b : (n,) or (n, k)
-
-    Raises
-    ------
-    UsageError
-        For other shapes.
-    numpy.linalg.LinAlgError
-        On floats, for a matrix that is singular.
+        UsageError for other shapes, numpy.linalg.LinAlgError for a singular matrix of floats.
     """
     A, b = np.asarray(A), np.asarray(b)
     if A.ndim != 2 or A.shape[0] != A.shape[1] or b.ndim not in (1, 2) or len(b) != len(A):
@@ -50,7 +113,9 @@ def solve(A: Any, b: Any) -> Any:
     for k in range(n):
         for i in range(k + 1, n):  # the largest of the column comes to the diagonal
             if not is_zero(rows[i, k]):
-                _exchange(rows, k, i)
+                upper, lower = rows[k, k:].copy(), rows[i, k:].copy()
+                larger = abs(lower[0]) > abs(upper[0])
+                rows[k, k:], rows[i, k:] = where(larger, lower, upper), where(larger, upper, lower)
         for i in range(k + 1, n):
             if not is_zero(rows[i, k]):
                 rows[i, k + 1 :] -= rows[i, k] / rows[k, k] * rows[k, k + 1 :]
@@ -65,27 +130,20 @@ def solve(A: Any, b: Any) -> Any:
 
 @instead_of(np.linalg.inv)
 def inv(A: Any) -> Any:
-    """Return the inverse of a matrix (n, n); :func:`solve` says how."""
+    """Return the inverse of a matrix (n, n), see :func:`solve`."""
     return solve(A, np.eye(len(A)))
 
 
 def expm(A: Any) -> Any:
-    """Return the exponential of a matrix, (n, n), of a 1-norm up to 4096.
+    """Return the exponential of a matrix (n, n) with a 1-norm up to 4096.
 
-    A Taylor polynomial of degree 18 at ``A / 2^s``, of norm up to 1, and s squarings; on floats scipy's. A
-    larger norm gives NaN on symbols.
-
-    Raises
-    ------
-    UsageError
-        For another shape; on floats, for a larger norm.
+    On symbols: a Taylor polynomial of degree 18 at ``A / 2^s``, of norm up to 1, and s squarings. A larger norm gives
+    NaN on symbols, UsageError on floats. UsageError for another shape too.
     """
     A = np.asarray(A)
     if A.ndim != 2 or A.shape[0] != A.shape[1]:
         raise UsageError(f"expm: expected the shape (n, n), got {A.shape}.")
-    norm: Any = 0.0
-    for column in A.T:
-        norm = maximum(norm, np.sum(np.abs(column)))
+    norm: Any = reduce(maximum, (np.sum(np.abs(column)) for column in A.T), 0.0)
     largest = 2.0**_SQUARINGS
     if A.dtype != object:
         from scipy.linalg import expm as expm_of_floats
@@ -108,10 +166,3 @@ def expm(A: Any) -> Any:
     for s in range(_SQUARINGS):
         E = where(norm > 2.0**s, E @ E, E)
     return np.asarray(E).view(SymbolArray)
-
-
-def _exchange(rows: np.ndarray, k: int, i: int) -> None:
-    """Exchange two rows, from column k on, where the second has the larger element in that column."""
-    upper, lower = rows[k, k:].copy(), rows[i, k:].copy()
-    larger = abs(lower[0]) > abs(upper[0])
-    rows[k, k:], rows[i, k:] = where(larger, lower, upper), where(larger, upper, lower)

@@ -1,8 +1,7 @@
 """A scalar symbol that numpy treats as an opaque object, so that the equations trace as they are written.
 
-Bare ``casadi.SX`` scalars in numpy arrays lead to silent NaN on assignment into a float array, and to
-products that turn into SX matrices. A `Symbol` cannot: it refuses ``float()`` unless it is constant, and
-``bool()`` always.
+Bare ``casadi.SX`` scalars in numpy arrays lead to silent NaN on assignment into a float array, and to products that
+turn into SX matrices. A `Symbol` refuses ``float()`` unless it is constant, and ``bool()`` always.
 """
 
 from __future__ import annotations
@@ -17,26 +16,25 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from vdfmu.base.errors import KernelError
+from vdfmu.base.errors import KernelError, UsageError
 from vdfmu.compiler.scalar.generic import clip, where
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 refusals: ContextVar[list[Exception] | None] = ContextVar("refusals", default=None)
-"""Refusals since a list was set here. A method that catches such an error goes another way than it does on
-floats, so whoever traces it raises the first of them in the end."""
+"""Refusals since a list was set here. A method that catches a refusal takes another branch than on floats, so the
+caller of the trace raises the first refusal at the end."""
 
 
 def refusal(error: Exception) -> Exception:
-    """Keep an error that is raised in `refusals`, whoever catches it."""
-    kept = refusals.get()
-    if kept is not None:
+    """Add an error to `refusals` before it is raised."""
+    if (kept := refusals.get()) is not None:
         kept.append(error)
     return error
 
 
 _binary = ca.SX.binary
-"""Operation of two scalars; CasADi's operators take seven times as long to find the types of theirs."""
+"""Operation of two scalars. CasADi's operators take seven times as long, to find types."""
 
 
 def _sx(value: Any) -> ca.SX:
@@ -50,7 +48,7 @@ def _rint(x: Any) -> Any:
 
 
 def _log_to(base: float) -> Callable[[Any], Any]:
-    """Return the logarithm to a base, which is exact at whole powers, as the floor of a logarithm needs."""
+    """Return the logarithm to a base, exact at whole powers, as the floor of a logarithm needs."""
 
     def logarithm(x: Any) -> Any:
         whole = _rint(ca.log(x) / np.log(base))
@@ -60,7 +58,7 @@ def _log_to(base: float) -> Callable[[Any], Any]:
 
 
 def _remainder(a: Any, b: Any) -> Any:
-    """Remainder with the sign of `b`, as in Python; exact, unlike ``a - b floor(a / b)``."""
+    """Remainder with the sign of `b`, as in Python. It is exact, unlike ``a - b floor(a / b)``."""
     rest = ca.fmod(a, b)
     return rest + b * (rest * b < 0.0)
 
@@ -70,8 +68,13 @@ def _quotient(a: Any, b: Any) -> Any:
 
 
 def _method(function: Callable[[ca.SX], ca.SX]) -> Callable[[Symbol], Symbol]:
-    """Return the method of a function of one scalar; numpy calls it by its name."""
+    """Return the method of a function of one scalar, for numpy to call by its name."""
     return lambda symbol: Symbol(function(symbol.sx))
+
+
+def _paired(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, Any], Symbol]:
+    """Return the method of a function of two scalars."""
+    return lambda a, b: Symbol(function(a.sx, _sx(b)))
 
 
 def _operator(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, Any], Any]:
@@ -80,15 +83,27 @@ def _operator(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, An
 
 
 def _reflected(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, Any], Any]:
-    """Return the method of an operator whose second operand is the symbol."""
+    """Return the method of an operator with the symbol as second operand."""
     return lambda b, a: NotImplemented if _foreign(a) else Symbol(function(_sx(a), b.sx))
 
 
 _ARITHMETIC = partial(_binary, ca.OP_SUB), partial(_binary, ca.OP_DIV), operator.pow, _quotient, _remainder
 
 
-class Symbol:
-    """One scalar expression. Arithmetic and the functions that numpy calls by name build larger ones."""
+class _Dispatched:
+    """Sends functions of numpy to the functions of symbols."""
+
+    __slots__ = ()
+
+    def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        return _elementwise(function, method, inputs, kwargs)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return _of_arrays(function, args, kwargs)
+
+
+class Symbol(_Dispatched):
+    """One scalar expression. Arithmetic and the functions that numpy calls by name build larger expressions."""
 
     __slots__ = ("sx",)
 
@@ -124,7 +139,7 @@ class Symbol:
         return float(self.sx)
 
     def is_zero(self) -> bool:
-        """Whether the expression is the constant 0, a structural zero."""
+        """Whether the expression is the constant 0."""
         return bool(self.sx.is_zero())
 
     def __neg__(self) -> Symbol:
@@ -156,7 +171,7 @@ class Symbol:
     __rand__, __ror__ = __and__, __or__
 
     def where(self, a: Any, b: Any) -> Symbol:
-        """Return `a` where the symbol is not 0, else `b`."""
+        """Return `a` if the symbol is not 0, else `b`."""
         return Symbol(ca.if_else(self.sx, _sx(a), _sx(b)))
 
     sin, cos, tan = map(_method, (ca.sin, ca.cos, ca.tan))
@@ -164,47 +179,22 @@ class Symbol:
     sinh, cosh, tanh = map(_method, (ca.sinh, ca.cosh, ca.tanh))
     exp, expm1, log, log1p = map(_method, (ca.exp, ca.expm1, ca.log, ca.log1p))
     arcsinh, arccosh, arctanh = map(_method, (ca.asinh, ca.acosh, ca.atanh))
+    arctan2, hypot, minimum, maximum = map(_paired, (ca.atan2, ca.hypot, ca.fmin, ca.fmax))
     sqrt, rint, fabs = map(_method, (ca.sqrt, _rint, ca.fabs))
+    sgn = _method(lambda x: ca.copysign(1.0, x))
     cbrt = _method(lambda x: ca.copysign(ca.fabs(x) ** (1.0 / 3.0), x))
     log2, log10, exp2 = map(_method, (_log_to(2.0), _log_to(10.0), lambda x: ca.SX(2.0) ** x))
     radians = deg2rad = _method(lambda x: x * (np.pi / 180.0))
     degrees = rad2deg = _method(lambda x: x * (180.0 / np.pi))
     trunc = __trunc__ = _method(lambda x: ca.copysign(ca.floor(ca.fabs(x)), x))
 
-    def conjugate(self) -> Symbol:
-        """Return the symbol, which is real."""
+    def __pos__(self) -> Symbol:
         return self
 
-    __pos__ = conjugate
-
-    def arctan2(self, x: Any) -> Symbol:
-        """Angle of the point (x, self)."""
-        return Symbol(ca.atan2(self.sx, _sx(x)))
-
-    def hypot(self, other: Any) -> Symbol:
-        """Length of the vector (self, other)."""
-        return Symbol(ca.hypot(self.sx, _sx(other)))
-
-    def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
-        return _elementwise(function, method, inputs, kwargs)
-
-    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        return _of_arrays(function, args, kwargs)
-
-    def sgn(self) -> Symbol:
-        """Sign; at a zero the sign of the zero."""
-        return Symbol(ca.copysign(1.0, self.sx))
-
-    def minimum(self, other: Any) -> Symbol:
-        """Return the smaller of two."""
-        return Symbol(ca.fmin(self.sx, _sx(other)))
-
-    def maximum(self, other: Any) -> Symbol:
-        """Return the larger of two."""
-        return Symbol(ca.fmax(self.sx, _sx(other)))
+    conjugate = __pos__
 
     def row_of(self, edges: Any, rows: Any) -> Any:
-        """Return the row of a table of the interval that the symbol lies in."""
+        """Return the row of a table for the interval that the symbol lies in."""
         rows = np.asarray(rows, dtype=float)
         table = lookup_function(np.asarray(edges, dtype=float), rows.reshape(len(rows), -1))
         row = from_sx(table(self.sx))
@@ -213,21 +203,15 @@ class Symbol:
 
 _NUMBERS = (float, int)
 ZERO = Symbol(0.0)
-"""Products with 0: to know one by its identity takes a tenth of the time of CasADi's folding."""
+"""Structural zero. To test its identity takes a tenth of the time of CasADi's folding."""
 
 
-class SymbolArray(np.ndarray):
-    """Array of symbols that can be compared; the result is an array of conditions for ``where``."""
-
-    def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
-        return _elementwise(function, method, inputs, kwargs)
-
-    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        return _of_arrays(function, args, kwargs)
+class SymbolArray(_Dispatched, np.ndarray):
+    """Array of symbols. Comparisons give an array of conditions for ``where``."""
 
 
 def _pairs(function: Callable[[ca.SX, ca.SX], ca.SX]) -> np.ufunc:
-    """Return a function of two scalars as numpy has its own, with broadcasting and ``reduce``."""
+    """Return a function of two scalars as a ufunc of numpy, with broadcasting and ``reduce``."""
     return np.frompyfunc(lambda a, b: Symbol(function(_sx(a), _sx(b))), 2, 1)
 
 
@@ -241,12 +225,12 @@ _ELEMENTWISE: Mapping[np.ufunc, np.ufunc] = {
     np.logaddexp: _pairs(lambda a, b: ca.fmax(a, b) + ca.log1p(ca.exp(-ca.fabs(a - b)))),
     np.sign: np.frompyfunc(lambda a: Symbol(ca.sign(_sx(a))), 1, 1),
 }  # fmt: skip
-"""Functions of numpy that compare elements of objects, take none, or take the method of a float before a symbol."""
+"""Functions of numpy that compare objects, refuse them, or prefer the method of a float to the method of a symbol."""
 _COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal)
 
 
 def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
-    """Call an elementwise function of numpy on symbols, and arrays of them."""
+    """Call an elementwise function of numpy on symbols and their arrays."""
     if function in _COMPARISONS:
         kwargs["dtype"] = object
     if "out" in kwargs:
@@ -259,31 +243,32 @@ def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwarg
 
 
 def _of_arrays(function: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
-    """Call another function of numpy on symbols, and arrays of them."""
+    """Call another function of numpy on symbols and their arrays."""
     try:
-        if function in _OWN:
-            return _with_symbols(_OWN[function](*args, **kwargs))
+        if function in _REPLACED:
+            return _with_symbols(_REPLACED[function](*args, **kwargs))
         result = np.ndarray.__array_function__(np.empty(0), function, (np.ndarray,), args, kwargs)
     except TypeError as error:
         raise refusal(KernelError(f"{function.__name__} of numpy takes no symbols: {error}")) from None
     return _with_symbols(result)
 
 
-_OWN: dict[Any, Callable[..., Any]] = {np.where: where, np.clip: clip}
+_REPLACED: dict[Any, Callable[..., Any]] = {np.where: where, np.clip: clip}
+"""Functions of numpy that refuse symbols, to their replacement."""
 
 
 def instead_of(function: Any) -> Callable[[_Function], _Function]:
-    """Decorate what takes the place of a function of numpy that takes no symbols."""
+    """Decorate the replacement of a function of numpy that refuses symbols."""
 
-    def register(own: _Function) -> _Function:
-        _OWN[function] = own
-        return own
+    def register(replacement: _Function) -> _Function:
+        _REPLACED[function] = replacement
+        return replacement
 
     return register
 
 
 def _plain(value: Any) -> Any:
-    """Return an array without its class, a symbol as an array."""
+    """Return a symbol as an array, an array of symbols as a plain array."""
     if isinstance(value, Symbol):
         array = np.empty((), dtype=object)
         array[()] = value
@@ -303,17 +288,17 @@ def _foreign(other: Any) -> bool:
 
 
 LOOKUP = "lookup_"
-"""Begin of the names of the functions that look rows of a table up."""
+"""Prefix of the names of table lookups."""
 
 
 def lookup_function(edges: np.ndarray, rows: np.ndarray) -> ca.Function:
-    """Return the row of the interval of `edges`, (m + 1,), in `rows`, (m, w); its derivative is 0.
+    """Return the lookup of the row of `rows` (m, w) for an interval of `edges` (m + 1,). Its derivative is 0.
 
-    A trace calls it, whatever the length of the table. CasADi knows no function with steps: a place is found by its
-    binary search, and taken from the rows by linear interpolation at a whole number, which is exact.
+    A trace calls it for a table of any length. CasADi knows no function with steps: its binary search finds the place,
+    and its linear interpolation is exact at whole numbers.
     """
     m, w = rows.shape
-    if m == 1:  # which nothing can interpolate
+    if m == 1:  # interpolation needs two points
         edges, rows, m = np.append(edges, edges[-1] + 1.0), np.repeat(rows, 2, axis=0), 2
     x = ca.MX.sym("x")
     place = ca.low(ca.DM(edges), x, {"lookup_mode": "binary"})
@@ -327,7 +312,7 @@ def lookup_function(edges: np.ndarray, rows: np.ndarray) -> ca.Function:
 
 
 def from_sx(expression: ca.SX) -> np.ndarray:
-    """Object array of symbols from a column (m,) or a matrix (m, k) expression; structural zeros are one symbol."""
+    """Return the symbols, (m,) or (m, k), of a column or a matrix. Structural zeros are :data:`ZERO`."""
     rows, columns = expression.shape
     array = np.full((rows, columns), ZERO, dtype=object)
     for i, j, value in zip(*expression.sparsity().get_triplet(), expression.nonzeros(), strict=True):
@@ -336,5 +321,43 @@ def from_sx(expression: ca.SX) -> np.ndarray:
 
 
 def to_sx(values: Any) -> ca.SX:
-    """Column expression from a scalar or an array of symbols and floats, a matrix row by row, as in FMI 3."""
+    """Return the column of a scalar or an array of symbols and floats: a matrix row by row, as in FMI 3."""
     return ca.vertcat(*[_sx(v) for v in np.ravel(np.asarray(values, dtype=object))])
+
+
+def casadi_call(function: ca.Function, *arguments: Any) -> Any:
+    """Call a CasADi function with numbers, or with the symbols of a trace.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        ``function.expand()`` must be possible.
+    *arguments : array_like
+        One for each input: () for 1 by 1, (m,) for m by 1, else (m, k). UsageError for other shapes.
+
+    Returns
+    -------
+    array or tuple of arrays
+        The output or outputs, in such shapes.
+    """
+    if len(arguments) != function.n_in():
+        raise UsageError(f"{function.name()}: expected {function.n_in()} arguments, got {len(arguments)}.")
+    arrays = list(map(np.asarray, arguments))
+    traced = any(array.dtype == object for array in arrays)
+    inputs: list[Any] = []
+    for k, array in enumerate(arrays):
+        size = function.size_in(k)
+        if array.shape != (shape := shape_of(size)):
+            raise UsageError(
+                f"{function.name()}: input {function.name_in(k)}: expected shape {shape}, got {array.shape}."
+            )
+        array = array.reshape(size)
+        inputs.append(ca.reshape(to_sx(array.T), *size) if traced else ca.DM(array.astype(float)))
+    outputs: list[Any] = function.call(inputs)
+    results = [(from_sx(x) if traced else x.full()).reshape(shape_of(x.shape))[()] for x in outputs]
+    return results[0] if len(results) == 1 else tuple(results)
+
+
+def shape_of(size: tuple[int, int]) -> tuple[int, ...]:
+    """Return the shape of an array for a matrix of CasADi."""
+    return size if size[1] != 1 else () if size[0] == 1 else size[:1]

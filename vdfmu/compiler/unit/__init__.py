@@ -1,9 +1,9 @@
 """Units: their declaration, their variables for a robot, and their traced functions."""
 
-from vdfmu.compiler.scalar.casadi_call import casadi_call
 from vdfmu.compiler.scalar.generic import clip, cut, interpolate, lookup, maximum, minimum, sgn, where, zeros
 from vdfmu.compiler.scalar.matrices import expm, inv, solve
 from vdfmu.compiler.scalar.random_numbers import normal, seeded, uniform
+from vdfmu.compiler.scalar.symbol import casadi_call
 from vdfmu.compiler.unit.declaration import (
     JOINTS,
     Choice,

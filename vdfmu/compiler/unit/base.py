@@ -1,7 +1,4 @@
-"""Units: a unit is one class that declares variables and says in numpy what it computes.
-
-The methods run on floats as they stand, and on symbols, from which the functions of an FMU are traced.
-"""
+"""Base class of units: variables, and methods in numpy that run on floats and on symbols."""
 
 from __future__ import annotations
 
@@ -21,6 +18,7 @@ from vdfmu.compiler.unit.declaration import (
     Choice,
     Declared,
     Input,
+    Machine,
     Parameter,
     RobotParameters,
     Sampled,
@@ -29,15 +27,42 @@ from vdfmu.compiler.unit.declaration import (
     Terminal,
     constant,
 )
-from vdfmu.compiler.unit.machine import Machine
-from vdfmu.compiler.unit.values import Values
 
 ABOUT = ("version", "author", "copyright", "license")
 """Attributes of a unit's class, and of a model description, in their order there."""
 
 
+class Values:
+    """The values of an instance, `sets`, at a time, `now` [s]; subclasses take others, and record reads and writes."""
+
+    def __init__(self, unit: Any) -> None:
+        self.unit, self.now = unit, 0.0
+        self.sets: dict[str, Any] = {}
+
+    def read(self, declared: Declared) -> Any:
+        """Return the value of a variable."""
+        if declared.name not in self.sets:
+            raise UnitError(f"{type(self.unit).__name__}.{declared.name} is read before it is set.")
+        return self.sets[declared.name]
+
+    def write(self, declared: Declared, value: Any) -> None:
+        """Set a variable."""
+        self.sets[declared.name] = self.unit.fitting(declared, value)
+
+    def keep(self, name: str) -> None:
+        """Raise UnitError if an attribute that is not a variable may not be set."""
+
+    def time(self) -> Any:
+        """Return the time [s]."""
+        return self.now
+
+    def robot(self, fields: tuple[str, ...]) -> Any:
+        """Return the robot, for the fields that a unit declares."""
+        return self.unit.of_robot
+
+
 class BaseUnit:
-    """A unit without what runs it; see :class:`vdfmu.unit.Unit`."""
+    """A unit that cannot run by itself yet; see :class:`vdfmu.unit.Unit`."""
 
     backend: ClassVar[Literal["native", "python"]] = "native"
     """``"python"``: the methods cannot be traced; the FMU runs them in Python."""
@@ -52,49 +77,52 @@ class BaseUnit:
     version: ClassVar[str | None] = None
     terminals: ClassVar[tuple[Terminal, ...]] = ()
     elimination: ClassVar[tuple[str, ...]] = ()
-    """States in the order in which the solver eliminates them; it decides the cost, not the result."""
+    """Order of elimination of the states by the solver; it decides the cost, not the result."""
     exchange: ClassVar[bool] = False
-    """Whether the native FMU is for model exchange without states as well, and is so where a system is written."""
+    """Whether the native FMU has model exchange even without states. A written system then uses it so."""
     chain: ClassVar[int | None] = None
-    """Joints from which :meth:`balance` is linearised with what it hands to ``cut`` as unknowns of their own."""
+    """Fewest joints with which the arguments of ``cut`` are unknowns in the linearisation of :meth:`balance`."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
     declared: Mapping[str, Declared] = {}
-    """Variables by name: of the class all, of an instance those that it has for its robot."""
+    """Variables by name: all of the class; on an instance, the variables for its robot."""
     robot_fields: ClassVar[tuple[str, ...] | None] = None
-    """Fields of the :class:`RobotParameters`; empty: all; None: the unit has none."""
+    """Fields of the :class:`RobotParameters`; empty: all; None: no parameters of the robot."""
     in_use: Values
-    """The values that the methods read and set: those of the instance, but in a run on others."""
+    """The values that the methods read and set. A run replaces the instance's by others."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        own = {key: v for key, v in vars(cls).items() if isinstance(v, (Declared, RobotParameters))}
-        for name in own:
+        variables = dict(super(cls, cls).declared)  # pyright: ignore[reportAttributeAccessIssue]
+        for name, value in list(vars(cls).items()):
+            if not isinstance(value, (Declared, RobotParameters)):
+                continue
             if hasattr(BaseUnit, name) or name in ("of_robot", "store", "in_use"):
-                raise UnitError(f"{cls.__name__}: a variable cannot be called {name}, which every unit has already.")
-        found = dict(cls.declared)
-        for name, value in own.items():
+                raise UnitError(f"{cls.__name__}: a variable cannot be called {name}: every unit has it. Rename it.")
             if isinstance(value, Declared):
-                found[name] = value
+                variables[name] = value
             else:
                 cls.robot_fields = value.fields
-        states = [d for d in found.values() if isinstance(d, State)]
-        if cls.start is BaseUnit.start:
-            for state in states:
-                name = f"{state.name}_0"
-                if name not in found:
-                    found[name] = _added(name, _start_parameter(state), cls)
-        if any(not isinstance(d, Sampled) for d in states) and "tolerance" not in found:
-            found["tolerance"] = _added("tolerance", _tolerance(), cls)
+        states = [d for d in variables.values() if isinstance(d, State)]
+        added: dict[str, Declared] = {
+            f"{state.name}_0": _start_parameter(state) for state in states if cls.start is BaseUnit.start
+        }
+        if any(not isinstance(d, Sampled) for d in states):
+            added["tolerance"] = Parameter("1", (), _TOLERANCE, start=SOLVER_TOLERANCE, minimum=1e-12, maximum=0.1)
         if cls.backend == "python":  # scipy integrates it
-            found.pop("solver", None)
-        elif "tolerance" in found and "solver" not in found:
-            found["solver"] = _added("solver", Choice(*SOLVERS, text=_SOLVER), cls)
-        cls.declared = found
+            variables.pop("solver", None)
+        elif "tolerance" in variables | added:
+            added["solver"] = Choice(*SOLVERS, text=_SOLVER)
+        for name, parameter in added.items():
+            if name not in variables:
+                parameter.__set_name__(cls, name)
+                setattr(cls, name, parameter)
+                variables[name] = parameter
+        cls.declared = variables
 
     def __init__(self, robot: Machine | None = None, **values: Any) -> None:
         if robot is None and self.needs_robot():
-            raise UnitError(f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..).")
+            raise UnitError(f"{type(self).__name__} needs a robot, for its joints. Pass robot=load_robot(..).")
         self.in_use = Values(self)
         self.store = self.in_use.sets
         self.of_robot = robot
@@ -115,15 +143,13 @@ class BaseUnit:
 
     @classmethod
     def declared_for(cls, robot: Machine | None) -> dict[str, Declared]:
-        """Variables by name, except for those of options that the robot lacks."""
+        """Variables by name, without optional ones (`when`) that the robot lacks."""
         return {name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)}
 
     @classmethod
     def description(cls) -> str:
         """First line of the docstring, without its full stop."""
         return ((cls.__doc__ or "").strip() or cls.__name__).splitlines()[0].rstrip(".")
-
-    # ---------------------------------------------------------------- what a subclass overrides
 
     def start(self) -> None:
         """Set the states from the parameters."""
@@ -138,29 +164,29 @@ class BaseUnit:
         """Set the derivatives of the continuous states."""
 
     def update(self) -> None:
-        """Set the sampled states for the time until the next sample; what is not set keeps its value."""
+        """Set the sampled states for the time until the next sample. A state that is not set keeps its value."""
 
     def balance(self) -> Any:
-        """Return what is zero where the derivatives are right, in the order of the states, (n_x,).
+        """Return the residual of the equations in the order of the states, (n_x,): zero at the right derivatives.
 
-        The solver uses its derivatives, which may be much shorter than the derivatives of ``derivatives``: a balance of
-        forces needs no inverse of a mass matrix.
+        The solver linearises it instead of ``derivatives``. This may be much shorter: a balance of forces needs no
+        inverse of a mass matrix.
         """
         raise NotImplementedError
 
     def requirements(self) -> Mapping[Any, tuple[str, Any]]:
-        """Return what parameters must meet that their limits cannot say.
+        """Return conditions on parameters beyond their limits.
 
-        A parameter's name, or names of several, to what is expected of it, and a number that is above 0 where that
-        holds. It is calculated from parameters alone, without choices. A scenario is refused before its run, an FMU at
-        its initialization.
+        Keys are the name of a parameter, or a tuple of names. Values are the condition as text and a number that is
+        above 0 if it holds, calculated from parameters alone, without choices. A scenario is refused before its run,
+        an FMU at its initialization.
         """
         return {}
 
     def experiment(self) -> None:
         """Set the inputs for the time ``self.t`` of the experiment of the FMU's reference results.
 
-        Inputs of two indices, with a comma in their names, stay: tables of FMI 2.0 have none.
+        Inputs of two indices stay: their names have a comma, and tables of FMI 2.0 do not allow it.
         """
         phase = 0.0
         for name, declared in self.declared.items():
@@ -171,15 +197,15 @@ class BaseUnit:
                 setattr(self, name, np.clip(wave, declared.minimum, declared.maximum))
                 phase += 1.0
 
-    # ---------------------------------------------------------------- values
-
     def __setattr__(self, name: str, value: Any) -> None:
         values = vars(self).get("in_use")  # a subclass may set attributes before it calls this class
         if values is not None and name not in self.declared and name != "in_use":
             values.keep(name)
         super().__setattr__(name, value)
 
-    def _read(self, declared: Declared) -> Any:
+    def _read(self, declared: Declared | RobotParameters) -> Any:
+        if isinstance(declared, RobotParameters):
+            return self.in_use.robot(declared.fields)
         self._check_there(declared)
         return self.in_use.read(declared)
 
@@ -202,7 +228,8 @@ class BaseUnit:
             raise UsageError(f"{where}: expected True or False, got {value!r}.")
         sizes = declared.sizes(self.n)
         array = np.asarray(value)
-        if array.dtype.kind not in "biuf" and not all(_is_number(v) for v in array.flat):
+        kinds = (float, int, np.number)
+        if array.dtype.kind not in "biuf" and not all(isinstance(v, kinds) or hasattr(v, "sx") for v in array.flat):
             raise UsageError(f"{where}: expected numbers, got {value!r}.")
         try:
             return constant(array, sizes)[()]
@@ -211,7 +238,7 @@ class BaseUnit:
 
     @property
     def n(self) -> int:
-        """Number of joints of the robot; 0 without one."""
+        """Number of joints; 0 without a robot."""
         return self.of_robot.n if self.of_robot is not None else 0
 
     @property
@@ -223,17 +250,14 @@ class BaseUnit:
     def t(self, value: float) -> None:
         self.in_use.now = value
 
-    def _robot(self, fields: tuple[str, ...]) -> Any:
-        return self.in_use.robot(fields)
-
 
 def unit_name(unit: type[BaseUnit]) -> str:
-    """Name of a unit in commands, systems and scenarios: its file's for a shipped one, else ``pd_controller``."""
+    """Name of a unit in commands, systems and scenarios: its file if shipped, else its class as ``pd_controller``."""
     return unit.__module__.rpartition(".")[2] if is_shipped(unit) else snake_case(unit.__name__)
 
 
 def is_shipped(unit: type[BaseUnit]) -> bool:
-    """Whether a unit is one of this package, in a file of its name; not a class that is made while it runs."""
+    """Whether a unit is a class of this package, found in its module; not a class made at run time."""
     ours = unit.__module__.startswith(f"{__name__.partition('.')[0]}.")
     return ours and getattr(sys.modules[unit.__module__], unit.__name__, None) is unit
 
@@ -243,28 +267,13 @@ def snake_case(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
-def _is_number(value: Any) -> bool:
-    """Whether a value is a number, or a symbol."""
-    return isinstance(value, (float, int, np.number)) or hasattr(value, "sx")
-
-
-def _added(name: str, parameter: Any, owner: type) -> Any:
-    parameter.__set_name__(owner, name)
-    setattr(owner, name, parameter)
-    return parameter
-
-
 _SOLVER = "Internal steps of the solver: as many as the tolerance needs, or that number in each communication step"
+_TOLERANCE = (
+    "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment replaces it"
+)
 
 
 def _start_parameter(state: State) -> Parameter:
     text = state.text if isinstance(state.text, str) else list(state.text)
-    text = f"start of {text or state.name}" if isinstance(text, str) else [f"start of {one}" for one in text]
+    text = f"start of {text or state.name}" if isinstance(text, str) else [f"start of {each}" for each in text]
     return Parameter(state.unit, state.shape, text, start=state.start, when=state.when, **state.attributes())
-
-
-def _tolerance() -> Parameter:
-    text = (
-        "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment replaces it"
-    )
-    return Parameter("1", (), text, start=SOLVER_TOLERANCE, minimum=1e-12, maximum=1e-1)

@@ -1,27 +1,25 @@
-"""The variables that the class of a unit declares.
+"""Variables that the class of a unit declares, and the machine that it is for.
 
-    class Filter(Unit):
-        u = Input("1", text="signal")
-        T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
-        y = State("1", text="filtered signal")
-        y_dot = Derivative(y)
+class Filter(Unit):
+u = Input("1", text="signal")
+T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
+y = State("1", text="filtered signal")
+y_dot = Derivative(y)
 
-        def derivatives(self) -> None:
-            self.y_dot = (self.u - self.y) / self.T
-
-:mod:`vdfmu.compiler.unit.base` has the class.
+def derivatives(self) -> None:
+self.y_dot = (self.u - self.y) / self.T
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields
-from typing import Any, ClassVar, Literal, Self, overload
+from typing import Any, ClassVar, Literal, Protocol, Self, overload
 
 import numpy as np
 
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UnitError
-from vdfmu.compiler.unit.machine import Machine
 
 
 class _Joints:
@@ -33,14 +31,14 @@ class _Joints:
 
 JOINTS = _Joints()
 """Length of an axis: the number of joints, or links, of the robot."""
-
-Axis = int | _Joints
+NO_LIMIT = 1e12
+"""Start value of a limit that does not limit; FMI lacks a portable infinity."""
 SOLVER_TOLERANCE = 1e-7
-"""Tolerance of the plant's solver where nothing else is said, relative and absolute in SI units."""
+"""Default tolerance of the plant's solver, relative and absolute in SI units."""
 SOLVERS = ("adaptive", *(f"fixed_{count}" for count in range(1, 5)))
 """Kinds of the solver: as many internal steps as the tolerance needs, or 1 to 4 in each communication step."""
 PHASES = ("start", "outputs", "derivatives", "update")
-"""The methods of a unit: what they set is in `Declared.set_by`."""
+"""The methods of a unit; `Declared.set_by` names one of them."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -55,8 +53,19 @@ class Attributes:
         return {each.name: getattr(self, each.name) for each in fields(Attributes)}
 
 
+class _OnInstance:
+    """Descriptor: itself on the class of a unit, its value on an instance."""
+
+    @overload
+    def __get__(self, unit: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, unit: object, owner: type) -> Any: ...
+    def __get__(self, unit: Any, owner: type) -> Any:
+        return self if unit is None else unit._read(self)  # pyright: ignore[reportPrivateUsage]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Declared(Attributes):
+class Declared(Attributes, _OnInstance):
     """A variable of a unit, an attribute of its class.
 
     On an instance it is the variable's value: a number of shape ``()``, else an array.
@@ -101,13 +110,6 @@ class Declared(Attributes):
     def __set_name__(self, owner: type, name: str) -> None:
         self._set("name", name)
 
-    @overload
-    def __get__(self, unit: None, owner: type) -> Self: ...
-    @overload
-    def __get__(self, unit: object, owner: type) -> Any: ...
-    def __get__(self, unit: Any, owner: type) -> Any:
-        return self if unit is None else unit._read(self)  # pyright: ignore[reportPrivateUsage]
-
     def __set__(self, unit: Any, value: Any) -> None:
         unit._write(self, value)  # pyright: ignore[reportPrivateUsage]
 
@@ -116,12 +118,8 @@ class Declared(Attributes):
         return tuple(n if isinstance(axis, _Joints) else axis for axis in self.shape)
 
     def start_value(self, robot: Machine | None) -> np.ndarray[Any, Any]:
-        """Start value in the shape for a robot; UnitError if it does not fit."""
-        start: Any = self.start
-        return self.shaped(np.asarray(start(robot) if callable(start) else start), robot)
-
-    def shaped(self, value: np.ndarray[Any, Any], robot: Machine | None) -> np.ndarray[Any, Any]:
-        """Return a value in the shape for a robot, constant; UnitError if it does not fit."""
+        """Start value in the shape for a robot, constant; UnitError if it does not fit."""
+        value = np.asarray(self.start(robot) if callable(self.start) else self.start)
         sizes = self.sizes(robot.n if robot is not None else 0)
         try:
             return constant(value, sizes)
@@ -130,7 +128,7 @@ class Declared(Attributes):
 
 
 def constant(values: np.ndarray[Any, Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
-    """Return a copy in a shape, whose elements cannot be set, which would be lost; ValueError for another shape."""
+    """Return a read-only copy in a shape; ValueError if it does not fit. Setting an element would be lost."""
     copy = np.broadcast_to(values, shape).copy()
     copy.flags.writeable = False
     return copy
@@ -177,7 +175,7 @@ class Sampled(State):
 
 
 class Derivative(Declared):
-    """The derivative in time of a state, which ``derivatives`` sets."""
+    """The time derivative of a state, set by ``derivatives``."""
 
     causality = "local"
     set_by = "derivatives"
@@ -224,24 +222,17 @@ class Switch(Declared):
         super().__init__(text=text, start=start)
 
 
-class RobotParameters:
+class RobotParameters(_OnInstance):
     """Parameters of the robot that the unit is for; on an instance, a robot.
 
     Parameters
     ----------
     *fields : str
-        Those of `Robot` that the unit has; default all that can be set at run time.
+        Names of fields of `Robot`; default all that can be set at run time.
     """
 
     def __init__(self, *fields: str) -> None:
         self.fields = fields
-
-    @overload
-    def __get__(self, unit: None, owner: type) -> Self: ...
-    @overload
-    def __get__(self, unit: object, owner: type) -> Any: ...
-    def __get__(self, unit: Any, owner: type) -> Any:
-        return self if unit is None else unit._robot(self.fields)  # pyright: ignore[reportPrivateUsage]
 
 
 @dataclass(frozen=True)
@@ -254,7 +245,7 @@ class Terminal:
     ----------
     name : str
     side : "left", "right", "bottom" or "top"
-        Where it is drawn.
+        Side of the unit on which it is drawn.
     groups : tuple of str
         Names of the variables.
     description : str
@@ -264,3 +255,95 @@ class Terminal:
     side: Literal["left", "right", "bottom", "top"]
     groups: tuple[str, ...]
     description: str
+
+
+# ------------------------------------------------------------------ machines
+
+
+STRICT = 1e-300
+"""A margin holds from 0 on. If equality must fail this is taken off: it changes no number but zero."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number of a machine: the name of an array, and the index in it, from 0."""
+
+    field: str
+    index: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Structured name, counted from 1: ``centroid[1,3]``."""
+        return self.field + (f"[{','.join(str(i + 1) for i in self.index)}]" if self.index else "")
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """One condition on parameters."""
+
+    expected: str
+    """The condition as text."""
+    parameters: tuple[Entry, ...]
+    """Its parameters. An error names the first."""
+    margin: Callable[[Any, Entry], Any] | None = None
+    """Function of a machine and the first parameter, or None if a unit calculates the margin."""
+
+
+class Machine(Protocol):
+    """A machine, such as :class:`vdfmu.Robot`: arrays of numbers, some of them parameters at run time."""
+
+    reader: ClassVar[str]
+    """``module:function`` that makes a machine of the result of `to_dict`, and the name of the file in messages."""
+    flags: ClassVar[tuple[str, ...]]
+    """Attributes that say whether it has an option; a variable may depend on one."""
+    joint_fields: ClassVar[tuple[str, ...]]
+    """Arrays with one number for each joint."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def description(self) -> str: ...  # noqa: D102
+    @property
+    def joint_types(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def n(self) -> int: ...  # noqa: D102  # joints
+
+    def entries(self) -> list[Entry]:
+        """Return its run-time parameters, in the order of the parameter vector of every traced function."""
+        ...
+
+    def facts(self, entry: Entry) -> tuple[str, float, float, str]:
+        """Return unit of measurement, minimum, maximum and description of a number."""
+        ...
+
+    def values(self) -> Floats:
+        """Return its parameter vector, in the order of `entries`."""
+        ...
+
+    def with_values(self, vector: Sequence[float] | Floats) -> Self:
+        """Return a copy with another parameter vector."""
+        ...
+
+    def with_parameters(self, **arrays: Any) -> Self:
+        """Return a copy with other arrays."""
+        ...
+
+    def symbolic(self) -> tuple[Any, Any]:
+        """Return a copy with symbols for run-time parameters, constants elsewhere; and the symbols, a casadi.SX."""
+        ...
+
+    def key(self) -> str:
+        """Return an identifier of its traced functions. Machines that differ in run-time parameters only share it."""
+        ...
+
+    def shorter(self) -> Sequence[Self]:
+        """Return the same with fewer joints, if the joints left out are like their neighbours; else nothing."""
+        ...
+
+    def requirements(self) -> list[Requirement]:
+        """Return conditions on its run-time parameters."""
+        ...
+
+    def to_dict(self, looks: bool = True) -> dict[str, Any]:
+        """Return it as plain lists, numbers and texts; `looks` with data that no calculation uses."""
+        ...

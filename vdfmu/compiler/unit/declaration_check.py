@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from typing import Any, cast
@@ -18,55 +19,41 @@ from vdfmu.compiler.unit.declaration import (
     Choice,
     Declared,
     Derivative,
+    Machine,
     Parameter,
     RobotParameters,
     Sampled,
     State,
     Switch,
 )
-from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import place
 
 _WORDS = r"[A-Za-z](_?[A-Za-z0-9])*"
-_NAME = re.compile(f"{_WORDS}_?")
+_LETTERS = "expected a letter, then letters, digits and single underscores"
 
 
 def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
-    """Check the declaration of a unit for a robot.
-
-    Raises
-    ------
-    UnitError
-        With all problems, a line for each.
-    """
-    found = [*_of_unit(unit), *(_of_machine(unit, robot) if robot is not None else ())]
+    """Check the declaration of a unit for a robot; UnitError with all problems, a line for each."""
+    problems = [*_of_unit(unit), *(_of_machine(unit, robot) if robot is not None else ())]
     for declared in unit.declared_for(robot).values():
-        found += [(declared.name, problem) for problem in _of_variable(unit, declared, robot)]
-    if found:
-        raise UnitError("\n".join(f"{place(unit, name)}: {unit.__name__}: {problem}." for name, problem in found))
+        problems += [(declared.name, text) for text in _of_variable(declared, robot)]
+    if problems:
+        raise UnitError("\n".join(f"{place(unit, name)}: {unit.__name__}: {text}." for name, text in problems))
 
 
 def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
-    """Variables or methods, and what is wrong with them together."""
+    """Yield the variable or method, and the fault, of variables that do not fit together."""
     if not re.fullmatch(_WORDS, unit.__name__):
-        yield (
-            "",
-            f"a unit cannot be called {unit.__name__}: expected a letter, then letters, digits and single underscores",
-        )
+        yield "", f"a unit cannot be called {unit.__name__}: {_LETTERS}"
     if not unit.declared and unit.robot_fields is None:
         yield "", "a unit needs variables: u = Input(..), y = Output(..)"
     states = [d for d in unit.declared.values() if type(d) is State]
     derived = [d.state for d in unit.declared.values() if isinstance(d, Derivative)]
-    for state in states:
-        if derived.count(state) != 1:
-            yield (
-                state.name,
-                f"{state.name} is a continuous state and needs one derivative: "
-                f"{state.name}_dot = Derivative({state.name})",
-            )
+    for name in (state.name for state in states if derived.count(state) != 1):
+        yield name, f"{name} is a continuous state and needs one derivative: {name}_dot = Derivative({name})"
     for name, declared in unit.declared.items():
         if isinstance(declared, Derivative) and declared.state not in states:
-            yield name, f"{name} is the derivative of what is not a continuous state of the unit"
+            yield name, f"{name} must be the derivative of a continuous state of the unit"
     sampled = any(isinstance(d, Sampled) for d in unit.declared.values())
     for name, needed, start in (
         ("period", sampled, 'period = Parameter("s", start=1e-3, minimum=1e-6)'),
@@ -81,7 +68,7 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
             yield name, f"{name}: expected a minimum above 0, {start}"
     solver = unit.declared.get("solver")
     if states and unit.backend == "native" and not (isinstance(solver, Choice) and solver.choices == SOLVERS):
-        yield "solver", "solver is the choice of the solver, which every unit with continuous states has; rename it"
+        yield "solver", "solver must be the choice of the solver that a unit with continuous states has. Rename it"
     if unit.backend not in ("native", "python"):
         yield "backend", f'backend: expected "native" or "python", got {unit.backend!r}'
     for name in ABOUT:
@@ -89,17 +76,15 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
         if text is not None and not (isinstance(text, str) and text):
             yield name, f"{name}: expected a text, got {text!r}"
     for terminal in unit.terminals:
+        head, sides = f"terminal {terminal.name}: expected", ("left", "right", "bottom", "top")
         if unknown := [group for group in terminal.groups if group not in unit.declared]:
-            yield ("terminals", f"terminal {terminal.name}: expected variables of the unit, got {', '.join(unknown)}")
-        if terminal.side not in ("left", "right", "bottom", "top"):
-            yield (
-                "terminals",
-                f"terminal {terminal.name}: expected the side left, right, bottom or top, got {terminal.side!r}",
-            )
+            yield "terminals", f"{head} variables of the unit, got {', '.join(unknown)}"
+        if terminal.side not in sides:
+            yield "terminals", f"{head} the side {', '.join(sides[:3])} or {sides[3]}, got {terminal.side!r}"
 
 
 def _of_machine(unit: type[BaseUnit], robot: Machine) -> Iterator[tuple[str, str]]:
-    """Variables, and what the robot has nothing for."""
+    """Yield the variable, and the fault, of variables that do not fit the robot."""
     for name, declared in unit.declared.items():
         if declared.when is not None and declared.when not in robot.flags:
             yield name, f"{name}: when: expected one of {', '.join(robot.flags)}, got {declared.when!r}"
@@ -117,13 +102,10 @@ def _of_machine(unit: type[BaseUnit], robot: Machine) -> Iterator[tuple[str, str
             yield name, f"{name} is there twice: as a variable and as a parameter of the robot. Rename one of them"
 
 
-def _of_variable(unit: type[BaseUnit], declared: Declared, robot: Machine | None) -> Iterator[str]:
+def _of_variable(declared: Declared, robot: Machine | None) -> Iterator[str]:
     name = declared.name
-    if not _NAME.fullmatch(name) or name == "time":
-        yield (
-            f"a variable cannot be called {name}: expected a letter, then letters, digits and single underscores, "
-            "and not time, which every unit has"
-        )
+    if not re.fullmatch(f"{_WORDS}_?", name) or name == "time":
+        yield f"a variable cannot be called {name}: {_LETTERS}, not 'time'"
     if isinstance(declared, Switch) and not isinstance(declared.start, bool):
         yield f"{name}: expected True or False, got {declared.start!r}"
     if isinstance(declared, Choice) and not _texts(declared.choices):
@@ -137,18 +119,18 @@ def _of_variable(unit: type[BaseUnit], declared: Declared, robot: Machine | None
         yield f"{name}: expected a shape of positive integers and JOINTS, got {declared.shape}"
         return
     sizes = declared.sizes(robot.n if robot is not None else 0)
-    count = int(np.prod(sizes, dtype=int))
-    for what, value in (("units of measurement", declared.unit), ("texts", declared.text)):
+    count = math.prod(sizes)
+    for items, value in (("units of measurement", declared.unit), ("texts", declared.text)):
         if isinstance(value, str):
             continue
         if not _texts(value):
-            yield f"{name}: expected {what}, one or one for each element, got {value!r}"
+            yield f"{name}: expected {items}, one or one for each element, got {value!r}"
             return
         if len(value) != count:
-            yield f"{name}: expected {count} {what}, one for each element, got {len(value)}"
-    for one in dict.fromkeys([declared.unit] if isinstance(declared.unit, str) else declared.unit):
+            yield f"{name}: expected {count} {items}, one for each element, got {len(value)}"
+    for measured in dict.fromkeys([declared.unit] if isinstance(declared.unit, str) else declared.unit):
         try:
-            unit_of(one, "revolute")
+            unit_of(measured, "revolute")
         except UsageError as error:
             yield f"{name}: {str(error).rstrip('.')}"
     if declared.set_by is None:
@@ -157,14 +139,14 @@ def _of_variable(unit: type[BaseUnit], declared: Declared, robot: Machine | None
 
 def _texts(value: object) -> bool:
     """Whether a value is a sequence of texts."""
-    return isinstance(value, Sequence) and all(isinstance(one, str) for one in cast("Sequence[object]", value))
+    return isinstance(value, Sequence) and all(isinstance(each, str) for each in cast("Sequence[object]", value))
 
 
 def _of_start(declared: Declared, robot: Machine | None, sizes: tuple[int, ...]) -> Iterator[str]:
     low, high = declared.minimum, declared.maximum
-    for what, bound in (("minimum", low), ("maximum", high)):
+    for name, bound in (("minimum", low), ("maximum", high)):
         if bound is not None and (np.asarray(bound).dtype.kind not in "if" or np.ndim(bound)):
-            yield f"{what}: expected a number, got {bound!r}"
+            yield f"{name}: expected a number, got {bound!r}"
             return
     if low is not None and high is not None and low > high:
         yield f"expected a minimum below the maximum, got {low:g} and {high:g}"

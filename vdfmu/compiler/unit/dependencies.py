@@ -1,8 +1,4 @@
-"""Which inputs, parameters and states each calculated variable depends on, read off the unit's program.
-
-An entry of a traced function's Jacobian that is not zero by structure is a dependency, so the declaration
-follows the equations and the robot's geometry.
-"""
+"""Dependencies of calculated variables on inputs, parameters and states: structural nonzeros of traced Jacobians."""
 
 from __future__ import annotations
 
@@ -16,42 +12,35 @@ import numpy.typing as npt
 
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import Sampled
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.trace import Call
 
 Pattern = npt.NDArray[np.bool_]
 """(N, N): row `i` marks the positions on which position `i` depends."""
 Rows = Sequence[npt.NDArray[np.bool_]] | Pattern
-"""The same, or what has its rows."""
 
 
 def patterns(interface: Any) -> tuple[Rows, Rows, Rows]:
-    """Return the patterns over the whole memory of an `Interface`: variables, derivatives of the states, time.
+    """Return three patterns over the whole memory of an `Interface`: variables, derivatives of the states, time.
 
-    Returns
-    -------
-    step : (N, N)
-        Dependencies of outputs and derivatives after initialization: inputs, continuous states and time. A continuous
-        state depends on itself, a sampled one on all that its unit reads for a sample, unless it is delayed.
-    start : (N, N)
-        Dependencies during initialization: inputs, parameters and time.
-    between : (N, N)
-        Dependencies from one sample to the next, while sampled states are held.
-
-    A unit that cannot be traced may depend on everything, except for states that start at parameters.
+    The first holds for outputs and derivatives after initialization: inputs, continuous states and time. A continuous
+    state depends on itself. A sampled state depends on all that its unit reads for a sample, unless it is delayed.
+    The second holds during initialization: inputs, parameters and time. The third is like the first from one sample to
+    the next, while sampled states are held. A Python unit may depend on everything, except for states that start at
+    parameters.
     """
     return _long(interface) or _traced(interface)
 
 
 def _long(interface: Any) -> tuple[Rows, Rows, Rows] | None:
-    """Return the patterns that follow from those of two shorter machines; None if these do not agree."""
+    """Return patterns extended from a shorter machine; None if this fails for a second shorter machine."""
     if not interface.shorter:
         return None
     short, check, *_ = interface.shorter
     period = check.joints - short.joints
     try:
         for expected, pattern in zip(check.patterns, short.patterns, strict=True):
-            told = LongPattern(check, short, pattern, period)
-            if any((told[row] != expected[row]).any() for row in range(check.size)):
+            extended = LongPattern(check, short, pattern, period)
+            if any((extended[row] != expected[row]).any() for row in range(check.size)):
                 return None
         step, start, between = (LongPattern(interface, short, pattern, period) for pattern in short.patterns)
     except LookupError:  # of a variable that the short machine does not have
@@ -79,21 +68,26 @@ def _traced(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
     for name, declared in interface.unit.declared.items():
         if isinstance(declared, Sampled) and not declared.delayed and name in interface.groups:
             step[outputs] |= between[outputs, interface.groups[name]].any(axis=1, keepdims=True) & read
-    return _known(interface, step, start, between)
+    # clear the rows of variables that are set, and the columns of unknowns; sampled states are not knowns of FMI
+    causality = np.array([v.causality for v in interface.memory])
+    of_state = np.zeros(interface.size, dtype=bool)
+    of_state[interface.states] = True
+    time = causality == "independent"
+    inputs, given = causality == "input", np.isin(causality, ("input", "parameter"))
+    calculated = np.isin(causality, ("output", "local"))
+    moving = inputs | of_state | time
+    for pattern, knowns in ((step, moving), (start, given | time), (between, moving)):
+        pattern[~calculated] = False
+        pattern[:, ~knowns] = False
+    return step, start, between
 
 
 class LongPattern(Sequence[npt.NDArray[np.bool_]]):
-    """A pattern of a long machine, of the same unit for a shorter one: rows are made as they are asked for.
+    """The pattern of a long machine by the `pattern` of a `shorter`, calculated row by row on demand.
 
-    What depends on what at two joints of a long machine does so at the two of a shorter one that are as far from both
-    ends and from each other, where these distances are small.
-
-    Parameters
-    ----------
-    interface, shorter : Interface
-    pattern : of `shorter`
-    period : int
-        Joints after which both repeat.
+    Two joints of the long machine depend on each other as two joints of the short machine with the same distances from
+    both ends and from each other, if a distance is small. A large distance shrinks by multiples of `period`, the
+    number of joints after which both machines repeat.
     """
 
     def __init__(self, interface: Any, shorter: Any, pattern: Pattern, period: int) -> None:
@@ -104,7 +98,7 @@ class LongPattern(Sequence[npt.NDArray[np.bool_]]):
         short_names, short_joints = _places(shorter, interface)
         kinds = {name: k for k, name in enumerate(dict.fromkeys(short_names))}
         self._kind = np.array([kinds[name] for name in names])
-        self._at = np.full((len(kinds), self._m), len(short_names), np.intp)  # which no pattern has
+        self._at = np.full((len(kinds), self._m), len(short_names), np.intp)  # out of range of all patterns
         for position, (name, joint) in enumerate(zip(short_names, short_joints, strict=True)):
             self._at[kinds[name], joint if joint >= 0 else slice(None)] = position
 
@@ -113,75 +107,53 @@ class LongPattern(Sequence[npt.NDArray[np.bool_]]):
 
     def __getitem__(self, position: Any) -> Any:
         """Row of a position."""
-        own = self._joint[position]
-        others = np.append(np.arange(self._n), max(own, 0))  # the last is what joint -1 takes
-        own = others if own < 0 else own
-        low, high = np.minimum(own, others), np.maximum(own, others)
+        joint = self._joint[position]
+        columns = np.append(np.arange(self._n), max(joint, 0))  # the last is for joint -1
+        joint = columns if joint < 0 else joint
+        low, high = np.minimum(joint, columns), np.maximum(joint, columns)
         left = self._n - self._m
         gaps: list[Any] = []
-        for gap in (low, high - low, self._n - 1 - high):  # all but what is near shrinks, until enough is left out
+        for gap in (low, high - low, self._n - 1 - high):  # shrink large gaps until the length is right
             out = np.minimum(np.maximum(gap - self._near, 0) // self._period * self._period, left)
             gaps.append(gap - out)
             left = left - out
         first, second = gaps[0], gaps[0] + gaps[1]
-        here, there = np.where(own <= others, (first, second), (second, first))
+        here, there = np.where(joint <= columns, (first, second), (second, first))
         rows = self._at[self._kind[position], here]
         return self._pattern[rows[self._joint], self._at[self._kind, there[self._joint]]]
 
 
 def _places(interface: Any, other: Any) -> tuple[list[tuple[Any, ...]], npt.NDArray[np.intp]]:
-    """Return the name of each position without the joint, and its joint, -1 of what has the same size in both."""
-    names: list[tuple[Any, ...]] = []
-    joints: list[int] = []
-    sizes, others = (Counter(v.group for v in one.memory) for one in (interface, other))
-    for v in interface.memory:
-        each = sizes[v.group] != others[v.group]
-        names.append((v.group, v.index[1:] if each else v.index))
-        joints.append(v.index[0] if each else -1)
-    return names, np.array(joints)
-
-
-def _known(interface: Any, step: Pattern, start: Pattern, between: Pattern) -> tuple[Pattern, Pattern, Pattern]:
-    """Return the patterns without the rows of what is given, and the columns of what is not known then.
-
-    Sampled states are not knowns of FMI.
-    """
-    causality = np.array([v.causality for v in interface.memory])
-    of_state = np.zeros(interface.size, dtype=bool)
-    of_state[interface.states] = True
-    time = causality == "independent"
-    inputs, given = causality == "input", np.isin(causality, ("input", "parameter"))
-    calculated = np.isin(causality, ("output", "local"))
-    moving = inputs | of_state | time
-    for found, known in ((step, moving), (start, given | time), (between, moving)):
-        found[~calculated] = False
-        found[:, ~known] = False
-    return step, start, between
+    """Return the name of each position without the joint, and its joint; -1 for groups of one size in both."""
+    sizes, other_sizes = (Counter(v.group for v in each.memory) for each in (interface, other))
+    grows = [sizes[v.group] != other_sizes[v.group] for v in interface.memory]
+    both = list(zip(interface.memory, grows, strict=True))
+    return [(v.group, v.index[g:]) for v, g in both], np.array([v.index[0] if g else -1 for v, g in both])
 
 
 def _after(interface: Any, calls: Sequence[Call]) -> Pattern:
-    """Return what each position depends on after the calls, in terms of the positions before them."""
-    found = np.eye(interface.size, dtype=bool)
-    chosen = np.zeros(interface.size, dtype=bool)  # what an earlier choice has written
+    """Return the pattern of positions after the calls on positions before them."""
+    pattern = np.eye(interface.size, dtype=bool)
+    chosen = np.zeros(interface.size, dtype=bool)  # written by an earlier choice
     differs = _differs(interface, calls)
     for call in calls:
         direct, rows = _of_call(interface, call)
-        packed = np.packbits(found, axis=1)
+        packed = np.packbits(pattern, axis=1)
         joined = np.array([np.bitwise_or.reduce(packed[row]) for row in direct[rows]], np.uint8)
         through = np.unpackbits(joined.reshape(-1, packed.shape[1]), axis=1, count=interface.size).astype(bool)
         for parameter, _ in call.when:
             through[through.any(axis=1) & differs[rows], interface.reference[parameter]] = True
         if call.when:
-            through |= found[rows] & chosen[rows, None]
+            through |= pattern[rows] & chosen[rows, None]
             chosen |= rows
-        found[rows] = through
-    return found
+        pattern[rows] = through
+    return pattern
 
 
 def _differs(interface: Any, calls: Sequence[Call]) -> npt.NDArray[np.bool_]:
-    """Return which positions are not set to one and the same position by all choices."""
+    """Return a mask: False for positions that all choices set to the same value."""
     memory = ca.SX.sym("memory", interface.size)
-    found: dict[int, list[ca.SX]] = {}
+    results: dict[int, list[ca.SX]] = {}
     for call in calls:
         if not call.when:
             continue
@@ -189,15 +161,15 @@ def _differs(interface: Any, calls: Sequence[Call]) -> npt.NDArray[np.bool_]:
         given = {name: memory[interface.arguments[call.group(name)]] for name in function.name_in()}
         for name, value in function(**given).items():
             for row, position in enumerate(_positions(interface.arguments[call.group(name)])):
-                found.setdefault(position, []).append(value[row])
+                results.setdefault(position, []).append(value[row])
     differs = np.ones(interface.size, dtype=bool)
-    for position, values in found.items():
+    for position, values in results.items():
         differs[position] = not all(ca.is_equal(values[0], value) for value in values)
     return differs
 
 
 def _of_call(interface: Any, call: Call) -> tuple[Pattern, npt.NDArray[np.bool_]]:
-    """Return the pattern of what one call sets, and what it sets."""
+    """Return the pattern of the results of one call, and a mask of its results."""
     pattern = np.zeros((interface.size, interface.size), dtype=bool)
     rows = np.zeros(interface.size, dtype=bool)
     function = interface.functions.casadi_function(call.function)

@@ -1,24 +1,40 @@
-"""A unit's methods on its memory, as traced functions or in plain numpy."""
+"""A unit on its memory: methods as traced functions or in plain numpy, linear model, conditions on parameters."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.functions.traced import KernelFunction
-from vdfmu.compiler.unit.declaration import PHASES, Choice, Declared, Derivative, Switch, constant
+from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.state_space import StateSpace
+from vdfmu.compiler.functions.traced import KernelFunction, traced_function
+from vdfmu.compiler.scalar.symbol import to_sx
+from vdfmu.compiler.unit.base import BaseUnit, Values
+from vdfmu.compiler.unit.declaration import (
+    PHASES,
+    STRICT,
+    Choice,
+    Declared,
+    Derivative,
+    Entry,
+    Machine,
+    Requirement,
+    Switch,
+    constant,
+)
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.program import Call
-from vdfmu.compiler.unit.trace import argument_name, run
-from vdfmu.compiler.unit.values import Values
+from vdfmu.compiler.unit.place import place
+from vdfmu.compiler.unit.trace import Call, Symbols, argument_name, run
 
 Conditions = list[tuple[Floats, float]]
-"""Choices in the memory of a unit, and the values with which something holds."""
+"""Choices in the memory of a unit, and the values that they must have."""
 
 
 def holds(conditions: Conditions) -> bool:
@@ -27,24 +43,15 @@ def holds(conditions: Conditions) -> bool:
 
 
 class Evaluation:
-    """The methods of a unit, which read and set its memory in place.
-
-    Parameters
-    ----------
-    interface : Interface
-    memory : (interface.size,) array, optional
-        Default the start values.
-
-    Attributes
-    ----------
-    start, outputs, derivatives, update : callable
-        Set the states of the start time, the outputs, the derivatives of the continuous states, the sampled states.
-    """
+    """The methods of a unit. They read and set its `memory` in place, by default with the start values."""
 
     start: Callable[[], None]
+    """Set the states of the start time."""
     outputs: Callable[[], None]
     derivatives: Callable[[], None]
+    """Set the derivatives of the continuous states."""
     update: Callable[[], None]
+    """Set the sampled states."""
 
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         self.interface = interface
@@ -72,14 +79,14 @@ class Evaluation:
         return self.interface.unit.backend == "native" and bool(self.interface.program.left)
 
     def left(self, t: float) -> float:
-        """Return the time [s] until the derivatives switch by time, with the inputs held; inf where they do not."""
+        """Return the time [s] until the derivatives switch by time, with the inputs held; inf without switchings."""
         self.memory[-1] = t
-        found = math.inf
+        left = math.inf
         for conditions, function in self._left:
             if holds(conditions):
                 function.run()
-                found = float(function.results["left"][0])
-        return found
+                left = float(function.results["left"][0])
+        return left
 
     @cached_property
     def _left(self) -> list[tuple[Conditions, KernelFunction]]:
@@ -93,11 +100,11 @@ class Evaluation:
         return functions.function(name, **{n: self.argument(n) for n in names}, **buffers)
 
     def conditions(self, call: Call) -> Conditions:
-        """Return the choices of the unit for which a call is, in place, and their values."""
+        """Return the choices that a call is for, in place, and their values."""
         return [(self.argument(argument_name(choice)), float(value)) for choice, value in call.when]
 
     def takes(self, call: Call) -> bool:
-        """Whether the values of the unit's choices are those for which a call is."""
+        """Whether a call is for the values of the unit's choices."""
         return holds(self.conditions(call))
 
 
@@ -106,9 +113,8 @@ class Traced(Evaluation):
 
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         super().__init__(interface, memory)
-        program = interface.program
-        self.start, self.outputs = self._bound(program.start), self._bound(program.outputs)
-        self.derivatives, self.update = self._bound(program.derivatives), self._bound(program.update)
+        for phase in PHASES:
+            setattr(self, phase, self._bound(getattr(interface.program, phase)))
 
     def _bound(self, calls: Sequence[Call]) -> Callable[[], None]:
         actions = [self._action(call) for call in calls]
@@ -152,9 +158,7 @@ class Plain(Evaluation, Values):
         self._robot: tuple[bytes, Any] = (b"", None)
         self.start, self.outputs, self.derivatives, self.update = (partial(run, unit, phase, self) for phase in PHASES)
         self.experiment = partial(run, unit, "experiment", self)
-        """Set the inputs of the reference experiment."""
         self.requirements = partial(run, unit, "requirements", self)
-        """Return what the unit requires of its parameters."""
 
     def read(self, declared: Declared) -> Any:
         """Return the value of a variable."""
@@ -192,5 +196,130 @@ class Plain(Evaluation, Values):
 
 
 def evaluation(interface: Interface, memory: Floats | None = None) -> Evaluation:
-    """Return what runs a unit: traced, unless it says that it cannot be."""
+    """Return the evaluation of a unit: traced, unless its backend is Python."""
     return (Plain if interface.unit.backend == "python" else Traced)(interface, memory)
+
+
+def state_space(
+    unit: Evaluation, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
+) -> StateSpace:
+    """Linearise a unit exactly at its memory; UsageError if it is not traced.
+
+    `inputs` and `outputs` are groups, whose columns and rows come one after the other; default all, the states first
+    among the outputs.
+    """
+    table = unit.interface
+    if not isinstance(unit, Traced):
+        raise UsageError(f"{table.unit.__name__} is not traced and has no derivatives.")
+    inputs = list(table.groups_of("input")) if inputs is None else inputs
+    outputs = list(table.groups_of("output")) if outputs is None else outputs
+    J = _jacobian(unit, ["x", *map(argument_name, inputs)])
+    places = np.arange(table.size)
+    x, x_dot = places[table.states], places[table.derivatives]
+    J[x, x] = 1.0  # of outputs that are states
+    u, y = (np.concatenate([x[:0], *(places[table.groups[g]] for g in gs)]) for gs in (inputs, outputs))
+    signals = (
+        [(table.memory[i].name, table.memory[i].unit or "1", float(unit.memory[i])) for i in part] for part in (x, u, y)
+    )
+    model = StateSpace.of(J[np.ix_(np.concatenate([x_dot, y]), np.concatenate([x, u]))], *signals)
+    still = ", ".join(dict.fromkeys(v.group for v in table.memory[table.sampled]))
+    return replace(model, notes=(f"sampled states are taken as constant: {still}",)) if still else model
+
+
+def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:
+    """Return the slopes of outputs and derivatives by some arguments for the present choices, (size, size)."""
+    table, functions = unit.interface, unit.interface.functions
+    J = np.zeros((table.size, table.size))
+    for call in filter(unit.takes, (*table.program.derivatives, *table.program.outputs)):
+        function = functions.casadi_function(call.function)
+        given = {name: unit.argument(name) for name in function.name_in()}
+        product = functions.function(f"{call.function}_forward", **given)
+        for name in (name for name in names if name in given):
+            direction = product.args[f"d_{name}"]
+            for column, i in enumerate(range(table.size)[table.arguments[name]]):
+                direction[:] = 0.0
+                direction[column] = 1.0
+                product.run()
+                for result in function.name_out():
+                    J[table.arguments[result], i] = product.results[f"d_{result}"]
+            direction[:] = 0.0
+    return J
+
+
+def unmet(interface: Interface, memory: Floats) -> list[str]:
+    """Return an error for each condition that the parameters in a unit's memory violate, as native FMUs word it."""
+    checked: list[tuple[Requirement, float]] = []
+    if interface.has_robot and interface.robot is not None:
+        requirements = interface.robot.requirements()
+        robot = interface.robot.with_values(memory[interface.arguments["p"]])
+        checked += zip(requirements, margins(robot, requirements), strict=True)
+    if interface.unit.requirements is not BaseUnit.requirements:
+        checked += _with_margins(interface, Plain(interface, memory).requirements())
+    problems: list[str] = []
+    for requirement, margin in checked:
+        if not margin >= 0.0:
+            places = [interface.reference[parameter.name] for parameter in requirement.parameters]
+            variables = [interface.memory[i] for i in places]
+            got = (
+                f"{v.name} = {memory[i]:.9g}{f' {v.unit}' if v.unit != '1' else ''}"
+                for v, i in zip(variables, places, strict=True)
+            )
+            problems.append(f"{variables[0].name}: expected {requirement.expected}, got {', '.join(got)}.")
+    return problems
+
+
+def margins(machine: Any, requirements: Collection[Requirement]) -> list[Any]:
+    """Return the margin of each condition, of floats or symbols; a condition holds if its margin is >= 0."""
+    return [each.margin(machine, each.parameters[0]) for each in requirements if each.margin is not None]
+
+
+def traced_margins(machine: Machine) -> list[ca.Function]:
+    """Return the function ``margins`` of the parameter vector to the result of `margins`; empty without conditions."""
+    requirements = machine.requirements()
+    if not requirements:
+        return []
+    symbols, p = machine.symbolic()
+    return [traced_function("margins", {"p": p}, {"margin": to_sx(margins(symbols, requirements))})]
+
+
+def traced_requirements(interface: Interface) -> tuple[list[Requirement], ca.Function | None]:
+    """Return the conditions of a unit, and the function of its groups to their margins, as in :func:`margins`."""
+    if interface.unit.requirements is BaseUnit.requirements:
+        return [], None
+    unit = interface.unit(interface.robot)
+    record = Symbols(unit, "requirements", {})
+    checked = _with_margins(interface, run(unit, "requirements", record))
+    sizes = ca.vertcat(*(to_sx(margin) for _, margin in checked))
+    inputs = {name: record.symbols[name] for name in record.reads}
+    function = traced_function(f"{interface.name}_requirements", inputs, {"margin": sizes})
+    return [requirement for requirement, _ in checked], function
+
+
+def _with_margins(interface: Interface, returned: Any) -> list[tuple[Requirement, Any]]:
+    """Return conditions with their margins; UnitError if the method returned something else."""
+    if not isinstance(returned, Mapping):
+        raise _wrong_type(interface, repr(returned))
+    pairs: list[tuple[Requirement, Any]] = []
+    for key, value in returned.items():
+        match value:
+            case (str() as expected, size) if np.ndim(size) == 0:
+                pass
+            case _:
+                raise _wrong_type(interface, f"{key!r}: {value!r}")
+        entries: list[Entry] = []
+        for group in key if isinstance(key, tuple) else (key,):
+            members = interface.memory[interface.groups.get(group, slice(0))]
+            indices = [v.index for v in members if v.causality == "parameter"]
+            if not indices:
+                raise _wrong_type(interface, f"{group!r}, which is not a parameter")
+            entries += [Entry(group, index) for index in indices]
+        pairs.append((Requirement(expected, tuple(entries)), size - STRICT))
+    return pairs
+
+
+def _wrong_type(interface: Interface, got: str) -> UnitError:
+    unit = interface.unit
+    return UnitError(
+        f"{place(unit, 'requirements')}: requirements() of {unit.__name__}: expected a parameter's name to its "
+        f'condition and one number, such as {{"k": ("k > 0", self.k)}}, got {got}.'
+    )

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.compiler.scalar.casadi_call import casadi_call, shape_of
 from vdfmu.compiler.scalar.generic import clip, lookup
+from vdfmu.compiler.scalar.symbol import casadi_call, shape_of
 from vdfmu.compiler.unit.declaration import Declared, Derivative, Input, Output, Parameter, Sampled, State
 from vdfmu.compiler.unit.declaration_check import check_unit
 from vdfmu.compiler.unit.place import shown
@@ -87,8 +87,8 @@ def linear_unit(
             if period:
                 self.y, self.x = c @ self.x + d @ self.u, a @ self.x + b @ self.u
 
-    states_text = "x[k+1] = A x[k] + B u[k]" if period else "x_dot = A x + B u"
-    text = f"{states_text}\n    y = C x + D u" if n else "y = D u"
+    law = "x[k+1] = A x[k] + B u[k]" if period else "x_dot = A x + B u"
+    text = f"{law}\n    y = C x + D u" if n else "y = D u"
     return _made(LinearEquations, name, variables, f"Linear system.\n\n::\n\n    {text}\n")
 
 
@@ -117,18 +117,20 @@ def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name
     if not isinstance(function, ca.Function):
         if not trust:
             raise UsageError(
-                f"{function}: a CasADi file can hold code that runs. If you trust who made it, give --trust, or "
+                f"{function}: a CasADi file can hold code that runs. If you trust its author, give --trust, or "
                 "trust=True in Python."
             )
         function = ca.Function.load(str(function))
     scalar = _scalar(function)
-    given, made = scalar.name_in(), scalar.name_out()
+    arguments, results = scalar.name_in(), scalar.name_out()
+    moves = "x" in arguments and "ode" in results
     variables: dict[str, Any] = {}
-    for key in (key for key in (*given, *made) if key != "t"):
-        kind = Parameter if key == "p" else State if key == "x" and "ode" in made else Input if key in given else Output
-        size = scalar.size_in(key) if key in given else scalar.size_out(key)
+    for key in (key for key in (*arguments, *results) if key != "t"):
+        argument = key in arguments
+        kind = Parameter if key == "p" else State if key == "x" and moves else Input if argument else Output
+        size = scalar.size_in(key) if argument else scalar.size_out(key)
         variables[key] = kind("1", shape_of(size), f"{key} of {function.name()}")
-    if "x" in given and "ode" in made:
+    if moves:
         variables["ode"] = Derivative(variables["x"])
 
     class Evaluated(Unit):
@@ -139,8 +141,8 @@ def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name
             self._set(Derivative)
 
         def _set(self, kind: type[Declared]) -> None:
-            results = casadi_call(scalar, *(getattr(self, key) for key in given))
-            for key, value in zip(made, [results] if len(made) == 1 else results, strict=True):
+            values = casadi_call(scalar, *(getattr(self, key) for key in arguments))
+            for key, value in zip(results, [values] if len(results) == 1 else values, strict=True):
                 if isinstance(self.declared[key], kind):
                     setattr(self, key, value)
 
@@ -150,13 +152,13 @@ def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name
 def table_unit(table: Mapping[str, npt.ArrayLike] | str | Path, *, name: str = "TableUnit") -> type[Unit]:
     """Make the unit of a table: linear between the rows, with the first and last values beyond them.
 
-    The first column is the input, or the time if it is called ``t`` or ``time``. The others are the outputs.
+    The first column is the input, or the time if it is called ``t`` or ``time``. The other columns are the outputs.
 
     Parameters
     ----------
     table : mapping of str to (m,) array_like, str or Path
         Columns by name, with their units of measurement in brackets: ``{"T [s]": [0, 20], "R [Ohm]": [1, 1.2]}``;
-        or a CSV file with such names in its first line. Its units may be in a line of their own. Semicolons may
+        or a CSV file with such names in its first line. Its units may also be in the second line. Semicolons may
         separate its columns; its numbers may then have decimal commas.
     name : str, optional
         Name of the class and of its FMU.
@@ -202,48 +204,45 @@ def _made(base: type[Unit], name: str, variables: Mapping[str, Declared], doc: s
     unit: Any = type(name, (base,), {**variables, "__module__": module, "__doc__": doc})
     try:
         check_unit(unit, None)
-    except UnitError as error:  # who loads the file names the line of the call
+    except UnitError as error:  # `load_units` adds the line of the call
         raise UnitError(str(error).replace(f"{shown(unit)}: ", "")) from None
     return unit
 
 
-def _matrices(*given: npt.ArrayLike) -> list[npt.NDArray[np.float64]]:
+def _matrices(*arrays: npt.ArrayLike) -> list[npt.NDArray[np.float64]]:
     """Return the matrices A, B, C and D of one system."""
-    found = [np.atleast_2d(np.asarray(matrix)) for matrix in given]
-    n, (p, m) = len(found[0]) if found[0].size else 0, found[3].shape
+    matrices = [np.atleast_2d(np.asarray(array)) for array in arrays]
+    n, (p, m) = len(matrices[0]) if matrices[0].size else 0, matrices[3].shape
     shapes = ((n, n), (n, m), (p, n), (p, m))
-    for key, matrix, shape in zip("ABCD", found, shapes, strict=True):
+    for key, matrix, shape in zip("ABCD", matrices, shapes, strict=True):
         if matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
             raise UsageError(f"{key} must hold finite real numbers.")
         if matrix.shape != shape and matrix.size + np.prod(shape):
             raise UsageError(f"{key} must have shape {shape}, since D has {(p, m)}, got {matrix.shape}.")
-    if not found[3].size:
+    if not matrices[3].size:
         raise UsageError("A linear system must have an input and an output.")
-    return [matrix.astype(float).reshape(shape) for matrix, shape in zip(found, shapes, strict=True)]
+    return [matrix.astype(float).reshape(shape) for matrix, shape in zip(matrices, shapes, strict=True)]
 
 
 def _scalar(function: ca.Function) -> ca.Function:
     """Return a function of scalar operations alone."""
     name = function.name()
-    given = {function.name_in(k): function.sparsity_in(k) for k in range(function.n_in())}
-    made = {function.name_out(k): function.sparsity_out(k) for k in range(function.n_out())}
-    for key, sparsity in (given | made).items():
-        if not sparsity.numel() or (key in given and not sparsity.is_dense()):
-            raise UsageError(
-                f"{name}: {key} must be dense, got a matrix that is {'sparse' if sparsity.numel() else 'empty'}."
-            )
-    if "alg" in made:
-        raise UsageError(f"{name}: alg has to be 0, which no unit can have. Solve for z, or give ode alone.")
-    if "x" in given and "ode" in made and given["x"].shape != made["ode"].shape:
-        raise UsageError(f"{name}: ode must have the shape of x, {given['x'].shape}, got {made['ode'].shape}.")
+    arguments = {key: function.sparsity_in(key) for key in function.name_in()}
+    results = {key: function.sparsity_out(key) for key in function.name_out()}
+    for key, sparsity in (arguments | results).items():
+        if not sparsity.numel() or (key in arguments and not sparsity.is_dense()):
+            kind = "sparse" if sparsity.numel() else "empty"
+            raise UsageError(f"{name}: {key} must be dense, got a matrix that is {kind}.")
+    if "alg" in results:
+        raise UsageError(f"{name} must not have the algebraic equations alg. Solve for z, or give ode alone.")
+    if "x" in arguments and "ode" in results and (x := arguments["x"].shape) != (ode := results["ode"].shape):
+        raise UsageError(f"{name}: ode must have the shape of x, {x}, got {ode}.")
     try:
         scalar = function.expand()
     except RuntimeError:
         scalar = None
     if scalar is None or ca.OP_CALL in map(scalar.instruction_id, range(scalar.n_instructions())):
-        raise UsageError(
-            f"{name} must have scalar operations alone, of which C is made. Replace its solver or interpolant."
-        )
+        raise UsageError(f"{name} must have scalar operations only, for C. Replace its solver or interpolant.")
     return scalar
 
 
@@ -256,14 +255,13 @@ def _columns(path: Path) -> list[tuple[str, Sequence[float]]]:
     if rows and not rows[0]:
         heads, rows = [f"{head}[{unit.strip()}]" for head, unit in zip(heads, lines[0], strict=False)], rows[1:]
     if bad := next((k for k, row in enumerate(rows, 1) if len(row) != len(heads)), 0):
-        raise UsageError(
-            f"Row {bad} must have {len(heads)} numbers, got {separator.join(lines[bad - len(rows) - 1])!r}."
-        )
+        got = separator.join(lines[bad - len(rows) - 1])
+        raise UsageError(f"Row {bad} must have {len(heads)} numbers, got {got!r}.")
     return list(zip(heads, zip(*rows, strict=True), strict=False))
 
 
 def _numbers(line: Sequence[str], decimal: str) -> list[float]:
-    """Return the numbers of a line, none if a cell is something else."""
+    """Return the numbers of a line; empty if a cell is not a number."""
     try:
         return [float(cell.replace(decimal, ".")) for cell in line]
     except ValueError:

@@ -1,4 +1,4 @@
-"""What the solver of a unit steps: its derivatives, or its balance, with their linearisation, as expressions."""
+"""Symbolic equations that the solver integrates: derivatives or residual, with their linearisation."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from vdfmu.compiler.functions.rodas import Stages, permuted, rodas_step, stage_equations
 from vdfmu.compiler.functions.traced import traced_function
-from vdfmu.compiler.scalar.elimination import factorize, solve
 from vdfmu.compiler.scalar.generic import cutting
+from vdfmu.compiler.scalar.matrices import factorize, solve_factorized
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.trace import Symbols, argument_name, run, state_slices
@@ -18,9 +18,9 @@ from vdfmu.compiler.unit.trace import Symbols, argument_name, run, state_slices
 class ImplicitEquations:
     """The right-hand side of a unit and its linearisation, as expressions.
 
-    ``E`` and ``EJ`` are the derivatives of the balance with respect to derivatives and states, where the unit has one:
-    the identity and the Jacobian else. `Ef_t` is E times the derivative along inputs that change at `rates`, and time.
-    With `cut` and a long chain, rows and columns of what the balance cuts come after the states' own; E is 0 in these
+    ``E`` and ``EJ`` are the derivatives of the balance with respect to derivatives and states, if the unit has one;
+    else the identity and the Jacobian. `Ef_t` is E times the derivative along inputs that change at `rates`, and time.
+    With `cut` and a long chain, rows and columns of arguments of ``cut`` come after the states'; E is 0 in these
     columns. `order` is the order of elimination.
     """
 
@@ -33,12 +33,11 @@ class ImplicitEquations:
         inputs = [argument_name(name) for name, d in unit.declared.items() if d.causality == "input"]
         given = [name for name in self.inputs if name in inputs]
         self.rates = {name: ca.SX.sym(f"rate_{name}", self.inputs[name].numel()) for name in given}
-        moving = [name for name in (*given, "t") if name in self.inputs]
+        moving = [name for name in (*self.rates, "t") if name in self.inputs]
         changing = [self.inputs[name] for name in moving]
         changes = [self.rates.get(name, ca.SX(1)) for name in moving]
         first = [name for name in type(unit).elimination if name in where]
-        others = [name for name in where if name not in ("", *first)]
-        names = [*first[:-1], *others, *first[-1:]]
+        names = [*first[:-1], *(name for name in where if name not in ("", *first)), *first[-1:]]
         self.order = np.concatenate([np.arange(where[name].start, where[name].stop) for name in names])
         if type(unit).balance is BaseUnit.balance:
             self.E, self.EJ = ca.SX.eye(n_x), ca.jacobian(self.x_dot, x)
@@ -73,9 +72,9 @@ class ImplicitEquations:
     def step(self, name: str, derivatives: ca.Function) -> ca.Function:
         """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component.
 
-        It calls functions that are traced once: `derivatives`, and those named after it.
+        It calls functions that are traced once: `derivatives`, and further ones with its name as prefix.
         """
-        n_x, (h, tolerance, time) = self.x.numel(), (ca.SX.sym(one) for one in ("h", "tolerance", "time"))
+        n_x, (h, tolerance, time) = self.x.numel(), map(ca.SX.sym, ("h", "tolerance", "time"))
         rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
         stages = stage_equations(h, self.E, self.EJ, self.Ef_t, self.order, n_x, name)
         used = {**self.inputs, **rates, "h": h}
@@ -85,14 +84,14 @@ class ImplicitEquations:
         start = ca.Function(f"{name}_start", list(used.values()), started, list(used), list(made))
         if stages.carried:
             derivatives = self._balance(f"{name}_balance", stages)
-        elif not derivatives.n_in():  # constant rates, of which a step could make no call
+        elif not derivatives.n_in():  # constant rates: CasADi makes no call without arguments
             derivatives = ca.Function(f"{name}_rate", [self.x], [ca.densify(self.x_dot)], ["x"], ["x_dot"])
 
         moving = {key: value for key, value in self.inputs.items() if key in self.rates or key == "t"}
         later = [value + time * self.rates.get(key, 1.0) for key, value in moving.items()]
         move = ca.Function(f"{name}_move", [time, *moving.values(), *self.rates.values()], later)
 
-        x, x_new, error = (ca.SX.sym(one, n_x) for one in ("x", "x_new", "error"))
+        x, x_new, error = (ca.SX.sym(name, n_x) for name in ("x", "x_new", "error"))
         nominal = 1.0  # SI unit, of every state
         ratio = error / (tolerance * (nominal + ca.fmax(ca.fabs(x), ca.fabs(x_new))))
         norm = ca.sqrt(ca.sumsqr(ratio) / n_x)
@@ -112,7 +111,7 @@ class ImplicitEquations:
         return ca.Function(name, list(now.values()), results, list(now), ["x_new", "norm", "ratio"])
 
     def _balance(self, name: str, stages: Stages) -> ca.Function:
-        """Residual of a stage, in explicit rows the derivative, of what is carried and the inputs."""
+        """Residual of a stage, in explicit rows the derivative, as a function of carried unknowns and inputs."""
         assert self._residual is not None
         y = ca.SX.sym("y", len(stages.carried))
         x_dot = ca.SX(self.x.numel(), 1)
@@ -128,19 +127,16 @@ class ImplicitEquations:
         factors = factorize(permuted(self.E, order))
         J = np.empty((n_x, n_x), dtype=object)
         for j in range(n_x):
-            J[order, j] = solve(factors, rows[order, j])
+            J[order, j] = solve_factorized(factors, rows[order, j])
         column = ca.reshape(ca.reshape(to_sx(J), n_x, n_x).T, n_x, n_x)
         return traced_function(name, self.inputs, {"J": column})
 
 
 def _along_chain(states: list[int], n: int, n_x: int, cuts: list[tuple[int, ca.SX, ca.SX]]) -> npt.NDArray[np.int_]:
-    """Order of elimination from the last joint to the first: states, what is cut from its end on, the last state.
+    """Order of elimination from the last joint to the first: states, cuts from the last to the first, the last state.
 
-    Parameters
-    ----------
-    states : places of the first joint's states, in their order for one joint
-    n, n_x : joints and states
-    cuts : see :class:`Symbols`; their unknowns come after the states
+    `states` are places of the first joint's states, `n` and `n_x` numbers of joints and states. Unknowns of `cuts`, see
+    :class:`Symbols`, come after the states.
     """
     ends = n_x + np.cumsum([symbols.numel() for _, symbols, _ in cuts])
     order: list[int] = []

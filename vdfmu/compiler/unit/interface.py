@@ -1,7 +1,6 @@
-"""The variables of a unit for one robot, and its memory: what lies at which position.
+"""The variables of a unit for one robot, and their positions in its memory.
 
-FMI 2.0 sees scalars, whose value references are their positions; FMI 3.0 sees an array where a group's elements lie
-one after the other and are alike.
+FMI 2.0 has scalars; positions are their value references. FMI 3.0 has arrays of elements that are alike.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ import numpy as np
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
+from vdfmu.compiler.unit.declaration import Machine
 from vdfmu.compiler.unit.declaration_check import check_unit
 from vdfmu.compiler.unit.dependencies import Rows, patterns
-from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.program import Program, UnitFunctions
 from vdfmu.compiler.unit.trace import argument_name
 from vdfmu.compiler.unit.variable import Variable, derivative_variables, scalar_variables
@@ -34,21 +33,14 @@ _TIME = Variable("time", (), "Real", "independent", "continuous", "s", None, "Ti
 
 @dataclass(frozen=True)
 class Array:
-    """One variable as FMI 3 sees it.
-
-    Attributes
-    ----------
-    name : str
-        The group, ``q``, of an array; the structured name, ``offset[2,1]``, of a scalar.
-    first : int
-        Position of the first element, and the value reference in FMI 3.
-    shape : tuple of int
-        Empty for a scalar. The elements lie row by row.
-    """
+    """One variable of FMI 3."""
 
     name: str
+    """The group, ``q``, of an array; the structured name, ``offset[2,1]``, of a scalar."""
     first: int
+    """Position of the first element, and the value reference in FMI 3."""
     shape: tuple[int, ...]
+    """Empty for a scalar. The elements lie row by row."""
 
     @property
     def size(self) -> int:
@@ -65,35 +57,28 @@ class Interface:
     """Variables of one unit in the order of their value references, 0, 1, ..., and its memory.
 
     The memory holds the variables, the derivatives of the continuous states, and the time. A group's variables lie next
-    to each other: its values are a slice of the memory. Iteration is over the variables.
+    to each other: its values are a slice of the memory. Iteration is over the variables. Raises one UsageError for all
+    wrong start values, and UnitError for a wrong declaration, or joints without a robot.
 
-    Parameters
-    ----------
-    unit : type of Unit
-    robot : Robot or None
-        None for a unit without joints.
-    start : mapping of str to float, optional
-        Start values by variable, instead of the declared ones.
+    `start` are start values by variable, instead of the declaration's. A unit without joints needs no `robot`.
 
     Attributes
     ----------
-    variables : tuple of Variable
-    memory : tuple of Variable
-        Meaning of each position.
-    states, derivatives : slice
-        Positions of the continuous states and of their derivatives, in the same order; empty without states.
-
-    Raises
-    ------
-    UsageError
-        If a start value has no variable, belongs to an output or is out of its limits; names all of them.
-    UnitError
-        If the unit needs a robot and there is none, or is declared wrongly.
+    variables, memory : tuples of Variable
+        The variables, and the meaning of each position in the memory.
+    size, time : int
+        Length of the memory, and position of the time, the last.
+    states, derivatives, sampled : slice
+        Positions of the continuous states, of their derivatives in the same order, and of the sampled states.
+    has_states, is_sampled, has_exchange, has_robot : bool
+        Whether the unit has continuous states, sampled states, model exchange in a native FMU, and all run-time
+        parameters of the robot.
     """
 
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, start: Mapping[str, float] | None = None) -> None:
-        self.unit = unit
-        self.robot = robot
+        self.unit, self.robot = unit, robot
+        self.name, self.model_name, self.description = unit_name(unit), unit.__name__, unit.description()
+        self.joints, self.has_robot = robot.n if robot is not None else 0, unit.robot_fields == ()
         self.variables, derivatives = _declared(unit, robot)
         if start:
             self.variables = self._started(start)
@@ -102,42 +87,33 @@ class Interface:
         self.states = slice(first, first + n_x) if n_x else slice(N, N)
         self.derivatives = slice(N, N + n_x)
         self.memory = (*self.variables, *derivatives, _TIME)
+        self.size, self.time = len(self.memory), N + n_x
+        self.has_states, self.has_exchange = n_x > 0, n_x > 0 or unit.exchange
+        sampled = [i for i, v in enumerate(self) if v.variability == "discrete"]
+        self.sampled = slice(sampled[0], sampled[-1] + 1) if sampled else slice(0, 0)
+        self.is_sampled = bool(sampled)
+        self.implementation = "ModelExchange" if unit.exchange else "CoSimulation"  # kind of component in SSP
 
     def _started(self, start: Mapping[str, float]) -> tuple[Variable, ...]:
-        known: dict[str, Any] = {}
+        variables = list(self.variables)
         problems: list[str] = []
         for name, value in start.items():
             variable = self.find(name)
             if variable.causality == "output":
-                problems.append(f"{name} is an output, which has no start value.")
+                problems.append(f"{name} is an output without a start value.")
             elif problem := variable.problem(value):
                 problems.append(f"{name}: {problem}.")
             else:
-                known[name] = _CAST[variable.type](value)
+                variables[self.reference[name]] = dataclasses.replace(variable, start=_CAST[variable.type](value))
         if problems:
             raise UsageError(f"start values of {self.name}: {' '.join(problems)}")
-        return tuple(dataclasses.replace(v, start=known[v.name]) if v.name in known else v for v in self.variables)
+        return tuple(variables)
 
     def __iter__(self) -> Iterator[Variable]:
         return iter(self.variables)
 
     def __len__(self) -> int:
         return len(self.variables)
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: ``plant``."""
-        return unit_name(self.unit)
-
-    @property
-    def model_name(self) -> str:
-        """Model identifier of the FMU: ``Plant``."""
-        return self.unit.__name__
-
-    @property
-    def description(self) -> str:
-        """One line on what the unit is."""
-        return self.unit.description()
 
     @cached_property
     def functions(self) -> UnitFunctions:
@@ -149,8 +125,6 @@ class Interface:
         """The program of the unit."""
         return Program(self.functions)
 
-    # ---------------------------------------------------------------- places
-
     @cached_property
     def reference(self) -> dict[str, int]:
         """Name to value reference."""
@@ -159,92 +133,40 @@ class Interface:
     @cached_property
     def groups(self) -> dict[str, slice]:
         """Group to its slice of value references, in order."""
-        found: dict[str, slice] = {}
+        slices: dict[str, slice] = {}
         for i, v in enumerate(self.variables):
-            found[v.group] = slice(found[v.group].start if v.group in found else i, i + 1)
-        return found
+            slices[v.group] = slice(slices[v.group].start if v.group in slices else i, i + 1)
+        return slices
 
     def groups_of(self, *causalities: str) -> dict[str, slice]:
         """Return the :attr:`groups` of some causalities: input, output, parameter."""
         return {g: where for g, where in self.groups.items() if self.memory[where.start].causality in causalities}
 
-    @property
-    def has_robot(self) -> bool:
-        """Whether all run-time parameters of the robot are parameters of the unit."""
-        return self.unit.robot_fields == ()
-
-    @property
-    def joints(self) -> int:
-        """Number of joints of the robot; 0 without one."""
-        return self.robot.n if self.robot is not None else 0
-
     @cached_property
     def shorter(self) -> tuple[Interface, ...]:
-        """The unit for shorter machines, which say what it calculates for this long one; none for most.
+        """The unit for shorter machines, from which this one can be extended; empty for most.
 
-        Only units of the package are known to calculate the same for each joint, those whose variables grow evenly.
+        Only units of the package whose variables grow evenly are known to calculate the same for each joint.
         """
         robots = self.robot.shorter() if self.robot is not None and is_shipped(self.unit) else ()
         if not robots:
             return ()
-        found = tuple(interface_of(self.unit, robot) for robot in robots)
-        sizes = [Counter(v.group for v in one.memory) for one in (*found, self)]
-        joints = np.diff([one.joints for one in (*found, self)])
+        shorter = tuple(interface_of(self.unit, robot) for robot in robots)
+        sizes = [Counter(v.group for v in each.memory) for each in (*shorter, self)]
+        joints = np.diff([each.joints for each in (*shorter, self)])
         grows = (np.diff([size[group] for size in sizes]) / joints for group in sizes[-1])
-        return found if all(np.ptp(growth) == 0.0 for growth in grows) else ()
-
-    @property
-    def has_states(self) -> bool:
-        """Whether the unit has continuous states."""
-        return self.states.stop > self.states.start
-
-    @property
-    def has_exchange(self) -> bool:
-        """Whether the native FMU is for model exchange, too."""
-        return self.has_states or self.unit.exchange
-
-    @property
-    def implementation(self) -> str:
-        """What the unit is in a system, by the name that FMI and SSP have for it."""
-        return "ModelExchange" if self.unit.exchange else "CoSimulation"
-
-    @cached_property
-    def sampled(self) -> slice:
-        """Positions of the sampled states, which follow the continuous ones."""
-        found = [i for i, v in enumerate(self) if v.variability == "discrete"]
-        return slice(found[0], found[-1] + 1) if found else slice(0, 0)
-
-    @property
-    def is_sampled(self) -> bool:
-        """Whether the unit has sampled states."""
-        return self.sampled.stop > 0
-
-    @property
-    def size(self) -> int:
-        """Length of the memory."""
-        return len(self.memory)
-
-    @property
-    def time(self) -> int:
-        """Position of the time, the last."""
-        return self.size - 1
+        return shorter if all(np.ptp(growth) == 0.0 for growth in grows) else ()
 
     @cached_property
     def arguments(self) -> dict[str, slice]:
         """Argument of traced functions to its positions: groups, ``p`` of a robot, ``x``, ``x_dot`` and ``t``."""
-        found = {argument_name(group): where for group, where in self.groups.items()}
+        slices = {argument_name(group): where for group, where in self.groups.items()}
         if self.robot is not None and self.has_robot:
-            found["p"] = slice(len(self) - len(self.robot.entries()), len(self))
-        return found | {"x": self.states, "x_dot": self.derivatives, "t": slice(self.time, self.size)}
+            slices["p"] = slice(len(self) - len(self.robot.entries()), len(self))
+        return slices | {"x": self.states, "x_dot": self.derivatives, "t": slice(self.time, self.size)}
 
     def find(self, name: str) -> Variable:
-        """Variable of a name.
-
-        Raises
-        ------
-        UsageError
-            If there is none; the message lists near names.
-        """
+        """Variable of a name. UsageError for an unknown name; the message lists near names."""
         if name in self.reference:
             return self.variables[self.reference[name]]
         group = name.split("[")[0]
@@ -263,17 +185,15 @@ class Interface:
             memory[self.reference[name]] = float(value)
         return memory
 
-    # ---------------------------------------------------------------- dependencies
-
     def step_dependencies(self, position: int) -> list[int]:
         """Positions on which an output or derivative depends after initialization: inputs, states, time.
 
-        A continuous state depends on itself, a sampled one on what its unit reads for a sample, unless it is delayed.
+        See :func:`~vdfmu.compiler.unit.dependencies.patterns`.
         """
         return np.flatnonzero(self.patterns[0][position]).tolist()
 
     def held_dependencies(self, position: int) -> list[int]:
-        """Return what :meth:`step_dependencies` does, while sampled states are held."""
+        """Return the :meth:`step_dependencies` while sampled states are held."""
         return np.flatnonzero(self.patterns[2][position]).tolist()
 
     def start_dependencies(self, position: int) -> list[int]:
@@ -285,36 +205,33 @@ class Interface:
         """See :func:`~vdfmu.compiler.unit.dependencies.patterns`."""
         return patterns(self)
 
-    # ---------------------------------------------------------------- arrays of FMI 3
-
     @cached_property
     def arrays(self) -> tuple[Array, ...]:
         """Variables of FMI 3 in the order of their positions.
 
-        A group is an array if all its elements are there and differ in nothing but start value and description.
-        Others are scalars: parameters of a robot where some are folded, and groups whose elements differ in
-        unit, as ``q`` of an arm with revolute and prismatic joints or ``F_e``, since an array of FMI 3 has one
-        unit.
+        A group is an array if all its elements are there and differ in start value and description alone. Other groups
+        are scalars: parameters of a robot if some are folded, and groups with several units, as ``q`` of an arm with
+        revolute and prismatic joints or ``F_e``, since an array of FMI 3 has one unit.
         """
-        found: list[Array] = []
+        arrays: list[Array] = []
         for group, members in groupby(enumerate(self.memory), lambda item: item[1].group):
             positions, variables = zip(*members, strict=True)
             shape = self._shape(group, variables)
             if shape:
-                found.append(Array(group, positions[0], shape))
+                arrays.append(Array(group, positions[0], shape))
             else:
-                found += [Array(v.name, i, ()) for i, v in zip(positions, variables, strict=True)]
-        return tuple(found)
+                arrays += [Array(v.name, i, ()) for i, v in zip(positions, variables, strict=True)]
+        return tuple(arrays)
 
     def _shape(self, group: str, variables: tuple[Variable, ...]) -> tuple[int, ...]:
-        """Shape of a group as an array; empty if it is not one."""
+        """Shape of a group as an array; empty for scalars."""
         if group not in self.unit.declared and hasattr(self.robot, group):
             shape = np.shape(getattr(self.robot, group))
         else:
             shape = tuple(max(axis) + 1 for axis in zip(*(v.index for v in variables), strict=True))
-        one = {dataclasses.replace(v, index=(), start=None, description="") for v in variables}
+        kinds = {dataclasses.replace(v, index=(), start=None, description="") for v in variables}
         whole = [v.index for v in variables] == list(np.ndindex(shape))
-        return shape if whole and len(one) == 1 else ()
+        return shape if whole and len(kinds) == 1 else ()
 
     @cached_property
     def owners(self) -> tuple[int, ...]:
@@ -322,7 +239,7 @@ class Interface:
         return tuple(i for i, array in enumerate(self.arrays) for _ in range(array.size))
 
     def array_description(self, array: Array) -> str:
-        """Return the description of an array: its elements', without their indices."""
+        """Return the description of an array: of its elements, without indices."""
         text = self.memory[array.first].description
         return general_description(text) if array.shape else text
 
@@ -337,7 +254,7 @@ def interface_of(unit: type[BaseUnit], robot: Machine | None) -> Interface:
 def _declared(unit: type[BaseUnit], robot: Machine | None) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
     """Return the variables of a unit and the derivatives of its states; UnitError if it is declared wrongly."""
     if robot is None and unit.needs_robot():
-        raise UnitError(f"{unit.__name__} needs a robot, for its joints: name one, --robot planar_2dof.")
+        raise UnitError(f"{unit.__name__} needs a robot, for its joints. Name it: --robot planar_2dof.")
     check_unit(unit, robot)
     return tuple(scalar_variables(unit, robot)), tuple(derivative_variables(unit, robot))
 

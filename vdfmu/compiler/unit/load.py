@@ -12,6 +12,7 @@ from contextvars import ContextVar
 from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UnitError, UsageError
@@ -51,14 +52,8 @@ def check_may_run(file: Path) -> None:
 def load_units(file: Path) -> dict[str, type[Unit]]:
     """Return the units that a Python file declares, by name, without classes such as ``_Common``. The file is run.
 
-    Raises
-    ------
-    UsageError
-        If there is no such file.
-    UnitError
-        If it fails, declares none, or has a name twice.
-    CodeNotRunError
-        If it can be read, but nothing may be run.
+    UsageError if the file does not exist. UnitError if it fails, declares no unit, or has a name twice. CodeNotRunError
+    if it can be read within `reading_only`.
     """
     if not file.is_file():
         raise UsageError(f"{file}: there is no such file.")
@@ -72,6 +67,24 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
             raise UnitError(f"{file}: cannot be read as Python: {error or type(error).__name__}.") from None
         check_may_run(file)
     name = f"_vdfmu_unit_{sha256(str(path).encode()).hexdigest()[:12]}_{path.stem}"
+    module = _run(file, path, name)
+    classes = {
+        unit: None
+        for unit in vars(module).values()
+        if isinstance(unit, type) and issubclass(unit, Unit) and unit.__module__ == name and unit.__name__[0] != "_"
+    }
+    units = {unit_name(unit): unit for unit in classes}
+    if not units:
+        raise UnitError(f"{file} declares no unit: a class that is derived from vdfmu.unit.Unit.")
+    if double := [unit.__name__ for unit in classes if units[unit_name(unit)] is not unit]:
+        raise UnitError(f'{file}: {double[0]} must be the name of one unit, got two. Name them, name="MyUnit".')
+    if twice := [problem for unit in units.values() for problem in _twice(path, unit)]:
+        raise UnitError("\n".join(twice))
+    return units
+
+
+def _run(file: Path, path: Path, name: str) -> ModuleType:
+    """Run a file as a module of a name; `file` is its path in messages."""
     spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
@@ -86,7 +99,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
         ran = True
     except SyntaxError as error:
         raise UnitError(f"{error.filename or file}, line {error.lineno}: {error.msg}.") from None
-    except (Exception, SystemExit) as error:  # whatever code of others raises
+    except (Exception, SystemExit) as error:
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         where = f"{file}, line {lines[-1]}" if lines else str(file)
         reason = str(error) if isinstance(error, UnitError) else kind_text(error)
@@ -95,35 +108,21 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
         sys.dont_write_bytecode = writes_none
         if folder in sys.path:
             sys.path.remove(folder)
-        # modules beside the file are its own: another unit may have others of the same names, or these be edited
+        # forget modules beside the file: another unit may have others of the same names, or these be edited
         for other in set(sys.modules) - before - ({name} if ran else set[str]()):
             if str(getattr(sys.modules[other], "__file__", None) or "").startswith(folder + os.sep):
                 del sys.modules[other]
-    units = {
-        unit: None
-        for unit in vars(module).values()
-        if isinstance(unit, type) and issubclass(unit, Unit) and unit.__module__ == name and unit.__name__[0] != "_"
-    }
-    found = {unit_name(unit): unit for unit in units}
-    if not found:
-        raise UnitError(f"{file} declares no unit: a class that is derived from vdfmu.unit.Unit.")
-    double = [unit.__name__ for unit in units if found[unit_name(unit)] is not unit]
-    if double:
-        raise UnitError(f'{file}: {double[0]} must be the name of one unit, got two. Name them, name="MyUnit".')
-    twice = [problem for unit in found.values() for problem in _twice(path, unit)]
-    if twice:
-        raise UnitError("\n".join(twice))
-    return found
+    return module
 
 
 def _twice(path: Path, unit: type[Unit]) -> Iterator[str]:
-    """Yield what is twice in a file, where the second would silently replace the first."""
-    lines: dict[str, list[int]] = {}
+    """Yield an error for each class or member of it with two declarations: the second replaces the first silently."""
+    places: dict[str, list[int]] = {}
     for line, name in declarations(path.read_text(encoding="utf-8"), unit.__name__):
-        lines.setdefault(name, []).append(line)
-    if len(of_class := lines.get("", [])) > 1:
-        lines = {"": of_class}  # what both classes declare is there twice as well
-    for name, found in lines.items():
-        if len(found) > 1 and (not name or name in unit.declared or callable(getattr(unit, name, None))):
-            what = f"{unit.__name__}: {name}" if name else f"class {unit.__name__}"
-            yield f"{path}, line {found[1]}: {what} is there twice, first in line {found[0]}. Rename one of them."
+        places.setdefault(name, []).append(line)
+    if len(of_class := places.get("", [])) > 1:
+        places = {"": of_class}  # members of both classes are there twice as well
+    for name, lines in places.items():
+        if len(lines) > 1 and (not name or name in unit.declared or callable(getattr(unit, name, None))):
+            head = f"{unit.__name__}: {name}" if name else f"class {unit.__name__}"
+            yield f"{path}, line {lines[1]}: {head} is there twice, first in line {lines[0]}. Rename one of them."

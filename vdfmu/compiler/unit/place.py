@@ -1,4 +1,4 @@
-"""Where in its file a unit is declared."""
+"""Place of a unit's declaration: file and line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def source_file(unit: type) -> Path | None:
-    """Return the file of a unit; None for one that was typed in."""
+    """Return the file of a unit; None if it was typed in."""
     try:
         file = Path(inspect.getsourcefile(unit) or "")
     except (OSError, TypeError):
@@ -18,7 +18,7 @@ def source_file(unit: type) -> Path | None:
 
 
 def shown(unit: type) -> str:
-    """Return the file of a unit, from the current folder where it lies in it; the name of one that was typed in."""
+    """Return the file of a unit, relative to the current folder if inside; the unit's name if it was typed in."""
     file = source_file(unit)
     if file is None:
         return unit.__name__
@@ -38,7 +38,7 @@ def place(unit: type, name: str = "") -> str:
 
 
 def declarations(source: str, class_name: str) -> Iterator[tuple[int, str]]:
-    """Yield line and name of what a class declares, the class itself first, with an empty name."""
+    """Yield line and name of the declarations of a class, the class itself first, with an empty name."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ClassDef) and node.name == class_name:
             yield node.lineno, ""

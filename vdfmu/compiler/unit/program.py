@@ -1,14 +1,11 @@
 """Program of a unit: short lists of calls of traced functions on its memory.
 
-The Python slave runs the lists, the native FMU is generated from them, and the dependencies are read off them. The
-arguments and results of a function are names of groups of variables; further groups are ``p``, the robot's run-time
-parameters, ``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time. A variable of such a
-name is ``own_x_`` there.
+Arguments and results of a function are groups of variables. Further groups are ``p``, the robot's run-time parameters,
+``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time. A variable ``x`` is ``own_x_``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -16,67 +13,30 @@ from pathlib import Path
 import casadi as ca
 
 from vdfmu.base.errors import KernelError, UnitError
-from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, NEVER, derivative, time_left
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.functions.switching import NEVER, time_left
 from vdfmu.compiler.functions.traced import Functions, traced_function
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
-from vdfmu.compiler.unit.declaration import PHASES
+from vdfmu.compiler.unit.declaration import PHASES, Machine
 from vdfmu.compiler.unit.implicit import ImplicitEquations
-from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import place, shown, source_file
-from vdfmu.compiler.unit.trace import Leaf, Symbols, argument_name, leaves, run
+from vdfmu.compiler.unit.trace import Call, Symbols, argument_name, calls_of, run
 from vdfmu.compiler.unit.variable import scalar_variables
 
 
-@dataclass(frozen=True)
-class Call:
-    """Run a traced function.
-
-    Attributes
-    ----------
-    function : str
-    when : tuple of (parameter, value)
-        Choices with which it runs.
-    reads, sets : tuple of str
-        Groups.
-    """
-
-    function: str
-    when: tuple[tuple[str, int], ...]
-    reads: tuple[str, ...]
-    sets: tuple[str, ...]
-
-    def group(self, name: str) -> str:
-        """Group of an argument or a result."""
-        return name[:-4] if name[-4:] == "_new" and name[:-4] in self.sets else name
-
-
 class Program:
-    """Lists of calls.
+    """Lists of calls of the methods `start`, `outputs`, `derivatives` and `update`, and of two further functions.
 
-    Attributes
-    ----------
-    start : from the parameters to the states of the start time
-    outputs : from inputs, parameters, states and time to the outputs
-    derivatives : to the derivatives of the continuous states
-    update : to the sampled states of the time until the next sample
-    step : one step of the solver. Besides groups it takes `h`, `tolerance` and ``rate_<input>``, and
-        returns `x_new`, `norm` and `ratio`
-    left : time until something switches by time, of units whose derivatives do
+    `step` makes one step of the solver. Besides groups it takes `h`, `tolerance` and ``rate_<input>``, and returns
+    `x_new`, `norm` and `ratio`. `left` returns the time until the derivatives switch, if they switch by time.
     """
 
     def __init__(self, functions: UnitFunctions) -> None:
-        lists = {phase: tuple(functions.calls(phase)) for phase in PHASES}
-        self.start, self.outputs = lists["start"], lists["outputs"]
-        self.derivatives, self.update = lists["derivatives"], lists["update"]
-        self.step = tuple(
-            Call(functions.related(call.function, "step"), call.when, call.reads, ()) for call in self.derivatives
-        )
-        self.left = tuple(
-            Call(functions.related(call.function, "left"), call.when, call.reads, ())
-            for call in self.derivatives
-            if functions.switches(call.function)
+        self.start, self.outputs, self.derivatives, self.update = (tuple(functions.calls[phase]) for phase in PHASES)
+        switching = [call for call in self.derivatives if functions.switches(call.function)]
+        self.step, self.left = (
+            tuple(Call(functions.related(call.function, kind), call.when, call.reads, ()) for call in calls)
+            for kind, calls in (("step", self.derivatives), ("left", switching))
         )
 
     @property
@@ -86,49 +46,30 @@ class Program:
 
 
 class UnitFunctions(Functions):
-    """The traced functions of a unit for a robot.
+    """The traced functions of a unit for the structure of a robot. `calls` has the calls of each method.
 
-    Parameters
-    ----------
-    unit : type of Unit
-    robot : Robot or None
-        Its structure decides the functions.
-    cache : path, None or "default"
-        See :class:`~vdfmu.compiler.functions.traced.Functions`. Functions of a unit that is not one of
-        the package's are not kept: what they come from is known only once they are traced.
+    `cache`: see :class:`~vdfmu.compiler.functions.traced.Functions`. Only functions of units of the package are cached:
+    others may come from any module.
     """
 
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, cache: Path | None | str = "default") -> None:
         self.unit, self.robot = unit, robot
         self.name = unit_name(unit)
-        self._leaves: dict[str, Leaf] = {}
         instance = unit(robot)
-        self._calls = {phase: self._listed(leaves(instance, phase)) for phase in PHASES}
+        self.calls = {phase: list(calls_of(instance, phase, {})) for phase in PHASES}
+        self._traced = {call.function: (phase, call) for phase, calls in self.calls.items() for call in calls}
         self._related: dict[str, tuple[str, str]] = {}  # function to its kind, and the derivatives that it belongs to
-        for call in self._calls["derivatives"]:
+        for call in self.calls["derivatives"]:
             for kind in ("step", "jacobian", *(["left"] if "t" in call.reads else [])):
                 self._related[self.related(call.function, kind)] = kind, call.function
         self.shipped = is_shipped(unit)
         key = robot.key() if robot is not None else "no-robot"
-        own = [unit.__module__.partition(".")[2]] if self.shipped else []
-        super().__init__(f"{key}-{source_digest('compiler', *own)[:16]}", cache if self.shipped else None)
-
-    def _listed(self, found_leaves: list[Leaf]) -> list[Call]:
-        found: list[Call] = []
-        for leaf in found_leaves:
-            names = [_choice_name(self.unit, name, value) for name, value in leaf.fixed.items()]
-            function = "_".join((self.name, leaf.phase, *names))
-            self._leaves[function] = leaf
-            found.append(Call(function, tuple(leaf.fixed.items()), leaf.reads, leaf.sets))
-        return found
-
-    def calls(self, phase: str) -> list[Call]:
-        """Return the calls of one method, one for each value of the choices that it reads."""
-        return self._calls[phase]
+        module = [unit.__module__.partition(".")[2]] if self.shipped else []
+        super().__init__(f"{key}-{source_digest('compiler', *module)[:16]}", cache if self.shipped else None)
 
     def names(self) -> list[str]:
         """Names of the functions, except for derivatives of them."""
-        return [*self._leaves, *self._related]
+        return [*self._traced, *self._related]
 
     def related(self, derivatives: str, kind: str) -> str:
         """Name of the step, the jacobian or the time left that belongs to a function of derivatives."""
@@ -136,11 +77,7 @@ class UnitFunctions(Functions):
 
     @cached_property
     def digest(self) -> str:
-        """Digest of what the unit is; empty for units of the package, whose sources decide it.
-
-        It covers its file and those that it names, its variables, which other modules may decide too, and what
-        the functions calculate.
-        """
+        """Digest of the unit: its files, variables and traced functions. Empty for units of the package."""
         if self.shipped:
             return ""
         digest = sha256()
@@ -148,43 +85,37 @@ class UnitFunctions(Functions):
             digest.update(sha256(content).digest())
         for variable in scalar_variables(self.unit, self.robot):
             digest.update(repr(variable).encode())
-        for name in self._leaves if self.unit.backend == "native" else ():
+        for name in self._traced if self.unit.backend == "native" else ():
             digest.update(self.casadi_function(name).serialize().encode())
         return digest.hexdigest()
 
     @property
     def sources(self) -> dict[str, bytes]:
-        """Name to content of the unit's file, as ``unit.py``, and of the `files` that it names.
-
-        Raises
-        ------
-        UnitError
-            If one of them cannot be read.
-        """
+        """Name to content of the unit's file, as ``unit.py``, and of its `files`; UnitError if one is not readable."""
         if self.unit.made_of is not None:
             return dict(self.unit.made_of)
         path = source_file(self.unit)
         if path is None:
             if self.unit.backend == "native":
                 return {}
-            raise UnitError(f"{self.unit.__name__}: a Python FMU carries the file of its unit, and this one has none.")
-        found: dict[str, bytes] = {}
+            raise UnitError(f"{self.unit.__name__} must be in a file, since a Python FMU carries it.")
+        contents: dict[str, bytes] = {}
         for name in ("unit.py", *self.unit.files):
             try:
-                found[name] = (path if name == "unit.py" else path.with_name(name)).read_bytes()
+                contents[name] = (path if name == "unit.py" else path.with_name(name)).read_bytes()
             except OSError as error:
                 raise UnitError(f"{shown(self.unit)}: files: {name} cannot be read: {error.strerror}.") from None
-        return found
+        return contents
 
     def made(self, name: str) -> ca.Function:
         """Trace a function."""
-        if name in self._leaves:
-            record = self._traced(self._leaves[name])
+        if name in self._traced:
+            record = self._record(name)
             return traced_function(name, record.symbols, record.expressions())
         kind, derivatives = self._related[name]
         if kind == "left":
             return self._left(derivatives)[1]
-        stiff = ImplicitEquations(self._traced(self._leaves[derivatives]), cut=kind == "step")
+        stiff = ImplicitEquations(self._record(derivatives), cut=kind == "step")
         try:
             return stiff.jacobian(name) if kind == "jacobian" else stiff.step(name, self.casadi_function(derivatives))
         except KernelError as error:
@@ -194,16 +125,16 @@ class UnitFunctions(Functions):
             ) from None
 
     def switches(self, derivatives: str) -> bool:
-        """Whether derivatives switch by time; UnitError if it is not known when."""
-        reads = self._leaves[derivatives].reads
-        return self.unit.backend == "native" and "t" in reads and self._left(derivatives)[0]
+        """Whether derivatives switch by time; UnitError if the time cannot be found."""
+        return (
+            self.unit.backend == "native" and "t" in self._traced[derivatives][1].reads and self._left(derivatives)[0]
+        )
 
     def _left(self, derivatives: str) -> tuple[bool, ca.Function]:
         """Return whether derivatives switch by time, and the function of the time until they do."""
-        record, function = self._traced(self._leaves[derivatives]), self.casadi_function(derivatives)
+        record, function = self._record(derivatives), self.casadi_function(derivatives)
         given = record.symbols
-        declared = self.unit.declared.items()
-        inputs = [argument_name(name) for name, d in declared if d.causality == "input"]
+        inputs = [argument_name(name) for name, d in self.unit.declared.items() if d.causality == "input"]
         rates = {name: ca.SX.sym(f"rate_{name}", given[name].numel()) for name in inputs if name in given}
         changing = rates | ({"x": record.expressions()["x_dot"]} if "x" in given else {})
         try:
@@ -220,18 +151,13 @@ class UnitFunctions(Functions):
 
     def _made(self, name: str) -> ca.Function:
         base, _, direction = name.rpartition("_")
-        if direction in DIRECTIONS and base in {call.function for call in self._calls["update"]}:
+        if direction in DIRECTIONS and base in {call.function for call in self.calls["update"]}:
             return derivative(self.casadi_function(base), direction, rounded=True)
         return super()._made(name)
 
-    def _traced(self, leaf: Leaf) -> Symbols:
+    def _record(self, name: str) -> Symbols:
+        phase, call = self._traced[name]
         instance = self.unit(self.robot)
-        record = Symbols(instance, leaf.phase, leaf.fixed)
-        run(instance, leaf.phase, record)
+        record = Symbols(instance, phase, dict(call.when))
+        run(instance, phase, record)
         return record
-
-
-def _choice_name(unit: type[BaseUnit], name: str, value: int) -> str:
-    choices = unit.declared[name].choices
-    text = choices[value] if choices else f"{'' if value else 'not_'}{name}"
-    return text if text.isidentifier() and text.isascii() and "__" not in text else f"{name}_{value}"

@@ -1,7 +1,4 @@
-"""The states of a unit over time: a solver between the samples, and sampled states that change at each.
-
-:class:`ScipySolver` makes references; the solver of FMUs is in :mod:`.integrator`.
-"""
+"""Motion of the states of a unit: steps of Rodas4 in FMUs, scipy for references; both between samples."""
 
 from __future__ import annotations
 
@@ -11,13 +8,24 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from vdfmu.base.arrays import Floats, odeint
-from vdfmu.compiler.unit.evaluate import Evaluation
+from vdfmu.base.errors import KernelError
+from vdfmu.compiler.functions.rodas import ORDER
+from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
+from vdfmu.compiler.unit.evaluate import Evaluation, holds
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
 """Calls of the right-hand side in one go, ten times what the shipped robots take; odd values may find no end."""
 _CLOSE = 1e-9
 """Part of a period within which a time counts as a sample's."""
+MINIMUM_STEP = 1e-12
+"""Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
+MAXIMUM_STEPS = 1_000_000
+"""Internal steps, rejected ones too, in one call: 10 s of the six-joint arm at 150 rad/s take 300,000."""
+FIRST_STEP = 1e-4
+"""Step that is tried first [s]."""
+_ADVICE = "Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance."
+_SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
 class _RunawayError(ArithmeticError):
@@ -25,23 +33,15 @@ class _RunawayError(ArithmeticError):
 
 
 class Solver:
-    """Moves the states of a unit in its memory, with the inputs held.
+    """Moves the states of a unit in its memory, with the inputs held. The first sample is at `start` [s]."""
 
-    Attributes
-    ----------
-    unit : Evaluation
-        Its memory holds inputs and states.
-    start : float [s]
-        Time of the first sample.
-    """
-
-    def __init__(self, unit: Evaluation, start: float = 0.0) -> None:
-        self.unit, self.start = unit, start
+    def __init__(self, unit: Evaluation) -> None:
+        self.unit, self.start = unit, 0.0
 
     def move(self, t: float, end: float, duration: float | None = None) -> None:
         """Move from `t` to `end` [s]; outputs are not calculated.
 
-        `duration` is the step between them where the times have its rounding.
+        `duration` is the communication step, if the difference of the times has its rounding.
         """
         for begin, to, sampled in samples(self.unit, self.start, t, end):
             if sampled:
@@ -61,56 +61,154 @@ class Solver:
 
 
 class ScipySolver(Solver):
-    """Moves the states by scipy; from where they run away on they are not numbers.
+    """Moves the states by scipy, within a relative and absolute tolerance. States that run away become NaN.
 
-    Parameters
-    ----------
-    unit, start : see :class:`Solver`
-    tolerance : float
-        Absolute, and relative, of scipy's solver.
+    `drive` sets the inputs at a time [s], if they change.
     """
 
-    def __init__(self, unit: Evaluation, start: float = 0.0, tolerance: float = TOLERANCE) -> None:
-        super().__init__(unit, start)
-        self.tolerance = tolerance
-        self._calls = 0
+    def __init__(
+        self, unit: Evaluation, tolerance: float = TOLERANCE, drive: Callable[[float], None] = lambda t: None
+    ) -> None:
+        super().__init__(unit)
+        self.tolerance, self._drive, self._calls = tolerance, drive, 0
+
+    def sample(self, t: float) -> None:
+        """Update the sampled states by the inputs at `t` [s]."""
+        self._drive(t)
+        super().sample(t)
 
     def advance(self, t: float, duration: float) -> None:
         """Move the continuous states from `t` by `duration` [s]."""
         if not self.unit.x.size:
             return
-        self.drive(t)
+        options = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
+        self._drive(t)
         for begin, to, crossing in switchings(self.unit.left, t, t + duration):
             if not np.isfinite(self.unit.x).all():
                 return
             self._calls = 0
-            if crossing:
-                x = self.unit.x.copy()
-                self.unit.x[:] = x + (to - begin) * self._rate(begin, x)
-            else:
-                self._solve(begin, to - begin)
-            self.drive(to)
-
-    def drive(self, t: float) -> None:
-        """Set inputs that change in time."""
-
-    def _solve(self, t: float, duration: float) -> None:
-        end = t + duration
-        if end == t:
-            return
-        tolerances = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
-        try:
-            states, fault = odeint(self._rate, self.unit.x, np.array([t, end]), tcrit=[end], **tolerances)
-            self.unit.x[:] = math.nan if fault else states[-1]
-        except _RunawayError:
-            self.unit.x[:] = math.nan
+            x, end = self.unit.x.copy(), begin + (to - begin)
+            try:
+                if crossing:
+                    self.unit.x[:] = x + (to - begin) * self._rate(begin, x)
+                elif end > begin:
+                    states, fault = odeint(self._rate, x, np.array([begin, end]), tcrit=[end], **options)
+                    self.unit.x[:] = math.nan if fault else states[-1]
+            except _RunawayError:
+                self.unit.x[:] = math.nan
+            self._drive(to)
 
     def _rate(self, t: float, x: Floats) -> Floats:
         self._calls += 1
+        self._drive(t)
         rate = self.unit.rate(t, x)
         if self._calls > _MOST_CALLS or not math.isfinite(rate @ rate):  # the square: one call
             raise _RunawayError
         return rate
+
+
+class Integrator(Solver):
+    """The solver of FMUs, Rodas4.
+
+    It keeps the local error of every internal step below `tolerance` times (1 SI unit + the state's magnitude), in the
+    root mean square over all states. Or the unit's `solver` fixes the number of internal steps, whatever their error.
+    The memory and the step to try next, `h` [s], restore the solver to the bit.
+    `steps` and `rejected` count internal steps since the start.
+    """
+
+    def __init__(self, unit: Evaluation) -> None:
+        super().__init__(unit)
+        self.x = unit.x
+        self.h, self.tolerance = FIRST_STEP, SOLVER_TOLERANCE
+        self._h, self._tolerance = np.zeros(1), np.zeros(1)
+        self._x_new, self._norm, self._ratio = np.zeros_like(unit.x), np.zeros(1), np.zeros_like(unit.x)
+        shared = {name: getattr(self, f"_{name}") for name in ("h", "tolerance", "x_new", "norm", "ratio")}
+        program = unit.interface.program
+        self._steps = [(unit.conditions(call), unit.bound(call.function, **shared)) for call in program.step]
+        self.steps = self.rejected = 0
+
+    def advance(self, t: float, duration: float) -> None:
+        """Move the state from `t` to `t + duration` [s] with the inputs held.
+
+        KernelError if the state is no longer finite or, under error control, the tolerance cannot be met at the
+        smallest step, or `MAXIMUM_STEPS` do not reach the end. The message has time and state. The memory is as before.
+        """
+        x, x_new, norm = self.x, self._x_new, self._norm
+        self._tolerance[0] = self.tolerance
+        step = next(s.run for conditions, s in self._steps if holds(conditions))
+        if fixed := int(self.unit.group("solver")[0]):
+            self._advance_fixed(step, fixed, t, duration)
+            return
+        time = self.unit.argument("t")
+        before, h_before = x.copy(), self.h
+        done, tried, failure = 0.0, 0, ""
+        while done < duration:
+            tried += 1
+            rest, left, close = duration - done, self.unit.left(t + done), margin(t + done)
+            end = rest <= (ahead := left - close if left > 2.0 * close else left + close)
+            rest = rest if end else ahead  # a switching is approached, then crossed
+            h = self.h
+            last = h >= rest * (1.0 - 1e-10)
+            if last:
+                h = rest
+            elif 2.0 * h > rest:  # two equal steps instead of a long and a short one
+                h = 0.5 * rest
+            self._h[0] = h
+            time[0] = t + done
+            step()
+            error = float(norm[0])
+            factor = _SAFETY * error ** (-1.0 / ORDER) if error > 0.0 else _GROW
+            if error <= 1.0:
+                self.steps += 1
+                done = duration if last and end else done + h
+                x[:] = x_new
+                # a step cut short by the communication point says little about the next: it never shrinks h
+                grown = h * min(_GROW, max(factor, _SHRINK))
+                self.h = max(grown, self.h) if last and h < self.h else grown
+            else:
+                self.rejected += 1
+                self.h = h * (min(0.9, max(factor, _SHRINK)) if math.isfinite(error) else _SHRINK)
+                if self.h < MINIMUM_STEP:
+                    failure = (
+                        f"at t = {t + done:.9g} s {self._problem(error)}, and the internal step reached its minimum "
+                        f"{MINIMUM_STEP:g} s. {_ADVICE}"
+                    )
+            if not failure and tried == MAXIMUM_STEPS and done < duration:
+                failure = (
+                    f"at t = {t + done:.9g} s the communication step of {duration:.6g} s is not done after "
+                    f"{MAXIMUM_STEPS} internal steps, the last of {h:.3g} s. Take shorter communication steps. "
+                    f"{_ADVICE}"
+                )
+            if failure:
+                x[:] = before
+                self.h = h_before
+                raise KernelError(failure)
+
+    def _advance_fixed(self, step: Callable[[], None], fixed: int, t: float, duration: float) -> None:
+        """Take `fixed` internal steps of one length: the same work in each communication step."""
+        before, time, size, done = self.x.copy(), self.unit.argument("t"), duration / fixed, 0.0
+        for k in range(1, fixed + 1):
+            to = k * size if k < fixed else duration
+            self._h[0] = to - done
+            time[0] = t + done
+            step()
+            if not math.isfinite(error := float(self._norm[0])):
+                self.x[:] = before
+                raise KernelError(
+                    f"at t = {t + done:.9g} s {self._problem(error)}, and the number of internal steps is fixed, "
+                    f"{fixed}. Take shorter communication steps, or solver adaptive."
+                )
+            self.steps += 1
+            self.x[:] = self._x_new
+            done = to
+
+    def _problem(self, error: float) -> str:
+        interface = self.unit.interface
+        bad = np.flatnonzero(~np.isfinite(self._x_new))
+        name = interface.memory[interface.states][bad[0] if len(bad) else np.argmax(np.abs(self._ratio))].name
+        if len(bad):
+            return f"state {name} is not finite"
+        return f"the local error of state {name} is {error:.3g} times the tolerance {self.tolerance:.3g}"
 
 
 def margin(t: float) -> float:
@@ -121,8 +219,8 @@ def margin(t: float) -> float:
 def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator[tuple[float, float, bool]]:
     """Yield the parts of the time from `t` to `end` between switchings: begin, end, and whether it is crossed there.
 
-    `left` tells the time until the next one; the states have been moved to the end of a part before the next is asked
-    for. What crosses one is so short that a straight line has no error.
+    `left` returns the time until the next switching. Move the states to the end of a part before taking the next part.
+    The part across a switching is so short that a straight line is exact.
     """
     while t < end:
         rest, close = left(t), margin(t)
@@ -135,7 +233,7 @@ def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator
 def samples(unit: Evaluation, start: float, t: float, end: float) -> Iterator[tuple[float, float, bool]]:
     """Yield the parts of the time from `t` to `end` between samples: begin, end, and whether a sample is at the begin.
 
-    The sample at `end` is left to what follows. A unit without sampled states has one part.
+    A sample at `end` belongs to the next move. A unit without sampled states has one part.
     """
     if not unit.interface.is_sampled:
         yield t, end, False

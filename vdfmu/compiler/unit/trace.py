@@ -1,24 +1,29 @@
-"""A unit's methods as traced functions: what each reads and sets, by choice, and its expressions."""
+"""Traces of a unit's methods: their reads, writes and choices, and their expressions."""
 
 from __future__ import annotations
 
+import math
+import os
 import re
+import sys
 import traceback
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple, NoReturn
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any, NoReturn
 
 import casadi as ca
 import numpy as np
 
 from vdfmu.base.errors import KernelError, UnitError, UsageError
+from vdfmu.base.files import PACKAGE
 from vdfmu.base.text import kind_text
-from vdfmu.compiler.c.expressions import CALLED
-from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, to_sx
-from vdfmu.compiler.unit.base import BaseUnit
-from vdfmu.compiler.unit.call import call
+from vdfmu.compiler.c.text import CALLED
+from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, refusals, to_sx
+from vdfmu.compiler.unit.base import BaseUnit, Values, unit_name
 from vdfmu.compiler.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
 from vdfmu.compiler.unit.place import place, shown, source_file
-from vdfmu.compiler.unit.values import Values
 
 Fixed = Mapping[str, int]
 """Choice or switch to its value."""
@@ -31,7 +36,7 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
     "balance": (),
     "requirements": (),
 }
-_MEMORY = "What is kept from one call to the next is a Sampled state; what is not, a local variable"
+_MEMORY = "Memory from one call to the next is a Sampled state. Within a call use a local variable"
 _TAKEN = re.compile(
     r"p|x|x_dot|t|h|tolerance|norm|ratio|factors|given|made|w|[svw]\d+|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
     # keywords of C, and what it defines that traced functions use
@@ -42,20 +47,24 @@ _TAKEN = re.compile(
 
 
 def argument_name(name: str) -> str:
-    """Name of a variable as an argument or result of traced functions, which have other uses for some names."""
+    """Name of a variable as an argument or result of traced functions; some names have other uses there."""
     return f"own_{name}_" if _TAKEN.fullmatch(name) else name
 
 
-class Leaf(NamedTuple):
-    """One method of a unit for some choices."""
+@dataclass(frozen=True)
+class Call:
+    """A traced function, with groups of variables as arguments and results: a method of a unit for some choices."""
 
-    phase: str
-    """One of :data:`~vdfmu.compiler.unit.declaration.PHASES`."""
-    fixed: Fixed
-    """The choices that it reads, and their values."""
+    function: str
+    when: tuple[tuple[str, int], ...]
+    """Choices and their values with which it runs."""
     reads: tuple[str, ...]
-    """Arguments of traced functions: variables, ``p`` for the robot's parameters and ``t`` for the time."""
+    """Variables, ``p`` for the robot's parameters and ``t`` for the time."""
     sets: tuple[str, ...]
+
+    def group(self, name: str) -> str:
+        """Group of an argument or a result."""
+        return name[:-4] if name[-4:] == "_new" and name[:-4] in self.sets else name
 
 
 class _ForkError(Exception):
@@ -66,15 +75,9 @@ class _ForkError(Exception):
 
 
 class Recording(Values):
-    """Record of what a method reads and sets, on the values of the instance.
+    """Record of the reads and writes of a method, on the values of the instance.
 
-    Attributes
-    ----------
-    phase, fixed : str and mapping
-        The method, and the choices that it may read.
-    reads : dict
-        Arguments of traced functions that the method reads.
-    sets : dict of str to value
+    `phase` is the method, `fixed` the choices that it may read, `reads` has the arguments of its traced function.
     """
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed) -> None:
@@ -97,18 +100,18 @@ class Recording(Values):
         if isinstance(declared, Output) or (isinstance(declared, Derivative) and self.phase != "balance"):
             raise refusal(UnitError(f"{declared.name} is read before it is set"))
         if isinstance(declared, State) and self.phase == "start":
-            raise refusal(UnitError(f"{declared.name} is a state, which has no value before start() sets it"))
+            raise refusal(UnitError(f"{declared.name} is a state and gets its first value by start()"))
         self.reads[argument_name(declared.name)] = None
         return self.value(declared)
 
     def write(self, declared: Declared, value: Any) -> None:
         """Take the value of a variable that the method may set."""
         if not isinstance(declared, _MAY_SET[self.phase]):
-            raise refusal(UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not"))
+            raise refusal(UnitError(f"{self.phase}() must not set {declared.name}, {_kind(declared)}"))
         super().write(declared, value)
-        made = np.asarray(self.sets[declared.name])
-        if made.dtype != object and not np.isfinite(made).all():
-            raise UnitError(f"{declared.name} is {made} at the start values, expected finite numbers")
+        result = np.asarray(self.sets[declared.name])
+        if result.dtype != object and not np.isfinite(result).all():
+            raise UnitError(f"{declared.name} is {result} at the start values, expected finite numbers")
 
     def keep(self, name: str) -> None:
         """Raise for an attribute that a trace would not see."""
@@ -147,21 +150,17 @@ class _RobotPart:
 
     def __getattr__(self, name: str) -> Any:
         if name not in self._fields:
-            known = ", ".join(repr(field) for field in (*self._fields, name))
-            raise refusal(UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})"))
+            fields = ", ".join(repr(field) for field in (*self._fields, name))
+            raise refusal(UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({fields})"))
         self._record.reads[argument_name(name)] = None
         return self._record.field(name)
 
 
 class Symbols(Recording):
-    """Record of a method that runs on symbols, new ones or the symbols of another record.
+    """Record of a method that runs on symbols, new or of another record.
 
-    Attributes
-    ----------
-    symbols : dict of str to casadi.SX
-        Columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
-    cuts : list of (joint, symbols, values)
-        Expressions that :meth:`cut` has replaced by symbols, in the order of their calculation.
+    `symbols` are columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``. `cuts` are
+    expressions that :meth:`cut` has replaced, in the order of calculation: joint, symbols, values.
     """
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed, other: Symbols | None = None) -> None:
@@ -177,7 +176,7 @@ class Symbols(Recording):
         return self.symbols[name]
 
     def cut(self, joint: int, value: Any) -> Any:
-        """Put symbols instead of the elements of an array that are not constant, for :func:`.generic.cut`."""
+        """Replace the elements of an array that are not constant by symbols, for :func:`.generic.cut`."""
         column = to_sx(value)
         free = [k for k in range(column.numel()) if not column[k].is_constant()]
         symbols = ca.SX.sym("cut", len(free))
@@ -195,7 +194,7 @@ class Symbols(Recording):
             column = self.symbol("x_dot" if isinstance(declared, Derivative) else "x", where[""].stop)
             column = column[where[state.name]]
         else:
-            column = self.symbol(argument_name(declared.name), int(np.prod(shape, dtype=int)))
+            column = self.symbol(argument_name(declared.name), math.prod(shape))
         array = from_sx(ca.SX(column)).reshape(shape)
         return array.view(SymbolArray) if shape else array[()]
 
@@ -216,35 +215,31 @@ class Symbols(Recording):
         return part if fields else self._robot
 
     def expressions(self) -> dict[str, ca.SX]:
-        """Return what the method has set, as columns; continuous states as ``x``, derivatives as ``x_dot``."""
-        found: dict[str, ca.SX] = {}
-        together: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
+        """Return the variables set, as columns; continuous states as ``x``, derivatives as ``x_dot``."""
+        results: dict[str, ca.SX] = {}
+        parts: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
         where = state_slices(self.unit)
         for name, value in self.sets.items():
             declared = self.unit.declared[name]
             if isinstance(declared, Derivative):
-                together["x_dot"][declared.state.name] = to_sx(value)
+                parts["x_dot"][declared.state.name] = to_sx(value)
             elif name in where:
-                together["x"][name] = to_sx(value)
+                parts["x"][name] = to_sx(value)
             else:
-                argument = argument_name(name)
-                found[f"{argument}_new" if self.phase == "update" else argument] = to_sx(value)
-        for name, columns in together.items():
-            if columns:
-                found[name] = ca.vertcat(*[columns[state] for state in where if state])
-        return found
+                results[argument_name(name) + ("_new" if self.phase == "update" else "")] = to_sx(value)
+        whole = {name: [by_state[state] for state in where if state] for name, by_state in parts.items() if by_state}
+        return results | {name: ca.vertcat(*columns) for name, columns in whole.items()}
 
 
 def state_slices(unit: BaseUnit) -> dict[str, slice]:
     """Continuous state to its place in ``x``; ``""`` to the whole."""
-    found: dict[str, slice] = {}
-    begin = 0
+    slices: dict[str, slice] = {}
+    end = 0
     for declared in unit.declared.values():
         if type(declared) is State:
-            end = begin + int(np.prod(declared.sizes(unit.n), dtype=int))
-            found[declared.name] = slice(begin, end)
-            begin = end
-    return found | {"": slice(0, begin)}
+            begin, end = end, end + math.prod(declared.sizes(unit.n))
+            slices[declared.name] = slice(begin, end)
+    return slices | {"": slice(0, end)}
 
 
 def _kind(declared: Declared) -> str:
@@ -252,25 +247,18 @@ def _kind(declared: Declared) -> str:
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 
 
-def leaves(unit: BaseUnit, phase: str) -> list[Leaf]:
-    """Return what a method reads and sets for each value of the choices that it reads; none for one that sets nothing.
+def calls_of(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Call]:
+    """Yield the call of a method for each value of the choices that it reads; nothing if it sets nothing.
 
-    Raises
-    ------
-    UnitError
-        For a method that fails, or sets not all that it must.
+    The name of its function follows from unit, method and `fixed` choices. UnitError for a method that fails, or that
+    leaves out a variable it must set.
     """
-    return list(_leaves(unit, phase, {}))
-
-
-def _leaves(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
     record = Recording(unit, phase, fixed)
     try:
         run(unit, phase, record)
     except _ForkError as fork:
-        choice = fork.choice
-        for value in range(max(2, len(choice.choices))):
-            yield from _leaves(unit, phase, {**fixed, choice.name: value})
+        for value in range(max(2, len(fork.choice.choices))):
+            yield from calls_of(unit, phase, {**fixed, fork.choice.name: value})
         return
     _check_complete(unit, phase, fixed, record.sets)
     if unit.backend != "python":
@@ -278,28 +266,31 @@ def _leaves(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
     for name, value in record.sets.items():
         unit.store.setdefault(name, value)
     if record.sets:
-        yield Leaf(phase, fixed, tuple(record.reads), tuple(map(argument_name, record.sets)))
+        names = [_choice_name(unit.declared[name], value) for name, value in fixed.items()]
+        function = "_".join((unit_name(type(unit)), phase, *names))
+        yield Call(function, tuple(fixed.items()), tuple(record.reads), tuple(map(argument_name, record.sets)))
+
+
+def _choice_name(choice: Declared, value: int) -> str:
+    text = choice.choices[value] if choice.choices else f"{'' if value else 'not_'}{choice.name}"
+    return text if text.isidentifier() and text.isascii() and "__" not in text else f"{choice.name}_{value}"
 
 
 def _check_repeatable(unit: BaseUnit, phase: str, first: Recording) -> None:
-    """Raise for a method that gives something else the second time: its trace would be one case of many."""
+    """Raise if a second run of a method has another result: its trace would be one case of many."""
     again = Recording(unit, phase, first.fixed)
     run(unit, phase, again)
     for name, value in first.sets.items():
         if not np.array_equal(value, again.sets.get(name, np.nan)):
             raise UnitError(
                 f"{place(type(unit), phase)}: {phase}() of {type(unit).__name__} gives {name} = {value}, then "
-                f"{again.sets.get(name)} from the same values. {_MEMORY}; "
-                "noise is an input, or of `normal` of vdfmu.unit."
+                f"{again.sets.get(name)} from the same values. {_MEMORY}, for noise an input or `normal` of vdfmu.unit."
             )
 
 
 def _check_complete(unit: BaseUnit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:
-    """Raise for what a method must set and does not."""
-    if phase == "update":
-        return
-    needed = [name for name, d in unit.declared.items() if d.set_by == phase]
-    missing = [name for name in needed if name not in sets]
+    """Raise if a method leaves out a variable that it must set."""
+    missing = [name for name, d in unit.declared.items() if d.set_by == phase and name not in sets]
     if missing:
         choices = [
             f"{name} = {unit.declared[name].choices[value] if unit.declared[name].choices else bool(value)}"
@@ -307,22 +298,16 @@ def _check_complete(unit: BaseUnit, phase: str, fixed: Fixed, sets: Mapping[str,
         ]
         with_choices = f" with {', '.join(choices)}" if choices else ""
         where = missing[0] if getattr(type(unit), phase) is getattr(BaseUnit, phase) else phase
-        what = f"{phase}() of {type(unit).__name__} never sets {', '.join(missing)}{with_choices}"
-        raise UnitError(f"{place(type(unit), where)}: {what}.")
+        method = f"{phase}() of {type(unit).__name__}"
+        raise UnitError(f"{place(type(unit), where)}: {method} never sets {', '.join(missing)}{with_choices}.")
 
 
 def run(unit: BaseUnit, phase: str, values: Values) -> Any:
-    """Run a method of a unit on values.
-
-    Raises
-    ------
-    UnitError
-        Naming file, line and reason.
-    """
+    """Run a method of a unit on values; UnitError with file, line and reason if it fails."""
     before, unit.in_use = unit.in_use, values
     symbols = isinstance(values, Symbols)
     try:
-        return call(getattr(unit, phase), source_file(type(unit)) if symbols else None)
+        return _call(getattr(unit, phase), source_file(type(unit)) if symbols else None)
     except _ForkError:
         raise
     except RecursionError as error:
@@ -338,6 +323,37 @@ def run(unit: BaseUnit, phase: str, values: Values) -> Any:
         unit.in_use = before
 
 
+def _call(method: Callable[[], Any], file: Path | None) -> Any:
+    """Call a method. Raise errors of values and symbols even if the method catches them.
+
+    The same holds for errors of types and attributes in the code of `file` and the files beside it: numpy and other
+    libraries raise them for unknown objects, such as symbols.
+    """
+    refused: list[Exception] = []
+    token, tracer = refusals.set(refused), sys.gettrace()
+
+    def look(frame: FrameType, event: str, argument: Any) -> Any:
+        if event == "exception" and isinstance(argument[1], (TypeError, AttributeError)):
+            refusal(argument[1])
+        return look if os.path.dirname(frame.f_code.co_filename) == str(file.parent if file else "") else None
+
+    try:
+        if file is not None and PACKAGE not in file.parents and tracer is None:  # else a debugger needs its place
+            sys.settrace(look)
+        with np.errstate(all="ignore"):
+            result = method()
+    except Exception:
+        if not refused:
+            raise
+        result = None
+    finally:
+        sys.settrace(tracer)
+        refusals.reset(token)
+    if refused:
+        raise refused[0]
+    return result
+
+
 _WAY_OUT = (
     ". Write it with arithmetic, elementwise functions of numpy, and where, lookup, solve, inv, expm and others "
     "of vdfmu.unit"
@@ -349,7 +365,7 @@ def _fail(unit: BaseUnit, phase: str, error: Exception, reason: str, symbols: bo
     file = str(source_file(type(unit)))
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     where = f"{shown(type(unit))}, line {lines[-1]}" if lines else shown(type(unit))
-    what = f"{phase}() of {type(unit).__name__} {'cannot be traced' if symbols else 'fails'}: {reason}"
-    if symbols:  # a symbol that is compared names its own way out
-        what += ("" if "Write it with" in reason else _WAY_OUT) + _OTHER_WAY_OUT
-    raise UnitError(f"{where}: {what}.") from None
+    if symbols:  # the error of a symbol that is compared has its way out already
+        reason += ("" if "Write it with" in reason else _WAY_OUT) + _OTHER_WAY_OUT
+    method = f"{phase}() of {type(unit).__name__} {'cannot be traced' if symbols else 'fails'}"
+    raise UnitError(f"{where}: {method}: {reason}.") from None

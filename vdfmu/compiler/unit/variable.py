@@ -1,4 +1,4 @@
-"""One scalar variable of a unit, and the declared variables of a unit as scalars for a robot.
+"""Declared variables of a unit as the scalars of FMI 2.0 for a robot.
 
 FMI names are structured and count from 1. Python indices count from 0; `Variable.name` is where the two meet.
 """
@@ -14,45 +14,40 @@ import numpy as np
 
 from vdfmu.base.measure import POSITIVE, derivative_of, measure, unit_of
 from vdfmu.compiler.unit.base import BaseUnit
-from vdfmu.compiler.unit.declaration import JOINTS, Attributes, Declared, Derivative, Input, Output, Sampled, State
-from vdfmu.compiler.unit.machine import Entry, Machine
-
-NO_LIMIT = 1e12
-"""Start value of a limit that does not limit; FMI has no portable infinity."""
+from vdfmu.compiler.unit.declaration import (
+    JOINTS,
+    Attributes,
+    Declared,
+    Derivative,
+    Entry,
+    Input,
+    Machine,
+    Output,
+    Sampled,
+    State,
+)
 
 
 @dataclass(frozen=True)
 class Variable(Attributes):
-    """One scalar variable.
-
-    Attributes
-    ----------
-    group : str
-        Name without indices, the paper's symbol.
-    index : tuple of int
-        Indices from 0; empty for a scalar.
-    type : "Real", "Integer" or "Boolean"
-    causality : "input", "output" or "parameter"
-        Beside them a native unit has "local" derivatives and the "independent" time.
-    variability : "continuous", "discrete", "fixed" or "tunable"
-    unit : str or None
-    start : float, int, bool or None
-        None for an output, whose value is calculated.
-    minimum, maximum : float or None
-    description : str
-    choices : tuple of str
-        Names of the values 0, 1, .. of an integer.
-    """
+    """One scalar variable, with `minimum` and `maximum`."""
 
     group: str
+    """Name without indices, the paper's symbol."""
     index: tuple[int, ...]
+    """Indices from 0; empty for a scalar."""
     type: str
+    """Real, Integer or Boolean."""
     causality: str
+    """input, output or parameter; in native units also local, for derivatives, and independent, for the time."""
     variability: str
+    """continuous, discrete, fixed or tunable."""
     unit: str | None
     start: Any
+    """Number or bool; None for a calculated output."""
     description: str
     choices: tuple[str, ...] = ()
+    """Names of the values 0, 1, .. of an integer."""
 
     @property
     def name(self) -> str:
@@ -68,7 +63,7 @@ class Variable(Attributes):
         return next(iter(measure(self.unit).display), None) if self.unit else None
 
     def problem(self, value: Any) -> str | None:
-        """Return what is wrong with a value, as ``expected .., got ..``; None if nothing."""
+        """Return the fault of a value, as ``expected .., got ..``; None if it is valid."""
         unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
         try:
             value = float(value)
@@ -106,35 +101,33 @@ def scalar_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Variab
     """
     groups = [d for d in unit.declared_for(robot).values() if not isinstance(d, Derivative)]
     groups.sort(key=lambda d: _ORDER.index(type(d)) if type(d) in _ORDER else len(_ORDER))
-    found = [v for declared in groups for v in _scalars(declared, robot)]
+    variables = [v for declared in groups for v in _scalars(declared, robot)]
     if unit.robot_fields is not None:
         assert robot is not None
-        found += _robot_parameters(robot, unit.robot_fields)
-    return found
+        variables += _robot_parameters(robot, unit.robot_fields)
+    return variables
 
 
 def derivative_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Variable]:
     """Return the derivatives of the continuous states of a unit, in the order of the states."""
     declared = unit.declared_for(robot).values()
     by_state = {d.state: d for d in declared if isinstance(d, Derivative)}
-    states = [d for d in declared if type(d) is State]
-    return [v for state in states for v in _scalars(by_state[state], robot)]
+    return [v for state in declared if type(state) is State for v in _scalars(by_state[state], robot)]
 
 
 def _scalars(declared: Declared, robot: Machine | None) -> Iterator[Variable]:
     start = declared.start_value(robot) if declared.set_by is None else None
-    shape = declared.sizes(robot.n if robot is not None else 0)
-    for position, index in enumerate(np.ndindex(shape)):
+    derived = isinstance(declared, Derivative)
+    for position, index in enumerate(np.ndindex(declared.sizes(robot.n if robot is not None else 0))):
         joint = robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
-        quantity = declared.unit if isinstance(declared.unit, str) else declared.unit[position]
-        unit = unit_of(quantity, joint)
+        unit = unit_of(declared.unit if isinstance(declared.unit, str) else declared.unit[position], joint)
         yield Variable(
-            f"der({declared.state.name})" if isinstance(declared, Derivative) else declared.name,
+            f"der({declared.state.name})" if derived else declared.name,
             index,
             declared.type,
             declared.causality,
             declared.variability,
-            (derivative_of(unit) if isinstance(declared, Derivative) else unit) if declared.type == "Real" else None,
+            (derivative_of(unit) if derived else unit) if declared.type == "Real" else None,
             None if start is None else start[index].item(),
             _text(declared, position, index),
             declared.choices,
@@ -147,28 +140,25 @@ def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
     if not isinstance(declared.text, str):
         return declared.text[position]
     text = declared.text
-    if not text and not isinstance(declared, Derivative):
-        return ""
-    counted = tuple(i + 1 for i in index)
-    joint = f"Joint {counted[0]}: " if declared.shape[:1] == (JOINTS,) else ""
     if isinstance(declared, Derivative):
         text = f"derivative of the {text}" if text else f"derivative of {declared.state.name}"
-    if joint:
-        counted = counted[1:]
+    elif not text:
+        return ""
+    counted = tuple(i + 1 for i in index)
+    if declared.shape[:1] == (JOINTS,):
+        text, counted = f"Joint {counted[0]}: {text}", counted[1:]
     else:
         text = text[:1].upper() + text[1:]
     if len(counted) == 2:
-        return f"{joint}{text}, row {counted[0]}, column {counted[1]}"
-    return f"{joint}{text} {','.join(map(str, counted))}".rstrip()
+        return f"{text}, row {counted[0]}, column {counted[1]}"
+    return f"{text} {','.join(map(str, counted))}".rstrip()
 
 
 def _robot_parameters(robot: Machine, fields: tuple[str, ...]) -> Iterator[Variable]:
-    """Parameters of the robot that are not folded, in the order of the kernel's parameter vector; or some fields."""
-    listed = [Entry(field, (i,)) for field in fields for i in range(robot.n)] if fields else robot.entries()
-    for entry in listed:
-        facts = robot.facts(entry)
+    """Parameters of the robot in the order of the parameter vector; with `fields`, the elements of these arrays."""
+    for entry in [Entry(field, (i,)) for field in fields for i in range(robot.n)] if fields else robot.entries():
+        unit, minimum, maximum, text = robot.facts(entry)
         start = float(getattr(robot, entry.field)[entry.index])
         yield Variable(
-            entry.field, entry.index, "Real", "parameter", "fixed", facts.unit, start, facts.text,
-            minimum=facts.minimum, maximum=facts.maximum,
+            entry.field, entry.index, "Real", "parameter", "fixed", unit, start, text, minimum=minimum, maximum=maximum
         )  # fmt: skip

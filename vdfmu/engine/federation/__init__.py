@@ -1,4 +1,4 @@
-"""Distributed co-simulation: the components of a system in processes on one or several machines, joined by HELICS."""
+"""Distributed co-simulation: components of a system in processes on one or more machines, joined by HELICS."""
 
 from vdfmu.engine.federation.distributed import CORES, Federation, federate
 

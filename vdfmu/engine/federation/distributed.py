@@ -1,4 +1,4 @@
-"""A run in several processes: how a system is split, and `federate`."""
+"""Runs in several processes: the split of a system, and `federate`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.option import with_options
 from vdfmu.base.text import close_to
 from vdfmu.engine.algorithms import DELAYED
-from vdfmu.engine.federation.federated import Federated
-from vdfmu.engine.federation.plan import FederationPlan, levels, sent_values, share
+from vdfmu.engine.federation.federated import Federated, FederationPlan, levels, sent_values, share
 from vdfmu.engine.options import FederateOptions
 from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked
@@ -33,7 +32,7 @@ Not ``zmq_ss``: exchanges of four federates stall with it in HELICS 3.6.1, for a
 
 @dataclass(frozen=True)
 class Federation:
-    """How a system is split over processes, and how these find each other; for parameters see `federate`."""
+    """Split of a system over processes, and their connection; for parameters see `federate`."""
 
     split: Sequence[str]
     only: str | None = None
@@ -41,9 +40,9 @@ class Federation:
     core: str = "tcp_ss"
 
     def algorithm(self, wanted: str | None) -> str:
-        """Return the algorithm by which federates step; UsageError if another one is wanted."""
+        """Return the algorithm of federates; UsageError if the user wants another algorithm."""
         if wanted not in (None, DELAYED):
-            raise UsageError(f"federates step as {DELAYED} has it, not {wanted}")
+            raise UsageError(f"algorithm must be {DELAYED} for federates, got {wanted}")
         return DELAYED
 
     def apart(self, checked: Checked) -> tuple[Checked, Making]:
@@ -52,10 +51,8 @@ class Federation:
         UsageError with all problems of the split; VdfmuError if HELICS is not installed.
         """
         if find_spec("helics") is None:
-            raise VdfmuError(
-                "the Python package helics, which joins the federates, is not installed. Install it: "
-                f"{sys.executable} -m pip install helics"
-            )
+            text = "federates need the Python package helics, but it is not installed. Install it: "
+            raise VdfmuError(f"{text}{sys.executable} -m pip install helics")
         plan = self._plan(checked)
         return share(checked, [name for part in plan.here for name in plan.parts[part]]), partial(Federated, plan)
 
@@ -66,40 +63,28 @@ class Federation:
         for group in groups:
             for name in group:
                 if name not in checked.descriptions:
-                    known = close_to(name, checked.descriptions)
-                    problems.append(f"split: the system has no component {name!r}{known}")
+                    similar = close_to(name, checked.descriptions)
+                    problems.append(f"split: the system has no component {name!r}{similar}")
                 elif name in owner:
-                    problems.append(
-                        f"split: {name} is named twice, for the federates {owner[name]} and {group[0]}; each "
-                        "component steps in one"
-                    )
+                    text = f"split: {name} is named twice, for the federates {owner[name]} and {group[0]}"
+                    problems.append(f"{text}; each component steps in one")
                 owner.setdefault(name, group[0])
         rest = tuple(name for name in checked.descriptions if name not in owner)
         owner |= dict.fromkeys(rest, rest[0] if rest else "")
         parts = {group[0]: group for group in [*groups, rest] if group}
         if not problems and len(parts) < 2:
-            problems.append(
-                f"split: expected at least two federates, got {', '.join(parts)}; name some of the components "
-                f"{', '.join(checked.descriptions)}"
-            )
+            text = f"split: expected at least two federates, got {', '.join(parts)}; name some of the components "
+            problems.append(text + ", ".join(checked.descriptions))
         if self.only is not None and self.only not in parts and not problems:
-            problems.append(
-                f"no federate is named {self.only!r}; there are {', '.join(parts)}, by their first component"
-            )
+            problems.append(f"no federate is named {self.only!r}; expected {', '.join(parts)}, by the first component")
         if self.only is not None and self.broker is None:
-            problems.append(
-                f"federate {self.only} runs alone, and needs the address of a broker that the others know too: "
-                "--broker HOST:PORT; 'helics_broker' starts one"
-            )
+            text = f"federate {self.only} runs alone, and needs the address of a broker: --broker HOST:PORT"
+            problems.append(f"{text}; 'helics_broker' starts a broker")
         if self.core not in CORES:
             problems.append(f"core: expected {', '.join(CORES)}, got {self.core!r}")
-        together = all(component.step is None for component in checked.system.components)
-        problems += [
-            f"{name}: has event mode, and its events are of all components at one time, which are not in one "
-            "process; 'vdfmu simulate' runs it"
-            for name, description in checked.descriptions.items()
-            if description.event_mode and together
-        ]
+        if all(component.step is None for component in checked.system.components):
+            text = "has event mode, and events need all components in one process; 'vdfmu simulate' runs it"
+            problems += [f"{name}: {text}" for name, unit in checked.descriptions.items() if unit.event_mode]
         if problems:
             raise UsageError("\n".join(problems))
         crossing = [k for k in checked.links if k.start[0] != SOURCE and owner[k.start[0]] != owner[k.end[0]]]
@@ -119,9 +104,9 @@ def federate(
     core: str = "tcp_ss",
     **options: Unpack[FederateOptions],
 ) -> Results:
-    """Co-simulate a system in several processes, federates, that pass each other values by HELICS.
+    """Co-simulate a system in several processes, federates, that exchange values by HELICS.
 
-    Every federate steps its components with the values that the others had at the start of the step: the results are
+    Every federate steps its components with the other federates' values at the start of the step. So the results are
     the same as with :func:`vdfmu.simulate` and the algorithm jacobi.
 
     Parameters
@@ -129,23 +114,21 @@ def federate(
     system : FlatSystem, str or Path
         See :func:`vdfmu.simulate`.
     split : sequence of str
-        The components of each federate, such as ``["plant", "feedforward,controller"]``; components that are not named
-        form one more. A federate has the name of its first component.
+        The components of each federate, such as ``["plant", "feedforward,controller"]``; all other components form
+        one more. A federate has the name of its first component.
     only : str, optional
-        The federate to run here, while others run on other machines; the results hold only its components. By
-        default all run here.
+        The federate to run here; the results hold only its components. By default all run here.
     broker : str, optional
-        Address, ``HOST:PORT``, of the HELICS broker that all federates know. By default one is started here, on
-        loopback.
+        Address, ``HOST:PORT``, of the common HELICS broker. By default a broker is started here, on loopback.
     core : str, optional
-        How HELICS carries messages, one of `CORES`.
+        Message transport of HELICS, one of `CORES`.
     **options
         :class:`vdfmu.engine.options.FederateOptions`.
 
     Returns
     -------
     Results
-        See :func:`vdfmu.simulate`; the summary has the ``federates``, and the wall time that each waited for others.
+        See :func:`vdfmu.simulate`; the summary has the ``federates`` and their wall times of exchanges.
 
     Raises
     ------

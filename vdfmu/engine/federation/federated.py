@@ -1,33 +1,108 @@
-"""The federates of one run that are processes of this machine.
+"""The split of a system over processes, and the federates of a run on this machine.
 
 Each is a process as in `vdfmu.engine.run.isolated`: it holds components, shares the memory of their values with this
-process, and steps them on request. It gets values of other federates' components directly from these federates, by
-HELICS; this process only reads all values, row by row. A federate that has failed tells the others, on any machine. If
-one has died, this process notices at once, and other machines after some seconds.
+process, and steps them on request. Values between federates pass directly by HELICS; this process only reads all
+values, row by row. A failed federate reports to its peers on any machine. The death of a federate is noticed here at
+once, and on other machines after some seconds.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from numpy import array, intp
 
 from vdfmu.base.errors import CosimError, VdfmuError
-from vdfmu.engine.federation.plan import FederationPlan, share
 from vdfmu.engine.fmu.access import TEXTS
+from vdfmu.engine.fmu.description import Description, FmuVariable
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.check import Checked
+from vdfmu.engine.plan.conversion import SOURCE, Link, Port
+from vdfmu.engine.plan.feed import Feed
+from vdfmu.engine.plan.graph import ranks
+from vdfmu.engine.plan.schedule import variable_graph
 from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits
 
 
+class Sent(NamedTuple):
+    """Variables from a federate to its peers: reals, and all other types."""
+
+    reals: tuple[Port, ...]
+    rest: tuple[Port, ...]
+
+
+class FederationPlan(NamedTuple):
+    """The federates of a system."""
+
+    parts: Mapping[str, tuple[str, ...]]
+    """The components of each federate by its name, the name of its first component."""
+    here: tuple[str, ...]
+    """The federates to run here."""
+    sent: Mapping[str, Sent]
+    """Variables from each; reals that change in steps come first."""
+    levels: Mapping[Port, int]
+    """Number of exchanges in initialization mode until a variable has its value."""
+    core: str
+    """See `Federation` for it and the broker."""
+    broker: str | None
+
+    @property
+    def digest(self) -> str:
+        """Digest of the plan, the same for all federates of one run."""
+        same = self.parts, self.sent, sorted(self.levels.items())
+        return sha256(repr(same).encode()).hexdigest()
+
+
+def sent_values(links: Sequence[Link]) -> Sent:
+    """Return the variables at the start of connections."""
+    reals, rest = (dict.fromkeys(k.start for k in links if (k.source.kind == "Real") == r) for r in (True, False))
+    return Sent(tuple(reals), tuple(rest))
+
+
+def levels(checked: Checked, crossing: Sequence[Link]) -> dict[Port, int]:
+    """Return `FederationPlan.levels`; loops are open at connections with a guess during initialization."""
+    ports, edges = variable_graph(checked.sources, checked.links, initial=True)
+    edges -= {(link.start, link.end) for link in checked.schedule.initial.torn}
+    between = {(link.start, link.end) for link in crossing}
+    return ranks(ports, edges, lambda a, b: (a, b) in between)
+
+
+def share(checked: Checked, components: Collection[str]) -> Checked:
+    """Return a part of a checked system, with values from all other components as inputs from outside.
+
+    The initialization remains the initialization of the whole system.
+    """
+    links: dict[Port, Link] = {}
+    outside: dict[str, FmuVariable] = dict(checked.feed.description.variables) if checked.feed else {}
+    for link in checked.links:
+        if link.end[0] in components:
+            if link.start[0] not in components and link.start[0] != SOURCE:
+                name = ".".join(link.start)
+                outside[name] = replace(link.source, name=name, causality="output")
+                link = replace(link, start=(SOURCE, name), source=outside[name])
+            links[link.end] = link
+    nothing: dict[str, frozenset[str] | None] = dict.fromkeys(outside, frozenset())
+    source = Description("", "", "", False, outside, nothing, nothing)
+    return replace(
+        checked,
+        descriptions={name: d for name, d in checked.descriptions.items() if name in components},
+        links=tuple(links.values()),
+        schedule=replace(checked.schedule, units=tuple(u for u in checked.schedule.units if u in components)),
+        starts={name: values for name, values in checked.starts.items() if name in components},
+        feed=Feed(checked.feed.courses if checked.feed else (), source, (), ()) if outside else None,
+    )
+
+
 class _Federate(Isolated):
-    """The process of a federate; `ended` is called with its name when it has ended early."""
+    """The process of a federate; calls `ended` with its name at an early end."""
 
     server = "vdfmu.engine.federation.server"
 
@@ -40,8 +115,8 @@ class _Federate(Isolated):
 
     @property
     def waits(self) -> bool:
-        """Whether it has waited too long for another federate (not for a component)."""
-        return self.late and self.exchange.running.value <= 0
+        """Whether it exceeds the time limit, and not by the call of a component."""
+        return self.late and not self.works
 
     @property
     def works(self) -> bool:
@@ -49,7 +124,7 @@ class _Federate(Isolated):
         return self.exchange.running.value > 0
 
     def cut(self, late: bool) -> None:
-        """End the process because another one ended, or, if `late`, because this one took too long."""
+        """End the process because another process ended, or, if `late`, because of its time limit."""
         if (child := self._child) is not None:
             child.late = late
             child.kill()
@@ -103,9 +178,9 @@ class Federated(Elsewhere):
             federate.pressed = lambda: self.pressed()
             self._federates[name] = federate
             for bank, other in zip(self.exchange.banks, federate.exchange.banks, strict=True):
-                own = [(bank.position[port], i) for port, i in other.position.items() if port[0] in part.descriptions]
-                if own and bank.kind not in TEXTS:
-                    to, of = array(own, intp).T
+                pairs = [(bank.position[port], i) for port, i in other.position.items() if port[0] in part.descriptions]
+                if pairs and bank.kind not in TEXTS:
+                    to, of = array(pairs, intp).T
                     self._copies.append((bank.memory, to, other.memory, of))
 
     def load(self) -> None:
@@ -142,20 +217,18 @@ class Federated(Elsewhere):
 
     def facts(self) -> dict[str, Any]:
         """Return the summary's entries on the federates."""
-        federates = {
-            name: {"components": list(self._plan.parts[name])} | federate.facts()
-            for name, federate in self._federates.items()
-        }
+        parts = self._plan.parts
+        federates = {name: {"components": [*parts[name]]} | unit.facts() for name, unit in self._federates.items()}
         return {"federates": federates, "core": self._plan.core}
 
     def notes(self) -> list[str]:
-        """Return notes on the run: none."""
+        """Return no notes."""
         return []
 
     def close(self) -> CosimError | None:
         """Free all, end the processes, the broker's last, and return the first failure."""
         failures = [federate.close() for federate in reversed(self._federates.values())]
-        return next((failure for failure in failures if failure is not None), None)
+        return next(filter(None, failures), None)
 
     def _call(self, name: str, *arguments: Any) -> None:
         for federate in self._federates.values():
@@ -163,9 +236,9 @@ class Federated(Elsewhere):
         self._take()
 
     def _take(self, joining: bool = False) -> None:
-        """Wait for the answers of all; raise the error of the one that failed or ended first.
+        """Wait for all answers; raise the first failure.
 
-        All learn of a failure, except while they are `joining`: one that cannot join then ends all others.
+        Federates report failures to each other, except while `joining`: a failure there ends all others.
         """
         failures: dict[str, VdfmuError] = {}
 
@@ -185,16 +258,16 @@ class Federated(Elsewhere):
                 take(name)
         if failures:
             first = self._first or next(iter(failures))
-            raise failures.get(first) or self._federates[first].lost()  # which had answered before it ended
+            raise failures.get(first) or self._federates[first].lost()  # it had answered before its end
 
     def _ended(self, name: str) -> None:
-        """End the others, which would wait for a federate that has ended. Any thread may call it; the first counts."""
+        """End the peers of an ended federate, since they wait for it; only the first call, from any thread, counts."""
         with self._lock:
             if self._first is not None:
                 return
             self._first = name
             late = self._federates[name].waits
-            if late:  # it waited for another, which may be here
+            if late:  # it waited for another federate, maybe here
                 self._first = next((n for n, federate in self._federates.items() if federate.works), name)
         for other, federate in self._federates.items():
             if other != name:

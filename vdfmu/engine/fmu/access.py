@@ -1,4 +1,4 @@
-"""Values between the memory of the master and the calls of FMUs, which may have other types and whole arrays."""
+"""Values between the memory of the master and the calls of FMUs: other types, and arrays as a whole."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import Value
 
 Call = tuple[Any, tuple[Any, ...], str]
-"""An FMI function, its arguments, prepared once, and its name for messages."""
+"""An FMI function, its prepared arguments, and its name for messages."""
 DTYPES: dict[str, Any] = {
     "Real": np.float64, "Integer": np.int64, "Boolean": np.int32, "String": np.object_, "Binary": np.object_,
 }  # fmt: skip
-"""How the master holds the kinds of variables; texts and binary values as ``bytes``."""
+"""Types of the kinds of variables in the master; texts and binary values are ``bytes``."""
 KINDS = tuple(DTYPES)
 TEXTS = ("String", "Binary")
 """Kinds that tables do not hold and that no guess improves."""
 
 
 def held(kind: str, value: Any) -> Any:
-    """Return how the master holds a value."""
+    """Return a value as the master holds it."""
     if kind == "String":
         return str(value).encode("utf-8", "surrogateescape")
     return bytes(value) if kind == "Binary" else value
 
 
 def shown(kind: str, number: Any) -> Value:
-    """Return the value that the master holds in this form."""
+    """Return the value of a number or ``bytes`` in the master: the inverse of `held`."""
     if kind == "String":
         return number.decode("utf-8", "surrogateescape")
     return number if kind == "Binary" else number.item()
@@ -40,23 +40,21 @@ def shown(kind: str, number: Any) -> Value:
 class Transfer:
     """Variables of one type of an FMU between a window of the master's memory and the memory of a call.
 
-    The two are the same memory where type and order agree. An array of FMI 3.0 is got and set as a whole:
-    elements that the window does not have are set to `known`.
+    Both are the same memory if type and order agree. An array of FMI 3.0 is got and set as a whole, with `known` values
+    of the elements outside of the window.
 
     Parameters
     ----------
     verb : "Get" or "Set"
-    variables : sequence of FmuVariable
-    places : sequence of int
-        Their positions in `values`.
+    variables, places : sequences
+        The variables and their positions in the window.
     values : array
         The window.
     dtype : type
         Type in the memory of the call.
-    known : callable
-        Returns the values of all elements of a variable, by its value reference.
-    failure : callable
-        Returns the error of a call, from its name and the reason.
+    known, failure : callables
+        Return the values of all elements of a variable by its value reference, and the error of a call by its name and
+        the reason.
     """
 
     def __init__(
@@ -121,25 +119,25 @@ class Transfer:
         return get if self.verb == "Get" else put
 
     def _fetch(self) -> None:
-        found = self.memory[self._places]
+        received = self.memory[self._places]
         if self._kind in TEXTS:
-            sizes = self.sizes[self._places] if self._kind == "Binary" else [-1] * len(found)
-            for i, address, size in zip(self._where, found, sizes, strict=True):
+            sizes = self.sizes[self._places] if self._kind == "Binary" else [-1] * len(received)
+            for i, address, size in zip(self._where, received, sizes, strict=True):
                 self._values[i] = string_at(int(address), int(size)) if address else b""
             return
         if self.native == "UInt64":
-            self._refuse(found > np.iinfo(np.int64).max, found, "the largest that the master passes on, 2^63 - 1")
-        self._values[self._where] = found
+            self._refuse(received > np.iinfo(np.int64).max, received, "2^63 - 1 at most, the limit of the master")
+        self._values[self._where] = received
 
     def _bring(self) -> None:
-        wanted = self._values[self._where]
-        self._put(self._places, wanted)
+        sent = self._values[self._where]
+        self._put(self._places, sent)
         if self._kind == "Integer":
-            bad = (self.memory[self._places] != wanted) | (wanted < 0) & (self.native == "UInt64")
-            self._refuse(bad, wanted, f"a value of type {self.native}")
+            bad = (self.memory[self._places] != sent) | (sent < 0) & (self.native == "UInt64")
+            self._refuse(bad, sent, f"a value of type {self.native}")
 
     def _put(self, places: Any, values: Any) -> None:
-        """Put values into the memory of the call; a text stays where it is until its variable gets another."""
+        """Put values into the memory of the call; a text keeps its address until its variable changes."""
         if self._kind not in TEXTS:
             with np.errstate(over="ignore"):  # Float32 overflows to infinity
                 self.memory[places] = values

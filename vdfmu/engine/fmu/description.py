@@ -1,4 +1,4 @@
-"""An FMU as the master needs to know it, read from its model description."""
+"""Description of an FMU for the master, read from its model description."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from vdfmu.engine.rules import Finding, breach, finding, fmpy_found
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
-"""Members of which an FMU has one if this project built it; see `vdfmu.compiler.fmu.content`."""
+"""Members of FMUs that this project built: one of these; see `vdfmu.compiler.fmu.content`."""
 _UNIT = "resources/unit.py"
-"""Member of a Python FMU of ours that runs a unit of the user, which may do anything."""
+"""Member of a Python FMU of this project with the code of a user's unit."""
 _TRUE = {"true", "1"}
 _SAMPLED = ".//{urn:org.vdfmu.sampled}Sampled[@period]"
 _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
@@ -41,11 +41,10 @@ class Description:
     variables: Mapping[str, FmuVariable]
     """Arrays by their elements."""
     step_dependencies: Mapping[str, frozenset[str] | None]
-    """For each output the names it depends on in the steps; None, where the FMU does not say, means all."""
+    """Names on which each output depends in the steps; None means all, if the FMU states no dependencies."""
     initial_dependencies: Mapping[str, frozenset[str] | None]
     """The same during initialization, for each initial unknown."""
     version: FmiVersion = FMI_2
-    """Record of its FMI version."""
     shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     """Shapes of the arrays."""
     saves_state: bool = False
@@ -53,30 +52,30 @@ class Description:
     serializes_state: bool = False
     """Whether its saved state can be written to bytes."""
     interpolates_inputs: bool = False
-    """Whether it takes derivatives of its real inputs, and lets them run linearly over a step."""
+    """Whether it ramps real inputs over a step by their derivatives."""
     updates_inputs: bool = False
-    """Whether its real inputs can be set within a step of co-simulation, in its intermediate updates (FMI 3.0)."""
+    """Whether its real inputs can be set in intermediate updates of co-simulation (FMI 3.0)."""
     derives_outputs: bool = False
     """Whether it gives derivatives of its outputs by time."""
     derives_unknowns: bool = False
     """Whether it gives directional derivatives."""
     states: tuple[tuple[int, int, int], ...] = ()
-    """Value references of the continuous states and of their derivatives that it declares, and their lengths."""
+    """Value references of its continuous states and of their derivatives, and their lengths."""
     varies_steps: bool = True
     """Whether its steps may differ in length."""
     event_mode: bool = False
-    """Whether its events of co-simulation can be handled by the master."""
+    """Whether the master can handle its events of co-simulation."""
     exchange: bool = False
-    """Whether it is for model exchange: the master integrates it."""
+    """Whether it is for model exchange."""
     sizes: tuple[int, int] = (0, 0)
     """Numbers of continuous states and of event indicators."""
     period: str = ""
-    """Parameter with the time between samples of its discrete outputs, as an annotation of this project names it. They
-    are states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
+    """Parameter with the time between samples of its discrete outputs, from an annotation of this project. They are
+    states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
 
     @property
     def sampled(self) -> list[FmuVariable]:
-        """The sampled states, of an FMU that names their period."""
+        """The sampled states of an FMU that names their period."""
         return [v for v in self.named("output") if self.period and v.variability == "discrete"]
 
     @property
@@ -88,10 +87,9 @@ class Description:
         """Return a variable, or the elements of an array, or of a part of it; empty if the name is unknown."""
         if name not in self.shapes:
             return [self.variables[name]] if name in self.variables else []
-        inside = np.ndindex(*self.shapes[name])
-        names = zip(inside, element_names(name, self.shapes[name]), strict=True)
-        start = tuple(i - 1 for i in index)
-        return [self.variables[each] for at, each in names if at[: len(start)] == start]
+        shape, start = self.shapes[name], tuple(i - 1 for i in index)
+        places = zip(np.ndindex(*shape), element_names(name, shape), strict=True)
+        return [self.variables[each] for place, each in places if place[: len(start)] == start]
 
     def named(self, causality: str) -> list[FmuVariable]:
         """Return the variables of one causality, in the order of the FMU."""
@@ -99,12 +97,12 @@ class Description:
 
 
 def is_ours(names: Collection[str]) -> bool:
-    """Whether an FMU with these members says that this project built it, as any may, and has no unit of a user's."""
+    """Whether an FMU with these members claims that this project built it, without a unit of the user."""
     return not _OURS.isdisjoint(names) and _UNIT not in names
 
 
 def library_name(identifier: str, version: FmiVersion) -> str:
-    """Return the member of an FMU that holds the binary for this platform."""
+    """Return the member of an FMU with the binary for this platform."""
     platform = fmpy.platform_tuple if version.platform_tuples else fmpy.platform
     return f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
 
@@ -112,10 +110,10 @@ def library_name(identifier: str, version: FmiVersion) -> str:
 def inspect_description(
     unit: Archive, source: str, implementation: str = "any", sizes: Mapping[str, Value] | None = None
 ) -> tuple[Description | None, list[Finding]]:
-    """Read an FMU as far as it goes, with all problems; None when the model description cannot be understood.
+    """Read an FMU as far as possible, with all problems; None if the model description cannot be understood.
 
-    `source` is its name in messages, `implementation` the one that the SSD asks for; `sizes` are values of structural
-    parameters, which decide the shapes of arrays, instead of their start values.
+    `source` is its name in messages, `implementation` the type of FMU in the SSD. `sizes` replace start values of
+    structural parameters and so decide the shapes of arrays.
     """
     try:
         return _inspect(unit, source, implementation, sizes or {})
@@ -138,7 +136,7 @@ def _inspect(
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
         broken = [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
-        problems += [text for text in broken if text.rule.number != "FMI013"]  # missing ones count as all
+        problems += [text for text in broken if text.rule.number != "FMI013"]  # missing entries count as all
         try:
             model = read_model_description(unit.file, validate=False)
         except Exception:
@@ -164,30 +162,32 @@ def _inspect(
         problems.append(finding("FMI017", text))
     try:
         return _describe(model, root, source, wanted[:1] == ["ModelExchange"]), problems
-    except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
+    except (ValueError, TypeError, AttributeError):  # text against the schema
         if not problems:
             raise
         return None, problems
 
 
 def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:
-    rates: list[Any] = [u.variable for u in model.derivatives]
+    derived: list[Any] = [u.variable for u in model.derivatives]
+    rates = [v for v in derived if v.derivative is not None]
     part: Any = (model.modelExchange if exchange else model.coSimulation) or CoSimulation()
     relative = {
         v.get("name") for v in root.iterfind("ModelVariables/*")
         for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in _TRUE
     }  # fmt: skip
+    updated = all(
+        v.get("intermediateUpdate") in _TRUE
+        for v in root.iterfind("ModelVariables/*")
+        if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
+    )
+    clocks = {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")}
     return Description(
         source=source,
         identifier=str(part.modelIdentifier or ""),
         guid=str(model.guid),
         once_per_process=bool(part.canBeInstantiatedOnlyOncePerProcess),
-        variables=read_variables(
-            model,
-            relative,
-            read_units(root.iterfind("UnitDefinitions/Unit")),
-            {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")},
-        ),
+        variables=read_variables(model, relative, read_units(root.iterfind("UnitDefinitions/Unit")), clocks),
         shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
@@ -196,20 +196,10 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         serializes_state=_declared(root, exchange, "canSerializeFMUstate", "canSerializeFMUState"),
         varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
         interpolates_inputs=exchange or bool(part.canInterpolateInputs),
-        updates_inputs=not exchange
-        and bool(part.providesIntermediateUpdate)
-        and all(
-            v.get("intermediateUpdate") in _TRUE
-            for v in root.iterfind("ModelVariables/*")
-            if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
-        ),
+        updates_inputs=not exchange and bool(part.providesIntermediateUpdate) and updated,
         derives_outputs=not exchange and part.maxOutputDerivativeOrder > 0,
         derives_unknowns=_declared(root, exchange, "providesDirectionalDerivative", "providesDirectionalDerivatives"),
-        states=tuple(
-            (v.derivative.valueReference, v.valueReference, math.prod(v.shape or ()))
-            for v in rates
-            if v.derivative is not None
-        ),
+        states=tuple((v.derivative.valueReference, v.valueReference, math.prod(v.shape or ())) for v in rates),
         event_mode=not exchange and bool(part.hasEventMode),
         exchange=exchange,
         sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
@@ -218,16 +208,15 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
 
 
 def _declared(root: Any, exchange: bool, *flags: str) -> bool:
-    """Whether an FMU declares an ability, by its name in FMI 2.0 or in FMI 3.0; FMPy reads few of them."""
+    """Whether an FMU declares an ability by one of the flags of FMI 2.0 and 3.0; FMPy reads few of these."""
     parts = root.iterfind("ModelExchange" if exchange else "CoSimulation")
     return any(part.get(flag) in _TRUE for part in parts for flag in flags)
 
 
 def _unknowns(unknowns: Iterable[Any]) -> dict[str, frozenset[str] | None]:
-    return {
-        name: None
-        if u.dependencies is None
-        else frozenset(each for v in u.dependencies for each in element_names(v.name, v.shape))
-        for u in unknowns
-        for name in element_names(u.variable.name, u.variable.shape)
-    }
+    names: dict[str, frozenset[str] | None] = {}
+    for u in unknowns:
+        elements = (each for v in u.dependencies or () for each in element_names(v.name, v.shape))
+        needs = None if u.dependencies is None else frozenset(elements)
+        names |= dict.fromkeys(element_names(u.variable.name, u.variable.shape), needs)
+    return names

@@ -1,4 +1,4 @@
-"""One FMU of a run: its library, its calls and its messages, whatever its version of FMI."""
+"""An FMU of a run, of any version of FMI."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from ctypes import c_double, c_size_t, c_void_p
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,95 +14,81 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import DTYPES, Call, Transfer, held, shown
+from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.library import Library
-from vdfmu.engine.fmu.messages import boxes
-from vdfmu.engine.fmu.python_slaves import watched_slave
+from vdfmu.engine.fmu.messages import boxes, watched_slave
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import Value
 
 Starts = Sequence[tuple[FmuVariable, Value]]
-"""Variables, and the values that they are set to."""
+"""Variables and their new values."""
 _PASSED = ("ok", "warning", "discard", "pending")
-"""Status of a message in freeInstance, which returns none: not a failure."""
+"""Status of messages in freeInstance that are not a failure; the call itself returns no status."""
 _UPDATES = 1000
-"""Most updates of discrete states at one event."""
+"""Most updates of discrete states at an event."""
 _MAKING = threading.Lock()
 """Held while pythonfmu makes an instance: it changes ``sys.path`` and runs a script, for all threads."""
 
 
-class Steps(Protocol):
-    """Steps a component of model exchange; see :class:`vdfmu.engine.fmu.integrator.ModelExchangeIntegrator`."""
-
-    def step_call(self, clock: c_double, size: c_double) -> Call:
-        """Return the call of a step from `clock` by `size` [s]."""
-        ...
-
-    def differences(self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
-        """Return the derivatives of rates and outputs by states and inputs."""
-        ...
-
-
 class Instance(Library):
-    """An instance of an FMU; the classes for the versions of FMI are `Instance2` and `Instance3`."""
+    """An instance of an FMU; `vdfmu.engine.fmu.versions` has its classes for FMI 2.0 and 3.0."""
 
     sized: bool
     """Whether the directional derivative takes the number of its values."""
-    derivatives_name = ""
-    """Function that gets the derivatives of the states."""
+    derivatives_name = update_name = ""
+    """Function that gets the derivatives of the states, and fmpy's method that updates the discrete states."""
     dtypes: dict[str, Any] = {}  # noqa: RUF012
     """NumPy types by the types in the names of the functions."""
 
     tolerance: float | None = None
-    integrator: Steps | None = None
+    integrator: ModelExchangeIntegrator | None = None
     in_event = False
     next_event = math.inf
     event_mode = False
-    """Whether the master handles events of its co-simulation."""
+    """Whether the master handles events of the co-simulation."""
+    event_needed = False
+    """Whether a step has ended at an event."""
     updates = False
-    """Whether its inputs run on lines, in its intermediate updates."""
+    """Whether the inputs follow lines, by intermediate updates."""
     _values: dict[int, list[Value]] | None = None
 
     def line(self, time: float) -> None:
-        """Set the inputs that run over the step to their values at a time."""
+        """Set the inputs that follow lines to their values at a time."""
 
     # ------------------------------------------------------------------ for each version of FMI
 
-    def make(self) -> None:
+    def _make(self) -> None:
         """Create the instance, with messages switched on."""
         raise NotImplementedError
 
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
-        """State the experiment, and set values before the initialization."""
+        """Set the experiment, and values before the initialization."""
         raise NotImplementedError
 
-    def value_call(self, moved: Transfer) -> Call:
+    def _value_call(self, moved: Transfer) -> Call:
         """Return the call that gets or sets values of one type."""
         raise NotImplementedError
 
-    def simulation_call(self, clock: c_double, size: c_double) -> Call:
+    def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step of co-simulation from `clock` by `size` [s]."""
         raise NotImplementedError
 
-    def slope_call(self, moved: Transfer) -> Call:
+    def _slope_call(self, moved: Transfer) -> Call:
         """Return the call that gets the derivatives of real outputs by time."""
         raise NotImplementedError
 
     def sizes(self) -> tuple[int, int]:
         """Return the numbers of continuous states and of event indicators, for model exchange."""
-        raise NotImplementedError
-
-    def discrete_states(self) -> tuple[bool, bool, bool, bool, bool, float]:
-        """Update the discrete states once; return whether to repeat it, to end, ..., and the next event."""
-        raise NotImplementedError
+        return self.description.sizes
 
     # ------------------------------------------------------------------ steps and events
 
     def step_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step from `clock` by `size` [s]."""
-        return (self.integrator.step_call if self.integrator else self.simulation_call)(clock, size)
+        return (self.integrator.step_call if self.integrator else self._simulation_call)(clock, size)
 
     def rate_call(self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double) -> Call:
-        """Return the call that lets real inputs run over a step, from their `starts` with their `slopes`."""
+        """Return the call that ramps real inputs over a step, from their `starts` with their `slopes`."""
         values = np.zeros(len(variables))
         calls = self.access("Set", variables, values)
 
@@ -121,10 +107,10 @@ class Instance(Library):
     def slopes(self, variables: Sequence[FmuVariable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
-        return self.slope_call(Transfer("Get", variables, places, values, np.float64, self._known, self._failure))
+        return self._slope_call(Transfer("Get", variables, places, values, np.float64, self._known, self._failure))
 
     def set_time(self, time: float) -> None:
-        """Set the time of a model-exchange component, and the inputs that run."""
+        """Set the time of a model-exchange component, and the inputs that follow lines."""
         self.call("SetTime", c_double(time))
         self.line(time)
 
@@ -136,7 +122,7 @@ class Instance(Library):
     def update(self, time: float) -> None:
         """Update the discrete states at an event until they settle."""
         for _ in range(_UPDATES):
-            again, end, _, _, defined, after = self.discrete_states()
+            again, end, _, _, defined, after = getattr(self.fmu, self.update_name)()
             self.next_event = after if defined else math.inf
             if end:
                 self.box.ended[self.name] = time
@@ -146,7 +132,7 @@ class Instance(Library):
         raise CosimError(self.name, "updateDiscreteStates", time, reason)
 
     def completed_step(self) -> bool:
-        """Tell a model-exchange component that its solver has done a step; return whether that is an event."""
+        """Report a solver step to a model-exchange component; return whether an event follows."""
         event, end = self.fmu.completedIntegratorStep()
         if end:
             self.box.ended[self.name] = self.box.time
@@ -154,6 +140,7 @@ class Instance(Library):
 
     def enter_event(self) -> None:
         """Enter event mode."""
+        self.event_needed = False
         if not self.in_event:
             self.fmu.enterEventMode()
             self.in_event = True
@@ -163,8 +150,6 @@ class Instance(Library):
         if self.in_event:
             (self.fmu.enterContinuousTimeMode if self.integrator else self.fmu.enterStepMode)()
             self.in_event = False
-
-    # ------------------------------------------------------------------ FMU state
 
     def saved_state(self) -> c_void_p:
         """Return a copy of the FMU state, to be freed with `free_state`."""
@@ -181,27 +166,16 @@ class Instance(Library):
         if not self.dead:
             self.fmu.freeFMUState(state)
 
-    # ------------------------------------------------------------------ values
-
     def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats) -> Floats:
-        """Return the directional derivatives of unknowns, `size` numbers, by value references: a row for each of seeds.
-
-        Parameters
-        ----------
-        seeds : (k, m) array
-            Changes of the knowns.
-        """
-        found, seeds = np.zeros((len(seeds), size)), np.ascontiguousarray(seeds, np.float64)
+        """Return the directional derivatives of unknowns, (k, size), for seeds of the knowns, (k, m), by references."""
+        derivatives, seeds = np.zeros((len(seeds), size)), np.ascontiguousarray(seeds, np.float64)
         references = [np.array(each, np.uint32) for each in (unknowns, knowns)]
         head = [part for each in references for part in (c_void_p(each.ctypes.data), c_size_t(each.size))]
-        given, rows = ([c_size_t(each.shape[1])][: self.sized] for each in (seeds, found))
-        function, ends = self.function("GetDirectionalDerivative"), (seeds.ctypes.data, found.ctypes.data)
+        n_seeds, n_values = ([c_size_t(each.shape[1])][: self.sized] for each in (seeds, derivatives))
         for k in range(len(seeds)):
-            seed, row = (c_void_p(end + k * each.strides[0]) for end, each in zip(ends, (seeds, found), strict=True))
-            status = function(self.argument, *head, seed, *given, row, *rows)
-            if status:
-                self.judge(status, "GetDirectionalDerivative")
-        return found
+            seed, row = (c_void_p(each.ctypes.data + k * each.strides[0]) for each in (seeds, derivatives))
+            self.call("GetDirectionalDerivative", *head, seed, *n_seeds, row, *n_values)
+        return derivatives
 
     def get(self, variable: FmuVariable) -> Value:
         """Get one variable."""
@@ -226,18 +200,19 @@ class Instance(Library):
         values: NDArray[Any],
         chosen: Callable[[FmuVariable], bool] = lambda v: True,
     ) -> list[Call]:
-        """Return the calls that get or set the chosen variables of one kind, whose values are `values`, in place."""
+        """Return the calls that get or set the chosen variables of one kind, with the values `values`, in place."""
         calls: list[Call] = []
         for native in dict.fromkeys(v.native for v in variables if chosen(v)):
             places = [i for i, v in enumerate(variables) if v.native == native and chosen(v)]
-            own = [variables[i] for i in places]
-            moved = Transfer(verb, own, places, values, self.dtypes[native], self._known, self._failure)
-            calls.append(self.value_call(moved))
+            alike = [variables[i] for i in places]
+            moved = Transfer(verb, alike, places, values, self.dtypes[native], self._known, self._failure)
+            calls.append(self._value_call(moved))
         return calls
 
     def between_events(self, variable: FmuVariable) -> bool:
-        """Whether a variable is got or set between events, too."""
-        return True
+        """Whether a variable is got or set between events; event mode excludes clocked ones and discrete inputs."""
+        held = variable.causality != "output" and variable.variability == "discrete"
+        return not self.event_mode or not (variable.clocks or held)
 
     def _failure(self, call: str, reason: str) -> CosimError:
         return CosimError(self.name, call, self.box.time, reason)
@@ -250,16 +225,14 @@ class Instance(Library):
                 self._values.setdefault(v.reference, [0] * v.length)[v.index] = v.start
         return self._values[reference]
 
-    # ------------------------------------------------------------------ for all versions
-
     def instantiate(self) -> None:
         """Create the instance."""
         boxes[self.token] = (self.name, self.box)
         if self.python:
             with _MAKING, watched_slave(self.folder / "resources"):
-                self.make()
+                self._make()
         else:
-            self.make()
+            self._make()
         self.argument = c_void_p.from_param(self.fmu.component)
         self.stage = "instantiated"
 
@@ -267,13 +240,13 @@ class Instance(Library):
         """Enter initialization mode."""
         self.fmu.enterInitializationMode()
 
-    def exit_initialization(self, integrate: Callable[[Instance, float | None], Steps]) -> None:
-        """Leave initialization mode; `integrate` makes the integrator of a model-exchange component, to a tolerance."""
+    def exit_initialization(self, stepped: bool = True) -> None:
+        """Leave initialization mode; a model-exchange component gets an integrator if it is `stepped`."""
         self.fmu.exitInitializationMode()
-        self.stage = "initialized"
+        self.stage, self.event_needed = "initialized", False
+        self.in_event = self.event_mode or self.description.exchange
         if self.description.exchange:
-            self.in_event = True
-            self.integrator = integrate(self, self.tolerance)
+            self.integrator = ModelExchangeIntegrator(self, self.tolerance) if stepped else None
             self.update(self.box.time)
 
     def reset(self) -> None:
@@ -302,12 +275,12 @@ class Instance(Library):
                     failure = failure or CosimError(self.name, "freeInstance", self.box.time, reason)
         finally:
             self.box.flush()
-            if not self.dead:  # a dead instance keeps its callbacks: nothing may free what it may still use
-                boxes.pop(self.token, None)
-            else:
+            if self.dead:
                 _unfreed.append(self)
+            else:
+                boxes.pop(self.token, None)
         return failure
 
 
 _unfreed: list[Instance] = []
-"""Instances that may not be freed; kept so that their callbacks stay valid."""
+"""Instances after a fatal error. They may not be freed and may still use their callbacks."""

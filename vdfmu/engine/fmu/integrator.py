@@ -1,7 +1,7 @@
-"""Steps of a model-exchange component: the master integrates it, and locates its events.
+"""Steps of a model-exchange component: integration of its states, and location of its events.
 
-The component is in event mode at communication points, where its inputs are set and its outputs got; every step begins
-with an update of its discrete states.
+The component is in event mode at communication points, for the exchange of values. Every step begins with an update of
+its discrete states.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.variables import FmuVariable
 
 TOLERANCE = 1e-6
-"""Relative tolerance by default; the absolute one is this times the nominal values of the states."""
+"""Default relative tolerance; the absolute tolerance is the product with the nominal values of the states."""
 _STIFF = 200
-"""Explicit steps in a communication step after which an implicit method takes over."""
+"""Explicit steps in a communication step after which the method becomes implicit."""
 _DIFFERENCE = 1e-6
 """Size of differences, relative to sizes and nominal values."""
 _EVENTS = 1000
@@ -31,8 +31,8 @@ _EVENTS = 1000
 class ModelExchangeIntegrator:
     """Integrates the states of a component over communication steps, after its initialization.
 
-    DOP853 integrates; Radau, once a communication step takes many of its steps. An event indicator that changes its
-    sign within a step is located by bisection, to rounding; the event is just behind.
+    The method is DOP853, or Radau once a communication step takes many steps. A change of sign of an event indicator is
+    located by bisection to rounding, and the event is just behind it.
     """
 
     def __init__(self, instance: Any, tolerance: float | None) -> None:
@@ -40,83 +40,72 @@ class ModelExchangeIntegrator:
         n_x, n_z = instance.sizes()
         self._x, self._rates, self._z = np.zeros(n_x), np.zeros(n_x), np.zeros(n_z)
         self._nominals = np.ones(n_x)
-        from scipy.integrate import DOP853, Radau  # takes a third of a second to import
+        from scipy.integrate import DOP853, Radau  # import takes a third of a second
 
         self._method: Any = DOP853
         self._stiff: Any = Radau
         self._h: float | None = None
-        self.instance.transfer("GetNominalsOfContinuousStates", self._nominals)
+        instance.transfer("GetNominalsOfContinuousStates", self._nominals)
 
     def step_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step from `clock` by `size` [s]."""
+        return lambda: self._step(clock.value, clock.value + size.value), (), "doStep"
 
-        def step() -> int:
-            self.step(clock.value, clock.value + size.value)
-            return 0
-
-        return step, (), "doStep"
-
-    def step(self, time: float, end: float) -> None:
-        """Step from `time` to `end`."""
+    def _step(self, time: float, end: float) -> int:
+        """Step from `time` to `end`; return the status ok."""
         instance = self.instance
         instance.update(time)
         steps, events = 0, 0
         while True:
             instance.leave_event()
-            target = min(max(instance.next_event, time), end)
-            time, state_event, taken = self._continue(time, target)
+            time, at_event, taken = self._continue(time, min(max(instance.next_event, time), end))
             steps += taken
             if steps > _STIFF:
                 self._method = self._stiff
             instance.enter_event()
-            at_event = state_event or time >= instance.next_event
+            at_event = at_event or time >= instance.next_event
             if at_event or time >= end:
                 instance.update(time)
             events += at_event
             if time >= end or instance.name in instance.box.ended:
-                return
+                return 0
             if events > _EVENTS:
                 reason = f"there are more than {_EVENTS} events in a step, the last at t = {time:.9g} s"
-                raise CosimError(instance.name, "doStep", instance.box.time, f"{reason}; choose a shorter step")
+                raise self._failure(f"{reason}; choose a shorter step")
+
+    def _failure(self, reason: str) -> CosimError:
+        return CosimError(self.instance.name, "doStep", self.instance.box.time, reason)
 
     def _continue(self, time: float, end: float) -> tuple[float, bool, int]:
-        """Integrate to an event or to `end`; return where that is, whether it is an event, and the number of steps."""
+        """Integrate to an event or to `end`; return the time, whether it is an event, and the number of steps."""
         if end <= time:
             return time, False, 0
         self.instance.transfer("GetContinuousStates", self._x)
         signs = self._signs(time, self._x)
         x = self._x.copy()
-        state: Any = None
+        state: Any = lambda _: x  # noqa: E731  # without states
         solver = None
         if x.size:
             first = None if self._h is None else min(self._h, end - time)
-            solver = self._method(
-                self._derivatives, time, x, end, rtol=self.tolerance, atol=self.tolerance * self._nominals,
-                first_step=first,
-            )  # fmt: skip
+            tolerances = {"rtol": self.tolerance, "atol": self.tolerance * self._nominals}
+            solver = self._method(self._derivatives, time, x, end, first_step=first, **tolerances)
         steps = 0
         while True:
-            before = time
-            if solver is None:  # no states
-                time, state = end, lambda _: x
-            else:
+            before, time, steps = time, end, steps + 1
+            if solver is not None:
                 why = solver.step()
                 if solver.status == "failed":
-                    raise CosimError(
-                        self.instance.name, "doStep", self.instance.box.time,
-                        f"the states cannot be integrated beyond t = {solver.t:.9g} s: {why}. Loosen the tolerance, "
-                        "or look for what becomes infinite",
-                    )  # fmt: skip
-                time = solver.t
-                if self._z.size:  # it takes evaluations of its own
+                    reason = f"the states cannot be integrated beyond t = {solver.t:.9g} s: {why}. Loosen the tolerance"
+                    raise self._failure(f"{reason}, or look for values that become infinite")
+                time, x = solver.t, solver.y
+                if self._z.size:  # evaluates the derivatives
                     state = solver.dense_output()
                 self._h = solver.step_size if solver.status == "running" else self._h or solver.step_size
-            steps += 1
             if self._z.size and np.any(self._signs(time, state(time)) != signs):
                 time = self._crossing(before, time, state, signs)
                 self._set(time, np.asarray(state(time)))
                 return time, True, steps
-            self._set(time, x if solver is None else solver.y)
+            self._set(time, x)
             if self.instance.completed_step():
                 return time, True, steps
             if time >= end:
@@ -124,17 +113,15 @@ class ModelExchangeIntegrator:
 
     def _crossing(self, low: float, high: float, state: Callable[[float], Any], signs: NDArray[np.bool_]) -> float:
         """Return the first time after a change of sign [s]."""
-        while True:
-            middle = 0.5 * (low + high)
-            if not low < middle < high:
-                return high
+        while low < (middle := 0.5 * (low + high)) < high:
             if np.any(self._signs(middle, state(middle)) != signs):
                 high = middle
             else:
                 low = middle
+        return high
 
     def differences(self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
-        """See `vdfmu.engine.masters.interface.jacobian_of`; calculated by central differences."""
+        """Return the derivatives of rates and outputs by states and inputs, by central differences."""
         instance, n = self.instance, self._x.size
         instance.leave_event()
         self.instance.transfer("GetContinuousStates", self._x)
@@ -151,8 +138,6 @@ class ModelExchangeIntegrator:
         both(center)
         instance.enter_event()
         return np.array(columns).reshape(len(steps), n + len(outputs)).T
-
-    # ------------------------------------------------------------------ calls
 
     def _set(self, time: float, x: Floats) -> None:
         self.instance.set_time(time)

@@ -1,7 +1,7 @@
-"""The library of an FMU, and fmpy's instance, which calls it: its replaced parts, and its failures.
+"""The library of an FMU: loading, calls through fmpy's instance, and failures.
 
-fmpy's own loading changes the working directory of the process, which all threads share, and looks up and describes all
-functions of the standard for each instance. Here a function is looked up when it is first called.
+fmpy's loading changes the working directory of the process for all threads. It also looks up all functions of the
+standard for each instance. Here a function is looked up at its first call.
 """
 
 from __future__ import annotations
@@ -21,11 +21,10 @@ from fmpy.fmi1 import _FMU  # pyright: ignore[reportPrivateUsage]
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.description import Description, library_name
-from vdfmu.engine.fmu.messages import STATUS, LogMessage, MessageBox
-from vdfmu.engine.fmu.python_slaves import taken_error
+from vdfmu.engine.fmu.messages import STATUS, LogMessage, MessageBox, taken_error
 
 Watch = Callable[[str, str, Any], Any]
-"""Returns a function that notes component and call before it calls the given function."""
+"""Wraps a function to note component and call before it runs."""
 _tokens = itertools.count(1)
 
 
@@ -33,11 +32,9 @@ class Library:
     """The functions of an FMU, unpacked in `folder`.
 
     `fmu`, fmpy's instance, makes calls that occur once or at events. Values, steps, and the states and derivatives of
-    model exchange use functions with arguments that are prepared once; fmpy would make them anew in each call.
-
-    After a fatal error neither it nor any other instance of the same FMU is called again (FMI 2.0, table of
-    statuses), not even to free it: `corrupt`, shared by the units of a run, has the sources of such FMUs. `watch` wraps
-    everything that runs code of the FMU: its functions, and the loading of its library.
+    model exchange use functions with arguments that are prepared once. After a fatal error no instance of the same FMU
+    is called again, not even to free it (FMI 2.0, table of statuses). `corrupt`, shared by the units of a run, has the
+    sources of such FMUs. `watch` wraps everything that runs code of the FMU: its functions and the loading.
     """
 
     kinds: tuple[type[_FMU], type[_FMU]]
@@ -74,10 +71,10 @@ class Library:
             _call=self._judged, freeLibrary=partial(free, self._library._handle),
         )  # fmt: skip
         self.argument: Any = None
-        """The instance as an argument, prepared once: ctypes would convert it in each call."""
+        """The instance as an argument, prepared once."""
 
-    def _found(self, name: str, arguments: list[Any] | None, result: Any) -> Any:
-        """Return an FMI function as a ctypes object; CosimError if the library has none."""
+    def _look_up(self, name: str, arguments: list[Any] | None, result: Any) -> Any:
+        """Return an FMI function as a ctypes object; CosimError if the library lacks it."""
         call = name[4].lower() + name[5:]
         try:
             function: Any = self._library[name]
@@ -87,9 +84,9 @@ class Library:
         return self._watch(self.name, call, function)
 
     def _judged(self, name: str, *values: Any) -> Any:
-        """Call a function for fmpy; fail with CosimError instead of fmpy's own error, which gives no reason."""
+        """Call a function for fmpy; CosimError with the unit's reason instead of fmpy's error."""
         if name not in self._functions:
-            self._functions[name] = self._found(name, *_types(self._kind, name))
+            self._functions[name] = self._look_up(name, *_types(self._kind, name))
         returned = self._functions[name](*values)
         if "Instantiate" in name:
             if not returned:
@@ -100,16 +97,14 @@ class Library:
         return returned
 
     def function(self, name: str) -> Any:
-        """Return an FMI function, without its prefix, which takes ctypes arguments."""
+        """Return an FMI function by its name without prefix; it takes ctypes arguments."""
         if name not in self._functions:
-            self._functions[name] = self._found(self.prefix + name, None, c_int)
+            self._functions[name] = self._look_up(self.prefix + name, None, c_int)
         return self._functions[name]
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function with ctypes arguments; CosimError when its status is above warning."""
-        status = self.function(name)(self.argument, *arguments)
-        if status:
-            self.judge(status, name)
+        self.run([(self.function(name), (self.argument, *arguments), name)])
 
     def run(self, calls: Sequence[Call]) -> None:
         """Make calls one after the other."""
@@ -119,7 +114,7 @@ class Library:
                 self.judge(status, name)
 
     def judge(self, status: int, call: str) -> None:
-        """Ignore a warning, and a step in which the unit ends the simulation; else raise CosimError."""
+        """Accept a warning, or a step that ends the simulation on request of the unit; else raise CosimError."""
         if status == 1 or (status == 2 and call == "doStep" and self.has_ended()):
             return
         version = self.description.version.name
@@ -140,7 +135,7 @@ class Library:
         return f"{error.reason}; it logged: {' '.join(error.logged)}" if error.logged else error.reason
 
     def has_ended(self) -> bool:
-        """Whether the unit has discarded a step because the simulation is to end; note when."""
+        """Whether the unit has discarded a step to end the simulation; sets `MessageBox.ended`."""
         return False
 
     @property

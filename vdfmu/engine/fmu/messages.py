@@ -1,12 +1,19 @@
-"""Messages of the units of one run."""
+"""Messages of the units of a run, and exceptions of Python FMUs with their places."""
 
 from __future__ import annotations
 
 import logging
 import re
+import sys
+import threading
+import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from vdfmu.base.text import shown
 
@@ -14,7 +21,7 @@ STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _LENGTH = 10_000
 """Bytes of a message that are kept."""
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
-"""Part of the category of a message that is worse than its status."""
+"""Part of the category of an error, even if the status is lower."""
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 
@@ -25,7 +32,7 @@ class LogMessage:
     unit: str
     """Component name; empty for notes."""
     time: float
-    """Communication point at which it came [s]."""
+    """Communication point [s]."""
     status: str
     """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending`` or ``note``."""
     category: str
@@ -36,17 +43,16 @@ class LogMessage:
         return self.text if named else f"{self.unit}: {self.text}"
 
 
-def log_to_logging(message: LogMessage) -> None:
-    """Hand a message to the logger ``vdfmu.engine.run``."""
-    logger = logging.getLogger("vdfmu.engine.run")
-    logger.log(_LEVEL.get(message.status, logging.ERROR), "%s", message)
+def _log(message: LogMessage) -> None:
+    logging.getLogger("vdfmu.engine.run").log(_LEVEL.get(message.status, logging.ERROR), "%s", message)
 
 
 class MessageBox:
-    """Collects the messages of the units of one run.
+    """Collects the messages of the units of a run.
 
-    `pending` holds what came since the last `flush`; the master flushes after each step, so that it holds
-    what a failing unit said of it. `ended` holds the units that have ended the simulation, with the time of the end.
+    `pending` holds the messages since the last `flush`. The master flushes after each step, so these explain a failure.
+    `ended` maps units that have ended the simulation to the time of the end [s]. `log` receives each message, by
+    default the logger ``vdfmu.engine.run``.
     """
 
     def __init__(self, log: Callable[[LogMessage], None] | None, limit: int = 10_000) -> None:
@@ -54,39 +60,38 @@ class MessageBox:
         self.kept: deque[LogMessage] = deque(maxlen=limit)
         self.ended: dict[str, float] = {}
         self.time = 0.0
-        self._log = log or log_to_logging
+        self._log = log or _log
         self._limit = limit
 
     def add(self, message: LogMessage) -> None:
-        """Take a message; of a flood between two flushes the last are kept."""
+        """Take a message; between two flushes only the last `limit` are certain to be kept."""
         self.pending.append(message)
         if len(self.pending) >= 2 * self._limit:
             del self.pending[: self._limit]
 
     def flush(self) -> None:
-        """Show and keep what is pending."""
-        messages = self.pending[:]
-        self.pending.clear()
+        """Log and keep the pending messages."""
+        messages, self.pending = self.pending, []
         for message in messages:
             self.kept.append(message)
             self._log(message)
 
     def reason(self, unit: str) -> str:
         """Return the reason that a unit gave since the last flush: its errors, else warnings, else its last message."""
-        own = [m for m in self.pending if m.unit == unit]
-        failed = [m for m in own if m.status not in ("ok", "warning") or _FAILURE.search(m.category)]
-        worst = failed or [m for m in own if m.status == "warning"]
+        messages = [m for m in self.pending if m.unit == unit]
+        failed = [m for m in messages if m.status not in ("ok", "warning") or _FAILURE.search(m.category)]
+        worst = failed or [m for m in messages if m.status == "warning"]
         text = " ".join(" ".join(m.text.split()) for m in worst)
         if not worst:
-            return "the unit gave no reason" + (f"; its last message: {own[-1].text.strip()}" if own else "")
-        text = re.sub(r"Fatal py exception encountered: \[\w+\] \w+ ?", "", text)  # pythonfmu's own prefix
-        # a unit that names itself and the call: the error that quotes it names them already
+            return "the unit gave no reason" + (f"; its last message: {messages[-1].text.strip()}" if messages else "")
+        text = re.sub(r"Fatal py exception encountered: \[\w+\] \w+ ?", "", text)  # prefix of pythonfmu
+        # the error that quotes the message names unit and call already
         text = re.sub(rf"^{re.escape(unit)}: \w+( at t = \S+ s)? failed: ", "", text)
         return text or "the unit gave no reason"
 
 
 boxes: dict[int, tuple[str, MessageBox]] = {}
-"""Unit name and message box by the environment of the callbacks."""
+"""Unit name and message box by the token of an instance, which FMI 2.0 passes as environment of its callbacks."""
 
 
 def on_message(token: int | None, status: int, category: bytes, text: bytes) -> None:
@@ -96,9 +101,101 @@ def on_message(token: int | None, status: int, category: bytes, text: bytes) -> 
         message += f" ... ({len(text) - _LENGTH} bytes more)"
     label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
     entry = boxes.get(token or 0)
-    if entry is None:  # of fmpy's own instance, whose proxy knows only one receiver, now this one
+    if entry is None:  # from fmpy's own instance: its proxy has one receiver for the process, now this function
         print(f"[{label.upper()}] {message}")
         return
     name, box = entry
     kind = shown(category[:_LENGTH].decode("utf-8", "replace")) if category else ""
     box.add(LogMessage(name, box.time, label, kind, message))
+
+
+# Python FMUs. The library that pythonfmu puts into each FMU reports the text of an exception without its place, and not
+# even the text if the slave has logged in the same call. Slaves run in the interpreter of this process. So their calls
+# are wrapped and note the exception. During the creation no call can be wrapped yet, so its lines are traced.
+
+_CALLS = (
+    "setup_experiment", "enter_initialization_mode", "exit_initialization_mode", "do_step", "terminate",
+    *(f"{verb}_{kind}" for verb in ("get", "set") for kind in ("real", "integer", "boolean", "string")),
+)  # fmt: skip
+"""Methods of a slave behind FMI functions."""
+
+
+class PythonError(NamedTuple):
+    """An exception of a slave."""
+
+    reason: str
+    """Type, text and place: ``IndexError: list index out of range (mypd.py, line 14)``."""
+    logged: list[str]
+    """Messages of the slave in the same call."""
+    trace: str
+
+
+_raised: dict[int, PythonError] = {}
+"""The last exception by thread."""
+
+
+def taken_error() -> PythonError | None:
+    """Return and forget the last exception of a slave in this thread, or None."""
+    return _raised.pop(threading.get_ident(), None)
+
+
+@contextmanager
+def watched_slave(resources: Path) -> Generator[None]:
+    """Watch the creation of a slave from the files in a folder, then all of its calls."""
+
+    def lines(frame: Any, event: str, value: Any) -> Any:
+        if event == "exception":
+            _note(value[1].with_traceback(value[2]), None, str(resources))
+        return lines
+
+    def calls(frame: Any, event: str, value: Any) -> Any:
+        return lines if frame.f_code.co_filename.startswith(str(resources)) else None
+
+    before = sys.gettrace()
+    sys.settrace(before or calls)
+    try:
+        yield
+    finally:
+        sys.settrace(before)
+    taken_error()  # exceptions that the slave has caught
+    for slave in _subclasses(getattr(sys.modules.get("pythonfmu"), "Fmi2Slave", None)):
+        for name in () if slave.__module__.startswith("vdfmu.") else _CALLS:  # errors of this package have their places
+            method = getattr(slave, name, None)
+            if method is not None and not hasattr(method, "_watched"):
+                setattr(slave, name, _watched(method))
+
+
+def _subclasses(base: type | None) -> Iterator[type]:
+    for slave in () if base is None else base.__subclasses__():
+        yield slave
+        yield from _subclasses(slave)
+
+
+def _watched(method: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(method)
+    def call(self: Any, *args: Any) -> Any:
+        try:
+            return method(self, *args)
+        except BaseException as error:
+            _note(error, self, str(self.resources))
+            raise
+
+    call.__dict__["_watched"] = True
+    return call
+
+
+def _note(error: BaseException, slave: Any, resources: str) -> None:
+    """Note an exception, and take the messages of the slave: with these the library loses the exception."""
+    queue: list[Any] = getattr(slave, "log_queue", [])
+    logged = [" ".join(str(message.msg).split()) for message in queue]
+    trace = "".join(traceback.format_exception(error)).rstrip()
+    _raised[threading.get_ident()] = PythonError(_reason(error, resources), logged, trace)
+    queue.clear()
+
+
+def _reason(error: BaseException, resources: str) -> str:
+    """Return type and text of an exception, and its last place in the files of the FMU."""
+    frames = traceback.extract_tb(error.__traceback__)
+    inside = [frame for frame in frames if Path(frame.filename).is_relative_to(resources)] or list(frames)
+    text = traceback.format_exception_only(error)[-1].strip()
+    return f"{text} ({Path(inside[-1].filename).name}, line {inside[-1].lineno})" if inside else text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,13 +14,12 @@ from fmpy.model_description import ModelDescription
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.engine.package.system import UnitFactor, Value
 
-_KIND = {"Enumeration": "Integer"}
 INTEGERS = tuple(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))
 """Integer types of FMI 3.0; numpy's have the same names in small letters."""
 RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     name: (int(np.iinfo(name.lower()).min), min(int(np.iinfo(name.lower()).max), 2**63 - 1)) for name in INTEGERS
 }
-"""Least and largest value of integer types; for UInt64, of the values that the master passes on."""
+"""Least and largest value of integer types; UInt64 is limited by the master."""
 _TYPES = {"Float32": "Real", "Float64": "Real", **dict.fromkeys(INTEGERS, "Integer")}
 """Types of FMI 3.0 that the master treats as a type of FMI 2.0."""
 
@@ -31,7 +31,7 @@ def type_of(name: str) -> str:
 
 @dataclass(frozen=True)
 class Clock:
-    """A clock of FMI 3.0: how its interval varies, the interval, NaN if it is asked for, and the first tick [s]."""
+    """A clock of FMI 3.0: variability of the interval, interval (NaN if not declared) and first tick [s]."""
 
     variability: str
     interval: float
@@ -39,7 +39,7 @@ class Clock:
 
     @property
     def triggered(self) -> bool:
-        """Whether another component ticks it, or it ticks others."""
+        """Whether it ticks at events of components."""
         return self.variability == "triggered"
 
     @property
@@ -48,9 +48,7 @@ class Clock:
         return self.variability in ("calculated", "tunable", "changing", "countdown")
 
 
-def read_clock(element: Any) -> Clock:
-    """Return the clock that an element of a model description declares."""
-
+def _read_clock(element: Any) -> Clock:
     def seconds(decimal: str, counter: str, default: float) -> float:
         if element.get(counter) is not None and element.get("resolution") is not None:
             return int(element.get(counter)) / int(element.get("resolution"))
@@ -67,11 +65,10 @@ def read_clock(element: Any) -> Clock:
 class FmuVariable:
     """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
-    `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` the items
-    of an enumeration, `nominal` the size of its values, in its unit, None if the FMU does not say, `limits` the least
-    and the largest value, `native` the type in the names of the FMI functions that get and set it, `index` its position
-    among the `length` elements, row by row, `start` its start value, `clocks` the value references of its clocks,
-    `clock` what a clock is.
+    `type` is Real, Integer, Enumeration, Boolean, String or Binary, `native` the type in the names of its functions,
+    `items` the items of an enumeration, `nominal` the size of its values in its unit if stated, `limits` the least and
+    the largest value. `index` is its position among the `length` elements of the array, row by row. `reference` and
+    `clocks` are value references, of itself and of its clocks. `clock` holds the properties of a clock.
     """
 
     name: str
@@ -94,8 +91,8 @@ class FmuVariable:
 
     @property
     def kind(self) -> str:
-        """How the master holds it: Real, Integer (enumerations too), Boolean, String or Binary."""
-        return _KIND.get(self.type, self.type)
+        """Its type in the master: Real, Integer (enumerations too), Boolean, String or Binary."""
+        return "Integer" if self.type == "Enumeration" else self.type
 
     @property
     def declared(self) -> str:
@@ -104,7 +101,7 @@ class FmuVariable:
 
     @property
     def size(self) -> float:
-        """The nominal value; 1, by FMI's default, where the FMU states none."""
+        """The nominal value, by default 1 (FMI)."""
         return self.nominal or 1.0
 
     @property
@@ -113,27 +110,22 @@ class FmuVariable:
         return self.causality == "input" or (self.variability != "constant" and self.initial in {"exact", "approx"})
 
 
-def limits_of(variable: Any) -> tuple[float, float]:
-    """Return the limits of fmpy's variable, else its type's; infinite where neither can be read."""
-    found = [-math.inf, math.inf]
+def _limits_of(variable: Any) -> tuple[float, float]:
+    """Return the limits of fmpy's variable, else of its type; infinite if neither can be read."""
+    limits = [-math.inf, math.inf]
     for k, name in enumerate(("min", "max")):
         text = getattr(variable, name)
-        if text is None:
-            text = getattr(variable.declaredType, name, None)
-        try:
-            found[k] = found[k] if text is None else float(text)
-        except ValueError:  # reported by the check of the unit
-            pass
-    return found[0], found[1]
+        text = getattr(variable.declaredType, name, None) if text is None else text
+        with suppress(ValueError):  # reported by the check of the unit
+            limits[k] = limits[k] if text is None else float(text)
+    return limits[0], limits[1]
 
 
 def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
-    """Say that a value lies outside of limits; None if it does not."""
+    """Return the fault of a value outside of limits; None for a value inside."""
     low, high = limits
-    if value < low or value > high:
-        side = f"least {low:g}" if value < low else f"most {high:g}"
-        return f"expected at {side}, the limit of the FMU, got {value:g}"
-    return None
+    side = f"least {low:g}" if value < low else f"most {high:g}" if value > high else ""
+    return f"expected at {side}, the limit of the FMU, got {value:g}" if side else None
 
 
 def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
@@ -153,51 +145,38 @@ def read_variables(
         declared = v.declaredType
         unit = v.unit or (declared.unit if declared is not None else None)
         names = element_names(v.name, v.shape)
-        starts = start_values(v)
         nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(names))
-        for index, (name, start, nominal) in enumerate(zip(names, starts, nominals, strict=True)):
+        for index, (name, start, nominal) in enumerate(zip(names, start_values(v), nominals, strict=True)):
             variables[name] = FmuVariable(
-                name=name,
-                reference=v.valueReference,
-                type=type_of(v.type),
-                causality=v.causality,
-                variability=v.variability,
-                initial=v.initial,
+                name, v.valueReference, type_of(v.type), v.causality, v.variability, v.initial,
                 unit=units.get(unit, UnitFactor(unit)) if unit else None,
                 relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
                 items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
                 nominal=abs(float(nominal or 0)) or None,
-                limits=limits_of(v),
+                limits=_limits_of(v),
                 native=version.enumeration if v.type == "Enumeration" else v.type,
-                index=index,
-                length=len(names),
-                start=start,
+                index=index, length=len(names), start=start,
                 clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
-                clock=read_clock(clocks[name]) if name in clocks else None,
-            )
+                clock=_read_clock(clocks[name]) if name in clocks else None,
+            )  # fmt: skip
     return variables
 
 
 def _elements(text: str | None, length: int) -> list[str | None]:
-    """Return the text of each element, from the text of an array or from one text for all."""
+    """Return the text of each element, from the text of an array or from a text for all."""
     parts: list[str | None] = [None] if text is None else [*text.split()]
     return parts if len(parts) == length else [parts[0] if parts else None] * length
 
 
 def start_values(variable: Any) -> list[Value]:
-    """Return the start values of the elements of fmpy's variable.
-
-    Unreadable ones, which the check of the unit reports, are 0.
-    """
-    kind, text = type_of(variable.type), variable.start
-    length = math.prod(variable.shape or ())
+    """Return the start values of the elements of fmpy's variable; 0 if unreadable, as the check of the unit reports."""
+    kind, text, length = type_of(variable.type), variable.start, math.prod(variable.shape or ())
     if kind in ("String", "Binary"):
-        value: Value = text or ""
-        return [bytes.fromhex(text or "") if kind == "Binary" else value] * length
-    found: list[Value] = []
+        return [bytes.fromhex(text or "") if kind == "Binary" else text or ""] * length
+    starts: list[Value] = []
     for part in _elements(text, length):
         try:
-            found.append(part in ("true", "1") if kind == "Boolean" else float(part or 0))
+            starts.append(part in ("true", "1") if kind == "Boolean" else float(part or 0))
         except ValueError:
-            found.append(0)
-    return found if kind in ("Real", "Boolean") else [int(value) for value in found]
+            starts.append(0)
+    return starts if kind in ("Real", "Boolean") else [int(value) for value in starts]

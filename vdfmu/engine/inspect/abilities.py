@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from ctypes import c_double, c_void_p
+from ctypes import c_double
+from functools import partial
 from pathlib import Path
 
 import fmpy
@@ -11,51 +12,53 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.fmu.versions import class_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.rules import Findings
 
 Attempt = Callable[[Instance, float, float], str]
-"""Takes an instance after its initialization, start and step [s]; returns what is wrong."""
+"""Takes an instance after its initialization, start and step [s]; returns a fault or ""."""
 _MOST = 20
-"""Directional derivatives are asked for of this many outputs, the first."""
+"""Most outputs with a request of directional derivatives."""
 _REPEATED = 1e-9
 """Relative difference between a step and its repetition: the same operations, each within 1e-16."""
 
 
 def try_abilities(path: Path, start: float, step: float) -> Findings:
-    """Make the calls that an FMU declares to support, each kind with its own instance; start and step [s]."""
+    """Make the calls that an FMU declares to support, each kind with a new instance; start and step [s]."""
     findings = Findings()
     description = described(path)
     if description is None or not description.identifier or description.once_per_process:
         return findings
     folder = Path(fmpy.extract(str(path)))
     simulated = not description.exchange
-    attempts: dict[str, tuple[bool, Attempt]] = {
-        "event mode (hasEventMode)": (description.event_mode, _event_mode),
-        "inputs, set to their start values": (bool(_inputs(description)), _stepped),
-        "FMU state (canGetAndSetFMUState)": (simulated and description.saves_state, _state),
-        "FMU state (canSerializeFMUState)": (simulated and description.serializes_state, _serialized),
-        "directional derivatives": (description.derives_unknowns, _derivatives),
-    }
-    for what, (declared, attempt) in attempts.items():
-        if declared:
-            try:
-                problem = tried(description, folder, attempt, start, step)
-            except CosimError as error:
-                problem = str(error)
-            if problem:
-                findings.problem("RUN009", f"{what}: {problem}")
+    attempts: list[tuple[str, object, Attempt]] = [
+        ("event mode (hasEventMode)", description.event_mode, _event_mode),
+        ("inputs, set to their start values", _inputs(description), _stepped),
+        ("FMU state (canGetAndSetFMUState)", simulated and description.saves_state, _state),
+        (
+            "FMU state (canSerializeFMUState)",
+            simulated and description.serializes_state,
+            partial(_state, serialized=True),
+        ),
+        ("directional derivatives", description.derives_unknowns, _derivatives),
+    ]
+    for ability, declared, attempt in attempts:
+        try:
+            problem = tried(description, folder, attempt, start, step) if declared else ""
+        except CosimError as error:
+            problem = str(error)
+        if problem:
+            findings.problem("RUN009", f"{ability}: {problem}")
     return findings
 
 
 def described(path: Path) -> Description | None:
-    """Return the description of an FMU, None where it cannot be read."""
+    """Return the description of an FMU, None if it cannot be read."""
     with Archive(path, path.name) as archive:
         return inspect_description(archive, path.name)[0]
 
@@ -68,10 +71,7 @@ def tried(
     step: float,
     begin: Callable[[Instance], None] = lambda instance: None,
 ) -> str:
-    """Take an instance through initialization and an attempt; return what is wrong, CosimError if a call fails.
-
-    `begin` is called in initialization mode.
-    """
+    """Initialize an instance, with `begin` in initialization mode, and return the result of an attempt."""
     instance = class_of(description)("FMU", description, folder, MessageBox(lambda message: None), set())
     instance.event_mode = attempt is _event_mode
     instance.box.time = start
@@ -80,14 +80,14 @@ def tried(
         instance.prepare(None, start, start + 10 * step, [])
         instance.enter_initialization()
         begin(instance)
-        instance.exit_initialization(ModelExchangeIntegrator)
+        instance.exit_initialization()
         return attempt(instance, start, step)
     finally:
-        instance.close()  # a failure would show in the plain run
+        instance.close()  # the plain run reports a failure
 
 
 def _inputs(description: Description) -> list[FmuVariable]:
-    """Return the inputs that are set between steps."""
+    """Return the inputs for values between steps."""
     return [v for v in description.named("input") if not v.clocks and v.clock is None]
 
 
@@ -98,7 +98,7 @@ def _event_mode(instance: Instance, start: float, step: float) -> str:
 
 
 def _stepped(instance: Instance, start: float, step: float) -> str:
-    """Set the inputs and step, twice; they are set again once the instance has states."""
+    """Set the inputs and step, twice: the second time with states."""
     for k in range(2):
         instance.set_all([(v, v.start) for v in _inputs(instance.description)])
         make_step(instance, start + k * step, step)
@@ -114,32 +114,21 @@ def make_step(instance: Instance, time: float, step: float) -> None:
 
 
 def _outputs(instance: Instance) -> tuple[Floats, list[FmuVariable]]:
-    """Return the real outputs that are got between steps, values and variables."""
-    own = [v for v in instance.description.named("output") if v.kind == "Real" and not v.clocks]
-    values = np.zeros(len(own))
-    instance.run(instance.access("Get", own, values))
-    return values, own
+    """Return values and variables of the real outputs between steps."""
+    outputs = [v for v in instance.description.named("output") if v.kind == "Real" and not v.clocks]
+    values = np.zeros(len(outputs))
+    instance.run(instance.access("Get", outputs, values))
+    return values, outputs
 
 
-def _state(instance: Instance, start: float, step: float) -> str:
-    """Step, step again from the saved state, and compare."""
+def _state(instance: Instance, start: float, step: float, serialized: bool = False) -> str:
+    """Step, save the state, `serialized` or not, step twice from there; return the difference of outputs."""
     make_step(instance, start, step)
-    state = instance.saved_state()
-    return _repeated(instance, start + step, step, state)
-
-
-def _serialized(instance: Instance, start: float, step: float) -> str:
-    """Do the same with a state that was bytes in between."""
-    make_step(instance, start, step)
-    state = instance.saved_state()
-    content = instance.fmu.serializeFMUState(state)
-    instance.free_state(state)
-    again = instance.fmu.deserializeFMUState(content)
-    return _repeated(instance, start + step, step, again)
-
-
-def _repeated(instance: Instance, time: float, step: float, state: c_void_p) -> str:
-    """Step from the current state, and from the saved state, which should equal it; return how the outputs differ."""
+    state, time = instance.saved_state(), start + step
+    if serialized:
+        content = instance.fmu.serializeFMUState(state)
+        instance.free_state(state)
+        state = instance.fmu.deserializeFMUState(content)
     make_step(instance, time, step)
     first, outputs = _outputs(instance)
     instance.restore_state(state)
@@ -151,23 +140,21 @@ def _repeated(instance: Instance, time: float, step: float, state: c_void_p) -> 
     if not wrong.any():
         return ""
     k = int(np.argmax(wrong))
-    return (
-        f"the step from t = {time:.9g} s, repeated from the saved state, gives {outputs[k].name} = {second[k]:.9g}; "
-        f"the first time it gave {first[k]:.9g}"
-    )
+    step_text = f"the step from t = {time:.9g} s, repeated from the saved state, gives"
+    return f"{step_text} {outputs[k].name} = {second[k]:.9g}; the first time it gave {first[k]:.9g}"
+
+
+_serialized = partial(_state, serialized=True)
 
 
 def _derivatives(instance: Instance, start: float, step: float) -> str:
-    """Ask for the directional derivative of each output by the inputs on which it depends."""
+    """Get the directional derivative of each output by the inputs in its dependencies."""
     make_step(instance, start, step)
     description = instance.description
 
     def continuous(causality: str) -> list[FmuVariable]:
-        return [
-            v
-            for v in description.named(causality)
-            if v.kind == "Real" and v.variability == "continuous" and not v.index
-        ]
+        firsts = (v for v in description.named(causality) if not v.index)
+        return [v for v in firsts if v.kind == "Real" and v.variability == "continuous"]
 
     for unknown in continuous("output")[:_MOST]:
         needs = description.step_dependencies.get(unknown.name)

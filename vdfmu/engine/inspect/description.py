@@ -1,4 +1,4 @@
-"""Check of a model description: the schema, references inside it, and the rules that fmpy knows."""
+"""Check of a model description: schema, internal references, and the rules in fmpy."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 from vdfmu.engine.rules import Finding, finding, fmpy_found, line_of
 
 DESCRIPTION = "modelDescription.xml"
-_SCHEMAS = {
-    "1": "fmi1/fmiModelDescription.xsd",
-    "2": "fmi2/fmi2ModelDescription.xsd",
-    "3": "fmi3/fmi3ModelDescription.xsd",
-}
+REFERENCES = "extra/org.fmi-standard.fmi-ls-ref/"
+"""Folder of reference results (FMI-LS-REF)."""
+MANIFEST = "fmi-ls-manifest.xml"
+"""Name of the manifest of a layered standard, in its folder."""
+_SCHEMAS = {"1": "fmi1/fmi", "2": "fmi2/fmi2", "3": "fmi3/fmi3"}
+"""Begin of the path of the schema in fmpy by version of FMI."""
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _CAUSALITIES = {
     "constant": ("output", "local"),
@@ -30,7 +31,7 @@ _CAUSALITIES = {
     "discrete": ("input", "output", "local"),
     "continuous": ("input", "output", "local", "independent"),
 }
-"""Variability to the causalities that it goes with, FMI 2.0 and 3.0."""
+"""Variability to the allowed causalities, FMI 2.0 and 3.0."""
 _UNKNOWNS = {
     "2": {"outputs": "Outputs/Unknown", "derivatives": "Derivatives/Unknown",
           "initialUnknowns": "InitialUnknowns/Unknown"},
@@ -41,21 +42,20 @@ _UNKNOWNS = {
 _TYPE_ATTRIBUTES = (
     "name", "description", "quantity", "unit", "displayUnit", "relativeQuantity", "min", "max", "nominal", "unbounded",
 )  # fmt: skip
-"""Attributes of a type that fmpy can read."""
+"""Attributes of a type in fmpy."""
 
 
 def description_faults(root: Any) -> tuple[list[Finding], Any]:
-    """Return all breaches of the schema and of rules, and fmpy's description, None where it breaks the schema.
+    """Return all breaches of the schema and of rules, and fmpy's description, None after a breach of the schema.
 
-    fmpy stops at the first reference that leads nowhere. Such references are found here and removed from `root`, so
-    that it can report everything else. If the schema is broken, only that is reported.
+    fmpy stops at the first dangling reference. These are found here and removed from `root`, so that fmpy can report
+    everything else. A breach of the schema ends the check.
     """
     version = str(root.get("fmiVersion"))
-    faults = schema_faults(root, _SCHEMAS[version[0]], DESCRIPTION)
+    faults = schema_faults(root, f"{_SCHEMAS[version[0]]}ModelDescription.xsd", DESCRIPTION)
     if faults:
         return faults, None
     dangling = _Dangling(root)
-    dangling.all()
     box = io.BytesIO()
     with zipfile.ZipFile(box, "w") as archive:
         archive.writestr(DESCRIPTION, etree.tostring(root, xml_declaration=True, encoding="UTF-8"))
@@ -64,8 +64,8 @@ def description_faults(root: Any) -> tuple[list[Finding], Any]:
         _restore_lines(model, root)
         return [*dangling.faults, *_rules(model)], model
     except Exception as error:  # fmpy raises bare exceptions
-        texts_of_fmpy = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"
-        return dangling.faults or [finding("FMI003", texts_of_fmpy, root)], None
+        text = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"
+        return dangling.faults or [finding("FMI003", text, root)], None
 
 
 @lru_cache
@@ -82,21 +82,21 @@ def schema_faults(root: Any, name: str, where: str) -> list[Finding]:
 
 
 def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield the variables: the element, and the one with the attributes of the type, in FMI 3.0 the same."""
+    """Yield the variables: the element, and the element with the attributes of the type, in FMI 3.0 the same."""
     for item in root.iterfind("ModelVariables/*"):
         if item.get("name") is not None:
             yield item, next((c for c in item if item.tag == "ScalarVariable" and c.tag in _TYPES), item)
 
 
 def types_of(root: Any) -> dict[str, Any]:
-    """Return the defined types by name, each as the element with its attributes."""
+    """Return the elements of type definitions with the attributes, by name."""
     three = str(root.get("fmiVersion")).startswith("3")
     items = (item for item in root.iterfind("TypeDefinitions/*") if three or len(item))
     return {item.get("name"): item if three else item[0] for item in items}
 
 
 def _restore_lines(model: Any, root: Any) -> None:
-    """Give fmpy's objects the line numbers of the file; the text that it got may have others."""
+    """Set the line numbers of the file in fmpy's objects, since its text may have others."""
     for variable, (item, _) in zip(model.modelVariables, variables_of(root), strict=False):
         variable.sourceline = item.sourceline
     for name, path in _UNKNOWNS.get(str(root.get("fmiVersion"))[0], {}).items():
@@ -109,7 +109,7 @@ def _restore_lines(model: Any, root: Any) -> None:
 
 
 def _rules(model: Any) -> list[Finding]:
-    """Return fmpy's findings. It takes aliases of FMI 3.0 for variables and expects them in the model structure."""
+    """Return fmpy's findings, without its faulty ones on aliases of FMI 3.0 in the model structure."""
     everything = model.modelVariables
     aliases = [v for v in everything if v.alias is not None]
     model.modelVariables = [v for v in everything if v.alias is None]
@@ -117,26 +117,25 @@ def _rules(model: Any) -> list[Finding]:
     names = {v.name for v in model.modelVariables}
     if aliases:
         model.modelVariables = aliases
-        texts_of_fmpy = validate_model_description(model)
-        texts += [text for text in texts_of_fmpy if not text.startswith("Exactly one independent variable")]
-        texts += [
-            f'The variable name "{v.name}" (line {v.sourceline}) is not unique.' for v in aliases if v.name in names
-        ]
+        texts_of_aliases = validate_model_description(model)
+        texts += [text for text in texts_of_aliases if not text.startswith("Exactly one independent variable")]
+        twice = [v for v in aliases if v.name in names]
+        texts += [f'The variable name "{v.name}" (line {v.sourceline}) is not unique.' for v in twice]
     model.modelVariables = [v for v in everything if not _PLAIN.fullmatch(v.name)]
     if model.modelVariables:
-        texts_of_fmpy = validate_model_description(model)
-        texts += [t for t in validate_model_description(model, validate_variable_names=True) if t not in texts_of_fmpy]
+        others = validate_model_description(model)
+        texts += [t for t in validate_model_description(model, validate_variable_names=True) if t not in others]
     model.modelVariables = everything
     return [fmpy_found(str(text).strip().partition("\n")[0]) for text in dict.fromkeys(texts)]
 
 
 _IDENTIFIER = r"[A-Za-z_][A-Za-z_0-9]*(\[[0-9]+(,[0-9]+)*\])?"
 _PLAIN = re.compile(rf"{_IDENTIFIER}(\.{_IDENTIFIER})*|der\({_IDENTIFIER}(\.{_IDENTIFIER})*(,[0-9]+)?\)")
-"""Names that are legal by either naming convention; fmpy's parser, at milliseconds each, reads the others."""
+"""Names of both naming conventions; fmpy's parser, at milliseconds each, checks all others."""
 
 
 class _Dangling:
-    """Finds the references of a description that lead nowhere, and removes them."""
+    """Finds and removes the dangling references of a description."""
 
     def __init__(self, root: Any) -> None:
         self.faults: list[Finding] = []
@@ -145,25 +144,25 @@ class _Dangling:
         self.variables = list(variables_of(root))
         self.units = {u.get("name") for u in root.iterfind("UnitDefinitions/Unit")}
         self.references = {int(item.get("valueReference")): item for item, _ in self.variables}
+        self._check()
 
     def fault(self, rule: str, item: Any, text: str) -> None:
         name = f"variable {item.get('name')!r}" if item.get("name") is not None else item.tag
         self.faults.append(finding(rule, f"{line_of(item)}: {name}: {text}", item))
 
-    def all(self) -> None:
-        """Look at every kind of reference that fmpy follows."""
+    def _check(self) -> None:
+        """Check every kind of reference in fmpy."""
         types = types_of(self.root)
         for kind in self.root.iterfind("TypeDefinitions/*") if self.version == "3" else ():
-            for attribute in kind.attrib:
-                if attribute not in _TYPE_ATTRIBUTES:
-                    del kind.attrib[attribute]
+            for attribute in set(kind.attrib) - {*_TYPE_ATTRIBUTES}:
+                del kind.attrib[attribute]
         for item, value in self.variables:
             declared = value.get("declaredType")
             if declared is not None and declared not in types:
                 self.fault("FMI004", item, f"declaredType {declared!r} is not defined; define it in TypeDefinitions")
-            kind = types.get(declared) if declared is not None else None
+            kind = types.get(declared or "")
             if declared is not None and (kind is None or kind.tag == "ClockType"):
-                del value.attrib["declaredType"]  # fmpy knows no types of clocks
+                del value.attrib["declaredType"]  # fmpy lacks types of clocks
             if self.version != "1":
                 self._causality(item, value)
                 self._display_unit(item, value, kind)
@@ -183,15 +182,11 @@ class _Dangling:
             elif self.version == "3" and value.tag not in ("Float64", "Float32"):
                 variability = "discrete"
         if causality in _CAUSALITIES[variability] or item.get("initial") is not None:
-            return  # with `initial` fmpy reports this itself
+            return  # reported by fmpy if `initial` is stated
         allowed = [v for v, causalities in _CAUSALITIES.items() if causality in causalities]
-        stated = "" if item.get("variability") else ", which is the default,"
-        self.fault(
-            "FMI006",
-            item,
-            f"causality {causality!r} and variability {variability!r}{stated} do not go together; "
-            f"expected {' or '.join(allowed)}",
-        )
+        stated = "" if item.get("variability") else " (default)"
+        text = f"causality {causality!r} and variability {variability!r}{stated} do not go together; "
+        self.fault("FMI006", item, f"{text}expected {' or '.join(allowed)}")
         item.set("variability", allowed[-1])
 
     def _display_unit(self, item: Any, value: Any, kind: Any) -> None:
@@ -202,7 +197,7 @@ class _Dangling:
                 continue
             if unit is None:
                 self.fault("FMI005", item, f"has the display unit {shown!r} and no unit; state the unit")
-            del holder.attrib["displayUnit"]  # of an undefined unit, which fmpy reports
+            del holder.attrib["displayUnit"]  # fmpy reports the undefined unit
 
     def _derivative(self, item: Any, value: Any) -> None:
         text = value.get("derivative")
@@ -211,7 +206,7 @@ class _Dangling:
             del value.attrib["derivative"]
 
     def _references(self, item: Any) -> None:
-        """Look at the clocks and dimensions of a variable of FMI 3.0."""
+        """Check the clocks and dimensions of a variable of FMI 3.0."""
         if item.get("clocks") is not None:
             kept = self._list(item, "clocks")
             if kept:
@@ -226,19 +221,16 @@ class _Dangling:
             if size is None:
                 self.fault("FMI007", item, f"dimension of valueReference {text!r}: {self._expected()}")
             elif not str(size.get("start")).strip().isdigit():
-                self.fault(
-                    "FMI008",
-                    item,
-                    f"dimension of valueReference {text!r}: expected a variable whose start value is a size, "
-                    f"got {size.get('name')!r} with start {size.get('start')!r}",
-                )
+                got = f"got {size.get('name')!r} with start {size.get('start')!r}"
+                text = f"dimension of valueReference {text!r}: expected a variable whose start value is a size, {got}"
+                self.fault("FMI008", item, text)
             else:
                 continue
             del dimension.attrib["valueReference"]
             dimension.set("start", "1")
 
     def _unknown(self, item: Any) -> None:
-        """Look at an entry of the model structure and at its dependencies."""
+        """Check an entry of the model structure and its dependencies."""
         name = "index" if self.version == "2" else "valueReference"
         if not self._known(int(item.get(name))):
             self.fault("FMI007", item, f"{name}={item.get(name)!r}: {self._expected()}")
@@ -267,4 +259,4 @@ class _Dangling:
     def _expected(self) -> str:
         if self.version == "3":
             return "no variable has that value reference"
-        return f"there is no such variable; expected an index from 1 to {len(self.variables)}"
+        return f"expected the index of a variable, from 1 to {len(self.variables)}"

@@ -15,7 +15,7 @@ from urllib.parse import unquote
 from vdfmu.base.errors import SspError, StorageError, UsageError
 from vdfmu.base.files import pack_zip, temporary_folder
 from vdfmu.base.standards import SSP_FORMATS
-from vdfmu.engine.inspect.fmi import REFERENCES
+from vdfmu.engine.inspect.description import REFERENCES
 from vdfmu.engine.inspect.fmu import NOT_RUN, check_unit, store
 from vdfmu.engine.inspect.trial import master_of, run_apart
 from vdfmu.engine.package.archive import Archive, is_inside
@@ -34,15 +34,15 @@ class Report(Findings):
     """Result of the check of a file; `vdfmu check --json` prints these keys."""
 
     file: str = ""
-    """The path as it was given."""
+    """The path, as the user wrote it."""
     kind: str = ""
     """``FMU``, ``SSP`` or ``SSD``."""
     standard: str | None = None
-    """Such as ``FMI 3.0``; None where the file does not get that far."""
+    """Such as ``FMI 3.0``; None if the file cannot be read."""
 
     @classmethod
     def of(cls, findings: Findings, path: Path, kind: str, standard: str | None = None) -> Report:
-        """Return the report on a file: each finding once, in a line."""
+        """Return the report on a file, with each finding once, as a line."""
         problems, notes = (list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes))
         return cls(problems, notes, findings.compared, findings.ran, str(path), kind, standard)
 
@@ -53,12 +53,9 @@ class Report(Findings):
             {
                 "rule": text.rule.number, "severity": severity, "file": text.file or None, "line": text.line or None,
                 "message": str(text), "way_out": text.rule.way,
-            }
-            for severity, texts in (("problem", self.problems), ("note", self.notes))
-            for text in texts
+            } for severity, texts in (("problem", self.problems), ("note", self.notes)) for text in texts
         ]  # fmt: skip
-        texts = {"problems": self.problems, "notes": self.notes}
-        return {"format": FORMAT, **head, **texts, "findings": findings}
+        return {"format": FORMAT, **head, "problems": self.problems, "notes": self.notes, "findings": findings}
 
 
 def inspect_file(
@@ -71,10 +68,10 @@ def inspect_file(
     path : path
         ``.fmu``; ``.ssp``; ``.ssd`` with its resources next to it.
     run : bool, optional
-        Whether to make ten steps of the unit or system and to compare an FMU with the reference results that it
-        may carry (FMI-LS-REF). That runs the units' code, in a process of its own.
+        Whether to make ten steps of the unit or system, and to compare an FMU with its reference results
+        (FMI-LS-REF). Both run the units' code, in another process.
     say : callable, optional
-        Called with the file, which can be read, before its code may run.
+        Called with the file before its code may run.
 
     Raises
     ------
@@ -91,10 +88,8 @@ def inspect_file(
     try:
         return _inspect(path, suffix, run)
     except OSError as error:
-        raise StorageError(
-            f"{path}: was not checked: {error}. The check needs a temporary folder with free space; "
-            "TMPDIR names another one."
-        ) from error
+        way = "The check needs a temporary folder with free space; TMPDIR names another folder."
+        raise StorageError(f"{path}: was not checked: {error}. {way}") from error
 
 
 def _inspect(path: Path, suffix: str, run: bool) -> Report:
@@ -104,7 +99,7 @@ def _inspect(path: Path, suffix: str, run: bool) -> Report:
     with temporary_folder("vdfmu_check_") as folder:
         package = path
         if suffix == ".ssd":
-            package = Path(folder, path.name)  # the name in messages: there is no package
+            package = Path(folder, path.name)  # with the name for messages
             try:
                 _pack(path, package)
             except SspError as error:
@@ -125,7 +120,7 @@ def _renamed(findings: Findings, old: str, new: str) -> Findings:
 
 
 def _require(path: Path, suffix: str) -> None:
-    """Raise UsageError for anything that cannot be checked."""
+    """Raise UsageError unless the file can be checked."""
     if path.is_dir():
         inside = path / DEFAULT
         hint = f"; give {inside}" if inside.is_file() else f"; expected a file, {', '.join(_ENDINGS)}"
@@ -141,17 +136,17 @@ def _require(path: Path, suffix: str) -> None:
 
 
 def _pack(ssd: Path, package: Path) -> None:
-    """Pack an SSD with the files next to it that it names, and that SSDs among these files name."""
+    """Pack an SSD with its sources next to it, and with sources of SSDs among these."""
     members = {DEFAULT: ssd.read_bytes()}
     home = ssd.parent.resolve()
     waiting = [("", members[DEFAULT])]
     while waiting:
         base, text = waiting.pop()
-        for found in re.findall(rb"""source\s*=\s*["']([^"']+)["']""", text):
-            source = unquote(html.unescape(found.decode(errors="replace"))).partition("#")[0]
+        for value in re.findall(rb"""source\s*=\s*["']([^"']+)["']""", text):
+            source = unquote(html.unescape(value.decode(errors="replace"))).partition("#")[0]
             name = posixpath.normpath(posixpath.join(base, source)) if source else ""
             if name in members or not is_inside(name):
-                continue  # what points outside is reported by the check
+                continue  # the check reports sources outside
             file = (home / name).resolve()
             if len(file.name) < 256 and file.is_file() and file.is_relative_to(home):
                 members[name] = file.read_bytes()
@@ -161,7 +156,7 @@ def _pack(ssd: Path, package: Path) -> None:
 
 
 def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | None]:
-    """Check every SSD of a package, and run the default one, and FMUs with reference results, if nothing is wrong.
+    """Check every SSD of a package; without faults, run the default SSD and FMUs with reference results.
 
     `folder` is for its FMUs. Returns the standard too, such as ``SSP 1.0``.
     """
@@ -169,10 +164,7 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
     heads: dict[str, Any] = {}
     try:
         with Archive(path, path.name) as archive:
-            findings.notes += [
-                finding("PKG007", f"entry {name!r} occurs more than once, with the same content")
-                for name in archive.doubled
-            ]
+            findings.notes += archive.notes
             names = variants(archive)
             if DEFAULT not in names:
                 has = f"; it has {', '.join(names)}" if names else ""
@@ -205,7 +197,7 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
 
 
 def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Path]) -> Findings:
-    """Check one SSD, and each of its FMUs that is not yet among those in the folder, whatever else is wrong."""
+    """Check an SSD, and each of its FMUs that is not yet `stored`, despite other faults."""
     system, problems = read_system(path, variant)
     findings, units = Findings(list(problems)), dict[str, list[Finding]]()
     with Archive(path, path.name) as archive:
@@ -225,7 +217,7 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
         findings.problems += system.faults
         try:
             checked = check_system(system, algorithm=master_of(system), ignore_unmatched=True)
-            problems, notes = [], cast("list[Finding]", [*checked.notes])  # others are of values that are given
+            problems, notes = [], cast("list[Finding]", [*checked.notes])  # all are findings without set values
         except SspError as error:
             problems, notes = error.problems, [*error.notes]
         findings.notes += notes
@@ -238,24 +230,21 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
 
 
 _OF_UNIT = ("FMI", "PKG")
-"""Rules whose breach the check of an FMU reports, too."""
+"""Rules that the check of an FMU covers, too."""
 
 
 def _same_names(heads: Mapping[str, Any]) -> list[Finding]:
-    """Return notes on SSDs of one package that cannot be told apart by their names."""
+    """Return notes on SSDs of a package with equal names."""
     users: dict[str, list[str]] = {}
     for file, root in heads.items():
         users.setdefault("" if root is None else root.get("name") or "", []).append(file)
-    text = "have the same name, {!r}, by which tools let users choose"
-    return [
-        finding("SSP006", f"{' and '.join(files)}: {text.format(name)}")
-        for name, files in users.items()
-        if name and len(files) > 1
-    ]
+    text = "have the same name, {!r}; tools let users choose by it"
+    same = [(name, files) for name, files in users.items() if name and len(files) > 1]
+    return [finding("SSP006", f"{' and '.join(files)}: {text.format(name)}") for name, files in same]
 
 
 def _head(archive: Archive, label: str, name: str) -> tuple[Any, Findings]:
-    """Return the root of an SSD, None where it cannot be read, and notes on its version and its icons."""
+    """Return the root of an SSD, None if it cannot be read, and notes on its version and icons."""
     try:
         root = parse_xml(archive.read(name), f"{label}: {name}")
     except SspError:

@@ -1,4 +1,4 @@
-"""Comparison of an FMU with the reference results that it carries (layered standard FMI-LS-REF)."""
+"""Comparison of an FMU with its reference results (layered standard FMI-LS-REF)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import csv
 import io
 import posixpath
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from urllib.parse import unquote
 
 import fmpy
 import numpy as np
-from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import SspError
@@ -23,29 +22,29 @@ from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.inspect.abilities import described, make_step, tried
-from vdfmu.engine.inspect.fmi import MANIFEST, REFERENCES
+from vdfmu.engine.inspect.description import MANIFEST, REFERENCES
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.rules import Findings, finding
 
-# Reference results say nothing of the solver's tolerance. This is far above those in use and far below a wrong result.
+# Reference results do not state the solver's tolerance. This is far above usual ones and far below a wrong result.
 AGREEMENT = 1e-3
 
 _MANY = 20_000
-"""Steps that a comparison may take in any case: seconds for a compiled unit, less than the time limit for others."""
+"""Steps allowed in any comparison: seconds for a compiled unit, less than the time limit for others."""
 _EVEN = 1e-9
-"""Difference of steps that are even, as a part of the largest time: rows are rounded."""
+"""Difference of even steps as a part of the largest time, since rows are rounded."""
 _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
-"""Types, as the master names them, that a cell of the table can hold."""
+"""Types in the master that a cell of the table can hold."""
 
 
 class _NotComparedError(Exception):
-    """Reasons, not faults of the FMU, for leaving results out."""
+    """Reason for omitting results without a fault of the FMU."""
 
 
 @dataclass(frozen=True)
 class ReferenceTable:
-    """Columns over time; a cell holds one number, or the elements of an array with spaces between them."""
+    """Columns over time; a cell holds a number, or the elements of an array separated by spaces."""
 
     time: Floats
     columns: Mapping[str, Floats]
@@ -63,22 +62,20 @@ def compare(path: Path) -> Findings:
                 expected = _results_of(archive, name, description, findings)
                 signals = _inputs_of(archive, inputs, description)
                 results = _results(path, description, expected, signals)
-                findings.problems += [
-                    finding("RUN003", f"{short}: {problem}") for problem in _differences(expected, results)
-                ]
+                for problem in _differences(expected, results):
+                    findings.problem("RUN003", f"{short}: {problem}")
                 findings.compared.append(short)
             except _NotComparedError as reason:
                 _leave(findings, name, str(reason))
             except Exception as error:  # foreign files and units
-                text = f"{short}: the reference results cannot be compared: {error}"
-                findings.problem("RUN003", text)
+                findings.problem("RUN003", f"{short}: the reference results cannot be compared: {error}")
     return findings
 
 
 def _tables(archive: zipfile.ZipFile, findings: Findings) -> dict[str, str | None]:
-    """Return the tables of results, each with that of its inputs: by the manifest, experiments, or their own names.
+    """Return the tables of results and of their inputs, by the manifest, experiments or names.
 
-    A manifest may name a file that is not there: other tools may have removed it (FMI-LS-REF, Related Files).
+    A manifest may name a missing file: other tools may have removed it (FMI-LS-REF, Related Files).
     """
     names = set(archive.namelist())
     tables = {n: _beside(n, names) for n in archive.namelist() if n.startswith(REFERENCES) and n.endswith(_RESULTS)}
@@ -109,13 +106,13 @@ _RESULTS = ("_out.csv", "_ref.csv")
 
 
 def _beside(name: str, names: set[str]) -> str | None:
-    """Return the inputs of a table of results, by its own name."""
+    """Return the table of the inputs by the name of a table of results."""
     inputs = next((f"{name.removesuffix(ending)}_in.csv" for ending in _RESULTS if name.endswith(ending)), "")
     return inputs if inputs in names else None
 
 
 def _named(element: Any, owner: str) -> str:
-    """Return the member that a source names, from the folder of the file that does."""
+    """Return the member that a source names, relative to the folder of its file."""
     return posixpath.normpath(posixpath.join(posixpath.dirname(owner), unquote(element.get("source", ""))))
 
 
@@ -124,57 +121,53 @@ def _leave(findings: Findings, name: str, why: str) -> None:
 
 
 def _experiments(root: Any, owner: str, names: set[str], findings: Findings) -> dict[str, str | None]:
-    """Return the tables of a file of experiments (modelica/ma-hs-experiments), each with that of its inputs."""
-    found: dict[str, str | None] = {}
+    """Return the tables of a file of experiments (modelica/ma-hs-experiments) with the tables of their inputs."""
+    results: dict[str, str | None] = {}
     for experiment in root.iterfind("{*}Experiment"):
-        given = {tag: experiment.find(f"{{*}}{tag}") for tag in ("References", "Stimuli", "Parameters")}
-        tables = [_named(each, owner) for each in (given["References"], given["Stimuli"]) if each is not None]
+        parts = (experiment.find(f"{{*}}{tag}") for tag in ("References", "Stimuli", "Parameters"))
+        references, stimuli, parameters = parts
+        tables = [_named(each, owner) for each in (references, stimuli) if each is not None]
         where = f"{posixpath.basename(owner)}, experiment {experiment.get('name')!r}"
-        if given["References"] is None:
-            _leave(findings, where, "it has no reference results")
-        elif given["Parameters"] is not None:
-            _leave(findings, where, f"it sets the parameters of {given['Parameters'].get('source')!r}")
+        if references is None:
+            _leave(findings, where, "it lacks reference results")
+        elif parameters is not None:
+            _leave(findings, where, f"it sets the parameters of {parameters.get('source')!r}")
         elif lacking := [name for name in tables if name not in names or not name.endswith(".csv")]:
             _leave(findings, where, f"expected a .csv file of the FMU, got {', '.join(lacking)}")
         else:
-            found[tables[0]] = tables[1] if given["Stimuli"] is not None else None
+            results[tables[0]] = tables[1] if stimuli is not None else None
     if not root.tag.endswith("Experiments"):
         _leave(findings, owner, f"its root is {root.tag!r}, not 'Experiments'")
-    return found
+    return results
 
 
 def _results_of(archive: zipfile.ZipFile, name: str, description: Description, findings: Findings) -> ReferenceTable:
-    """Return the columns that can be compared; a note names the others.
-
-    One table may serve several FMUs, so a column need not have a variable in each.
-    """
+    """Return the comparable columns; a note names all others, since a table may serve several FMUs."""
     left: dict[str, list[str]] = {}
 
     def skip(column: str) -> bool:
         kind = _type(description, column)
         if type_of(kind) in _NUMBERS:
             return False
-        why = f"of type {kind}, which a table of numbers does not hold" if kind else "the unit has no such variable"
-        left.setdefault(why, []).append(column)
+        reason = f"type {kind} does not fit into a table of numbers" if kind else "the unit lacks such a variable"
+        left.setdefault(reason, []).append(column)
         return True
 
     table = read_table(archive.read(name).decode("utf-8-sig"), skip)
-    short = posixpath.basename(name)
-    findings.notes += [
-        finding("RUN004", f"{short}: {', '.join(columns)}: not compared: {why}") for why, columns in left.items()
-    ]
+    for reason, columns in left.items():
+        findings.note("RUN004", f"{posixpath.basename(name)}: {', '.join(columns)}: not compared: {reason}")
     if not table.columns:
-        raise _NotComparedError("it has no column that can be")
+        raise _NotComparedError("it lacks comparable columns")
     return table
 
 
 def _type(description: Description, name: str) -> str:
-    """Return the type that the FMU states of a variable, an array too; empty without one."""
+    """Return the declared type of a variable or array; empty for an unknown name."""
     return next((v.declared for v in description.elements(name)), "")
 
 
 def _inputs_of(archive: zipfile.ZipFile, inputs: str | None, description: Description) -> ReferenceTable | None:
-    """Return the inputs that belong to a table of results; raise for a column that cannot be fed."""
+    """Return the inputs of a table of results; raise for a column that is not a settable variable."""
     if inputs is None:
         return None
 
@@ -190,7 +183,7 @@ def _inputs_of(archive: zipfile.ZipFile, inputs: str | None, description: Descri
 
 
 def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) -> ReferenceTable:
-    """Read a table without the columns for which `skip` holds; ValueError names the line that is wrong."""
+    """Read a table without columns with `skip(name)`; ValueError names the wrong line."""
     rows = [row for row in csv.reader(io.StringIO(text), skipinitialspace=True) if row]
     if len(rows) < 2 or len(rows[0]) < 2:
         raise ValueError("expected a head with 'time' and variables, and at least one row")
@@ -219,12 +212,11 @@ def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) ->
 
 
 def _number(text: str) -> float:
-    truth = {"true": 1.0, "false": 0.0}
-    return truth[text.lower()] if text.lower() in truth else float(text)
+    return float({"true": 1.0, "false": 0.0}.get(text.lower(), text))
 
 
 def _differences(expected: ReferenceTable, results: Mapping[str, Floats]) -> list[str]:
-    """Return the variables that differ too much, each at its worst time and, for an array, its worst element."""
+    """Return the variables with a difference above the limit, each at its worst time and element."""
     problems: list[str] = []
     for name, wanted in expected.columns.items():
         error = np.abs(results[name] - wanted)
@@ -232,37 +224,36 @@ def _differences(expected: ReferenceTable, results: Mapping[str, Floats]) -> lis
         row, element = np.unravel_index(int(np.argmax(np.where(np.isnan(scaled), np.inf, scaled))), error.shape)
         if not scaled[row, element] <= AGREEMENT:
             where = name if wanted.shape[1] == 1 else f"{name}, element {element + 1}"
-            problems.append(
-                f"{where} at t = {expected.time[row]:g} s: expected {wanted[row, element]:.9g}, "
-                f"differs by {error[row, element]:.3g}"
-            )
+            text = f"{where} at t = {expected.time[row]:g} s: expected {wanted[row, element]:.9g}"
+            problems.append(f"{text}, differs by {error[row, element]:.3g}")
     return problems
 
 
 def _results(
     path: Path, description: Description, expected: ReferenceTable, signals: ReferenceTable | None
 ) -> dict[str, Floats]:
-    """Return the results of an FMU at the times of a table: inputs set, values read, at every communication point."""
-    outputs = {name: _elements(description, name, column) for name, column in expected.columns.items()}
-    inputs = {
-        name: _elements(description, name, column) for name, column in (signals.columns if signals else {}).items()
-    }
+    """Return the results of an FMU at the times of a table, with exchange of values at every communication point."""
+    outputs, inputs = (
+        {name: _elements(description, name, column) for name, column in (table.columns if table else {}).items()}
+        for table in (expected, signals)
+    )
     points = _points(description, expected, signals)
     rows = {name: np.empty((len(points), column.shape[1])) for name, column in expected.columns.items()}
 
     def feed(instance: Instance, time: float, running: bool = False) -> None:
-        """Set the inputs to their values from a time on, or those that are `running` in a step."""
+        """Set the inputs to their values from a time on; within a step, if `running`, only continuous inputs."""
         if signals is None:
             return
         lines, held = _values_at(signals, time)
-        for name, own in inputs.items():
-            continuous = own[0].variability == "continuous"
+        for name, variables in inputs.items():
+            continuous = variables[0].variability == "continuous"
             if continuous or not running:
-                values = zip(own, (lines if continuous else held)[name].tolist(), strict=True)
+                values = zip(variables, (lines if continuous else held)[name].tolist(), strict=True)
                 instance.set_all([(v, bool(x) if v.kind == "Boolean" else as_type(x, v)) for v, x in values])
 
     def steps(instance: Instance, *_: float) -> str:
-        read = {name: _reader(instance, own) for name, own in outputs.items()}
+        memory = {name: np.zeros(len(each), DTYPES[each[0].kind]) for name, each in outputs.items()}
+        calls = [call for name, each in outputs.items() for call in instance.access("Get", each, memory[name])]
         for k, time in enumerate(points.tolist()):
             if k:
                 if inputs and description.exchange:
@@ -270,27 +261,28 @@ def _results(
                 make_step(instance, points[k - 1].item(), time - points[k - 1].item())
             if instance.box.ended and time < points[-1]:
                 raise ValueError(f"the unit ended the simulation at t = {instance.box.time:.9g} s")
-            for name, values in read.items():
-                rows[name][k] = values()
+            instance.run(calls)
+            for name, values in memory.items():
+                rows[name][k] = values
             instance.line = lambda time: None
             feed(instance, time)
         return ""
 
     start = points[0].item()
-    length = (points[-1].item() - start) / 10.0  # ten steps are announced
+    length = (points[-1].item() - start) / 10.0  # `tried` announces ten steps
     tried(description, Path(fmpy.extract(str(path))), steps, start, length, lambda instance: feed(instance, start))
     return {name: np.stack([np.interp(expected.time, points, x) for x in each.T], 1) for name, each in rows.items()}
 
 
 def _elements(description: Description, name: str, column: Floats) -> list[FmuVariable]:
-    found = description.elements(name)
-    if len(found) != column.shape[1]:
-        raise ValueError(f"{name}: the unit has {len(found)} elements, the table {column.shape[1]}")
-    return found
+    elements = description.elements(name)
+    if len(elements) != column.shape[1]:
+        raise ValueError(f"{name}: the unit has {len(elements)} elements, the table {column.shape[1]}")
+    return elements
 
 
 def _points(description: Description, expected: ReferenceTable, signals: ReferenceTable | None) -> Floats:
-    """Return the communication points: the times of both tables, or even steps for a unit that takes no others."""
+    """Return the communication points: the times of both tables, or even steps if the unit needs these."""
     start, stop = expected.time[0], expected.time[-1]
     points = np.unique(expected.time if signals is None else np.concatenate([expected.time, signals.time]))
     points = points[(points >= start) & (points <= stop)]
@@ -300,9 +292,8 @@ def _points(description: Description, expected: ReferenceTable, signals: Referen
     step = float(np.diff(np.unique(expected.time)).min())
     count = (stop - start) / step
     if count > max(_MANY, 2 * len(expected.time)):
-        raise _NotComparedError(
-            f"two rows are {step:g} s apart; steps of that size from the first row to the last would be {count:.3g}"
-        )
+        text = f"two rows are {step:g} s apart; steps of that size from the first row to the last would be {count:.3g}"
+        raise _NotComparedError(text)
     return start + step * np.arange(round(count) + 1)
 
 
@@ -314,15 +305,3 @@ def _values_at(signals: ReferenceTable, time: float) -> tuple[dict[str, Floats],
     part = (time - signals.time[last]) / span if span > 0.0 and time > signals.time[last] else 0.0
     held, then = ({name: x[row] for name, x in signals.columns.items()} for row in (last, following))
     return {name: value + part * (then[name] - value) for name, value in held.items()}, held
-
-
-def _reader(instance: Instance, variables: Sequence[FmuVariable]) -> Callable[[], NDArray[Any]]:
-    """Return a function that gets the elements of a variable."""
-    values = np.zeros(len(variables), DTYPES[variables[0].kind])
-    calls = instance.access("Get", variables, values)
-
-    def read() -> NDArray[Any]:
-        instance.run(calls)
-        return values
-
-    return read

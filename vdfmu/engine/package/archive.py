@@ -5,6 +5,7 @@ from __future__ import annotations
 import stat
 import tempfile
 import zipfile
+from bisect import bisect
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path, PurePosixPath
@@ -17,26 +18,26 @@ from vdfmu.engine.package import limits
 from vdfmu.engine.rules import Finding, breach, finding
 
 INSIDE = "!/"
-"""Between the name of a package inside a package and the name of a member of it."""
+"""Separator between the name of an inner package and the name of its member."""
 _SHOWN = 50
-"""Most faulty members that one message lists."""
+"""Most faulty members in a message."""
 _BLOCK = 2**18
-"""Bytes that are unpacked at once."""
+"""Bytes unpacked at once."""
 
 
 def stamp_of(path: Path) -> tuple[int, ...]:
-    """Return numbers of a file that change with its content; none for a missing one."""
+    """Return numbers of a file that change with its content; empty for a missing file."""
     try:
-        found = path.stat()
+        state = path.stat()
     except OSError:
         return ()
-    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+    return state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns
 
 
 class Archive:
-    """A zip file whose member names and sizes have been checked; ``package.ssp!/member`` names one of a package inside.
+    """A zip file with checked names and sizes; ``package.ssp!/member`` names a member of an inner package.
 
-    `label` is its name in messages, `outer` the package in which it lies: they share one limit of what may be unpacked.
+    `label` is its name in messages, `outer` the package around it; both share the limits of unpacked bytes.
 
     Raises
     ------
@@ -51,8 +52,7 @@ class Archive:
         self._depth = 0 if outer is None else outer._depth + 1
         self._budget = outer._budget if outer else limits.Budget(label, limits.unpack_limit() / limits.TOTAL_LIMIT)
         self._inner: dict[str, Archive] = {}
-        self.doubled: list[str] = []
-        """Members that occur more than once, with the same content."""
+        self.notes: list[Finding] = []
         with ExitStack() as opened:
             if isinstance(source, Path) and source.exists() and not (source.is_file() or source.is_dir()):
                 special = "is a pipe, a device or another special file; expected a regular one"
@@ -71,7 +71,7 @@ class Archive:
             opened.pop_all()
 
     def _directory(self) -> zipfile.ZipFile:
-        """Read the directory of the file, whose size is known before: each entry of it takes memory."""
+        """Read the directory of the file if its size is within the limit: each entry takes memory."""
         end: Any = zipfile._EndRecData(self.file)  # pyright: ignore[reportAttributeAccessIssue]
         size = end[zipfile._ECD_SIZE] if end else 0  # pyright: ignore[reportAttributeAccessIssue]
         if size > limits.DIRECTORY_LIMIT:
@@ -109,26 +109,25 @@ class Archive:
             elif name in members:
                 twice.append((members[name], info))
             elif (other := folded.setdefault(name.rstrip("/").lower(), name)) != name:
-                one = f"entries {other!r} and {name!r} are one file"
-                fault("PKG006", f"{one} where case or a final '/' does not count; rename one")
+                same = f"entries {other!r} and {name!r} are one file"
+                fault("PKG006", f"{same} where case or a final '/' does not count; rename one")
             members[name] = info
-        above: dict[str, list[str]] = {}
-        for name in members:
-            folder = name.rstrip("/").rpartition("/")[0]
-            if folder not in above:
-                path = PurePosixPath(folder)
-                above[folder] = [str(each) for each in (path, *path.parents)]
-            if clash := next((f for f in above[folder] if f in members and not members[f].is_dir()), None):
-                fault("PKG006", f"entry {clash!r} is a file and the folder of {name!r}")
+        ordered = [*sorted(members), ""]
+        for name in (each for each in ordered if each and not each.endswith("/")):
+            below = ordered[bisect(ordered, f"{name}/", hi=len(members))]
+            if below.startswith(f"{name}/"):
+                fault("PKG006", f"entry {name!r} is a file and the folder of {below!r}")
         total, limit = sum(info.file_size for info in infos), limits.TOTAL_LIMIT * self._budget.scale
         if not problems and total > limit:
             fault("PKG004", f"holds {total} bytes unpacked; the limit is {limit:.0f} (--unpack-limit)")
-        unpack = not problems  # what is unpacked is bounded then
-        for one, other in twice:
-            if (one.file_size, one.CRC) == (other.file_size, other.CRC) and (not unpack or self._same(one, other)):
-                self.doubled.append(one.filename)
+        bounded = not problems  # so that it may be unpacked
+        for first, second in twice:
+            alike = (first.file_size, first.CRC) == (second.file_size, second.CRC)
+            if alike and (not bounded or self._same(first, second)):
+                text = f"entry {first.filename!r} occurs more than once, with the same content"
+                self.notes.append(finding("PKG007", text))
             else:
-                fault("PKG006", f"entry {one.filename!r} occurs twice, with different contents")
+                fault("PKG006", f"entry {first.filename!r} occurs twice, with different contents")
         if len(problems) > _SHOWN:
             more = f"{self.label}: and {len(problems) - _SHOWN} more such entries"
             problems[_SHOWN:] = [problems[_SHOWN].reworded(more)]
@@ -136,18 +135,18 @@ class Archive:
             raise SspError(problems)
         return {name: info for name, info in members.items() if not info.is_dir()}
 
-    def _same(self, one: zipfile.ZipInfo, other: zipfile.ZipInfo) -> bool:
-        """Whether two entries have the same content; False if one cannot be unpacked."""
+    def _same(self, first: zipfile.ZipInfo, second: zipfile.ZipInfo) -> bool:
+        """Whether two entries have the same content; False if either cannot be unpacked."""
         try:
-            with self._zip.open(one) as first, self._zip.open(other) as second:
-                while block := first.read(_BLOCK):
+            with self._zip.open(first) as stream, self._zip.open(second) as other:
+                while block := stream.read(_BLOCK):
                     self._budget.spend(2 * len(block), False)
-                    if second.read(_BLOCK) != block:
+                    if other.read(_BLOCK) != block:
                         return False
-                return not second.read(1)
+                return not other.read(1)
         except SspError:
             raise
-        except Exception:  # zlib.error and its like have no common base
+        except Exception:  # zlib.error and similar errors have no common base
             return False
 
     @property
@@ -159,7 +158,7 @@ class Archive:
         return name in self._members or self._split(name) is not None
 
     def _split(self, name: str) -> tuple[Archive, str] | None:
-        """Return the package inside this one and the member of it that a name means, or None."""
+        """Return the inner package and its member that a name means, or None."""
         outer, mark, rest = name.partition(INSIDE)
         if not mark or outer not in self._members:
             return None
@@ -167,7 +166,7 @@ class Archive:
         return (inner, rest) if rest in inner else None
 
     def inside(self, name: str) -> Archive:
-        """Return a package inside the package; it is closed with this one."""
+        """Return a package inside the package; closed with it."""
         if name not in self._inner:
             if self._budget.packages >= limits.PACKAGE_LIMIT:
                 many = f"has more than {limits.PACKAGE_LIMIT} packages inside it; that is the limit"
@@ -184,11 +183,11 @@ class Archive:
             yield inner
 
     def _open(self, name: str, label: str = "") -> Archive:
-        """Unpack a package into a file without a name, which is gone when it is closed."""
+        """Unpack a package into an anonymous temporary file."""
         if self._depth >= limits.NESTING_LIMIT:
             text = f"{name!r} is a package inside {limits.NESTING_LIMIT} others; that is the limit"
             raise breach("PKG004", f"{self.label}: {text}")
-        with InterruptGuard():  # the first look for the temporary folder tries it with a file
+        with InterruptGuard():  # the first search for the temporary folder creates a file in it
             file = tempfile.TemporaryFile(prefix="vdfmu_")
         try:
             self.copy(name, file)
@@ -198,12 +197,11 @@ class Archive:
         return Archive(file, label or f"{self.label}: {name}", self)
 
     def read(self, name: str) -> bytes:
-        """Return the content of one member; SspError when it is missing, damaged or too large for the memory."""
-        archive, name = self._split(name) or (self, name)
-        return b"".join(archive._blocks(name, limits.XML_LIMIT, kept=True))
+        """Return the content of a member; SspError if it is missing, damaged or too large for the memory."""
+        return b"".join(self._blocks(name, limits.XML_LIMIT, kept=True))
 
     def head(self, name: str) -> bytes:
-        """Return the first bytes of one member, 256 KiB at most; the rest is unpacked to verify its checksum."""
+        """Return the first bytes of a member, 256 KiB at most; unpacks the rest to verify the checksum."""
         blocks = self._blocks(name)
         head = next(blocks, b"")
         for _ in blocks:
@@ -211,13 +209,14 @@ class Archive:
         return head
 
     def copy(self, name: str, target: IO[bytes]) -> None:
-        """Write one member to a file, piece by piece."""
-        archive, name = self._split(name) or (self, name)
-        for block in archive._blocks(name):
-            target.write(block)
+        """Write a member to a file in blocks."""
+        target.writelines(self._blocks(name))
 
     def _blocks(self, name: str, limit: int | None = None, kept: bool = False) -> Iterator[bytes]:
-        """Yield one member piece by piece: its actual bytes are counted, never more than it declares."""
+        """Yield a member in blocks, and count the actual bytes; never more than it declares."""
+        if split := self._split(name):
+            yield from split[0]._blocks(split[1], limit, kept)
+            return
         info = self._members.get(name)
         if info is None:
             raise breach("SSP011", f"{self.label}: the package has no {name!r}")
@@ -234,11 +233,11 @@ class Archive:
         except (OSError, zipfile.BadZipFile, EOFError, NotImplementedError, ValueError) as error:
             _blame_disk(self.label, error)
             raise breach("PKG001", f"{self.label}: {name!r} cannot be unpacked: {error}") from None
-        except Exception as error:  # zlib.error and its like have no common base
+        except Exception as error:  # zlib.error and similar errors have no common base
             raise breach("PKG001", f"{self.label}: {name!r} is damaged: {error}") from None
 
     def extract(self, folder: Path, keep: Callable[[str], bool]) -> None:
-        """Write the members for which `keep(name)` holds below `folder`."""
+        """Write the members with `keep(name)` below `folder`."""
         for name in self._members:
             if keep(name):
                 target = folder / name
@@ -261,7 +260,7 @@ class Archive:
 
 
 def _blame_disk(label: str, error: Exception) -> None:
-    """Raise UsageError for an error of the disk, which is not the fault of a package."""
+    """Raise UsageError for an error of the disk: the package is not at fault."""
     if reason := disk_error(error):
         text = f"{label}: cannot be read: {reason.strerror}. Give the same command again once it can be read."
         raise UsageError(text) from error
@@ -273,7 +272,7 @@ def is_inside(name: str) -> bool:
 
 
 def resolve(source: str, where: str, at: Any = ("", 0)) -> str:
-    """Turn a URI of an SSD into the name of a member; SspError when it leaves the package."""
+    """Return the member that a URI of an SSD names; SspError if it leaves the package."""
     parts = urlsplit(source)
     name = unquote(parts.path)
     if parts.scheme or parts.netloc or parts.query or parts.fragment or not is_inside(name):

@@ -16,16 +16,15 @@ from vdfmu.engine.package.wiring import Key, Wiring, show, show_shape
 from vdfmu.engine.rules import Finding, breach, finding, place_of
 
 _SSV = f"{{{NAMESPACES['ssv']}}}"
-SET_TYPE = "application/x-ssp-parameter-set"
-MAPPING_TYPE = "application/x-ssp-parameter-mapping"
+_TYPES = {"ssv": "application/x-ssp-parameter-set", "ssm": "application/x-ssp-parameter-mapping"}
 
 
 @dataclass(frozen=True)
 class _Bound:
-    """A value that arrived: at a variable of a component, or at a connector of a system."""
+    """A value for a variable of a component, or for a connector of a system."""
 
     entry: BoundParameter
-    """By its name in the element, yet without a component."""
+    """With the name in the element, and still without a component."""
     node: Node
     level: int
     """Depth of the binding in the tree; 0 for the whole system."""
@@ -35,30 +34,22 @@ class _Bound:
 class Bindings:
     """Collects the parameter bindings of a tree.
 
-    Bindings of a higher level take precedence over bindings of a lower one, later ones over earlier ones of the
-    same level (SSP 1.0, ParameterBindings). A prefix is put before every name of the set; with a mapping, only the
-    values that it names are applied. A value goes to everything that has its name: dots may be part of the names of
-    elements, so these need not be unique. A connector with a value passes it to everything connected to it,
-    whatever that is given itself.
+    Bindings of a higher level override bindings of a lower level, later bindings earlier ones of the same level
+    (SSP 1.0, ParameterBindings). A prefix applies to every name of the set; a mapping selects the values. A value goes
+    to everything with its name: names of elements may contain dots, so dotted names need not be unique. A connector
+    with a value passes it to everything connected to it, and so overrides other values there.
     """
 
-    def __init__(self, wiring: Wiring) -> None:
+    def __init__(self, wiring: Wiring, top: Node) -> None:
         self.wiring = wiring
         self.fatal: list[Finding] = []
-        """Faults that make a parameter source unreadable."""
+        """Faults of unreadable parameter sources."""
         self.unmatched: list[Finding] = []
         self.notes: list[Finding] = []
         """Values without effect."""
         self._bound: dict[Key, _Bound] = {}
         self._lost: dict[tuple[str, ...], list[BoundParameter]] = {}
         self._values: dict[tuple[str, ...], dict[str, BoundParameter]] = {}
-
-    def of(self, path: tuple[str, ...]) -> tuple[tuple[BoundParameter, ...], tuple[BoundParameter, ...]]:
-        """Return the values for one component, and those that they overrule."""
-        return tuple(self._values.get(path, {}).values()), tuple(self._lost.get(path, ()))
-
-    def collect(self, top: Node) -> None:
-        """Apply all bindings of a tree."""
         self._collect(top)
         for key, bound in self._bound.items():
             if not self._is_connector(key):
@@ -67,80 +58,86 @@ class Bindings:
             if self._is_connector(key):
                 self._pass_on(key, bound)
 
+    def of(self, path: tuple[str, ...]) -> tuple[tuple[BoundParameter, ...], tuple[BoundParameter, ...]]:
+        """Return the values for a component, and the values that they override."""
+        return tuple(self._values.get(path, {}).values()), tuple(self._lost.get(path, ()))
+
     def _is_connector(self, key: Key) -> bool:
         return self.wiring.kinds.get(key, "component") != "component"
 
     def _collect(self, node: Node) -> None:
-        """Apply the bindings below `node`, then its own, then those for the component that it represents."""
+        """Apply the bindings below `node`, then its own, then the bindings of its component."""
         for child in node.children.values():
             self._collect(child)
-        self._own(node, node.element, node.scope)
+        self._apply(node, node.element, node.scope)
         if node.outer is not None:
-            self._own(node, *node.outer)
+            self._apply(node, *node.outer)
 
-    def _own(self, node: Node, element: Any, scope: Scope) -> None:
+    def _apply(self, node: Node, element: Any, scope: Scope) -> None:
         for binding in element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
             if binding.get("sourceBase") == "component" and node.kind == "component" and not node.source:
-                continue  # lies in a missing FMU, which is reported
+                continue  # in a missing FMU, reported by the reader
             try:
                 entries = self._entries(node, binding, scope)
             except SspError as error:
                 self.fatal += error.problems
                 continue
             for entry in entries:
-                places = list(node.places(entry.name))
+                places, names = list(node.places(entry.name)), self.wiring.names
                 for place, name in places:
-                    names = self.wiring.names
-                    others = tuple((names.get(n.path, n.label), m) for n, m in places if n is not place)
+                    elsewhere = tuple((names.get(n.path, n.label), m) for n, m in places if n is not place)
                     key = place.path, name
                     if key in self._bound and place.kind == "component":
                         old = self._bound[key]
                         self._lost.setdefault(place.path, []).append(self._parameter(key, old, old.entry.hops))
-                    self._bound[key] = _Bound(entry, place, len(node.path), others)
+                    self._bound[key] = _Bound(entry, place, len(node.path), elsewhere)
                 if not places:
                     text = f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
                     text += "matches no element or connector"
                     self.unmatched.append(finding("SSP052", text, entry.place))
 
     def _pass_on(self, key: Key, bound: _Bound) -> None:
-        """Give the value of a connector of a system to all variables that it feeds."""
+        """Pass the value of a connector of a system to all variables fed from it."""
         connector = bound.node.connectors[key[1]]
         (hop,) = bound.entry.hops
-        where = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin})"
         if not self._passes_on(key):
-            text = f"{where}: has no effect, {show(key)} is of kind {connector.kind} and has the value of its source"
-            self.notes.append(finding("SSP057", text, bound.entry.place))
-            return
+            reason = f"{show(key)} is of kind {connector.kind} and has the value of its source"
+            return self._no_effect(key, bound, reason)
         for above in self.wiring.above(key):
             if self._passes_on(above):
-                self._overruled(key, bound, above)
-                return
+                return self._overridden(key, bound, above)
         first = Hop(hop.transformation, hop.suppress_unit_conversion, connector.unit, connector.type)
-        fed = False
-        for sink, hops, indices in self.wiring.reach(key):
+        fed = list(self.wiring.reach(key))
+        for sink, hops, indices in fed:
             if any(indices):
-                text = f"{where}: is set, and {show(sink)} takes or gives a part of it; set {show(sink)} itself"
+                text = f"is set, and {show(sink)} takes or gives a part of it; set {show(sink)} itself"
+                text = f"{self._named(key, bound)}: {text}"
                 self.fatal.append(finding("SSP054", text, bound.entry.place))
-            fed = True
             if sink in self._bound:
-                self._overruled(sink, self._bound[sink], key)
+                self._overridden(sink, self._bound[sink], key)
             self._store(sink, bound, (first, *hops))
         if not fed:
-            text = f"{where}: has no effect, nothing of a component is connected to {show(key)}"
-            self.notes.append(finding("SSP057", text, bound.entry.place))
+            self._no_effect(key, bound, f"nothing of a component is connected to {show(key)}")
+        return None
 
     def _passes_on(self, key: Key) -> bool:
-        """Whether a connector of a system has a value for what it feeds; outputs get theirs from inside."""
+        """Whether a connector of a system has a value for its sinks; outputs get theirs from inside."""
         bound = self._bound.get(key) if self._is_connector(key) else None
         return bound is not None and bound.node.connectors[key[1]].kind not in {"output", "calculatedParameter"}
 
-    def _overruled(self, key: Key, bound: _Bound, source: Key) -> None:
-        """Note a value that one would expect to win over the source's value."""
+    def _overridden(self, key: Key, bound: _Bound, source: Key) -> None:
+        """Note a value that is overridden by its source although its level is not lower."""
         winner = self._bound[source]
         if bound.level <= winner.level:
-            text = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin}): has no effect, "
-            text += f"{show(key)} is connected to {show(source)} and takes its value ({winner.entry.origin})"
-            self.notes.append(finding("SSP057", text, bound.entry.place))
+            reason = f"{show(key)} is connected to {show(source)} and takes its value ({winner.entry.origin})"
+            self._no_effect(key, bound, reason)
+
+    def _no_effect(self, key: Key, bound: _Bound, reason: str) -> None:
+        text = f"{self._named(key, bound)}: has no effect, {reason}"
+        self.notes.append(finding("SSP057", text, bound.entry.place))
+
+    def _named(self, key: Key, bound: _Bound) -> str:
+        return f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin})"
 
     def _store(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> None:
         self._values.setdefault(key[0], {})[key[1]] = self._parameter(key, bound, hops)
@@ -150,8 +147,11 @@ class Bindings:
         return replace(bound.entry, component=self.wiring.names[key[0]], name=key[1], hops=hops, elsewhere=elsewhere)
 
     def _document(self, node: Node, scope: Scope, element: Any, kind: str, where: str) -> Any:
-        """Return the root of an external file (`source`) or of the inline content; None when empty."""
-        source = element.get("source")
+        """Return the root of an external file (`source`) or of the inline content."""
+        supported, source = _TYPES[kind], element.get("source")
+        if element.get("type", supported) != supported:
+            text = f"{where}: type {element.get('type')!r} is not supported; only {supported} is"
+            raise breach("SSP050", text, element)
         if source and element.get("sourceBase", "SSD") == "component":
             member = resolve(source, where, element)
             if node.outer is not None and scope is not node.scope:
@@ -161,32 +161,21 @@ class Bindings:
             return scope.read(member, kind, scope.archive.inside(node.source.removeprefix(scope.prefix)))
         if source:
             return scope.read(scope.member(source, where, element), kind)
-        tag, box = (
-            ("ssv:ParameterSet", element.find("ssd:ParameterValues", NAMESPACES))
-            if kind == "ssv"
-            else ("ssm:ParameterMapping", element)
-        )
-        root = None if box is None else box.find(tag, NAMESPACES)
-        if root is not None:
-            validate(root, kind, where, scope.version)
+        inline = "ssd:ParameterValues/ssv:ParameterSet" if kind == "ssv" else "ssm:ParameterMapping"
+        root = element.find(inline, NAMESPACES)
+        if root is None:
+            raise breach("SSP050", f"{where}: has neither a source nor inline content", element)
+        validate(root, kind, where, scope.version)
         return root
 
     def _entries(self, node: Node, binding: Any, scope: Scope) -> list[BoundParameter]:
-        """Return the values of a binding under the names of the node; SspError lists the faults of set and mapping."""
+        """Return the values of a binding by their names in the node; SspError with the faults of set and mapping."""
         where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
         problems: list[Finding] = []
         entries: list[BoundParameter] = []
         mapping: Any = None
-
-        def refuse(at: Any, text: str) -> SspError:
-            return breach("SSP050", f"{where}: {text}", at)
-
         try:
-            if binding.get("type", SET_TYPE) != SET_TYPE:
-                raise refuse(binding, f"type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
             root = self._document(node, scope, binding, "ssv", where)
-            if root is None:
-                raise refuse(binding, "has neither a source nor inline values")
             label = binding.get("source") or root.get("name")
             entries = self._values_of(root, binding.get("prefix", ""), label, scope)
         except SspError as error:
@@ -194,11 +183,7 @@ class Bindings:
         element = binding.find("ssd:ParameterMapping", NAMESPACES)
         if element is not None:
             try:
-                if element.get("type", MAPPING_TYPE) != MAPPING_TYPE:
-                    raise refuse(element, f"mapping type {element.get('type')!r} is not supported")
                 mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
-                if mapping is None:
-                    raise refuse(element, "its mapping has neither a source nor inline entries")
             except SspError as error:
                 problems += error.problems
         if problems:
@@ -230,27 +215,27 @@ class Bindings:
     def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[BoundParameter]:
         units = {**scope.units_here(), **read_units(root.iterfind("ssv:Units/ssc:Unit", NAMESPACES))}
         entries: dict[str, BoundParameter] = {}
+
+        def fault(rule: str, text: str) -> None:
+            self.fatal.append(finding(rule, f"{scope.label}: {origin}: {text}", item))
+
         for item in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES):
             name = item.get("name")
             typed = next(c for c in item if c.tag.startswith(_SSV))
             kind, origin = typed.tag[len(_SSV) :], f"{label}: {name}"
             if kind == "Binary" and not SSP_FORMATS[scope.version].binary_parameters:
-                text = f"{scope.label}: {origin}: binary parameters are not part of FMI 2.0"
-                self.fatal.append(finding("SSP054", text, item))
+                fault("SSP054", "binary parameters are not part of FMI 2.0")
                 continue
             if name in entries:
-                text = f"{scope.label}: {origin}: occurs twice in the parameter set"
-                self.fatal.append(finding("SSP051", text, item))
+                fault("SSP051", "occurs twice in the parameter set")
             shape, text = read_shape(item), typed.get("value")
             texts = [value.get("value") for value in typed.iterfind("ssv:Value", NAMESPACES)]
             if not texts:
                 texts = [text] if kind in ("String", "Enumeration") else text.split()
             read = _READ.get(kind.rstrip("0123456789"), str)
             values: list[Value] = [read(text) for text in texts]
-            count = math.prod(size or 0 for size in shape)
-            if None not in shape and len(values) != count:
-                text = f"{scope.label}: {origin}: {len(values)} value(s) for {show_shape(shape)}"
-                self.fatal.append(finding("SSP054", text, item))
+            if None not in shape and len(values) != math.prod(size or 0 for size in shape):
+                fault("SSP054", f"{len(values)} value(s) for {show_shape(shape)}")
             unit = typed.get("unit")
             entries[name] = BoundParameter(
                 "", prefix + name, tuple(values) if shape or not values else values[0], kind,
@@ -260,4 +245,4 @@ class Bindings:
 
 
 _READ = {"Real": float, "Float": float, "Boolean": read_boolean, **dict.fromkeys(("Integer", "Int", "UInt"), int)}
-"""Types without the number of bits, to the readers of their values."""
+"""Readers of values by type, without the number of bits."""

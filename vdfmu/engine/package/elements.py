@@ -1,18 +1,21 @@
-"""The elements of an SSD before flattening, and the parts that several files share."""
+"""Elements of an SSD before flattening, and readers of parts of SSP files."""
 
 from __future__ import annotations
 
+import math
 import posixpath
+from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
 from vdfmu.base.standards import SSP_1
+from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.package.archive import INSIDE, Archive, is_inside, resolve
-from vdfmu.engine.package.parse import NAMESPACES, parse_ssp_xml
-from vdfmu.engine.package.system import BASE_UNITS, Connector, Shape, Transformation, UnitFactor
-from vdfmu.engine.rules import breach, place_of
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, OSP_TYPE, parse_ssp_xml
+from vdfmu.engine.package.system import BASE_UNITS, Connector, Experiment, Shape, Transformation, UnitFactor
+from vdfmu.engine.rules import Finding, breach, finding, place_of
 
 _SSC = f"{{{NAMESPACES['ssc']}}}"
 
@@ -27,12 +30,12 @@ class Document(NamedTuple):
 
 @dataclass(frozen=True)
 class Scope:
-    """Where the names of one SSD are looked up."""
+    """An SSD as the place where names are looked up; all scopes of a tree share `units` and `files`."""
 
     archive: Archive
     """The package that holds the SSD."""
     prefix: str
-    """Prefix that leads from the outermost package to it, such as ``resources/arm.ssp!/``."""
+    """Path of that package from the outermost one, such as ``resources/arm.ssp!/``."""
     base: str
     """Folder of the SSD in the package; relative URIs start there."""
     document: str
@@ -42,14 +45,14 @@ class Scope:
     version: str = SSP_1.name
     """SSP version."""
     aliases: dict[str, str] = field(default_factory=dict)
-    """Names of units that another SSD of the tree defines otherwise, and the names they have here instead."""
+    """Names in the tree of units that another SSD of the tree defines differently."""
     units: dict[str, UnitFactor] = field(default_factory=dict)
-    """All unit definitions of the tree; shared by its scopes."""
+    """All unit definitions of the tree."""
     files: dict[str, Document] = field(default_factory=dict)
-    """All files that were read, each once; shared."""
+    """All files that were read, each once."""
 
     def member(self, source: str, where: str, at: Any = ("", 0)) -> str:
-        """Return the member that a URI of the SSD names; SspError when it leaves the package."""
+        """Return the member that a URI of the SSD names; SspError if it leaves the package."""
         parts = urlsplit(source)
         joined = posixpath.normpath(posixpath.join(self.base, unquote(parts.path)))
         if not self.base or parts.scheme or parts.netloc or parts.query or not is_inside(joined):
@@ -61,44 +64,28 @@ class Scope:
         archive = archive or self.archive
         key = f"{self.prefix}{archive.label}{INSIDE}{member}"
         if key not in self.files:
-            where = f"{self.label}: {member}"
-            version = None if kind == "ssd" else self.version
-            root = parse_ssp_xml(archive.read(member), kind, where, version)
-            self.files[key] = Document(kind, root, where)
+            where, version = f"{self.label}: {member}", None if kind == "ssd" else self.version
+            self.files[key] = Document(kind, parse_ssp_xml(archive.read(member), kind, where, version), where)
         return self.files[key].root
 
     def define(self, root: Any, kind: str = "ssd") -> None:
         """Add the unit definitions of an SSD, or of a signal dictionary, to the tree's."""
         for name, unit in read_units(root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES)).items():
-            known = self.units.get(name)
-            if known is None or (known.exponents, known.factor, known.offset) == (
-                unit.exponents, unit.factor, unit.offset,
-            ):  # fmt: skip
-                self.units[name] = unit
-                continue
-            alias = f"{name} of {self.prefix}{self.document}"
-            self.aliases[name] = alias
-            self.units[alias] = UnitFactor(alias, unit.exponents, unit.factor, unit.offset)
-
-    def unit(self, name: str | None) -> str | None:
-        """Return the name that a unit of this SSD has in the tree."""
-        return None if name is None else self.aliases.get(name, name)
+            if self.units.setdefault(name, unit) != unit:
+                self.aliases[name] = alias = f"{name} of {self.prefix}{self.document}"
+                self.units[alias] = replace(unit, name=alias)
 
     def units_here(self) -> dict[str, UnitFactor]:
-        """Return the unit definitions under the names of this SSD."""
+        """Return the unit definitions by their names in this SSD."""
         return {**self.units, **{name: self.units[alias] for name, alias in self.aliases.items()}}
-
-    def inside(self, member: str) -> tuple[Archive, str]:
-        """Return a package inside the package, and its prefix."""
-        return self.archive.inside(member), f"{self.prefix}{member}{INSIDE}"
 
 
 @dataclass
 class Node:
     """A system, component or signal dictionary reference of the tree. The root has an empty path.
 
-    A component that is a system of its own is a system here: `element` is that system, `scope` its SSD, and
-    `outer` the component with the scope that contains it.
+    A component that stands for a system is a system here: `element` is the system, `scope` its SSD, and `outer` the
+    component with its scope.
     """
 
     path: tuple[str, ...]
@@ -119,10 +106,10 @@ class Node:
         return ".".join(self.path)
 
     def places(self, name: str) -> Iterator[tuple[Node, str]]:
-        """Yield all that a name means in an element: connectors of systems, and variables of components."""
+        """Yield all meanings of a name in an element: connectors of systems, and variables of components."""
         if self.kind == "component" or name in self.connectors:
             yield self, name
-        for element, child in self.children.items():  # a component has none
+        for element, child in self.children.items():
             if name.startswith(element + "."):
                 yield from child.places(name[len(element) + 1 :])
 
@@ -141,11 +128,12 @@ class Node:
 def read_connector(item: Any, kind: str, scope: Scope) -> Connector:
     """Read a connector, or an entry of a signal dictionary."""
     typed = next((c for c in item if c.tag.startswith(_SSC) and c.tag not in _NO_TYPES), None)
+    unit: Any = None if typed is None else typed.get("unit")
     return Connector(
         name=item.get("name"),
         kind=kind,
         type=None if typed is None else typed.tag[len(_SSC) :],
-        unit=None if typed is None else scope.unit(typed.get("unit")),
+        unit=scope.aliases.get(unit, unit),
         dimensions=(*read_shape(item), *(() if typed is None else read_shape(typed))),
         place=place_of(item),
     )
@@ -161,53 +149,111 @@ def read_connectors(element: Any, scope: Scope) -> dict[str, Connector]:
 
 
 def read_shape(item: Any) -> Shape:
-    """Return the sizes of an array; None for one that the file leaves open."""
+    """Return the sizes of an array; None for an open size."""
     sizes = (d.get("size") for d in item.iterfind("ssc:Dimension", NAMESPACES))
     return tuple(None if size is None else int(size) for size in sizes)
 
 
 def read_units(items: Iterable[Any]) -> dict[str, UnitFactor]:
-    """Read the elements ``Unit`` of a file of SSP or FMI, whose base units have the same attributes."""
+    """Read the elements ``Unit`` of a file of SSP or FMI; base units have the same attributes in both."""
     units: dict[str, UnitFactor] = {}
     for item in items:
-        base = next((c for c in item if c.tag.endswith("BaseUnit")), None)
-        units[item.get("name")] = (
-            UnitFactor(item.get("name"))
-            if base is None
-            else UnitFactor(
-                item.get("name"),
-                tuple(int(base.get(b, "0")) for b in BASE_UNITS),
-                float(base.get("factor", "1")),
-                float(base.get("offset", "0")),
-            )
-        )
+        name, base = item.get("name"), next((c for c in item if c.tag.endswith("BaseUnit")), None)
+        units[name] = UnitFactor(name)
+        if base is not None:
+            exponents = tuple(int(base.get(b, "0")) for b in BASE_UNITS)
+            units[name] = UnitFactor(name, exponents, float(base.get("factor", "1")), float(base.get("offset", "0")))
     return units
 
 
 def read_boolean(text: str | None) -> bool:
-    """Read an ``xs:boolean``; a missing one is false."""
+    """Read an ``xs:boolean``, false if missing."""
     return text is not None and text.strip() in {"true", "1"}
 
 
 def read_transformation(element: Any, where: str) -> Transformation | None:
     """Read the transformation of a connection or a mapping entry; SspError for two entries for one source value."""
     for item in element:
-        tag = item.tag
-        if tag == _SSC + "LinearTransformation":
+        if item.tag == _SSC + "LinearTransformation":
             return Transformation("linear", float(item.get("factor", "1")), float(item.get("offset", "0")))
         for kind, convert in (("Boolean", read_boolean), ("Integer", int), ("Enumeration", str)):
-            if tag != f"{_SSC}{kind}MappingTransformation":
+            if item.tag != f"{_SSC}{kind}MappingTransformation":
                 continue
-            pairs = [
-                (convert(entry.get("source")), convert(entry.get("target")))
-                for entry in item.iterfind("ssc:MapEntry", NAMESPACES)
-            ]
-            sources = [source for source, _ in pairs]
-            twice = [str(source) for source in dict.fromkeys(sources) if sources.count(source) > 1]
-            if twice:
+            entries = item.iterfind("ssc:MapEntry", NAMESPACES)
+            pairs: Any = [(convert(entry.get("source")), convert(entry.get("target"))) for entry in entries]
+            counts = Counter(source for source, _ in pairs)
+            if twice := [str(source) for source, count in counts.items() if count > 1]:
                 text = f"{where}: the mapping has several entries for {', '.join(twice)}; keep one"
                 raise breach("SSP036", text, item)
             if kind == "Enumeration":
-                return Transformation("enumeration", names={str(a): str(b) for a, b in pairs})
+                return Transformation("enumeration", names=dict(pairs))
             return Transformation(kind.lower(), table={int(a): int(b) for a, b in pairs})
     return None
+
+
+def read_experiment(root: Any, where: str) -> tuple[Experiment, list[Finding]]:
+    """Return the default experiment of an SSD, and its faults."""
+    element = root.find("ssd:DefaultExperiment", NAMESPACES)
+    if element is None:
+        return Experiment(), []
+    reader = _NumberReader(element, f"{where}, line {element.sourceline}: default experiment")
+    start, stop = (reader.number(element, f"{name}Time") for name in ("start", "stop"))
+    if not reader.problems and stop is not None and stop <= (start or 0.0):
+        reader.fault(f"expected a stopTime after startTime {start or 0.0:g} s, got {stop:g} s")
+    ours, step = reader.step("osp:Algorithm/osp:FixedStepAlgorithm", "baseStepSize")
+    algorithm = None if ours is None else ours.get("algorithm")
+    adaptive = reader.number(ours, "adaptive", 0.0, 1.0, "a relative error below 1")
+    if algorithm is not None and algorithm not in ALGORITHMS:
+        reader.fault(f"expected algorithm {', '.join(ALGORITHMS.names())}, got {algorithm!r}")
+    elif adaptive is not None and not (algorithm and ALGORITHMS[algorithm].continuous):
+        reader.fault(f"adaptive is for {choice(continuous=True)}, not for {algorithm}")
+    return Experiment(start, stop, step, algorithm, adaptive), reader.problems
+
+
+def read_step(component: Any, where: str) -> tuple[float | None, list[Finding]]:
+    """Return a component's own step [s], from an annotation of this project or of libcosim, and its faults."""
+    reader = _NumberReader(component, where)
+    _, step = reader.step("osp:StepSizeHint", "value")
+    return step, reader.problems
+
+
+class _NumberReader:
+    """Reads numbers of an element and its annotations, and collects their faults."""
+
+    def __init__(self, element: Any, place: str) -> None:
+        self.place = place
+        self.problems: list[Finding] = []
+        self._element = element
+
+    def fault(self, text: str) -> None:
+        self.problems.append(finding("SSP010", f"{self.place}: {text}", self._element))
+
+    def step(self, path: str, key: str) -> tuple[Any, float | None]:
+        """Return the element of this project's annotation, and the step [s] in it, else in libcosim's at `path`."""
+        hint = self.number(self._content(OSP_TYPE, path), key, 0.0)
+        ours = self._content(EXPERIMENT_TYPE, "vdfmu:Experiment")
+        step = self.number(ours, "communicationStepSize", 0.0)
+        return ours, hint if step is None else step
+
+    def _content(self, kind: str, path: str) -> Any:
+        """Return the element at `path` in the annotation of a type, or None."""
+        annotations = self._element.iterfind("ssd:Annotations/ssc:Annotation", NAMESPACES)
+        elements = (each.find(path, FOREIGN) for each in annotations if each.get("type") == kind)
+        return next((element for element in elements if element is not None), None)
+
+    def number(
+        self, element: Any, key: str, above: float = -math.inf, below: float = math.inf, what: str = "a time in s"
+    ) -> float | None:
+        """Return a number between two limits; None if it is missing or faulty."""
+        text = None if element is None else element.get(key)
+        if text is None:
+            return None
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if above < value < below:
+            return value
+        limits = "finite" if above < 0.0 else "positive finite" if below > 1.0 else "positive"
+        self.fault(f"expected a {limits} {key}, got {text}; write {what} or leave it out")
+        return None

@@ -16,8 +16,7 @@ from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.package.experiment import EXPERIMENT_TYPE, FOREIGN
-from vdfmu.engine.package.parse import NAMESPACES
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES
 from vdfmu.engine.package.system import BASE_UNITS, UnitFactor, Value, spread
 
 Ends = str | Sequence[str]

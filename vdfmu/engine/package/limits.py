@@ -10,25 +10,25 @@ from dataclasses import dataclass
 from vdfmu.engine.rules import breach
 
 XML_LIMIT = 64 * 2**20
-"""Largest member that is taken into memory, such as XML [byte]."""
+"""Largest member that is read into memory, such as XML [byte]."""
 MEMBER_LIMIT = 512 * 2**20
 """Largest member of any kind [byte]."""
 TOTAL_LIMIT = 2 * 2**30
-"""Most bytes that are unpacked of one package, packages and FMUs inside it included; `package_limit` changes it."""
+"""Most unpacked bytes of a package, packages and FMUs inside it included; `package_limit` changes it."""
 MEMORY_LIMIT = 256 * 2**20
-"""Most bytes of these that are taken into memory."""
+"""Most of these bytes in memory."""
 COUNT_LIMIT = 65_535
-"""Most members of one package: more need the ZIP64 format, which SSP 1.0 excludes."""
+"""Most members of a package: more need the ZIP64 format, excluded by SSP 1.0."""
 DIRECTORY_LIMIT = 16 * 2**20
 """Largest directory of a zip file [byte]: some 250 for each of the most members."""
 PACKAGE_LIMIT = 256
-"""Most packages inside one package, on all levels; each is a file that is open."""
+"""Most packages inside a package, on all levels; each is an open file."""
 NESTING_LIMIT = 8
 """Most packages inside each other."""
 ELEMENT_LIMIT = 10_000
-"""Most elements of a system and the systems in it, each counted as often as it is referred to."""
+"""Most elements of a system and its inner systems, counted at each reference."""
 DEPTH_LIMIT = 32
-"""Most systems inside each other, written there or referred to."""
+"""Most systems inside each other, written or by reference."""
 _WAY = "that is the limit. If you trust the file: --unpack-limit, or vdfmu.package_limit in Python"
 
 _chosen: ContextVar[int | None] = ContextVar("_chosen", default=None)
@@ -51,13 +51,13 @@ def package_limit(total: int | None) -> Generator[None]:
 
 
 def unpack_limit() -> int:
-    """Return how many bytes may be unpacked of each package that is opened now."""
+    """Return the most bytes that may be unpacked of a package opened now."""
     return _chosen.get() or TOTAL_LIMIT
 
 
 @dataclass
 class Budget:
-    """Cost of a package, with everything inside it, in bytes that were really unpacked."""
+    """Cost of a package with its contents, in bytes actually unpacked."""
 
     label: str
     scale: float
@@ -69,11 +69,8 @@ class Budget:
         """Count bytes that were unpacked; SspError beyond the limit."""
         self.unpacked += count
         self.kept += count if kept else 0
-        for spent, limit, what in (
-            (self.unpacked, TOTAL_LIMIT, "bytes unpacked"),
-            (self.kept, MEMORY_LIMIT, "bytes of XML"),
-        ):
+        totals = (self.unpacked, TOTAL_LIMIT, "bytes unpacked"), (self.kept, MEMORY_LIMIT, "bytes of XML")
+        for spent, limit, unit in totals:
             if spent > limit * self.scale:
-                text = f"{self.label}: has more than {limit * self.scale:.0f} {what}, including packages inside it"
-                text += f" and what is named several times; {_WAY}"
-                raise breach("PKG004", text)
+                text = f"{self.label}: has more than {limit * self.scale:.0f} {unit}, including packages inside it"
+                raise breach("PKG004", f"{text} and repeated members; {_WAY}")

@@ -22,6 +22,11 @@ _FILES = {
 }
 NAMESPACES = {prefix: f"http://ssp-standard.org/SSP1/{name}" for prefix, name in _FILES.items()}
 """The same for SSP 1.0 and 2.0."""
+EXPERIMENT_TYPE, OSP_TYPE = "org.vdfmu.experiment", "com.opensimulationplatform"
+"""Types of the annotations of this project and of libcosim."""
+FOREIGN = {"osp": "http://opensimulationplatform.com/SSP/OSPAnnotations", "vdfmu": "urn:org.vdfmu:experiment"}
+"""Namespaces of the annotations' content. The root declares them: libcosim takes a declaration inside an annotation
+for an algorithm."""
 _NAMED = {
     f"{{{NAMESPACES[prefix]}}}{tag}"
     for prefix, tag in (
@@ -32,7 +37,7 @@ _NAMED = {
 
 
 def parse_xml(data: bytes, where: str) -> Any:
-    """Parse XML without entities, external files or network, and return its root, which knows `where` as its URL.
+    """Parse XML without entities, external files or network, and return its root, with `where` as its URL.
 
     SspError for text that is not well-formed XML, or has a document type declaration or an XInclude.
     """
@@ -44,46 +49,41 @@ def parse_xml(data: bytes, where: str) -> Any:
     try:
         root = etree.fromstring(data, parser, base_url=url)
     except (etree.XMLSyntaxError, ValueError) as error:
-        if b"<!DOCTYPE" in data:  # entities may be what the parser stumbles over
+        if b"<!DOCTYPE" in data:  # entities may have caused the error
             raise breach("PKG009", f"{where}: {_DOCTYPE}", (where, 0)) from None
         place = where, getattr(error, "lineno", None) or 0
         raise breach("PKG008", f"{where}: is not well-formed XML: {error}", place) from None
     if root.getroottree().docinfo.doctype or root.getroottree().docinfo.internalDTD is not None:
         raise breach("PKG009", f"{where}: {_DOCTYPE}", (where, 0))
-    include = next(root.iter(f"{{{_XINCLUDE}}}*"), None)
-    if include is not None:
-        text = f"{where}, line {include.sourceline}: has an XInclude, which is refused; write the text in its place"
+    for include in root.iter("{http://www.w3.org/2001/XInclude}*"):
+        text = f"{where}, line {include.sourceline}: has an XInclude, not allowed; write the text in its place"
         raise breach("PKG009", text, include)
     return root
 
 
-_DOCTYPE = "has a document type declaration, which is refused (entities); remove it"
-_XINCLUDE = "http://www.w3.org/2001/XInclude"
+_DOCTYPE = "has a document type declaration, not allowed because of entities; remove it"
 
 
 @lru_cache
 def schema_of(kind: str, version: str) -> Any:
-    """Return a schema of SSP; None where the package that brings them is not installed."""
+    """Return a schema of SSP; None if the package with the schemas is not installed."""
     package, folder = SSP_FORMATS[version].schemas
     spec = importlib.util.find_spec(package)
-    if spec is None or not spec.submodule_search_locations:
-        return None
-    file = Path(spec.submodule_search_locations[0], folder, f"{_FILES[kind]}.xsd")
-    return etree.XMLSchema(file=str(file)) if file.is_file() else None
+    for place in (spec and spec.submodule_search_locations) or ():
+        file = Path(place, folder, f"{_FILES[kind]}.xsd")
+        return etree.XMLSchema(file=str(file)) if file.is_file() else None
+    return None
 
 
 def validate(root: Any, kind: str, where: str, version: str = SSP_1.name) -> None:
-    """Check a tree against a schema of SSP; without one, that elements have names.
+    """Check a tree against a schema of SSP; without the schema, check the names of elements.
 
-    `kind` is ``ssd``, ``ssv``, ``ssm`` or ``ssb``, `where` the name used in messages, `version` that of SSP.
+    `kind` is ``ssd``, ``ssv``, ``ssm`` or ``ssb``, `where` the name in messages, `version` the SSP version.
     """
     schema = schema_of(kind, version)
     if schema is None:
-        wrong = [
-            (item.sourceline, f"{item.tag.rsplit('}')[1]} has no name")
-            for item in root.iter(*_NAMED)
-            if item.get("name") is None
-        ]
+        nameless = [item for item in root.iter(*_NAMED) if item.get("name") is None]
+        wrong = [(item.sourceline, f"{item.tag.rsplit('}')[1]} has no name") for item in nameless]
     else:
         wrong = [] if schema.validate(root) else [(entry.line, entry.message) for entry in schema.error_log]
     if wrong:
@@ -91,7 +91,7 @@ def validate(root: Any, kind: str, where: str, version: str = SSP_1.name) -> Non
 
 
 def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = SSP_1.name) -> Any:
-    """Parse and validate one SSP file; `kind` as in `validate`, for version None the one that the file states."""
+    """Parse and validate an SSP file, by its stated version for version None; for `kind` see `validate`."""
     root = parse_xml(data, where)
     space = etree.QName(root).namespace
     if space != NAMESPACES[kind]:
@@ -102,7 +102,7 @@ def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = SSP_
 
 
 def version_of(root: Any) -> str:
-    """Return the version of SSP by which a file is read: its own, one with the same first digit, or else 1.0."""
+    """Return the version of SSP for reading a file: its own, else a version with its first digit, else 1.0."""
     stated = root.get("version") or ""
     alike = (name for name in SSP_FORMATS if name[0] == stated[:1])
     return stated if stated in SSP_FORMATS else next(alike, SSP_1.name)

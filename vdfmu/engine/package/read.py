@@ -1,4 +1,4 @@
-"""`load_ssp` and `read_system`: a package as a `FlatSystem`, and rules that do not keep it from running."""
+"""`load_ssp` and `read_system`: from the file to a `FlatSystem`; rules beyond the schemas."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from vdfmu.base.errors import SspError
 from vdfmu.engine.package import limits, parse
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.bindings import Bindings
-from vdfmu.engine.package.elements import Document, Scope, read_units
-from vdfmu.engine.package.experiment import read_experiment
+from vdfmu.engine.package.elements import Document, Scope, read_experiment, read_units
 from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Component, FlatSystem
 from vdfmu.engine.package.tree import TreeReader
@@ -27,37 +26,35 @@ DEFAULT = "SystemStructure.ssd"
 def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
-    Nested systems, system connectors, signal dictionaries, packages inside the package and components that
-    name another SSD are resolved to connections from component to component; parameter bindings of all levels
-    to one value a variable (a higher level wins over a lower one, a later binding over an earlier one of its
-    level).
+    Nested systems, system connectors, signal dictionaries, inner packages and components that name another SSD are
+    resolved to connections from component to component. Parameter bindings of all levels are resolved to a value for
+    each variable: a higher level overrides a lower level, a later binding an earlier one of its level.
 
     Parameters
     ----------
     path : str or Path
         The ``.ssp`` file.
     variant : str, optional
-        The SSD to read, where the package has several at its root.
+        The SSD to read, if the package has several at its root.
 
     Returns
     -------
     FlatSystem
-        Faults of the wiring, such as two sources for one connector, are in its `problems`, so that
-        `vdfmu.engine.run.check_system` can report them together with faults that only the FMUs show.
+        Faults of the wiring, such as two sources of a connector, are in its `problems`. So
+        `vdfmu.engine.plan.check.check_system` can report them together with faults of the FMUs.
 
     Raises
     ------
     SspError
-        The file cannot be understood: not a zip, an entry outside the package, a missing resource, a member
-        over the size limit, XML with a document type, a violation of the schemas, an element this reader does
-        not know. All problems of these kinds that were found are listed.
+        The file cannot be understood: not a zip, an entry outside the package, a missing resource, a member over the
+        size limit, XML with a document type, a violation of the schemas, an unknown element. Lists all such problems.
     """
     return _loaded(Path(path), variant, stamp_of(Path(path)), limits.unpack_limit())
 
 
 @cached_per_command
 def _loaded(path: Path, variant: str, *_: Hashable) -> FlatSystem:
-    """Read a package once in a job, unless it changes."""
+    """Read a package, once in a job unless it changes."""
     system, problems = read_system(path, variant)
     if system is None or problems:
         raise SspError(problems)
@@ -65,11 +62,11 @@ def _loaded(path: Path, variant: str, *_: Hashable) -> FlatSystem:
 
 
 def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[FlatSystem | None, list[Finding]]:
-    """Read as much of a package as can be read, with all problems, none for a package that `load_ssp` takes.
+    """Read a package as far as possible, with all problems; `load_ssp` accepts a package without problems.
 
-    The system is None when there is no SSD to speak of: the package or its SSD cannot be parsed, or is over a limit.
-    Otherwise it lacks its unreadable parts; a component whose FMU is missing has the source "". Its `problems` include
-    those of the reading, so `vdfmu.engine.run.check_system` reports everything at once.
+    The system is None if the package or its SSD cannot be parsed or is over a limit. Otherwise it lacks its unreadable
+    parts, and a component with a missing FMU has the source "". Its `problems` include the problems of reading, so
+    `vdfmu.engine.plan.check.check_system` reports everything at once.
     """
     path = Path(path)
     try:
@@ -89,7 +86,7 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[FlatSystem, list[
         if parse.schema_of("ssd", scope.version) is not None:
             raise
         text = f"{path.name}: {variant}: cannot be read, an element or attribute is missing or odd: {error}"
-        raise breach("SSP003", text) from None  # what a schema would refuse, where there is none
+        raise breach("SSP003", text) from None  # as the missing schema would
 
 
 def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Finding]]:
@@ -97,42 +94,28 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Fi
     reader = TreeReader(_structure)
     top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
     wiring = Wiring(top)
-    bindings = Bindings(wiring)
-    bindings.collect(top)
+    bindings = Bindings(wiring, top)
     experiment, faults = read_experiment(root, f"{path.name}: {scope.document}")
     problems = list(dict.fromkeys(reader.problems + bindings.fatal + faults))
-    connections = tuple(wiring.flatten())
+    connections = tuple(wiring.flatten())  # adds to wiring.problems
     notes = [*wiring.notes, *bindings.notes]
     if parse.schema_of("ssd", scope.version) is None:
-        notes.insert(0, finding("SSP009", _NO_SCHEMA))
+        text = "the schemas of SSP 2.0 were not applied: pip install pyssp_standard brings them"
+        notes.insert(0, finding("SSP009", text))
     system = FlatSystem(
         path=path,
         name=root.get("name"),
         components=tuple(
             Component(
-                wiring.names[node.path],
-                node.source,
-                node.implementation,
-                node.connectors,
-                *bindings.of(node.path),
-                node.step,
-                place_of(node.element),
-            )
-            for node in top.components()
+                wiring.names[node.path], node.source, node.implementation, node.connectors, *bindings.of(node.path),
+                node.step, place_of(node.element),
+            ) for node in top.components()
         ),
-        connections=connections,
-        units=dict(scope.units),
-        experiment=experiment,
-        problems=(*problems, *wiring.problems),
-        unmatched=tuple(bindings.unmatched),
-        notes=tuple(notes),
-        faults=tuple(file_faults(scope.files.values())),
-        version=scope.version,
-    )
+        connections=connections, units=dict(scope.units), experiment=experiment,
+        problems=(*problems, *wiring.problems), unmatched=tuple(bindings.unmatched), notes=tuple(notes),
+        faults=tuple(_file_faults(scope.files.values())), version=scope.version,
+    )  # fmt: skip
     return system, problems
-
-
-_NO_SCHEMA = "the schemas of SSP 2.0 were not applied: pip install pyssp_standard brings them"
 
 
 def variants(archive: Archive) -> list[str]:
@@ -144,22 +127,22 @@ def variants(archive: Archive) -> list[str]:
 def _structure(scope: Scope) -> Any:
     """Return the root of the SSD of a scope."""
     if scope.document not in scope.archive:
-        others = variants(scope.archive)
-        has = f"; it has {', '.join(others)}" if others else ""
+        names = variants(scope.archive)
+        has = f"; it has {', '.join(names)}" if names else ""
         raise breach("SSP001", f"{scope.label}: the package has no {scope.document!r}{has}")
     root = scope.read(scope.document, "ssd")
-    if root.find("ssd:System", NAMESPACES) is None:  # possible without a schema
+    if root.find("ssd:System", NAMESPACES) is None:  # only without a schema
         raise breach("SSP003", f"{scope.label}: {scope.document}: has no system", root)
     return root
 
 
 _INLINE = {"ssv": "ParameterSet", "ssb": "SignalDictionary"}
 _USERS = {"ssd": "Connector", "ssv": "Parameter", "ssb": "DictionaryEntry"}
-"""Elements that name units, by the kind of file."""
+"""Elements with units, by the kind of file."""
 
 
-def file_faults(documents: Iterable[Document]) -> list[Finding]:
-    """Return faults of files, beyond schemas: encoding, names of connectors, units that are not defined."""
+def _file_faults(documents: Iterable[Document]) -> list[Finding]:
+    """Return faults of files beyond the schemas: encoding, names of connectors, undefined units."""
     faults: list[Finding] = []
     for kind, root, where in documents:
         encoding = root.getroottree().docinfo.encoding or "UTF-8"
@@ -167,24 +150,24 @@ def file_faults(documents: Iterable[Document]) -> list[Finding]:
             faults.append(finding("SSP004", f"{where}: is encoded in {encoding}; SSP has UTF-8 only", root))
         if kind == "ssm":
             continue
-        units = read_units(_each(root, kind, "Units"))
+        units = read_units(_units_of(root, kind))
         if kind == "ssd":
             faults += _twice_faults(root, where)
         faults += _unit_faults(kind, root, set(units), where)
         for inner, tag in _INLINE.items() if kind == "ssd" else ():
             for part in root.iter(f"{{{NAMESPACES[inner]}}}{tag}"):
-                known = {*units, *read_units(_each(part, inner, "Units"))}
-                faults += _unit_faults(inner, part, known, f"{where}, line {part.sourceline}")
+                names = {*units, *read_units(_units_of(part, inner))}
+                faults += _unit_faults(inner, part, names, f"{where}, line {part.sourceline}")
     return faults
 
 
-def _each(root: Any, kind: str, box: str) -> Iterator[Any]:
-    return root.iterfind(f"{kind}:{box}/ssc:Unit", NAMESPACES)
+def _units_of(root: Any, kind: str) -> Iterator[Any]:
+    return root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES)
 
 
 def _unit_faults(kind: str, root: Any, units: set[str], where: str) -> Iterator[Finding]:
-    """Yield units without any conversion, and units that a file names but does not define."""
-    for item in _each(root, kind, "Units"):
+    """Yield units without a conversion, and undefined units."""
+    for item in _units_of(root, kind):
         for name, unit in read_units([item]).items():
             if not unit.usable:
                 text = f"{where}: unit {name!r}: factor {unit.factor:g} and offset {unit.offset:g}; "
@@ -202,7 +185,7 @@ def _unit_faults(kind: str, root: Any, units: set[str], where: str) -> Iterator[
 
 
 def _name(item: Any) -> str:
-    """Return the name of an item; for a connector the dotted one, without the outermost system."""
+    """Return the name of an item; for a connector the dotted name without the outermost system."""
     tags = (f"{{{NAMESPACES['ssd']}}}{t}" for t in ("Component", "System", "SignalDictionaryReference"))
     names = [above.get("name") for above in item.iterancestors(*tags)]
     is_connector = item.tag == f"{{{NAMESPACES['ssd']}}}Connector"
@@ -211,7 +194,7 @@ def _name(item: Any) -> str:
 
 
 def _twice_faults(root: Any, where: str) -> Iterator[Finding]:
-    """Yield the connectors of one element that have the same name."""
+    """Yield connectors of an element with the same name."""
     for box in root.iter(f"{{{NAMESPACES['ssd']}}}Connectors"):
         seen: set[str] = set()
         for item in box.iterfind("ssd:Connector", NAMESPACES):

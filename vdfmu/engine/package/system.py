@@ -1,10 +1,11 @@
-"""The system as the master sees it: components, and connections from component to component."""
+"""The flattened system: components, and connections from component to component."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Hashable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,12 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.standards import SSP_1
-from vdfmu.engine.package.experiment import Experiment
 from vdfmu.engine.rules import Finding, Place
 
 _DIGITS = 1e-6
-"""Relative difference of units that are the same; the feet of survey and of engineering differ by 2e-6."""
+"""Relative difference of equal units; survey foot and engineering foot differ by 2e-6."""
 Shape = tuple[int | None, ...]
-"""Sizes of an array, none for a scalar; None for a size that is open."""
+"""Sizes of an array, empty for a scalar; None for an open size."""
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -28,19 +28,16 @@ class UnitFactor:
 
     name: str
     exponents: tuple[int, ...] | None = None
-    """Exponents of `BASE_UNITS`; None where the unit has a name only."""
+    """Exponents of `BASE_UNITS`; None for a unit by name only."""
     factor: float = 1.0
     offset: float = 0.0
 
     def same_as(self, other: UnitFactor) -> bool:
-        """Whether no conversion lies between two units; tools write their factors with 6 digits or more."""
+        """Whether two units need no conversion; tools write factors with 6 digits or more."""
         if self.exponents is None or other.exponents is None:
             return self.name == other.name
-        return (
-            self.exponents == other.exponents
-            and math.isclose(self.factor, other.factor, rel_tol=_DIGITS)
-            and math.isclose(self.offset, other.offset, rel_tol=_DIGITS)
-        )
+        pairs = (self.factor, other.factor), (self.offset, other.offset)
+        return self.exponents == other.exponents and all(math.isclose(*pair, rel_tol=_DIGITS) for pair in pairs)
 
     @property
     def usable(self) -> bool:
@@ -49,7 +46,7 @@ class UnitFactor:
 
     @property
     def dimension(self) -> str:
-        """The base units in words, such as ``kg.m2/s2``."""
+        """The base units as text, such as ``kg.m2/s2``."""
         if self.exponents is None:
             return "without definition"
         pairs = list(zip(BASE_UNITS, self.exponents, strict=True))
@@ -59,15 +56,14 @@ class UnitFactor:
 
 
 def spread(value: Any, names: Sequence[str]) -> list[Any]:
-    """Return a value for each of some variables: one value is for all, a list or array has one for each, in order.
+    """Return a value for each variable: a scalar for all, or the elements of a list or array in order.
 
-    A text of several numbers is a list: ``0.3,-0.5``, ``[0.3, -0.5]``, ``0.3 -0.5``. ValueError if their number differs
-    from that of the variables.
+    A text of several numbers is a list: ``0.3,-0.5``, ``[0.3, -0.5]``, ``0.3 -0.5``. ValueError for a wrong number.
     """
     if isinstance(value, str) and len(names) > 1:
         numbers = re.sub(r"[\[\],]", " ", value).split()
-        if len(numbers) > 1 and all(map(_is_number, numbers)):
-            value = numbers
+        with suppress(ValueError):
+            value = numbers if len([float(number) for number in numbers]) > 1 else value
     if not isinstance(value, (list, tuple, np.ndarray)):
         return [value] * len(names)
     values = np.asarray(value, dtype=object).ravel().tolist()
@@ -77,17 +73,9 @@ def spread(value: Any, names: Sequence[str]) -> list[Any]:
     return values
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
 @dataclass(frozen=True)
 class Connector:
-    """A connector of an element as the SSD declares it; `type` is None when it does not say."""
+    """A connector of an element as the SSD declares it; `type` is None if not stated."""
 
     name: str
     kind: str
@@ -101,7 +89,7 @@ class Connector:
 class Transformation:
     """A transformation of SSP 1.0: ``linear`` (factor * x + offset), or a mapping of values.
 
-    Values that a mapping does not mention are kept. `names` is the table of an enumeration's items.
+    Values outside of a mapping are kept. `names` is the table of an enumeration's items.
     """
 
     kind: str
@@ -116,26 +104,22 @@ class Transformation:
 
 @dataclass(frozen=True)
 class Hop:
-    """One connection of the SSD on the way of a flattened connection."""
+    """A connection of the SSD as part of a flattened connection; its end declares `unit` and `type`."""
 
     transformation: Transformation | None = None
     suppress_unit_conversion: bool = False
     unit: str | None = None
-    """Declared by the connector at the end of the hop; so is the type."""
     type: str | None = None
     place: Place = field(default=("", 0), compare=False)
 
 
 Index = tuple[int, ...]
-"""Indices of an element or a part of an array, from 1; empty for the whole."""
+"""Indices of an element or a part of an array, from 1; empty for the whole array."""
 
 
 @dataclass(frozen=True)
 class Connection:
-    """A connection from a component's connector to another component's, with the hops between them.
-
-    `indices` choose the parts of arrays at its start and its end (SSP 2.0).
-    """
+    """A connection between connectors of components; `indices` choose parts of arrays at both ends (SSP 2.0)."""
 
     start: tuple[str, str]
     end: tuple[str, str]
@@ -152,7 +136,7 @@ Value = float | int | bool | str | bytes
 
 @dataclass(frozen=True)
 class BoundParameter:
-    """A value that a parameter binding gives to a variable of a component."""
+    """A value of a variable of a component from a parameter binding."""
 
     component: str
     name: str
@@ -162,25 +146,23 @@ class BoundParameter:
     unit: UnitFactor | None
     """The unit of the value."""
     hops: tuple[Hop, ...]
-    """Mapping and connections the value passes; units are converted at each."""
+    """Mapping and connections from the set to the variable, each with a conversion of units."""
     origin: str
-    """The parameter set and the name in it, for messages."""
+    """Parameter set and name in it, for messages."""
     place: Place = field(default=("", 0), compare=False)
     dimensions: Shape = ()
-    """Sizes of an array."""
     elsewhere: tuple[tuple[str, str], ...] = ()
-    """Other components with variables, or systems with connectors, that the same name of a system's parameter set
-    means, since dots may be part of names. It is enough that one of all exists."""
+    """Other elements and variables or connectors with the same name in the parameter set, since names may contain dots;
+    at least one of all must exist."""
 
 
 @dataclass(frozen=True)
 class Component:
-    """A component; nested ones are named ``system.component``, and ``system.component#2`` where that is taken.
+    """A component; a nested component is named ``system.component``, or ``system.component#2`` if that name is taken.
 
-    `step` [s] is a multiple of the communication step in which it is stepped, None for the communication step.
-    `overruled` are values that others in `parameters` replace.
-    `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU; empty
-    where the FMU is missing. The system's `problems` then say so.
+    `source` is the member of the package, ``inner.ssp!/member`` in an inner package, empty if the FMU is missing; a
+    problem of the system says so. `overruled` are values that `parameters` override. `step` [s], None by default, is
+    its own step, a multiple of the communication step.
     """
 
     name: str
@@ -194,6 +176,21 @@ class Component:
 
 
 @dataclass(frozen=True)
+class Experiment:
+    """Default settings of a run; None if the SSD does not state them."""
+
+    start: float | None = None
+    """Simulated time [s], as the stop."""
+    stop: float | None = None
+    step: float | None = None
+    """Communication step [s], from an annotation of this project or of libcosim."""
+    algorithm: str | None = None
+    """Master algorithm, from an annotation of this project."""
+    adaptive: float | None = None
+    """Largest relative error of a coupled signal in a step, for `algorithm`."""
+
+
+@dataclass(frozen=True)
 class FlatSystem:
     """A flattened system."""
 
@@ -203,28 +200,23 @@ class FlatSystem:
     components: tuple[Component, ...]
     """In the order of the SSD."""
     connections: tuple[Connection, ...]
-    """Component to component; nested systems and system connectors are resolved."""
+    """Component to component, through nested systems and system connectors."""
     units: Mapping[str, UnitFactor]
     """The unit definitions of the SSD."""
     experiment: Experiment = field(default_factory=Experiment)
-    """How it is run unless told otherwise."""
     problems: tuple[Finding, ...] = ()
-    """Faults of the wiring, and with `vdfmu.engine.package.read.read_system` of the reading.
+    """Faults of the wiring, and of reading with `vdfmu.engine.package.read.read_system`.
     `vdfmu.engine.plan.check` reports them together with faults of the FMUs."""
     unmatched: tuple[Finding, ...] = ()
-    """Parameters of system-level bindings that name no element or connector."""
+    """Parameters of system-level bindings without a matching element or connector."""
     notes: tuple[Finding, ...] = ()
-    """Notes, not errors: parameters without effect, components with one dotted name."""
+    """Parameters without effect, components with equal dotted names."""
     faults: tuple[Finding, ...] = ()
-    """Breaches of rules that do not keep it from being run."""
+    """Breaches of rules that do not prevent a run."""
     version: str = SSP_1.name
-    """SSP version."""
     inspected: dict[Hashable, Any] = field(default_factory=dict[Hashable, Any], repr=False, compare=False)
-    """What `vdfmu.engine.plan.checker` has read of the FMUs."""
+    """Cache of `vdfmu.engine.plan.checker`: descriptions of the FMUs."""
 
     def component(self, name: str) -> Component:
         """Return a component by its name."""
-        for component in self.components:
-            if component.name == name:
-                return component
-        raise KeyError(name)
+        return {component.name: component for component in self.components}[name]

@@ -1,4 +1,4 @@
-"""The elements of an SSD as a tree of `Node`, with the systems that other files describe in their places."""
+"""The elements of an SSD as a tree of `Node`, with systems of other files at their places."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import limits
-from vdfmu.engine.package.elements import Node, Scope, read_connector, read_connectors
-from vdfmu.engine.package.experiment import read_step
+from vdfmu.engine.package.archive import INSIDE
+from vdfmu.engine.package.elements import Node, Scope, read_connector, read_connectors, read_step
 from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Connector
 from vdfmu.engine.rules import Finding, breach, finding
@@ -23,21 +23,21 @@ _SUFFIXES = {".ssp": PACKAGE_TYPE, ".ssd": DEFINITION_TYPE}
 
 
 class LimitError(SspError):
-    """A system over a limit of size, which ends the reading."""
+    """A system over a limit of size; ends the reading."""
 
 
 class TreeReader:
-    """Turns the XML of systems and components into `Node` objects; keeps the problems it meets.
+    """Turns the XML of systems and components into `Node` objects, and collects problems.
 
-    A system over ``ELEMENT_LIMIT`` or ``DEPTH_LIMIT`` raises `LimitError`: references to systems that refer to systems
-    multiply. `structure` returns the root of the SSD of a scope.
+    A system over ``ELEMENT_LIMIT`` or ``DEPTH_LIMIT`` raises `LimitError`, since nested references multiply.
+    `structure` returns the root of the SSD of a scope.
     """
 
     def __init__(self, structure: Callable[[Scope], Any]) -> None:
         self.problems: list[Finding] = []
         self._structure = structure
         self._open: list[str] = []
-        """The systems that are being read from files or by reference, to find circles."""
+        """Systems under reading, from files or by reference, to find circles."""
         self._count = 0
 
     def _fault(self, rule: str, text: str, at: Any) -> None:
@@ -54,33 +54,30 @@ class TreeReader:
         for child in element.iterfind("ssd:Elements/*", NAMESPACES):
             self._count += 1
             if self._count > limits.ELEMENT_LIMIT:
-                text = (
-                    f"{scope.label}: the system has more than {limits.ELEMENT_LIMIT} elements, including systems "
-                    "that components refer to; that is the limit (ELEMENT_LIMIT). Look for systems that "
-                    "refer to one another many times, or split the system"
-                )
+                text = f"{scope.label}: the system has more than {limits.ELEMENT_LIMIT} elements, including systems "
+                text += "that components refer to; that is the limit (ELEMENT_LIMIT). Look for systems that "
+                text += "refer to one another many times, or split the system"
                 raise LimitError(finding("SSP016", text, child))
             child_name = child.get("name")
             if child_name in node.children:
                 self._fault("SSP017", f"{scope.label}: two elements are named {node.dotted(child_name)!r}", child)
-            tag = child.tag.rsplit("}", 1)[1]
-            if tag == "System":
-                node.children[child_name] = self.system(child, scope, node, child_name)
-            elif tag == "Component":
-                node.children[child_name] = self.component(child, node, child_name)
-            else:
-                node.children[child_name] = self.dictionary_reference(child, node, child_name)
+            readers = {"System": self._inner, "Component": self._component}
+            read = readers.get(child.tag.rsplit("}", 1)[1], self._dictionary)
+            node.children[child_name] = read(child, node, child_name)
         return node
 
-    def component(self, element: Any, parent: Node, name: str) -> Node:
-        """Read a component: an FMU, or a system that a package, an SSD or an element of this SSD describes."""
+    def _inner(self, element: Any, parent: Node, name: str) -> Node:
+        return self.system(element, parent.scope, parent, name)
+
+    def _component(self, element: Any, parent: Node, name: str) -> Node:
+        """Read a component: an FMU, or a system in a package, an SSD or an element of this SSD."""
         scope = parent.scope
         node = Node((*parent.path, name), "component", read_connectors(element, scope), element, scope)
         where = f"{scope.label}: component {node.label!r}"
         source = element.get("source") or ""
         kind = element.get("type", FMU_TYPE)
         if not source:
-            self._fault("SSP013", f"{where}: has no source, so that there is nothing to run; name an FMU", element)
+            self._fault("SSP013", f"{where}: has no source to run; name an FMU", element)
             return node
         try:
             if source.startswith("#"):
@@ -88,9 +85,8 @@ class TreeReader:
             if kind in (PACKAGE_TYPE, DEFINITION_TYPE):
                 return self._from_file(node, kind, source, where)
             if kind != FMU_TYPE:
-                text = f"{where}: type {kind!r} is not supported; "
-                text += f"expected {FMU_TYPE}, {PACKAGE_TYPE} or {DEFINITION_TYPE}"
-                self._fault("SSP014", text, element)
+                expected = f"expected {FMU_TYPE}, {PACKAGE_TYPE} or {DEFINITION_TYPE}"
+                self._fault("SSP014", f"{where}: type {kind!r} is not supported; {expected}", element)
                 return node
             member = scope.member(source, where, element)
             if member not in scope.archive:
@@ -118,10 +114,9 @@ class TreeReader:
             raise breach("SSP011", f"{where}: the package has no {member!r}", element)
         scope = replace(outer, aliases={})
         if kind == PACKAGE_TYPE:
-            archive, prefix = outer.inside(member)
             scope = replace(
-                scope, archive=archive, prefix=prefix, base="", document=fragment or "SystemStructure.ssd",
-                label=f"{outer.label}: {member}",
+                scope, archive=outer.archive.inside(member), prefix=f"{outer.prefix}{member}{INSIDE}", base="",
+                document=fragment or "SystemStructure.ssd", label=f"{outer.label}: {member}",
             )  # fmt: skip
         elif fragment:
             text = f"{where}: a fragment, '#{fragment}', can follow the name of a package only"
@@ -158,70 +153,64 @@ class TreeReader:
             self._open.pop()
 
     def _stand_in(self, node: Node, element: Any, scope: Scope, where: str) -> Node:
-        """Return the system that a component represents, under the component's name."""
+        """Return the system for which a component stands, under the component's name."""
         parent = Node(node.path[:-1], "system", {}, None, scope)
         inner = self.system(element, scope, parent, node.path[-1])
         inner.outer = node.element, node.scope
         for name, connector in node.connectors.items():
             other = inner.connectors.get(name)
             if other is None:
-                known = ", ".join(inner.connectors) or "none"
-                self._fault("SSP019", f"{where}: its system has no connector {name!r}; it has {known}", connector.place)
+                names = ", ".join(inner.connectors) or "none"
+                self._fault("SSP019", f"{where}: its system lacks connector {name!r}; it has {names}", connector.place)
             elif connector.kind != other.kind:
                 text = f"{where}: connector {name!r} is of kind {connector.kind}, its system says {other.kind}"
                 self._fault("SSP019", text, connector.place)
-            else:  # the component may state what the system leaves open
-                inner.connectors[name] = replace(
-                    other, type=other.type or connector.type, unit=other.unit or connector.unit
-                )
+            else:  # the component may state an open type and unit
+                open_type, open_unit = other.type or connector.type, other.unit or connector.unit
+                inner.connectors[name] = replace(other, type=open_type, unit=open_unit)
         return inner
 
     def _dictionaries(self, node: Node, element: Any, parent: Node | None) -> None:
         scope = node.scope
         node.dictionaries = {} if parent is None else dict(parent.dictionaries)
         for item in element.iterfind("ssd:SignalDictionaries/ssd:SignalDictionary", NAMESPACES):
-            where = f"{scope.label}: signal dictionary {node.dotted(item.get('name'))!r}"
+            where, source = f"{scope.label}: signal dictionary {node.dotted(item.get('name'))!r}", item.get("source")
             try:
-                source = item.get("source")
-                if source:
-                    root = scope.read(scope.member(source, where, item), "ssb")
-                else:
-                    root = item.find("ssb:SignalDictionary", NAMESPACES)
-                    if root is None:
-                        raise breach("SSP020", f"{where}: has neither a source nor an inline dictionary", item)
+                inline = item.find("ssb:SignalDictionary", NAMESPACES)
+                root = scope.read(scope.member(source, where, item), "ssb") if source else inline
+                if root is None:
+                    raise breach("SSP020", f"{where}: has neither a source nor an inline dictionary", item)
             except SspError as error:
                 self.problems += error.problems
                 continue
-            own = replace(scope, aliases=dict(scope.aliases), document=source or item.get("name"))
-            own.define(root, "ssb")
-            known: dict[str, Connector] = {}
+            inner = replace(scope, aliases=dict(scope.aliases), document=source or item.get("name"))
+            inner.define(root, "ssb")
+            entries: dict[str, Connector] = {}
             for part in root.iterfind("ssb:DictionaryEntry", NAMESPACES):
-                entry = read_connector(part, "inout", own)
-                if entry.name in known:
+                entry = read_connector(part, "inout", inner)
+                if entry.name in entries:
                     self._fault("SSP020", f"{where}: two entries are named {entry.name!r}", part)
-                known[entry.name] = entry
-            node.dictionaries[item.get("name")] = ((*node.path, item.get("name")), known)
+                entries[entry.name] = entry
+            node.dictionaries[item.get("name")] = ((*node.path, item.get("name")), entries)
 
-    def dictionary_reference(self, element: Any, parent: Node, name: str) -> Node:
+    def _dictionary(self, element: Any, parent: Node, name: str) -> Node:
         """Read a reference to a signal dictionary."""
         scope = parent.scope
-        path = (*parent.path, name)
-        node = Node(path, "dictionary", read_connectors(element, scope), element, scope)
-        named = parent.dictionaries.get(element.get("dictionary"))
-        if named is None:
-            text = f"{scope.label}: {node.label!r} refers to signal dictionary {element.get('dictionary')!r}"
-            self._fault("SSP020", f"{text}, which does not exist", element)
+        node = Node((*parent.path, name), "dictionary", read_connectors(element, scope), element, scope)
+        dictionary = element.get("dictionary")
+        if dictionary not in parent.dictionaries:
+            text = f"{scope.label}: {node.label!r} refers to signal dictionary {dictionary!r}, but the SSD lacks it"
+            self._fault("SSP020", text, element)
             return node
-        node.path, entries = ("signal dictionary", *named[0]), named[1]
-        for name_, connector in node.connectors.items():
-            entry = entries.get(name_)
-            text = f"{scope.label}: signal dictionary of {name!r} has "
+        path, entries = parent.dictionaries[dictionary]
+        node.path = ("signal dictionary", *path)
+        for connector in node.connectors.values():
+            entry, text = entries.get(connector.name), f"{scope.label}: signal dictionary of {name!r} has "
             if entry is None:
-                self._fault("SSP020", f"{text}no entry {name_!r}", connector.place)
+                self._fault("SSP020", f"{text}no entry {connector.name!r}", connector.place)
             elif connector.type not in (None, entry.type) or connector.dimensions not in ((), entry.dimensions):
-                text += f"an entry {name_!r} of another type or size than the connector"
+                text += f"an entry {connector.name!r} of another type or size than the connector"
                 self._fault("SSP020", text, connector.place)
-        node.connectors = {
-            c.name: replace(entries[c.name], kind=c.kind) for c in node.connectors.values() if c.name in entries
-        }
+        matched = (c for c in node.connectors.values() if c.name in entries)
+        node.connectors = {c.name: replace(entries[c.name], kind=c.kind) for c in matched}
         return node

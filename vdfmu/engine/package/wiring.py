@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import count
+from itertools import count, product
 from typing import Any
 
 from vdfmu.base.errors import SspError
@@ -27,16 +27,14 @@ FLOWS = {
     ("calculatedParameter", "system calculatedParameter"), ("calculatedParameter", "system output"),
     ("output", "system output"), ("inout", "system output"),
 }  # fmt: skip
-"""SSP 1.0, Allowed connections: source and destination, connectors of elements or of the system around them."""
+"""SSP 1.0, Allowed connections: source and destination, connectors of elements or of their system."""
 
 
 def _flows_2() -> set[tuple[str, str]]:
-    """Return the table "Allowed connections" of SSP 2.0; a connector of kind unspecified is of any kind."""
+    """Return the table "Allowed connections" of SSP 2.0; the kind unspecified stands for any kind."""
     inside = ("structuralParameter", "parameter", "input", "inout")
     around = ("system calculatedParameter", "system output", "system local")
-    flows = FLOWS | {
-        (source, sink) for source in ("system structuralParameter", "constant") for sink in (*inside, *around)
-    }
+    flows = FLOWS | set(product(("system structuralParameter", "constant"), (*inside, *around)))
     flows |= {("constant", "system constant"), ("system parameter", "system local"), ("system input", "system local")}
     flows |= {("local", sink) for sink in ("input", "inout", "system output", "system local")}
     flows |= {(source, "system local") for source in ("calculatedParameter", "output", "inout")}
@@ -53,21 +51,21 @@ _FLOWS = {False: FLOWS, True: _flows_2()}
 class Wiring:
     """All connectors of a system tree and the connections between them.
 
-    The words start and end of an SSD do not say where data flows: the kinds of the connectors do. Inside
-    a system, an output of an element and an input of the system itself are sources; an input of an element
-    and an output of the system are sinks; the same for calculated parameters and parameters. In SSP 2.0 several
-    connections may feed one array, each of them different elements.
+    The kinds of the connectors, not start and end of an SSD, decide the direction of data. Inside a system, an output
+    of an element and an input of the system itself are sources. An input of an element and an output of the system are
+    sinks. Calculated parameters are as outputs, parameters as inputs. In SSP 2.0 several connections may feed different
+    elements of an array.
     """
 
     def __init__(self, top: Node) -> None:
         self.problems: list[Finding] = []
         self.kinds: dict[Key, str] = {}
-        """"component", "system" or "dictionary" of every connector."""
+        """Kind of the element of each connector: "component", "system" or "dictionary"."""
         self.forward: dict[Key, list[tuple[Key, Hop, Indices]]] = {}
         self._sources: dict[Key, dict[Index, Key]] = {}
         """Sources of a connector, or of a part of it."""
         self.names: dict[tuple[str, ...], str] = {}
-        """The components: path to name, which is unique."""
+        """Unique names of the components by path."""
         self._taken: set[str] = set()
         self.notes: list[Finding] = []
         self._add(top)
@@ -93,12 +91,12 @@ class Wiring:
             self.notes.append(finding("SSP021", f"{text} here", node.element))
 
     def _connect(self, node: Node, item: Any) -> None:
-        # some tools write startElement="" for a connector of the system itself
+        # startElement="" means the system itself in some tools
         names = [(item.get(f"{e}Element") or None, item.get(f"{e}Connector")) for e in ("start", "end")]
         text = " -> ".join(".".join(p for p in (*node.path, *pair) if p) for pair in names)
 
-        def fault(rule: str, what: str) -> None:
-            self.problems.append(finding(rule, f"connection {text}: {what}", item))
+        def fault(rule: str, reason: str) -> None:
+            self.problems.append(finding(rule, f"connection {text}: {reason}", item))
 
         ends: list[tuple[str, Node, Connector, Index]] = []
         for end, (element, name) in zip(("start", "end"), names, strict=True):
@@ -110,8 +108,8 @@ class Wiring:
                 fault("SSP030", f"{owner.label or 'the system'} declares no connector {name!r}")
             else:
                 index = tuple(int(i) for i in (item.get(f"{end}Indices") or "").split())
-                for what in index_faults(index, connector.dimensions, owner.dotted(name)):
-                    fault("SSP035", f"{end}Indices: {what}")
+                for reason in _index_faults(index, connector.dimensions, owner.dotted(name)):
+                    fault("SSP035", f"{end}Indices: {reason}")
                 kind = ("system " if owner is node else "") + connector.kind
                 ends.append((kind, owner, connector, index))
         if len(ends) < 2:
@@ -140,9 +138,9 @@ class Wiring:
         suppressed = read_boolean(item.get("suppressUnitConversion"))
         hop = Hop(transformation, suppressed, target.unit, target.type, place_of(item))
         around = any(kind.startswith("system ") for kind in (first_kind, second_kind))
-        if around and not node.path:  # no path from component to component leads through the outermost system
-            for rule, what in _misfits(node, begin, target, hop):
-                fault(rule, what)
+        if around and not node.path:  # outside of any path from component to component
+            for rule, reason in _misfits(node, begin, target, hop):
+                fault(rule, reason)
         shapes = begin.dimensions[len(start) :], target.dimensions[len(end) :]
         if not fits(*shapes):
             fault("SSP035", f"dimension mismatch, {show_shape(shapes[0])} to {show_shape(shapes[1])}")
@@ -159,7 +157,7 @@ class Wiring:
                     waiting.append(source)
 
     def reach(self, key: Key) -> Iterator[tuple[Key, tuple[Hop, ...], Indices]]:
-        """Yield every component connector fed from `key`, with the hops on the way and the parts of both."""
+        """Yield all component connectors fed from `key`, with the hops between and the parts of both."""
         stack: list[tuple[Key, tuple[Hop, ...], frozenset[Key], Indices]] = [(key, (), frozenset([key]), ((), ()))]
         while stack:
             here, hops, seen, indices = stack.pop()
@@ -184,7 +182,7 @@ class Wiring:
 
 
 def _join(first: Indices, then: Indices) -> Indices | None:
-    """Join two connections in a row: parts of the first start and the last end; None for nothing."""
+    """Join two connections in series: parts of the first start and the last end; None if they share no element."""
     (start, middle), (other, end) = first, then
     if middle[: len(other)] != other[: len(middle)]:
         return None
@@ -203,15 +201,15 @@ def _misfits(node: Node, begin: Connector, target: Connector, hop: Hop) -> Itera
 
 
 def _expected(kinds: Sequence[str], flows: set[tuple[str, str]]) -> str:
-    """Say what can feed connectors of these kinds."""
-    known = {sink: sorted(source for source, end in flows if end == sink) for sink in dict.fromkeys(kinds)}
-    return "".join(f"; {sink} can be fed by {' or '.join(fed)}" for sink, fed in known.items() if fed)
+    """Return in words the sources of connectors of these kinds."""
+    sources = {sink: sorted(source for source, end in flows if end == sink) for sink in dict.fromkeys(kinds)}
+    return "".join(f"; {sink} can be fed by {' or '.join(fed)}" for sink, fed in sources.items() if fed)
 
 
-def index_faults(index: Index, shape: Shape, name: str) -> list[str]:
+def _index_faults(index: Index, shape: Shape, name: str) -> list[str]:
     """Return the faults of indices of an array."""
     if len(index) > len(shape):
-        return [f"{len(index)} for {name}, which is {show_shape(shape)}"]
+        return [f"{len(index)} for {name}, {show_shape(shape)}"]
     return [
         f"{i} is outside of {name}, {show_shape(shape)}; the first index is 1"
         for i, size in zip(index, shape, strict=False)
@@ -219,13 +217,14 @@ def index_faults(index: Index, shape: Shape, name: str) -> list[str]:
     ]
 
 
-def fits(one: Shape, other: Shape) -> bool:
-    """Whether two shapes can be the same; an open size fits every one."""
-    return len(one) == len(other) and all(a is None or b is None or a == b for a, b in zip(one, other, strict=True))
+def fits(first: Shape, second: Shape) -> bool:
+    """Whether two shapes can be equal; an open size fits all."""
+    pairs = zip(first, second, strict=False)
+    return len(first) == len(second) and all(None in pair or pair[0] == pair[1] for pair in pairs)
 
 
 def show_shape(shape: Shape) -> str:
-    """Return a shape in words."""
+    """Return a shape as text."""
     sizes = " x ".join("?" if size is None else str(size) for size in shape)
     return f"an array of {sizes}" if shape else "a scalar"
 

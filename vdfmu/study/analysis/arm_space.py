@@ -12,15 +12,14 @@ import numpy.typing as npt
 from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.drive.options import OPTIONS, dry_friction
 from vdfmu.arm.equations.flexible_joint import state_names
+from vdfmu.arm.robot import Robot, robot_argument
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import check_type
 from vdfmu.base.state_space import StateSpace
-from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
+from vdfmu.compiler.unit.evaluate import Evaluation, evaluation, state_space
 from vdfmu.compiler.unit.interface import interface_of
-from vdfmu.compiler.unit.unit import state_space
 from vdfmu.system.scenario import Scenario
 
 

@@ -11,12 +11,11 @@ import numpy as np
 from vdfmu.base.errors import KernelError, UsageError
 from vdfmu.base.files import data_path
 from vdfmu.compiler.c.compile import Compilation, compile_libraries
-from vdfmu.compiler.c.files import kernel_source
+from vdfmu.compiler.c.functions import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN
 from vdfmu.compiler.c.platforms import native_available, this_platform
 from vdfmu.compiler.c.text import head
-from vdfmu.compiler.unit.evaluate import Evaluation, Traced
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.evaluate import Call, Evaluation, Traced
 from vdfmu.study.batch.engine import BatchProgram
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.program import MovingUnit, SystemProgram

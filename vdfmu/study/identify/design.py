@@ -19,9 +19,7 @@ import numpy.typing as npt
 from vdfmu.arm.drive.limits import motor_rectangle, motor_torque
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.friction import joint_friction
-from vdfmu.arm.motion.excitation import multisine
-from vdfmu.arm.motion.polynomial import Motion
-from vdfmu.arm.motion.read import check_motion
+from vdfmu.arm.motion import Motion, check_motion, multisine
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.arm.equations.rigid_body import body_parameters
-from vdfmu.arm.imports.write import ROUNDING
+from vdfmu.arm.imports import ROUNDING
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats

@@ -13,8 +13,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.measure import JOINT_UNITS, Shown, shown_as
 from vdfmu.engine.results.figure import Curve, Figure, Terms
 from vdfmu.engine.results.folder import DRAWN
-from vdfmu.engine.results.recorded import Recorded, Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Recorded, Results, Signal
 from vdfmu.study.run.scene import BASE, joints_of
 
 SUMS: Mapping[str, Terms] = {

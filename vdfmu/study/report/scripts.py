@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.page import style_sheet
 from vdfmu.base.text import to_json
-from vdfmu.compiler.fmu.native import THIRD_PARTY
+from vdfmu.compiler.fmu.content import THIRD_PARTY
 from vdfmu.system.program import compressed
 
 _WEB = Path(__file__).parent / "web"

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vdfmu.arm.equations.kinematics import joint_placements, poses
+from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.physical import principal
 from vdfmu.base.arrays import Floats
 from vdfmu.study.report.scripts import packed
 

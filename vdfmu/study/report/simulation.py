@@ -16,8 +16,8 @@ import numpy as np
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
+from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.wasm.module import base_module
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.tracks import GOOD, POOR, Names, tracks
@@ -98,7 +98,7 @@ def keep_program(system: SystemDescription, package: Path) -> None:
 
 
 def _kept(package: Path) -> Path:
-    digest = sha256(source_digest("system.program", "study.report.simulation").encode() + base_module())
+    digest = sha256(source_digest("system.program", "study.report.simulation").encode() + wasm.base_module())
     with package.open("rb") as file:
         digest.update(file_digest(file, "sha256").digest())
     return cache_folder() / "programs" / digest.hexdigest()
@@ -127,7 +127,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, A
     elif binaries is None:
         return {"reason": NOT_MADE}
     else:
-        modules = {"module": program["module"], "base": compressed(base_module())}
+        modules = {"module": program["module"], "base": compressed(wasm.base_module())}
         digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
         added = {digests[key]: module for key, module in modules.items()}
         try:

@@ -30,7 +30,7 @@ from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.linear.linearise import can_change
 from vdfmu.engine.linear.loops import Loop
 from vdfmu.engine.package.system import Value
-from vdfmu.engine.run.simulator import Simulator
+from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
 

@@ -25,24 +25,26 @@ from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.folder import keep, write_summary
-from vdfmu.engine.run import Interrupted, LogMessage, Results
-from vdfmu.engine.run.simulator import check_coupling
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run import Interrupted, LogMessage, check_coupling
 from vdfmu.study.analysis.loops import poses_of
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.run.accuracy import accuracy_notes
-from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
 from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.power_bond import PowerBond
 from vdfmu.study.run.scene import arm_of, scene_of
 from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
+    ArmLimits,
     compare,
     compared,
     estimation_errors,
     has_signals,
+    limits_of,
     run_facts,
     start_notes,
+    time_at_limits,
     tracking_errors,
 )
 from vdfmu.study.run.verdict import VISIBLE, verdict

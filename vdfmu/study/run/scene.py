@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.equations.kinematics import frames
+from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.physical import principal
-from vdfmu.arm.units.screw import Screw
-from vdfmu.arm.units.wall import Wall
+from vdfmu.arm.units import find_unit
 from vdfmu.base.arrays import with_named
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.unit.interface import general_description
@@ -25,7 +24,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import group_of
 
-_OBJECTS = {Wall: ("plane", "normal", ()), Screw: ("screw", "axis", ("pitch", "turn_seat"))}
+_OBJECTS = {"wall": ("plane", "normal", ()), "screw": ("screw", "axis", ("pitch", "turn_seat"))}
 """Unit to how it is drawn, the parameter of its direction, and more of them."""
 BASE = "base"
 """Position of an arm's base in {I}, then its rotation, row by row: 12 signals."""
@@ -103,7 +102,7 @@ def _object(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]:
     """Yield the drawing of a component that an arm touches."""
     unit, values, table = system.resolved.units[name], system.values[name], system.tables[name]
     for kind, (look, direction, more) in _OBJECTS.items():
-        if issubclass(unit, kind):
+        if issubclass(unit, find_unit(kind)):
             along = np.array(group_of(table, values, direction), dtype=float)
             length = float(np.linalg.norm(along)) or 1.0
             outputs = [v for v in table if v.causality == "output" and not v.index and v.unit in ("N", "N.m")]

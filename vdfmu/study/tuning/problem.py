@@ -17,7 +17,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import check_type, pick, with_options
-from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.linear.growth import Along, Poses
 from vdfmu.engine.linear.linearise import can_change
 from vdfmu.study.analysis.loops import judged, run_along

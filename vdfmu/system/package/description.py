@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
-from vdfmu.compiler.fmu.description3 import FMI_3_TYPES
-from vdfmu.compiler.unit.interface import Interface, general_description
-from vdfmu.compiler.unit.variable import Variable
+from vdfmu.compiler.fmu.description import FMI_3_TYPES
+from vdfmu.compiler.unit.interface import Interface, Variable, general_description
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.scenario import Variables
 from vdfmu.system.scenario.system_file import Box, SystemFile
@@ -57,7 +55,7 @@ class PackageSignal:
 
 @dataclass(frozen=True)
 class ElementConnection:
-    """A connection; an element of an array has an index, counted from 1."""
+    """A connection. An element of an array has an index, counted from 1."""
 
     start: tuple[str, PackageSignal]
     end: tuple[str, PackageSignal]
@@ -84,7 +82,7 @@ class Binding:
     file: str
     """Name of the set's file."""
     mapping: tuple[tuple[str, str], ...] = ()
-    """Names in the set and in the component; empty if equal."""
+    """Names in the set and in the component. Empty if equal."""
 
 
 class SystemDescription:
@@ -111,10 +109,7 @@ class SystemDescription:
         self._signals = {component: self._signals_of(table) for component, table in self.tables.items()}
 
     def fmu_name(self, component: str) -> str:
-        """Return the file of a component's FMU in a package, with the component's name if its unit repeats.
-
-        Links and joints of a kind share a file.
-        """
+        """Return the file of a component's FMU in a package. Links and joints of a kind share a file."""
         table = self.tables[component]
         model = table.model_name
         shared = isinstance(table, Interface) and table.unit.exchange
@@ -182,7 +177,7 @@ class SystemDescription:
 
     @cached_property
     def bindings(self) -> dict[str, list[Binding]]:
-        """Component to its sets, in the order of application; a value is in a single set.
+        """Component to its sets, in the order of application. A value is in a single set.
 
         The scenario's set comes first, because some importers apply the first set only. The start values of the FMUs
         have the robot too.
@@ -197,7 +192,7 @@ class SystemDescription:
         shared = self._take_shared(left)
         robots: dict[str, dict[str, Entry]] = {}
         arm = self.scenario.robot
-        nominal = {p.name: float(getattr(arm, p.field)[p.index]) for p in parameters(arm)} if arm else {}
+        nominal = {p.name: float(getattr(arm, p.field)[p.index]) for p in arm.entries()} if arm else {}
         for component, entries in left.items():
             robots[component] = robot = {
                 name: (signal, values)
@@ -258,7 +253,7 @@ def _counted(signal: PackageSignal, variable: Variable) -> tuple[int, ...]:
 
 
 def _corners(system: SystemFile) -> dict[str, Box]:
-    """Return the corners of every component in the diagram; components without a box get columns at the right."""
+    """Return the corners of every component in the diagram. Components without a box get columns at the right."""
     boxes = [part.box for part in system.parts.values() if part.box is not None]
     x = max((box[2] for box in boxes), default=-60.0) + 60.0
     bottom = min((box[1] for box in boxes), default=0.0)

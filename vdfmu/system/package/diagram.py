@@ -79,7 +79,7 @@ class PlacedSystem(NamedTuple):
 
 
 def arrange(cards: Sequence[Card], nets: Sequence[Net], ordered: bool = False) -> PlacedSystem:
-    """Place every card and return the wires; `ordered`: the cards stand from left to right."""
+    """Place every card and return the wires. `ordered`: the cards stand from left to right."""
     by_name = {card.name: card for card in cards}
     order = list(by_name) if ordered else _order(list(by_name), nets)
     for name in order:
@@ -145,7 +145,7 @@ class _DiagramLayout:
         return PlacedSystem(wires, width, max([bottom, *tracks.values()]) + EDGE)
 
     def _stack(self) -> float:
-        """Stack cards near the height of their inputs, and wires between them; return the lowest edge."""
+        """Stack cards near the height of their inputs, and wires between them. Return the lowest edge."""
         bottom = 0.0
         for k, column in enumerate(self.columns):
             wanted: list[tuple[float, int, Card | int]] = []
@@ -175,7 +175,7 @@ class _DiagramLayout:
         return card.y + card.port("output", port) if card.column == column - 1 else self.passes[i, column - 1]
 
     def _spread(self) -> float:
-        """Place the columns of cards with gaps as wide as their lanes; return the width."""
+        """Place the columns of cards with gaps as wide as their lanes. Return the width."""
         for i, net in enumerate(self.nets):
             for gap in range(self.first[i], max(self.first[i] + 1, self.last[i])):
                 goals = [self._goal(end) for end in net.ends if self.cards[end[0]].column == gap + 1]
@@ -247,7 +247,7 @@ class _DiagramLayout:
 
 
 def _lane_order(nets: Sequence[int], own: Mapping[int, tuple[float, list[float]]]) -> Iterator[int]:
-    """Yield nets so that a net that starts at a height precedes nets that end there; a cycle starts with its first."""
+    """Yield nets so that a net that starts at a height precedes nets that end there. A cycle starts with its first."""
     left = list(nets)
     while left:
         free = (i for i in left if not any(abs(own[j][0] - y) < 0.5 for j in left if j != i for y in own[i][1]))

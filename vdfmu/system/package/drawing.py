@@ -43,10 +43,7 @@ _POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 
 
 def system_diagram(package: Path, held: Container[str] = ()) -> str:
-    """Return the picture of the system in a package of any tool; empty if unreadable or without components.
-
-    `held` has the inputs, ``component.name``, that read the value of the last step.
-    """
+    """Return the picture of the system in a package, or an empty text. `held` inputs read the last step's value."""
     if not package.is_file():
         return ""
     try:
@@ -87,7 +84,7 @@ def _sizes(system: Any) -> dict[Port, str]:
 
 
 def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> str:
-    """Return the picture of the system of a scenario; `icons` are SVG files by their sources in its package."""
+    """Return the picture of the system of a scenario. `icons` are SVG files by their sources in its package."""
     signals = {
         name: {kind: description.signals(name, kind) for kind in ("input", "output")} for name in description.tables
     }
@@ -107,10 +104,7 @@ def _draw(
     sizes: Mapping[Port, str], places: Mapping[str, tuple[float, float, str]], icons: Mapping[str, bytes | None],
     held: Container[str] = (),
 ) -> str:  # fmt: skip
-    """Draw components with connectors by their kind, and links of elements or arrays.
-
-    If all components have a place, it gives their order from left to right.
-    """
+    """Draw components with connectors by kind, and their links. Places of all give the order from left to right."""
     if not kinds:
         return ""
     ends: dict[Port, dict[Port, None]] = {}
@@ -157,7 +151,7 @@ def _draw(
 
 
 def _shape(names: Iterable[str]) -> str:
-    """Return the size of a vector from its connected elements; empty for a scalar."""
+    """Return the size of a vector from its connected elements. Empty for a scalar."""
     matches = (re.search(r"\[([\d,]+)\]$", name) for name in names)
     indices = [[int(i) for i in match[1].split(",")] for match in matches if match]
     return " × ".join(str(max(index)) for index in zip(*indices, strict=False)) if indices else ""
@@ -213,7 +207,7 @@ def _card(card: Card) -> str:
 
 
 def _label(place: Point, name: str, style: str) -> str:
-    """Return the label of a variable as in the paper: ``kappa_dot_d`` as κ̇ with the index d; other names unchanged."""
+    """Return the label of a variable as in the paper: ``kappa_dot_d`` as κ̇ with the index d. Other names unchanged."""
     first, *rest = name.split("_")
     text = f'<text class="{style}" x="{place[0]:g}" y="{place[1]:g}"><title>{escape(name)}</title>'
     if not (len(first) == 1 or first in _GREEK):

@@ -12,8 +12,7 @@ from vdfmu.base.measure import measure
 from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.description import number
-from vdfmu.engine.package.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
-from vdfmu.engine.package.parse import NAMESPACES
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, OSP_TYPE
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
 from vdfmu.system.package.drawing import draw_system
 
@@ -182,7 +181,7 @@ def mapping_file(pairs: Sequence[tuple[str, str]], version: str) -> Any:
 
 
 def system_page(description: SystemDescription, icons: Mapping[str, bytes], fmi_versions: Sequence[str]) -> bytes:
-    """Return ``documentation/index.html``, without other files and network; icons by their sources."""
+    """Return ``documentation/index.html``, without other files and network, with icons by their sources."""
     scenario = description.scenario
     about = [f"Scenario {scenario.name}: {scenario.description.rstrip('.')}."]
     if scenario.robot is not None:

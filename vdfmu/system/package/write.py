@@ -16,35 +16,25 @@ from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import data_path, pack_zip, read_member, regular_target, require_ours, storing
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
 from vdfmu.compiler.c.platforms import native_available
-from vdfmu.compiler.fmu.build import choose_backend, form_of
-from vdfmu.compiler.fmu.content import Content
-from vdfmu.compiler.targets import FMI, TARGETS
-from vdfmu.compiler.unit.base import unit_name
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.fmu.build import FMI, TARGETS, Content, choose_backend, form_of, unit_name
+from vdfmu.compiler.unit import Unit
 from vdfmu.engine.package.parse import validate
+from vdfmu.system.package import structure_file as files
 from vdfmu.system.package.description import SystemDescription, icon_source
-from vdfmu.system.package.structure_file import (
-    mapping_file,
-    mapping_name,
-    parameter_file,
-    structure_file,
-    system_page,
-    to_bytes,
-)
 from vdfmu.system.scenario.scenario import Scenario
 
 _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')
 
 
 def ssp_format(version: str) -> SspFormat:
-    """Return a version of SSP by its name; UsageError for an unknown one."""
+    """Return a version of SSP by its name. UsageError for an unknown one."""
     if version not in SSP_FORMATS:
         raise UsageError(f"There is no SSP {version!r} here. There are: {', '.join(map(repr, SSP_FORMATS))}.")
     return SSP_FORMATS[version]
 
 
 def fmi_of_format(form: str, backend: str | None) -> str:
-    """Return the version of FMI of a version of SSP; UsageError if unknown, or without units in this installation."""
+    """Return the version of FMI of a version of SSP. UsageError if unknown, or without units in this installation."""
     version = ssp_format(form).fmi.name
     if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
@@ -60,10 +50,7 @@ def fmi_of_format(form: str, backend: str | None) -> str:
 
 
 def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[str], form: str) -> list[str]:
-    """Check the versions of FMI of the units of a package, and return them.
-
-    StorageError for an unreadable FMU, UsageError for another version, because it names arrays differently.
-    """
+    """Return the versions of FMI of units. StorageError if unreadable, UsageError for a version not in `versions`."""
     there: set[str] = set()
     for component, fmu in fmus.items():
         content = read_member(Path(fmu), "modelDescription.xml")
@@ -81,14 +68,9 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
 
 
 def write_ssp(
-    scenario: Scenario,
-    fmus: Mapping[str, str | os.PathLike[str]],
-    path: str | os.PathLike[str],
-    values: Mapping[str, Mapping[str, Any]] | None = None,
-    *,
-    version: str = SSP_1.name,
-    mixed: bool = False,
-) -> Path:
+    scenario: Scenario, fmus: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str],
+    values: Mapping[str, Mapping[str, Any]] | None = None, *, version: str = SSP_1.name, mixed: bool = False,
+) -> Path:  # fmt: skip
     """Write the system of a scenario as a package with its FMUs.
 
     It holds the structure with its diagram, parameter sets for robot and scenario, parameter mappings if names differ,
@@ -132,17 +114,17 @@ def write_ssp(
         )
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
-    structure = structure_file(description)
-    members = {"SystemStructure.ssd": _checked(structure, "ssd", "SystemStructure.ssd", version), **icons}
+    structure = _checked(files.structure_file(description), "ssd", "SystemStructure.ssd", version)
+    members = {"SystemStructure.ssd": structure, **icons}
     for file, parameters in description.parameter_sets.items():
-        members[f"resources/{file}"] = _checked(parameter_file(parameters, version), "ssv", file, version)
+        members[f"resources/{file}"] = _checked(files.parameter_file(parameters, version), "ssv", file, version)
     for component, bindings in description.bindings.items():
         for binding in bindings:
             if binding.mapping:
-                name = mapping_name(component, binding.file)
-                mapping = mapping_file(binding.mapping, version)
+                name = files.mapping_name(component, binding.file)
+                mapping = files.mapping_file(binding.mapping, version)
                 members[f"resources/{name}"] = _checked(mapping, "ssm", name, version)
-    members["documentation/index.html"] = system_page(description, icons, there)
+    members["documentation/index.html"] = files.system_page(description, icons, there)
     with storing(path):
         for component, fmu in fmus.items():
             members[f"resources/{description.fmu_name(component)}"] = Path(fmu).read_bytes()
@@ -161,16 +143,16 @@ def _checked(root: Any, kind: str, name: str, version: str) -> bytes:
     """Return the content of a file, validated if the schemas are always installed."""
     if SSP_FORMATS[version].always_validated:
         validate(root, kind, name, version)
-    return to_bytes(root)
+    return files.to_bytes(root)
 
 
 def build_parts(
     scenario: Scenario, folder: str | os.PathLike[str], values: Mapping[str, Mapping[str, Any]] | None = None, *,
     target: str = FMI, **options: Any,
 ) -> dict[str, Path]:  # fmt: skip
-    """Build the FMUs of the scenario's system, or take its foreign FMUs; return component to FMU.
+    """Build the FMUs of the scenario's system, or take its foreign FMUs. Return component to FMU.
 
-    `values` are start values by component; `target` and `options`: see :func:`vdfmu.build_fmus`. Components with the
+    `values` are start values by component. `target` and `options`: see :func:`vdfmu.build_fmus`. Components with the
     same unit have different FMUs if their start values differ. Components without an FMU for the target are left out.
     """
     against, robots = _reasons(scenario, target), scenario.resolved.robots

@@ -8,7 +8,7 @@ The three references (communication points t_k, step h, inputs held over a step)
 - ``continuous``: only the units' sampled states are sampled. Both tend to this as the step shrinks.
 
 They use the wiring and the traced functions of the units, compiled if a compiler is installed. The tests compare these
-with plain numpy; it also runs units that cannot be traced. The solvers are scipy's. The cache keeps a solution by all
+with plain numpy. It also runs units that cannot be traced. The solvers are scipy's. The cache keeps a solution by all
 that decides it.
 """
 
@@ -31,14 +31,12 @@ import scipy
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import LOG, FmuError, KernelError, UsageError
-from vdfmu.compiler.c.expressions import c_prototype
-from vdfmu.compiler.c.files import kernel_source
+from vdfmu.compiler.c.functions import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN, loaded
 from vdfmu.compiler.c.platforms import native_available
-from vdfmu.compiler.c.text import setting_lines
+from vdfmu.compiler.c.text import c_prototype, setting_lines
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.unit.evaluate import Traced
-from vdfmu.compiler.unit.program import Call
+from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.solution import SHORT, ContinuousReference, SampledReference
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits
@@ -71,7 +69,7 @@ def reference_blocks(
     name: str, description: SystemDescription, *, step: float, stop: float, substeps: int = 1,
     groups: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Reference]:  # fmt: skip
-    """Compute a reference in blocks of `BLOCK` communication points; the last may be shorter.
+    """Compute a reference in blocks of `BLOCK` communication points. The last may be shorter.
 
     A sampled reference holds outputs over `substeps` equal parts of a `step` [s]. `groups` are the outputs,
     ``unit.group``, by default all. `progress` is called with the number of finished steps and their total.
@@ -117,7 +115,7 @@ def reference_blocks(
 
 
 def reference(name: str, description: SystemDescription, *, step: float, stop: float) -> Reference:
-    """Compute a whole reference; see :func:`reference_blocks`."""
+    """Compute a whole reference. See :func:`reference_blocks`."""
     blocks = list(reference_blocks(name, description, step=step, stop=stop))
     signals = {key: np.concatenate([block.signals[key] for block in blocks]) for key in blocks[0].signals}
     return Reference(name, np.concatenate([block.t for block in blocks]), signals)
@@ -138,10 +136,7 @@ def _key(name: str, system: WiredUnits, files: Mapping[str, bytes], t: Floats, p
 def runs(
     system: WiredUnits, lists: Mapping[str, Sequence[Action]], files: Mapping[str, bytes] | None
 ) -> dict[str, Run]:
-    """Return a function for each list of actions, compiled from its :func:`sources`.
-
-    Without them, or without a compiler, the actions run in Python, with the same results up to rounding.
-    """
+    """Return a function for each list of actions, compiled from its :func:`sources` or in Python."""
     if files is not None and native_available():
         with suppress(FmuError):  # such as a full disk
             # calls take less time than to let another thread run
@@ -157,7 +152,7 @@ def _run(function: Any, memory: int) -> Run:
 
 
 def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
-    """Return file name to C text of lists of actions; None if a unit lacks C."""
+    """Return file name to C text of lists of actions. None if a unit lacks C."""
     code = Code(system)
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]

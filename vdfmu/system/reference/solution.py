@@ -39,10 +39,7 @@ _PARTS = 64
 
 
 class _RightHandSide:
-    """Right-hand side f(t, x) of a solver: `run` reads the states `x` and sets `x_dot`, both (n_x,).
-
-    `feed` sets the inputs that change with time.
-    """
+    """Right-hand side f(t, x) of a solver: `run` reads `x` and sets `x_dot` (n_x,), `feed` sets inputs of a time."""
 
     def __init__(self, run: Run, x: Floats, x_dot: Floats, feed: Callable[[float], None] | None = None) -> None:
         self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
@@ -114,14 +111,10 @@ class _Mover:
 
 
 class SampledReference:
-    """Reference whose outputs are held over a communication step; `delayed`: units read other outputs a sample late.
+    """Reference whose outputs are held over a communication step. `delayed`: units read other outputs a sample late.
 
-    Attributes
-    ----------
-    lists : dict of str to list of actions
-        Parts of the calculation: ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
-    moving : list of str
-        Units with states, in the order of a step.
+    `moving` are the units with states, in the order of a step. `lists` are the parts of the calculation: ``part_0``,
+    and after the i-th of `moving` ``part_<i+1>``.
     """
 
     def __init__(self, system: WiredUnits, delayed: bool) -> None:
@@ -164,7 +157,7 @@ class SampledReference:
 
 
 class ContinuousReference:
-    """Reference without sampling, except for sampled states; `lists` are the parts of the calculation."""
+    """Reference without sampling, except for sampled states. `lists` are the parts of the calculation."""
 
     def __init__(self, system: WiredUnits) -> None:
         self._system = system
@@ -254,7 +247,7 @@ class ContinuousReference:
 
 
 def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, points: Floats) -> Floats:
-    """Return scipy's solution at points between two times [s] and at the end, row by row; without a rate, x."""
+    """Return scipy's solution at points between two times [s] and at the end, row by row. Without a rate, x."""
     if rate is None:
         return np.tile(x, (len(points) + 1, 1))
     times = np.concatenate([[begin], np.minimum(points, end), [end]])

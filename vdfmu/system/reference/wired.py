@@ -57,9 +57,7 @@ Action = Carry | TimeSetter | Evaluate | AtNewTime
 
 
 class WiredUnits:
-    """The units of a system in a common memory, connected by links.
-
-    UsageError for an FMU of another tool, or an algebraic loop.
+    """The units of a system in a common memory with links. UsageError for foreign FMUs and algebraic loops.
 
     Attributes
     ----------
@@ -136,10 +134,7 @@ class WiredUnits:
         """Calculate all inputs at a time, from the states of the solver."""
 
     def _of_time(self, fed: set[_Node]) -> set[str]:
-        """Return the units whose outputs depend on the time alone; `fed` are the inputs from external signals.
-
-        Units with states or such inputs do not, nor do their readers.
-        """
+        """Return the units that depend on the time alone: without states and `fed` inputs, also in their sources."""
         moving = {name for name, _ in fed}
         moving |= {name for name, unit in self.units.items() if unit.x.size or unit.interface.is_sampled}
         read = {(name, i) for name, unit in self.units.items() for i in _read(unit)}
@@ -149,7 +144,7 @@ class WiredUnits:
         return set(self.units) - moving
 
     def _feed_from(self, table: InputTable) -> set[_Node]:
-        """Connect the columns of a table to the inputs of their names; return these inputs."""
+        """Connect the columns of a table to the inputs of their names. Return these inputs."""
         free = {
             f"{name}.{variable.name}": (name, i)
             for name, unit in self.units.items()
@@ -166,7 +161,7 @@ class WiredUnits:
         return set(fed)
 
     def feed(self, t: float, *, held: bool) -> None:
-        """Set the inputs from external signals at a time; `held`: also the held ones."""
+        """Set the inputs from external signals at a time. `held`: also the held ones."""
         for place, course in self.outside:
             if held or not course.held:
                 self.memory[place] = course.at(t)[0]
@@ -199,10 +194,7 @@ class WiredUnits:
     def _passes(
         self, dependencies: Dependencies, wanted: Sequence[_Node], when: str = "", *, held: bool = False
     ) -> list[tuple[str, Carry]]:
-        """Return units with links in an order that gives the wanted outputs; units may repeat.
-
-        `held`: states are known, and units calculate the outputs of their choices.
-        """
+        """Return units with links in an order that gives the wanted outputs. `held`: states are known."""
         reads = {name: _read(unit) if held else range(unit.interface.size) for name, unit in self.units.items()}
         graph: dict[_Node, set[_Node]] = {}
         left = list(wanted)

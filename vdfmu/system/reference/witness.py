@@ -11,7 +11,7 @@ with the methods of the units and the parameters of the scenario: no trace, no c
   error is below the tolerance.
 
 Both sides round: a number may be off by `_ROUNDING` of the largest value of its group. A chain of n operations rounds
-by up to 1e-16 n; 1e4 operations lead to an output of six joints, and 1e-9 leaves three digits for cancellation. An
+by up to 1e-16 n. 1e4 operations lead to an output of six joints, and 1e-9 leaves three digits for cancellation. An
 acceleration in equilibrium cancels more. So a number may also be off by its change if all its sources change by
 `_ROUNDING` of themselves.
 """
@@ -46,7 +46,7 @@ _SHOWN = 3
 class _Comparison(NamedTuple):
     """Numbers of a component at a time: expected by numpy, got, and the allowed difference.
 
-    `again` calculates the expected numbers from a memory; `memory` is the memory without error.
+    `again` calculates the expected numbers from a memory. `memory` is the memory without error.
     """
 
     time: float
@@ -59,7 +59,7 @@ class _Comparison(NamedTuple):
 
 
 class Witness:
-    """Comparison of a run with a system; `probe` reads the run."""
+    """Comparison of a run with a system. `probe` reads the run."""
 
     def __init__(self, system: SystemDescription) -> None:
         self._units: dict[str, _WitnessedUnit] = {}
@@ -119,7 +119,7 @@ class _WitnessedUnit:
         self._inputs = np.flatnonzero(roles == "input")
 
     def step(self, step: float) -> float:
-        """Return the length [s] of a further step that changes the states; 0 for a unit without states."""
+        """Return the length [s] of a further step that changes the states. 0 for a unit without states."""
         if self._moved.size:
             return _SHORT * step
         return float(self._plain.group("period")[0]) if self._sampled.size else 0.0
@@ -172,10 +172,7 @@ class _WitnessedUnit:
         return _Comparison(time, places, again(memory), values, 0.0, memory, again)
 
     def _further(self, memory: Floats, first: Floats, after: Numbers, step: float) -> Iterator[_Comparison]:
-        """Yield comparisons after a further step: sampled states, and the mean rate of continuous states.
-
-        `first` are the derivatives at its start, if known.
-        """
+        """Yield sampled states and mean rates after a further step, with the known derivatives `first` at its start."""
         plain, begin = self._plain, float(memory[-1])
 
         def update() -> None:

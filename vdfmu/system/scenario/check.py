@@ -7,9 +7,9 @@ from typing import Any
 
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.robot.plausible import position_notes, robot_notes, speed_notes
+from vdfmu.arm.units import find_unit
 from vdfmu.arm.units._played import Played
-from vdfmu.arm.units.trajectory import Trajectory
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.unit import Unit
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.scenario_file import KEYS
 from vdfmu.system.scenario.values import group_of, override, robot_with, section_values
@@ -66,7 +66,7 @@ def _of_motions(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) ->
                 yield from speed_notes(f"{component}.{name}", value, "prismatic" if v.unit == "m/s" else "revolute")
         yield from positions
         robot = resolved.robots.get(component)
-        if issubclass(unit, Trajectory) and robot is not None and not positions:
+        if issubclass(unit, find_unit("trajectory")) and robot is not None and not positions:
             start, end, T = (group_of(table, values, name) for name in ("q_start", "q_end", "T"))
             for i, kind in enumerate(robot.joint_types):  # (57) is fastest in its middle
                 name = f"{component}: speed of joint {i + 1}"

@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import OPTIONS
+from vdfmu.arm.drive.options import OPTIONS, STATELESS
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Row
-from vdfmu.arm.units import package_units
+from vdfmu.arm.units import find_unit
 from vdfmu.arm.units.feedforward import Feedforward
-from vdfmu.arm.units.pieces._piece import STATELESS
-from vdfmu.arm.units.pieces.arm_base import ArmBase
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, Variables
@@ -34,7 +32,7 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
     """Return a scenario with joints and links for its plants and feedforwards, and the values of its components.
 
     ``plant`` becomes ``plant_base``, ``plant_joint_1``, ``plant_link_1``, .. and ``plant_tool``. A payload is part of
-    the last link. `settings` name variables of the given scenario, ``plant.q_0[2]``; see
+    the last link. `settings` name variables of the given scenario, ``plant.q_0[2]``. See
     :func:`vdfmu.system.scenario.values.override`. UsageError for options of robots and signals that the units of links
     and joints lack.
     """
@@ -61,13 +59,11 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
         for k, (piece, unit) in enumerate(listed):
             parts[piece] = Part(unit, (k * _GAP, bottom, k * _GAP + _BOX[0], bottom + _BOX[1]))
         for (before, a), (after, b) in pairwise(listed):
-            for start, end in cutting_point(before, package_units()[a], after, package_units()[b]):
+            for start, end in cutting_point(before, find_unit(a), after, find_unit(b)):
                 connections.setdefault(start, []).append(end)
     for source, targets in scenario.system.connections.items():
         for target in targets:
-            pairs, wrong = _joined(source, target, taken)
-            problems += wrong
-            for start, end in pairs:
+            for start, end in _joined(source, target, taken, problems):
                 connections.setdefault(start, []).append(end)
     if problems:
         raise UsageError("\n".join(f"decomposed: {problem}" for problem in dict.fromkeys(problems)))
@@ -89,10 +85,7 @@ def _lacking(robot: Robot) -> Iterator[str]:
 
 
 def _start_values(robot: Robot, table: Variables, values: Values) -> Values:
-    """Return the start of springs and rotors if a plant starts in motion or has rotor coupling.
-
-    A single joint takes the torque of its load, with the forces of motion and rotors.
-    """
+    """Return the start of springs and rotors, with all forces, if a plant starts in motion or has rotor coupling."""
     groups = ("q_0", "q_dot_0", "F_e")
     q_0, q_dot_0, F_e = (np.array([values.get(v.name, v.start) for v in table if v.group == group]) for group in groups)
     if not values.get("equilibrium", True) or not (q_dot_0.any() or robot.rotor_coupling):
@@ -123,7 +116,7 @@ def cutting_point(before: str, a: Any, after: str, b: Any, side: str = "C") -> I
         if not re.search(letter, end):
             continue
         start, back = (re.sub(letter, f"_{to}", end) for to in (near, side if near == "C" else near))
-        if start not in a.declared and a.declared.keys() <= {*ArmBase.declared}:
+        if start not in a.declared and a.declared.keys() <= {*find_unit("arm_base").declared}:
             start = re.sub("_[dr](?=_|$)", "", start)
         source = a.declared.get(start)
         if declared.causality == "input" and source is not None and source.shape == declared.shape:
@@ -133,36 +126,31 @@ def cutting_point(before: str, a: Any, after: str, b: Any, side: str = "C") -> I
 
 
 def _joined(
-    source: str, target: str, taken: Mapping[str, tuple[str, Robot]]
-) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return the connections that replace a connection, and its problems."""
-    problems: list[str] = []
-    ends = [_ends(end, taken, problems) for end in (source, target)]
-    if not any(isinstance(each, dict) for each in ends):
-        return [(ends[0], ends[1])] if not problems else [], problems  # pyright: ignore[reportReturnType]
-    first, second = (each if isinstance(each, dict) else None for each in ends)
-    joints = [i for i in first or second or {} if i in (second or first or {})]
-    many = [
-        {i: f"{end}[{i}]" if "[" not in end else end for i in joints} if of is None else of
-        for end, of in ((source, first), (target, second))
-    ]
-    return [(many[0][i], many[1][i]) for i in joints], problems
+    source: str, target: str, taken: Mapping[str, tuple[str, Robot]], problems: list[str]
+) -> list[tuple[str, str]]:
+    """Return the connections that replace a connection, and note problems."""
+    first, second = (_ends(end, taken, problems) for end in (source, target))
+    joints = [i for i in (first if 0 not in first else second) if 0 in first or 0 in second or i in second]
+
+    def at(ends: dict[int, str], end: str, i: int) -> str:
+        return ends.get(i) or (end if "[" in end else f"{end}[{i}]")
+
+    return [(at(first, source, i), at(second, target, i)) for i in joints]
 
 
-def _ends(end: str, taken: Mapping[str, tuple[str, Robot]], problems: list[str]) -> str | dict[int, str]:
-    """Return an end of a connection; for signals of decomposed joints the ends by joint, from 1."""
+def _ends(end: str, taken: Mapping[str, tuple[str, Robot]], problems: list[str]) -> dict[int, str]:
+    """Return the ends that replace an end of a connection by joint, from 1, a single end at 0."""
     component, _, name = end.partition(".")
     if component not in taken:
-        return end
+        return {0: end}
     kind, robot = taken[component]
     group, _, index = name.partition("[")
-    units = package_units()
-    if group in units[f"{kind}_joint"].declared:
+    if group in find_unit(f"{kind}_joint").declared:
         joints = [int(index.rstrip("]"))] if index else range(1, robot.n + 1)
         return {i: f"{component}_joint_{i}.{group}" for i in joints}
-    if group not in units[f"{kind}_tool"].declared:
+    if group not in find_unit(f"{kind}_tool").declared:
         problems.append(f"{end}: neither a joint nor the end of a decomposed arm has {group}")
-    return f"{component}_tool.{name}"
+    return {0: f"{component}_tool.{name}"}
 
 
 def _values(

@@ -12,18 +12,14 @@ import numpy as np
 from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.arm.units._played import Played
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.declaration import JOINTS, Output
-from vdfmu.compiler.unit.unit import Unit
+from vdfmu.compiler.unit import JOINTS, Output, Unit
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, resolve
 from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values
 
 
 def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
-    """Return the scenario with an empty payload if settings name its numbers and the robot lacks one.
-
-    `names` are the settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
-    """
+    """Return the scenario with an empty payload if settings, ``plant.payload_mass``, need it and its robot lacks it."""
     robot = scenario.robot
     fields = {name.partition(".")[2].partition("[")[0] for name in names}
     rows = section("payload")

@@ -12,19 +12,18 @@ from typing import Any
 import fmpy
 import numpy as np
 
-from vdfmu.arm.robot.parameters import PARAMETERS, Array
-from vdfmu.arm.robot.robot import Robot
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.units import find_unit
 from vdfmu.arm.units.plant import Plant
+from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import measure
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.base.text import nearest
-from vdfmu.compiler.unit.declaration import Input, Output
-from vdfmu.compiler.unit.interface import Interface, interface_of
-from vdfmu.compiler.unit.unit import Unit
-from vdfmu.compiler.unit.variable import Variable
+from vdfmu.compiler.unit import Input, Output, Unit
+from vdfmu.compiler.unit.interface import Interface, Variable, interface_of
 from vdfmu.engine.fmu.variables import element_names, start_values, type_of
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
 from vdfmu.system.scenario.system_file import SystemFile
@@ -34,10 +33,7 @@ _TYPES = ("Real", "Integer", "Boolean")
 
 
 class ForeignInterface:
-    """Variables of an FMU of FMI 2.0 or 3.0. Names ``q[1]`` and elements of arrays belong to the group ``q``.
-
-    UsageError for another file.
-    """
+    """Variables of an FMU of FMI 2.0 or 3.0, else UsageError. ``q[1]`` and elements of arrays are in group ``q``."""
 
     robot = None
 
@@ -129,7 +125,7 @@ class ResolvedSystem:
 
     @cached_property
     def tables(self) -> dict[str, Variables]:
-        """Component to its variables; UsageError if a robot is missing."""
+        """Component to its variables. UsageError if a robot is missing."""
         if self.robot is None and (lacking := self.takers):
             raise UsageError(
                 f"robot: expected one for {', '.join(lacking)}, got none. {ROBOT_WAY_OUT} Or give each of these "
@@ -155,10 +151,7 @@ class ResolvedSystem:
         return _pairs(_end(self.tables[start], a, "output"), _end(self.tables[end], b, "input"))
 
     def check_connections(self) -> None:
-        """Raise UsageError with a line for each wrong connection.
-
-        Wrong are unknown signals, signals without a common index or with different units, and inputs with two outputs.
-        """
+        """Raise UsageError for unknown signals, signals without common index or unit, and inputs with two outputs."""
         problems: list[str] = []
         feeds: dict[tuple[str, str], str] = {}
         for source, targets in self.system.connections.items():
@@ -166,15 +159,13 @@ class ResolvedSystem:
             for target in targets:
                 ends = _signals(self.tables, target, "input", problems)
                 shared = _pairs(starts, ends)
+                link = f"{source} -> {target}"
                 if starts and ends and not shared:
-                    problems.append(
-                        f"{source} -> {target}: expected signals of one shape, got {_shape(starts)} and {_shape(ends)}."
-                    )
+                    got = f"{_shape(starts)} and {_shape(ends)}"
+                    problems.append(f"{link}: expected signals of one shape, got {got}.")
                 for start, end in shared:
                     if None not in (a := _dimension(start), b := _dimension(end)) and a != b:
-                        problems.append(
-                            f"{source} -> {target}: expected one unit of measurement, got {start.unit} and {end.unit}."
-                        )
+                        problems.append(f"{link}: expected one unit of measurement, got {start.unit} and {end.unit}.")
                     fed = (target.partition(".")[0], end.name)
                     if (earlier := feeds.setdefault(fed, source)) != source or targets.count(target) > 1:
                         problems.append(f"{target}: expected one output that feeds it, got {earlier} and {source}.")
@@ -197,7 +188,7 @@ def _is_plant(unit: type[Unit]) -> bool:
 
 
 def _end(table: Variables, name: str, causality: str) -> dict[tuple[int, ...], Variable]:
-    """Return index to variable at an end of a connection; an element, ``q[1]``, is a scalar."""
+    """Return index to variable at an end of a connection. An element, ``q[1]``, is a scalar."""
     named = (v for v in table if v.causality == causality and name in (v.group, v.name))
     return {v.index if v.group == name else (): v for v in named}
 
@@ -220,7 +211,7 @@ def optional(table: Variables, name: str) -> str:
 def _signals(
     tables: Mapping[str, Variables], end: str, causality: str, problems: list[str]
 ) -> dict[tuple[int, ...], Variable]:
-    """Return index to variable at an end of a connection; note a problem if empty."""
+    """Return index to variable at an end of a connection. Note a problem if empty."""
     component, _, name = end.partition(".")
     signals = _end(tables[component], name, causality)
     if not signals:
@@ -235,7 +226,7 @@ def _shape(signals: Collection[tuple[int, ...]]) -> str:
 
 
 def _dimension(variable: Variable) -> dict[str, int] | None:
-    """Return the exponents of the base units of a signal; None if unknown, as in FMUs of other tools."""
+    """Return the exponents of the base units of a signal. None if unknown, as in FMUs of other tools."""
     try:
         return measure(variable.unit).exponents if variable.unit else None
     except UsageError:
@@ -258,14 +249,14 @@ class Scenario:
     system : SystemFile
         The components and their connections.
     robot : Robot or None
-        The nominal robot of the feedforward, with the friction arrangement of the scenario if given; None if no
+        The nominal robot of the feedforward, with the friction arrangement of the scenario if given. None if no
         component takes it.
     stop, step : float [s]
         End of the run, and communication step.
     master : str
         Name of an algorithm of `vdfmu.engine.algorithms`.
     adaptive : float or None
-        Largest relative error of a coupled signal in a step; None for steps of the given length.
+        Largest relative error of a coupled signal in a step. None for steps of the given length.
     tolerance : float
         Relative tolerance of the plant's solver.
     plant_factors : mapping of str to float or (n,) array
@@ -277,14 +268,10 @@ class Scenario:
         Values of the paper: `source` and lists that start at joint 1. Empty if it reports nothing.
     payload_known : bool
         Whether components besides the plant know the robot's payload.
-    inputs : path, sequence of paths or mapping, optional
-        Signals for free inputs; see :func:`vdfmu.engine.run.simulate`.
-    input_hold : bool, optional
-        Whether they hold until the next row.
-    notes : tuple of str
-        Notes of the author.
-    file : str
-        Its file, empty for a shipped scenario.
+    inputs, input_hold : path, sequence of paths or mapping, optional, and bool
+        Signals for free inputs, and whether they hold until the next row. See :func:`vdfmu.engine.run.simulate`.
+    notes, file : tuple of str, str
+        Notes of the author, and its file, empty for a shipped scenario.
     options : CouplingOptions
         Further options of its runs.
     """
@@ -298,7 +285,7 @@ class Scenario:
     master: str
     adaptive: float | None
     tolerance: float
-    plant_factors: Mapping[str, Array | float]
+    plant_factors: Mapping[str, Floats | float]
     sections: Mapping[str, Mapping[str, Any]]
     paper: Mapping[str, Any]
     inputs: Any = None
@@ -320,7 +307,7 @@ class Scenario:
 
     @property
     def arm(self) -> Robot:
-        """The robot; UsageError if it is None."""
+        """The robot. UsageError if it is None."""
         if self.robot is None:
             raise UsageError(f"scenario {self.name} has no robot. {ROBOT_WAY_OUT}")
         return self.robot
@@ -339,9 +326,9 @@ class Scenario:
         return robot.with_parameters(payload_mass=0.0, payload_inertia=_TINY * robot.payload_inertia)
 
 
-def apply_factors(robot: Robot, factors: Mapping[str, Array | float]) -> Robot:
-    """Return the robot with scaled fields; a factor has shape () or (n,)."""
-    scaled: dict[str, Array] = {}
+def apply_factors(robot: Robot, factors: Mapping[str, Floats | float]) -> Robot:
+    """Return the robot with scaled fields. A factor has shape () or (n,)."""
+    scaled: dict[str, Floats] = {}
     for key, factor in factors.items():
         nominal = getattr(robot, key)
         per_joint = np.asarray(factor, dtype=float)

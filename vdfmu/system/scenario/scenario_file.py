@@ -11,12 +11,17 @@ from typing import Any, cast
 
 import numpy as np
 
-from vdfmu.arm.motion.polynomial import rest
-from vdfmu.arm.motion.read import read_motion
-from vdfmu.arm.robot.own_drive import drive_text
+from vdfmu.arm.motion import read_motion, rest
+from vdfmu.arm.robot import (
+    FRICTION_ARRANGEMENTS,
+    Robot,
+    check_robot,
+    drive_text,
+    load_robot,
+    robot_from_dict,
+    section_numbers,
+)
 from vdfmu.arm.robot.parameters import PARAMETERS, read_only, section
-from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, Robot
-from vdfmu.arm.robot.robot_file import check_robot, load_robot, robot_from_dict, section_numbers
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UnitError, UsageError
 from vdfmu.base.toml_file import locate, read_toml, toml_names
@@ -43,7 +48,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     path_or_name : str or path
         See `load_robot`. A relative path of a robot in the file starts at the file's folder.
     robot : Robot, str or None
-        Robot that overrides the robot of the file; a str as for `load_robot`. The paper's numbers are left out if its
+        Robot that overrides the robot of the file. A str as for `load_robot`. The paper's numbers are left out if its
         numbers differ from the file's robot.
 
     Raises
@@ -51,7 +56,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     UsageError
         For an unknown name of a scenario or robot, or a robot that no component takes.
     ModelError
-        If the scenario or its robot has problems; it lists all problems of both files.
+        If the scenario or its robot has problems. It lists all problems of both files.
     """
     path = locate(path_or_name, "scenarios")
     data = read_toml(path)
@@ -97,7 +102,7 @@ def load_system(
 ) -> SystemFile:
     """Load a shipped system by its name, or a system from a TOML file.
 
-    A relative path starts at the folder `start`; `extending` are the files that extend it. UsageError for an unknown
+    A relative path starts at the folder `start`. `extending` are the files that extend it. UsageError for an unknown
     name, ModelError with all problems of the file.
     """
     path = locate(path_or_name, "systems", start)
@@ -142,10 +147,7 @@ PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_c
 
 
 def read_scenario(problems: Problems, data: object, robot: Robot | None, system: SystemFile | None) -> Scenario | None:
-    """Read the content of a scenario file; None if problems are noted.
-
-    `robot` and `system` are None if the file omits them or their files have problems. The rest is read nevertheless.
-    """
+    """Read a scenario file. None if it has problems. `robot`, `system`: None if omitted or wrong, the rest is read."""
     written = cast("dict[str, object]", data) if isinstance(data, dict) else {}
     if system is not None:
         with suppress(UsageError, UnitError):  # noted below

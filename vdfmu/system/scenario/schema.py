@@ -11,17 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.motion.read import KINDS as KINDS_OF_MOTION
-from vdfmu.arm.motion.read import OF_FILE
+from vdfmu.arm.motion import KINDS as KINDS_OF_MOTION
+from vdfmu.arm.motion import OF_FILE
+from vdfmu.arm.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, SHAPES
 from vdfmu.arm.robot.catalogue import NAMED, catalogue
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, section
-from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
-from vdfmu.arm.robot.visual import SHAPES
 from vdfmu.base.measure import unit_of
 from vdfmu.base.version import FORMAT
-from vdfmu.compiler.unit.declaration import Choice, Declared, Input, Parameter, Switch
+from vdfmu.compiler.unit import Choice, Input, Parameter, Switch, Unit
+from vdfmu.compiler.unit.declaration import Declared
 from vdfmu.compiler.unit.interface import general_description
-from vdfmu.compiler.unit.unit import Unit
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS, resolve
 from vdfmu.system.scenario.scenario_file import KEYS, PAPER_LISTS, load_system
@@ -29,6 +28,8 @@ from vdfmu.system.scenario.scenario_file import KEYS, PAPER_LISTS, load_system
 Schema = dict[str, Any]
 _TEXT: Schema = {"type": "string"}
 _FORMAT: Schema = {"type": "integer", "minimum": 1, "maximum": FORMAT, "description": "Version of the file's layout"}
+_FLAG: Schema = {"type": "boolean"}
+_FRICTION: Schema = {"enum": list(FRICTION_ARRANGEMENTS)}
 _SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}
 
 
@@ -44,9 +45,8 @@ def robot_schema() -> Schema:
     keys: Schema = {
         "name": _TEXT,
         "description": _TEXT,
-        "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
-        "rotor_coupling": {"type": "boolean"},
-        **{flag: {"type": "boolean"} for flag in ENDS},
+        "friction": _FRICTION,
+        **dict.fromkeys(("rotor_coupling", *ENDS), _FLAG),
         "drive": _TEXT,
         "payload": payload,
         "joints": {"type": "array", "minItems": 1, "items": joint},
@@ -67,14 +67,12 @@ def scenario_schema(system: str = "system") -> Schema:
     sections |= {name: _table(_values(unit), []) for name, unit in resolve(file, None).units.items()}
     types: Schema = {
         **dict.fromkeys(("name", "description", "system", "robot", "inputs"), _TEXT),
-        "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
-        "stop": positive,
-        "step": positive,
+        "friction": _FRICTION,
+        **dict.fromkeys(("stop", "step"), positive),
         "master": {"enum": ALGORITHMS.names()},
-        "adaptive": share,
-        "tolerance": share,
-        "input_hold": {"type": "boolean"},
-        "payload": _table(_rows("payload") | {"known": {"type": "boolean"}}, _required("payload")),
+        **dict.fromkeys(("adaptive", "tolerance"), share),
+        "input_hold": _FLAG,
+        "payload": _table(_rows("payload") | {"known": _FLAG}, _required("payload")),
         "joints": {"type": "object", "required": ["drive"], "properties": {"drive": _TEXT}},
         "motion": _motion(),
         "plant_factors": _table(factors, []),
@@ -87,13 +85,10 @@ def scenario_schema(system: str = "system") -> Schema:
 def system_schema() -> Schema:
     """Return the schema of a system file."""
     box = _list({"type": "number"}, 4)
-    ends = {flag: {"type": "boolean"} for flag in ENDS}
-    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box, "robot": _TEXT, **ends}, [])]}
+    part = {"unit": _TEXT, "box": box, "robot": _TEXT, **dict.fromkeys(ENDS, _FLAG)}
     keys: Schema = {
-        "extends": _TEXT,
-        "name": _TEXT,
-        "description": _TEXT,
-        "units": {"type": "object", "additionalProperties": part},
+        **dict.fromkeys(("extends", "name", "description"), _TEXT),
+        "units": {"type": "object", "additionalProperties": {"anyOf": [_TEXT, box, _table(part, [])]}},
         "shared": {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": _TEXT}},
         "connections": {
             "type": "object", "propertyNames": _SIGNAL,

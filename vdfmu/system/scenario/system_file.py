@@ -10,8 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
-from vdfmu.arm.robot import load_robot
-from vdfmu.arm.robot.robot import ENDS, Robot
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.parameters import ENDS
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.text import nearest
@@ -29,11 +29,11 @@ class Part:
     unit: Any
     """Name of a shipped unit, ``file.py``, ``file.py:Name``, a class, or ``file.fmu`` of any tool."""
     box: Box | None = None
-    """Corners in a diagram [mm], lower left and upper right; None: automatic."""
+    """Corners in a diagram [mm], lower left and upper right. None: automatic."""
     robot: Robot | None = None
     """Robot of the component, if it differs from the robot of the scenario."""
     ends: tuple[str, ...] = ()
-    """Flags of its robot, from :data:`~vdfmu.arm.robot.robot.ENDS`."""
+    """Flags of its robot, from :data:`~vdfmu.arm.robot.parameters.ENDS`."""
 
     def robot_of(self, robot: Robot | None) -> Robot | None:
         """Return the robot of the component, by default the robot of the scenario."""
@@ -42,7 +42,7 @@ class Part:
 
     @property
     def fmu(self) -> Path | None:
-        """The FMU of any tool; None for a unit."""
+        """The FMU of any tool. None for a unit."""
         named = str(self.unit)
         return Path(named) if not isinstance(self.unit, type) and named.lower().endswith(".fmu") else None
 

@@ -10,14 +10,12 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import nearest
-from vdfmu.compiler.unit.declaration import Derivative
-from vdfmu.compiler.unit.interface import Interface, interface_of
-from vdfmu.compiler.unit.requirements import unmet
-from vdfmu.compiler.unit.unit import Unit
-from vdfmu.compiler.unit.variable import NO_LIMIT, Variable
+from vdfmu.compiler.unit import Unit
+from vdfmu.compiler.unit.declaration import NO_LIMIT, Derivative
+from vdfmu.compiler.unit.evaluate import unmet
+from vdfmu.compiler.unit.interface import Interface, Variable, interface_of
 from vdfmu.engine.package.system import spread
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, Variables, optional
 from vdfmu.system.scenario.system_file import SystemFile
@@ -29,12 +27,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
     """Return the values that robot, scenario and settings decide: component to variable to value.
 
     Other variables keep the start values of their declaration. Free inputs, such as the wrench at the end effector,
-    have their start value.
-
-    Raises
-    ------
-    UsageError
-        See :func:`override`; also for positions beyond the robot's end stops.
+    have their start value. UsageError as :func:`override`, and for positions beyond the end stops.
     """
     resolved = scenario.resolved
     # other units and FMUs may use the name tolerance for anything
@@ -57,7 +50,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
 def section_values(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Values]:
     """Return the values of the sections of a scenario's file: component to variable to value.
 
-    A group sets all groups that share its value by ``[shared]`` of the system. UsageError: see :func:`override`; also
+    A group sets all groups that share its value by ``[shared]`` of the system. UsageError as :func:`override`, and
     for positions beyond the robot's end stops, and for wrong connections.
     """
     resolved.check_connections()
@@ -71,13 +64,8 @@ def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Value
 
     A name without an index sets all elements: ``controller.K_p=3000``, or each by a list or array. An integer with
     named values takes the name: ``feedforward.mode=vdc``. ``robot.mass[3]=3`` sets the parameter in every component.
-    Free inputs can be set too.
-
-    Raises
-    ------
-    UsageError
-        With a line for each wrong setting: unknown component or variable, a variable that cannot be set, a wrong value,
-        or a wrong number of values.
+    Free inputs can be set too. UsageError has a line for each wrong setting: unknown component or variable, a variable
+    that cannot be set, a wrong value or number of values.
     """
     return _set_all(scenario.resolved, settings)
 
@@ -85,10 +73,7 @@ def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Value
 def present_values(
     scenario: Scenario, values: Mapping[str, Mapping[str, Any]], target: str, number: float
 ) -> dict[str, Any]:
-    """Return ``component.variable`` to value for the variables of a setting, from `values`, else start values.
-
-    UsageError: see :func:`override`; also for a wrong `number`.
-    """
+    """Return ``component.variable`` to value for the variables of a setting. UsageError for a wrong one or `number`."""
     tables = scenario.resolved.tables
     return {
         f"{component}.{v.name}": values[component].get(v.name, v.start)
@@ -99,7 +84,7 @@ def present_values(
 
 
 def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, Any]) -> Values:
-    """Read settings of a unit, ``K_p=3000`` or ``K_p[1]=3000``: variable to value; UsageError as :func:`override`."""
+    """Read settings of a unit, ``K_p=3000`` or ``K_p[1]=3000``: variable to value. UsageError as :func:`override`."""
     table = interface_of(unit, robot if unit.needs_robot() else None)
     values: Values = {}
     for key, value in settings.items():
@@ -108,14 +93,14 @@ def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, A
 
 
 def group_value(scenario: Scenario, name: str, settings: Mapping[str, Any] | None = None) -> Any:
-    """Return the value of a group, ``controller.K_p``: a float, the name of a choice, or an array; None if unknown."""
+    """Return the value of a group, ``controller.K_p``: a float, the name of a choice, or an array. None if unknown."""
     component, _, group = name.partition(".")
     table = scenario.resolved.tables.get(component, ())
     return group_of(table, system_values(scenario, settings).get(component, {}), group)
 
 
 def group_of(table: Iterable[Variable], values: Mapping[str, Any], group: str) -> Any:
-    """Return the value of a group of a component; see :func:`group_value`."""
+    """Return the value of a group of a component. See :func:`group_value`."""
     elements = {v.index: values.get(v.name, v.start) for v in table if v.group == group}
     if not elements:
         return None
@@ -136,7 +121,7 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
     robot = own or (scenario.plant_robot if component in scenario.resolved.plants else scenario.known_robot)
     return {
         p.name: float(getattr(robot, p.field)[p.index])
-        for p in parameters(own or scenario.arm)
+        for p in (own or scenario.arm).entries()
         if p.name in table.reference and p.field not in table.unit.declared
     }
 
@@ -246,7 +231,7 @@ def _spread(variables: Sequence[Variable], key: str, value: Any) -> Values:
 
 
 def _cast(variable: Variable, value: Any) -> Any:
-    """Convert a number, a name or a text to the variable's type; ValueError if impossible."""
+    """Convert a number, a name or a text to the variable's type. ValueError if impossible."""
     text = str(value).strip()
     if text in variable.choices:
         return variable.choices.index(text)
@@ -271,36 +256,25 @@ def _cast(variable: Variable, value: Any) -> Any:
 
 
 def _check(tables: Mapping[str, Variables], values: Mapping[str, Values]) -> None:
-    """Raise UsageError for unmet requirements of units, and for joints beyond their end stops."""
-    problems = [
-        f"{component}.{problem}"
-        for component, table in tables.items()
-        if isinstance(table, Interface) and table.unit.requirements is not Unit.requirements
-        for problem in unmet(table, table.memory_of(values.get(component, {})))
-    ]
-    problems += [
-        f"{component}.{v.name}: expected a position of joint {i + 1} between its end stops, {low:g} and {high:g}, "
-        f"got {q:g}."
-        for component, table in tables.items()
-        for v in _positions(table)
-        for (i,), q in [(v.index, values.get(component, {}).get(v.name))]
-        if isinstance(table.robot, Robot) and table.robot.limits and q is not None
-        for low, high in [_stops(values.get(component, {}), table.robot, i)]
-        if not low <= q <= high
-    ]
+    """Raise UsageError for unmet requirements of units, and for positions of joints beyond their end stops."""
+    problems: list[str] = []
+    for component, table in tables.items():
+        if not isinstance(table, Interface):
+            continue
+        written, robot, declared = values.get(component, {}), table.robot, table.unit.declared
+        if table.unit.requirements is not Unit.requirements:
+            problems += [f"{component}.{problem}" for problem in unmet(table, table.memory_of(written))]
+        for v in table if isinstance(robot, Robot) and robot.limits else ():
+            # distances have a minimum
+            if v.causality != "parameter" or v.minimum is not None or v.name not in written or v.group not in declared:
+                continue
+            if declared[v.group].unit == "position":
+                (i,), q = v.index, written[v.name]
+                low, high = (written.get(f"{name}[{i + 1}]", getattr(robot, name)[i]) for name in ("q_min", "q_max"))
+                if not low <= q <= high:
+                    problems.append(
+                        f"{component}.{v.name}: expected a position of joint {i + 1} between its end stops, {low:g} "
+                        f"and {high:g}, got {q:g}."
+                    )
     if problems:
         raise UsageError("\n".join(problems))
-
-
-def _stops(values: Values, robot: Robot, i: int) -> tuple[float, float]:
-    low, high = (values.get(f"{name}[{i + 1}]", getattr(robot, name)[i]) for name in ("q_min", "q_max"))
-    return low, high
-
-
-def _positions(table: Variables) -> Iterable[Variable]:
-    """Yield the parameters of a component that are positions of joints; distances have a minimum."""
-    declared = table.unit.declared if isinstance(table, Interface) else {}
-    for v in table:
-        if v.causality == "parameter" and v.minimum is None and v.group in declared:
-            if declared[v.group].unit == "position":
-                yield v

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar.random_numbers import LARGEST_SEED
+from vdfmu.compiler.scalar import LARGEST_SEED
 from vdfmu.compiler.unit import Parameter
 
 PAST = 16
-"""Samples that a device remembers, the newest among them."""
+"""Samples in the memory of a device, with the newest."""
 
 
 def seed(start: int) -> Parameter:
@@ -21,7 +21,7 @@ def seed(start: int) -> Parameter:
 
 
 def whole(number: Any) -> Any:
-    """Return a number above 0 where all are whole, for requirements."""
+    """Return a number above 0 if all are whole, for requirements."""
     return 0.5 - np.sum(np.abs(number - np.floor(number + 0.5)) > 0.0)
 
 

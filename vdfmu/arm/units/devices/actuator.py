@@ -1,4 +1,4 @@
-"""The unit Actuator: the torques that motors and their drives give."""
+"""The unit Actuator: motors and drives with limits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from vdfmu.arm.units._signals import torque_limit
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, clip, minimum
-from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 
 
 class Actuator(Unit):
@@ -20,10 +20,10 @@ class Actuator(Unit):
         |tau[k]| <= min(tau_max, k_t i_lim)              i = tau / k_t
         h[k] = a h[k-1] + (1 - a) i[k]^2                    h <= i_rms^2         a = exp(-period / T_i)
 
-    h is the current's square in the mean over the thermal time constant T_i: i_lim = min(i_max, i_h), where i_h is the
-    current of a sample after which h = i_rms^2. It is i_rms at least. So a cold motor gives i_max for
-    ``-T_i ln(1 - i_rms^2 / i_max^2)``, then i_rms for as long as it is asked for. Where the heat cuts the current, the
-    torque falls faster than tau_dot_max. By default nothing is limited.
+    h is the mean square of the current over the thermal time constant T_i. i_lim = min(i_max, i_h), with i_h of at
+    least i_rms the current that makes h = i_rms^2 after the sample. So a cold motor gives i_max for
+    ``-T_i ln(1 - i_rms^2 / i_max^2)``, then i_rms. If heat limits the current, the torque falls faster than
+    tau_dot_max. All limits are off by default.
     """
 
     tau_c = Input("N.m", JOINTS, "torque that is asked for, motor-side")
@@ -39,13 +39,13 @@ class Actuator(Unit):
     tau = Sampled("N.m", JOINTS, "motor torque, motor-side")
 
     def start(self) -> None:
-        """Cold, with the torque that is asked for."""
+        """Cold, with the commanded torque."""
         limit = self._limit(0.0)
         self.tau, self.h = clip(self.tau_c, -limit, limit), np.zeros(self.n)
         self.i = self.tau / self.k_t
 
     def _limit(self, kept: Any) -> Any:
-        """Largest torque (n,) [N.m] where h would be `kept` [A^2] without a current."""
+        """Largest torque (n,) [N.m] if h were `kept` [A^2] without a current."""
         warm = (self.i_rms**2 - kept) / -np.expm1(-self.period / self.T_i)
         return minimum(self.tau_max, self.k_t * minimum(self.i_max, np.sqrt(warm)))
 

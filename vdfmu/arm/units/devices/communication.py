@@ -1,4 +1,4 @@
-"""The unit Communication: commands that arrive late, or not at all."""
+"""The unit Communication: late and lost commands."""
 
 from __future__ import annotations
 
@@ -20,10 +20,9 @@ class Communication(Unit):
         tau[k] = tau_c(t_i),  i the largest with t_i + T_d + T_j u_i <= t_k that is not lost
 
     At each sample the torques of all joints are sent together. u_i is uniform between 0 and 1, and with the probability
-    `loss` they do not arrive at all. The output is the newest that has arrived by a
-    sample, however late: what was sent before it is not taken any more. Until the first arrives it is the torque of the
-    start. T_d + T_j is up to 15 periods; ``age`` is how long ago the output was sent. The random numbers are those of
-    MRG32k3a, the same on every platform, two a sample; two links need two seeds.
+    `loss` a sample is lost. The output is the newest torque that has arrived, or at first the torque of the start;
+    older torques that arrive later are dropped. T_d + T_j is up to 15 periods; ``age`` is the time since the output was
+    sent. The random numbers are MRG32k3a's, the same on every platform, two a sample; two links need two seeds.
     """
 
     tau_c = Input("N.m", JOINTS, "torque that is sent, motor-side")
@@ -41,21 +40,17 @@ class Communication(Unit):
     def requirements(self) -> dict[Any, tuple[str, Any]]:
         """Require a whole seed, and that the delay is remembered."""
         room = (PAST - 1) * self.period - self.T_d - self.T_j
-        return {
-            ("T_d", "T_j", "period"): (
-                f"T_d + T_j up to {PAST - 1} periods; lower them, or raise period",
-                room + 1e-9 * self.period,
-            ),
-            "seed": ("a whole number", whole(self.seed)),
-        }
+        expected = f"T_d + T_j up to {PAST - 1} periods; lower them, or raise period"
+        late = expected, room + 1e-9 * self.period
+        return {("T_d", "T_j", "period"): late, "seed": ("a whole number", whole(self.seed))}
 
     def start(self) -> None:
-        """As if the torque of the start had been sent always, and nothing else were on its way."""
+        """As if only the torque of the start had been sent so far."""
         self.random, self.way, self.age = seeded(self.seed), np.full(PAST, _NEVER), 0.0
         self.sent, self.tau = self.tau_c[:, None] * np.ones(PAST), self.tau_c
 
     def update(self) -> None:
-        """Send, then take the newest of what has arrived."""
+        """Send, then take the newest arrival."""
         (late, luck), self.random = uniform(self.random, 2)
         self.sent = shifted(self.sent, self.tau_c)
         self.way = shifted(self.way, where(luck < self.loss, _NEVER, (self.T_d + self.T_j * late) / self.period))

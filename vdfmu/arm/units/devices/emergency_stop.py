@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vdfmu.arm.units._signals import MEASURED
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, RobotParameters, Sampled, Unit, clip, minimum, where
-from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 
 _STIFF, _DAMPED = 0.05, 0.4
 
@@ -12,16 +12,16 @@ _STIFF, _DAMPED = 0.05, 0.4
 class EmergencyStop(Unit):
     """Emergency stop of all joints: the motors' torque ends, and brakes on the rotors engage, sampled.
 
-    From the first sample on at which ``stop`` is above 0.5, or t_stop is reached, the motors give no torque, and from
-    T_b later on the brakes theirs. Nothing releases them. A brake is Coulomb friction, a bristle that holds the rotor
-    where it is, up to the torque tau_b, and slips beyond it, kappa_b following::
+    From the first sample with ``stop`` above 0.5, or at t_stop, the motors give no torque. T_b later the brakes engage
+    and stay engaged. A brake is Coulomb friction: a bristle holds the rotor in place up to the torque tau_b and slips
+    beyond it, and kappa_b follows::
 
         tau = clip(K (kappa_b - kappa) - D kappa_dot, -tau_b, tau_b)
         K = 0.05 I_m / period^2,  D = 0.4 I_m / period
 
-    So a rotor that slips is slowed down by tau_b, and one that stands stays there: a load tau_l turns it by tau_l / K,
-    and it does not creep. K and D are the stiffest that the sampled brake, also with one more sample of delay, holds
-    without an oscillation of its own. tau_b is above what weight asks of the motors, or the arm falls.
+    So tau_b slows down a slipping rotor. A standing rotor does not creep: a load tau_l turns it by tau_l / K. K and D
+    are the stiffest brake without oscillation, also with one more sample of delay. tau_b must be above the motor
+    torques under the arm's weight, or the arm falls.
     """
 
     tau_c = Input("N.m", JOINTS, "torque that is asked for, motor-side")
@@ -39,12 +39,12 @@ class EmergencyStop(Unit):
     robot = RobotParameters("I_m")
 
     def start(self) -> None:
-        """With the torque of the motors."""
+        """With the commanded torque."""
         self.t_b, self.phase, self.kappa_b, self.tau = NO_LIMIT, 0.0, self.kappa, self.tau_c
 
     def update(self) -> None:
         """Remember the stop, then the torque of the phase."""
-        early = 0.5 * self.period  # of a time that is a sample's: rounding
+        early = 0.5 * self.period  # times are rounded
         asked = where(self.stop > 0.5, 1.0, where(self.t >= self.t_stop - early, 1.0, 0.0))
         self.t_b = minimum(self.t_b, where(asked > 0.5, self.t + self.T_b, NO_LIMIT))
         braked, stopped = self.t >= self.t_b - early, self.t_b < NO_LIMIT

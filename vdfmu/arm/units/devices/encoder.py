@@ -1,4 +1,4 @@
-"""The unit Encoder: positions in steps, some time late."""
+"""The unit Encoder: quantised and delayed positions."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class Encoder(Unit):
         q_m[k]     = r floor(q(t_k - T_d) / r + 1/2)                     r = span / 2^bits
         q_dot_m[k] = a q_dot_m[k-1] + (1 - a) (q_m[k] - q_m[k-1]) / period       a = exp(-period / T_v)
 
-    q is the position of the link, or that of the rotor divided by ell, which an encoder of the motor reads: then span,
-    what the encoder divides, is 2 pi / ell for one turn of the motor. T_d is up to 15 periods; between samples q is
-    taken as linear. The error of the position is up to r / 2, that of the velocity without a filter, T_v = 0, up to
-    r / period. Before the start q was what it is there.
+    q is the position of the link, or of the rotor divided by ell for an encoder of the motor. Then the divided span is
+    2 pi / ell for one turn of the motor. T_d is up to 15 periods; between samples q is taken as linear, and before the
+    start as constant. The error of the position is up to r / 2. Without a filter, T_v = 0, the error of the velocity is
+    up to r / period.
     """
 
     q = Input("position", JOINTS, "position")
@@ -43,7 +43,7 @@ class Encoder(Unit):
         }
 
     def start(self) -> None:
-        """At rest where the joints are."""
+        """At rest at the positions of the joints."""
         self.past = self.q[:, None] * np.ones(PAST)
         self.q_m, self.q_dot_m = self._in_steps(self.q), np.zeros(self.n)
 
@@ -51,7 +51,7 @@ class Encoder(Unit):
         return rounded(q, self.span * 2.0**-self.bits)
 
     def update(self) -> None:
-        """Read the position of the delay ago."""
+        """Read the delayed position."""
         self.past = shifted(self.past, self.q)
         near = maximum(1.0 - abs(self.T_d / self.period - np.arange(PAST)), 0.0)  # 1 or, of the two next to it, shares
         q_m = self._in_steps(np.sum(self.past * near, axis=1))

@@ -16,9 +16,9 @@ class TorqueSensor(Unit):
 
         tau_s_m[k] = r floor((tau_s(t_k) + offset + sigma w_k) / r + 1/2)
 
-    w_k is white, of mean 0 and standard deviation 1, the sum of twelve uniform numbers less 6, and at most 6. All is
-    link-side. The random numbers are those of MRG32k3a, the same on every platform; another seed gives others, and two
-    sensors need two seeds, or their noise is the same.
+    w_k is white, of mean 0 and standard deviation 1: the sum of twelve uniform numbers less 6, at most 6. All is
+    link-side. The random numbers are MRG32k3a's, the same on every platform. Two sensors need two seeds, or their noise
+    is the same.
     """
 
     tau_s = Input(*MEASURED["tau_s"])

@@ -11,7 +11,7 @@ from vdfmu.arm.equations.inverse_dynamics import AT_REST, Base
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, gain, small_motion, torque_limit
-from vdfmu.compiler.scalar.generic import clip
+from vdfmu.compiler.scalar import clip
 from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, RobotParameters, Sampled, Terminal, Unit
 
 TORQUE = ("N.m", JOINTS, "motor torque, motor-side")
@@ -24,7 +24,7 @@ _TERMINALS = (
 
 
 class Law(Unit):
-    """Base of control laws: each adds what it needs, and hands its torque to :meth:`command`."""
+    """Base of control laws: each adds its variables and hands its torque to :meth:`command`."""
 
     q_d = Input(*DESIRED["q_d"])
     kappa_dot = Input(*MEASURED["kappa_dot"])
@@ -38,7 +38,7 @@ class Law(Unit):
         cls.terminals = tuple(Terminal(t.name, t.side, names, t.description) for t, names in members if names)
 
     def command(self, torque: Any) -> None:
-        """Ask the motors for a torque (n,) [N m or N], link-side, as far as tau_max allows."""
+        """Command the motors to a torque (n,) [N m or N], link-side, within tau_max."""
         self.tau = clip(torque / self.robot.ell, -self.tau_max, self.tau_max)
 
     def experiment(self) -> None:
@@ -69,7 +69,7 @@ class GravityLaw(Law):
 
 
 class SampledPD(Law):
-    """Base of sampled PD controllers with feedforward, Eq. (58), that add a torque which they find themselves."""
+    """Base of sampled PD controllers with feedforward, Eq. (58), and an additional torque."""
 
     q = Input(*MEASURED["q"])
     kappa_dot_d = Input("velocity", JOINTS, "desired velocity of the rotor divided by ell")

@@ -1,4 +1,4 @@
-"""The unit DisturbanceObserverPD: feedback, and an estimate of what the feedforward does not know."""
+"""The unit DisturbanceObserverPD: feedback, and an estimate of unknown torques."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from vdfmu.compiler.unit import JOINTS, Parameter, RobotParameters, Sampled, cli
 class DisturbanceObserverPD(SampledPD):
     """PD controller, Eq. (58), with a disturbance observer on the rotors, sampled.
 
-    The rotor's equation (10), (56) less the same along the desired motion, for which the feedforward is tau_m::
+    The rotor's equation (10), (56) less the same along the desired motion, with the feedforward tau_m::
 
-        I_m (kappa_ddot - kappa_ddot_d) = tau - tau_m - d                    d: what the feedforward does not know
+        I_m (kappa_ddot - kappa_ddot_d) = tau - tau_m - d                    d: torque unknown to the feedforward
         tau = tau_m + [K_p (q_d - q) + K_v (kappa_dot_d - kappa_dot)] / ell + d_hat       limited to -tau_max .. tau_max
 
     d [N.m, motor-side] is estimated by the filter Q = 1 / (T_Q s + 1), from the torque after the limit and the change
-    of the velocity e = kappa_dot_d - kappa_dot over a sample. That is exact where tau - tau_m and d are constant::
+    of the velocity e = kappa_dot_d - kappa_dot over a sample. That is exact for constant tau - tau_m and d::
 
         d_hat <- a d_hat + (1 - a) [tau - tau_m + I_m (e - e_before) / period]         a = exp(-period / T_Q)
 

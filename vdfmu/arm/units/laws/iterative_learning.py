@@ -22,21 +22,21 @@ class IterativeLearningPD(SampledPD):
         tau      = tau_m + u + [K_p (q_d - q) + K_v (kappa_dot_d - kappa_dot)] / ell     limited to -tau_max .. tau_max
         u_(k+1)  = Q [u_k + L (tau_k - tau_m - u_k)]                 from the cycle of duration T to the next
 
-    tau - tau_m - u is what the feedback had to give: the error, led by atan(w K_v / K_p) at w. The filter Q has no
-    phase: it keeps the mean and the harmonics of 1 / T, up to `harmonics`, at most 20, from all of the cycle, and takes
-    out the rest. So u is a Fourier series, c_0 + sum of c_h cos(2 pi h t / T) + s_h sin(2 pi h t / T).
+    tau - tau_m - u is the torque of the feedback: the error, led by atan(w K_v / K_p) at w. The zero-phase filter Q
+    keeps the mean and the harmonics of 1 / T, up to `harmonics`, at most 20, from the whole cycle. So u is a Fourier
+    series, c_0 + sum of c_h cos(2 pi h t / T) + s_h sin(2 pi h t / T).
 
-    What u lacks of a periodic torque falls in each cycle by |1 - L T_C| in the harmonic h, T_C(j 2 pi h / T) of the
-    complementary sensitivity of the loop, -feedback / u: it converges where |Q (1 - L T_C)| < 1 for all h. Keep
-    `harmonics` below T times the bandwidth in Hz. tau is the torque after the limit: with L up to 1, u is a mean of
-    what the motors gave in cycles before, filtered, so it does not wind up while they are at their limit.
+    The unlearned part of a periodic torque falls in each cycle by |1 - L T_C| in the harmonic h, with T_C(j 2 pi h / T)
+    of the complementary sensitivity of the loop, -feedback / u. It converges if |Q (1 - L T_C)| < 1 for all h. Keep
+    `harmonics` below T times the bandwidth in Hz. tau is the torque after the limit: with L up to 1, u is a filtered
+    mean of motor torques in earlier cycles, so it does not wind up while they are at their limit.
 
-    Cycles start at t_start, and end after `cycles`: before and after u stays what it is there. The motion ends each
-    cycle where it starts. T has to be given: with T = 0, where it starts, this is feedforward and feedback alone.
+    Cycles start at t_start, and end after `cycles`; before and after u is constant. The motion must be closed in each
+    cycle. With the default T = 0 this is feedforward and feedback alone.
 
     Source: D. Bristow, M. Tharayil, A. Alleyne, "A survey of iterative learning control", IEEE Control Systems Magazine
-    26(3), 2006; that the feedback's torque is the error to learn from: M. Kawato, K. Furukawa, R. Suzuki, "A
-    hierarchical neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987.
+    26(3), 2006. Learning from the feedback's torque: M. Kawato, K. Furukawa, R. Suzuki, "A hierarchical neural-network
+    model for control and learning of voluntary movement", Biological Cybernetics 57, 1987.
     """
 
     T = Parameter("s", text="duration of a cycle; 0: nothing is learned", minimum=0.0)
@@ -64,7 +64,7 @@ class IterativeLearningPD(SampledPD):
         }
 
     def update(self) -> None:
-        """Learn from the cycle before at the start of one, then the torque, and its part in what is seen."""
+        """Learn from the last cycle at the start of a cycle, then the torque, and its part in `seen`."""
         T = where(self.T > 0.0, self.T, 1.0)
         passed = (self.t - self.t_start) / T + 0.5 * self.period / T  # half a sample: times are rounded
         cycle = where(self.T > 0.0, clip(np.floor(passed), 0.0, self.cycles), 0.0)

@@ -1,4 +1,4 @@
-"""The unit JointTorque: feedback of the drives' torques, by which rotors seem lighter, within that of the rotors."""
+"""The unit JointTorque: feedback of the rotors, and of the drives' torques, for rotors that seem lighter."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class JointTorque(PDGravity):
 
     ::
 
-        u   = g + K_p (kappa_d - kappa) + K_v (q_d_dot - kappa_dot)       as PDGravity has it
+        u   = g + K_p (kappa_d - kappa) + K_v (q_d_dot - kappa_dot)       as in PDGravity
         tau = [tau_s + (u - tau_s) / s] / ell                             limited to -tau_max .. tau_max
 
     With s = share, 1 for no torque feedback, rotors move as if they had the inertia s I_m and the friction s xi_m,
@@ -22,12 +22,12 @@ class JointTorque(PDGravity):
 
     At a constant q_d they are passive from -(tau_s - g) to kappa_dot, whatever the links do: with a passive arm and
     surroundings the loop is stable. tau_s is the torque of the whole drive. Sampling bounds s from below: the rotor's
-    gain is K_v / (s ell I_m) times the step, and a torque that is held comes late for the mode of a light link on a
-    stiff spring: a wrist bears an s near 1 alone. With a sample of delay no joint bears one much below it.
+    gain is K_v / (s ell I_m) times the step, and a held torque is late for the mode of a light link on a stiff spring:
+    a wrist needs an s near 1, and with a sample of delay every joint does.
 
     Source: A. Albu-Schaeffer, C. Ott, G. Hirzinger, "A unified passivity-based control framework for position, torque
     and impedance control of flexible joint robots", International Journal of Robotics Research 26(1), 2007; without the
-    derivative of the torque, for springs that have no damping of their own, and with gravity at q_d.
+    derivative of the torque, for undamped springs, and with gravity at q_d.
     """
 
     tau_s = Input(*MEASURED["tau_s"])

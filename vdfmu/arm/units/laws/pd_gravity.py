@@ -15,12 +15,12 @@ class PDGravity(GravityLaw):
     ::
 
         g       = ID(q_d, 0, 0)                          spring torques that hold the arm at q_d
-        kappa_d = q_d + D(g) + theta_err(kappa_d)        where the rotors are then
+        kappa_d = q_d + D(g) + theta_err(kappa_d)        their rotor positions
         tau     = [g + K_p (kappa_d - kappa) + K_v (q_d_dot - kappa_dot)] / ell     limited to -tau_max .. tau_max
 
-    It measures the motors alone. At rest at q_d nothing is left over, since kappa_d has the springs' deflection; the
-    rest is globally stable where K_p and the springs are stiffer than the slope of gravity. Along a motion it knows
-    nothing of accelerations and friction: the error is about what torque these take, divided by K_p.
+    It measures the motors alone. At rest at q_d the error is 0, since kappa_d has the springs' deflection. The rest is
+    globally stable if K_p and the springs are stiffer than the slope of gravity. Along a motion the error is about the
+    torque of accelerations and friction, divided by K_p.
 
     Source: P. Tomei, "A simple PD controller for robots with elastic joints", IEEE Transactions on Automatic Control
     36(10), 1991; here with springs that stiffen, and with the desired velocity in the derivative term.

@@ -1,4 +1,4 @@
-"""The unit VirtualDecompositionControl: the paper's control with parameters that it adapts."""
+"""The unit VirtualDecompositionControl: the paper's control with adapted parameters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from vdfmu.arm.equations.rigid_body import PAIRS, body_parameters
 from vdfmu.arm.equations.spatial import skew
 from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain
 from vdfmu.arm.units.laws._law import TORQUE, Law
-from vdfmu.compiler.scalar.generic import zeros
+from vdfmu.compiler.scalar import zeros
 from vdfmu.compiler.unit import JOINTS, Choice, Input, Parameter, Sampled, clip
 
 
@@ -48,18 +48,8 @@ def body_regressor(V_B: np.ndarray, V_B_r: np.ndarray, V_B_r_dot: np.ndarray, g_
     """Return Y_B with ``Y_B @ phi = M_B V_B_r_dot + C V_B_r + G_B``, phi the parameters :data:`BODY`.
 
     Deviation: C of (61) is not linear in ten parameters; virtual decomposition control takes 13. The C here is, with
-    ``-(I_o omega) x`` in the lower right, ``-m omega x r x`` and its opposite beside it: it is skew-symmetric too, and
-    ``C V_B`` is that of (61).
-
-    Parameters
-    ----------
-    V_B : (6,) [m/s, rad/s] velocity of {B} in {B}
-    V_B_r, V_B_r_dot : (6,) [m/s, rad/s, and per s] required velocity, and its derivative
-    g_B : (3,) [m/s2] see :func:`gravity_force`
-
-    Returns
-    -------
-    Y_B : (6, 10)
+    ``-(I_o omega) x`` in the lower right, ``-m omega x r x`` and its opposite beside it. It is skew-symmetric too, with
+    the same ``C V_B`` as (61). Y_B is (6, 10); `V_B_r` is the required velocity, g_B: see :func:`gravity_force`.
     """
     omega_cross, omega_r_cross = skew(V_B[3:]), skew(V_B_r[3:])
     a = V_B_r_dot[:3] + omega_cross @ V_B_r[:3] + g_B
@@ -78,22 +68,10 @@ def adaptive_torques(
     robot: Any, phi: np.ndarray, K_V: Any, q: np.ndarray, q_dot: np.ndarray, q_dot_r: Any, q_ddot_r: Any,
     base: Base = AT_REST,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return the axis components of the required forces (50)-(53) for estimated bodies, and what drives the estimates.
+    """Return axis components of the required forces (50)-(53) for estimated bodies `phi`, (n, 10), and their drift.
 
     As the feedforward, with ``M V_r_dot + C V_r + G = Y_B phi`` of :func:`body_regressor`, without a wrench of the tool
-    and the rotors' part.
-
-    Parameters
-    ----------
-    phi : (n, 10) estimated parameters of the bodies
-    K_V : (n,) gain of (50), in SI units
-    q, q_dot : (n,) measured
-    q_dot_r, q_ddot_r : (n,) required velocity (12), and its derivative
-
-    Returns
-    -------
-    tau_q : (n,) [N m or N], link-side, of the drives
-    s : (n, 10) ``Y_B.T (V_B_r - V_B)``
+    and the rotors' part: tau_q (n,) [N m or N], link-side, of the drives, and s (n, 10), ``Y_B.T (V_B_r - V_B)``.
     """
     U_AB, V_B, _, _ = link_velocities(robot, q, q_dot, base)
     _, V_B_r, V_B_r_dot, _ = link_motion(robot, q, q_dot_r, q_ddot_r, base, q_dot)
@@ -117,7 +95,7 @@ def natural(phi: Any, s: Any, rate: Any) -> Any:
     """Natural law (Lee, Kwon and Park 2018) for one body: ``P_dot = rate P S P``, P the pseudo-inertia (4, 4).
 
     S is the symmetric matrix with ``tr(P S) = phi @ s``. The step ``(1 + rate P S / 2) P (1 + rate S P / 2)`` is of
-    first order and leaves P positive, so the estimate stays that of a body, whatever the step.
+    first order and leaves P positive, so the estimate stays a physical body for every step.
     """
     P, S = zeros((4, 4), phi), zeros((4, 4), s)
     for k, (i, j) in enumerate(PAIRS, 4):
@@ -151,11 +129,11 @@ class VirtualDecompositionControl(Law):
         phi <- phi + period gamma scale^2 s,  limited to phi_0 +- span scale     adaptation 0: projection (Zhu 2010)
         P   <- P + period gamma P S P                                            adaptation 1: natural (Lee et al. 2018)
 
-    P is the pseudo-inertia of a body: with the natural law the estimate stays that of a body that can exist. Joints
-    have the first law always. The virtual power flows (V_B,r - V_B)' (F_B,r - F_B) of two bodies at the cutting point
-    between them cancel, so what is left of the arm's Lyapunov function falls by K_V, k_q, where joints are stiff. Here
-    they are not: k_vkappa damps the rotors, and Lambda stays below the first mode. While a motor is at its limit,
-    nothing adapts. The rotors' reaction (11) and the winding of springs are left out: they are for adaptation to find.
+    P is the pseudo-inertia of a body: with the natural law the estimate stays a physical body. Joints always have the
+    first law. The virtual power flows (V_B,r - V_B)' (F_B,r - F_B) of two bodies at the cutting point between them
+    cancel, so the arm's Lyapunov function falls by K_V, k_q for stiff joints. On springs k_vkappa must damp the rotors,
+    and Lambda must stay below the first mode. Adaptation pauses while a motor is at its limit. The rotors' reaction
+    (11) and the winding of springs are left to adaptation.
     """
 
     q_d_dot = Input(*DESIRED["q_d_dot"])

@@ -1,1 +1,1 @@
-"""Observers and filters, one file each: units for what a robot measures or its motors are asked for."""
+"""Observers and filters, one file each: units for measurements and commands."""

@@ -12,7 +12,7 @@ from vdfmu.arm.equations.friction import linear_friction
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.equations.mapping import joint_space_mass_matrix
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.scalar import derivative, jets
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, expm
 
 
@@ -57,8 +57,8 @@ class KalmanFilter(Unit):
         x_hat <- A x_hat + B (tau - tau_0) + L (kappa - kappa_hat)         over a period, tau held
 
     `design` returns the parameters for a pose, a period and the sizes of noise. After a step the estimate belongs to
-    the end of the step, so that others read it in time. Coupling of the joints, dry friction and another pose act on
-    the filter as unknown torques.
+    the end of the step, in time for its readers. Coupling of the joints, dry friction and another pose act on the
+    filter as unknown torques.
     """
 
     kappa = Input("position", JOINTS, "measured position of the rotor divided by ell")
@@ -77,32 +77,19 @@ class KalmanFilter(Unit):
 
     @staticmethod
     def design(
-        robot: Any,
-        q: Any = 0.0,
-        *,
-        period: float = 1e-3,
-        sigma_tau: Any = 0.01,
-        sigma_q: Any = 1.0,
+        robot: Any, q: Any = 0.0, *, period: float = 1e-3, sigma_tau: Any = 0.01, sigma_q: Any = 1.0,
         sigma_kappa: Any = 1e-5,
-    ) -> dict[str, Any]:
-        """Return the parameters of the stationary filter at a pose.
+    ) -> dict[str, Any]:  # fmt: skip
+        """Return ``period`` [s], ``design_period``, ``rest``, ``joint`` and ``L`` of the stationary filter at a pose.
 
         Parameters
         ----------
-        robot : Robot
         q : (n,) or float [rad or m]
             Pose of the links.
-        period : float [s]
-            Time between samples.
         sigma_tau, sigma_q : (n,) or float [N m or N]
             Standard deviations of the unknown torques on the rotor, motor-side, and on the link, held over a period.
         sigma_kappa : (n,) or float [rad or m]
             Standard deviation of the encoder's noise.
-
-        Returns
-        -------
-        dict of str to array or float
-            Values of ``period``, ``design_period``, ``rest``, ``joint`` and ``L``.
         """
         from scipy.linalg import solve_discrete_are  # slow to import
 
@@ -114,14 +101,9 @@ class KalmanFilter(Unit):
             A, G = AB[:, :4], AB[:, 4:] * [torque, load]
             P = solve_discrete_are(A.T, C.T, G @ G.T, np.array([[noise**2]]))
             gains.append(A @ P[:, 2] / (P[2, 2] + noise**2))
+        filter_values = {"joint": joints[:, :, :5], "L": np.array(gains)}
         rest = np.stack([pose, *_rest(robot, pose)], axis=1)
-        return {
-            "period": period,
-            "design_period": period,
-            "rest": rest,
-            "joint": joints[:, :, :5],
-            "L": np.array(gains),
-        }
+        return {"period": period, "design_period": period, "rest": rest, **filter_values}
 
     def requirements(self) -> dict[str, tuple[str, Any]]:
         """Require the period of the design."""
@@ -129,7 +111,7 @@ class KalmanFilter(Unit):
         return {"period": ("design_period, for which joint and L are designed", 1e-9 * self.period - away)}
 
     def start(self) -> None:
-        """At rest where the encoder is, the spring as at the pose."""
+        """At rest at the position of the encoder, the spring as at the pose."""
         self.q_hat, self.q_dot_hat = self.kappa - self.rest[:, 1] + self.rest[:, 0], np.zeros(self.n)
         self.kappa_hat, self.kappa_dot_hat = self.kappa, np.zeros(self.n)
 

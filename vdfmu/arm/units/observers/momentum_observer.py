@@ -1,4 +1,4 @@
-"""The unit MomentumObserver: what presses on an arm, without a force sensor."""
+"""The unit MomentumObserver: external wrench without a force sensor."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import jacobian
 from vdfmu.arm.units._signals import MEASURED, WRENCH, six, small_motion
-from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.scalar import derivative, jets
 from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, RobotParameters, Sampled, Terminal, Unit, solve
 
 
 def momentum(robot: Any, q: Any, q_dot: Any, kappa_dot: Any) -> tuple[Any, Any]:
-    """Generalised momentum of the links, and its rate where the accelerations are 0: (n,) each.
+    """Generalised momentum of the links, and its rate at zero accelerations: (n,) each.
 
     The inverse dynamics without gravity, of accelerations that are these velocities, along the motion of q alone.
     """
@@ -30,19 +30,19 @@ def momentum(robot: Any, q: Any, q_dot: Any, kappa_dot: Any) -> tuple[Any, Any]:
 class MomentumObserver(Unit):
     """Momentum observer of the external wrench, from the drives' torques (De Luca and Mattone 2003), sampled.
 
-    The momentum of the links p = M q_dot (with rotor_coupling that of the carried rotors too) follows, from (9)::
+    The momentum of the links p = M q_dot (with rotor_coupling of the carried rotors too) follows, from (9)::
 
         p_dot = tau_s - xi_l + C' q_dot - G - tau_ext             tau_ext = J_q' F_e
         r     = K_o [integral (tau_s - xi_l + C' q_dot - G - r) dt - p + p(0)]
 
     so that r_dot = K_o (tau_ext - r): r is the torque of the wrench F_e of the arm on its surroundings, by joint,
-    behind a lag of 1 / K_o. The sampled form integrates by trapezoids; it is exact where tau_ext is constant::
+    behind a lag of 1 / K_o. The sampled form integrates by trapezoids; it is exact for a constant tau_ext::
 
         r <- a r + (1 - a) [mean of (tau_s - xi_l + C' q_dot - G) - (p - p_before) / period]       a = exp(-K_o period)
 
-    F_e_hat is the least wrench, in SI numbers, that gives r, by damped least squares: it is F_e where the arm can feel
-    all of it, and near no singular position. Friction of the links is that of the model; states of drive options,
-    such as hysteresis, add to r.
+    F_e_hat is the least wrench, in SI numbers, that gives r, by damped least squares: it is F_e for an arm of six
+    joints or more, away from singular positions. Friction of the links is from the model; states of drive options, such
+    as hysteresis, add to r.
     """
 
     q = Input(*MEASURED["q"])
@@ -61,7 +61,7 @@ class MomentumObserver(Unit):
     terminals = (Terminal("joints", "left", ("q", "q_dot", "kappa_dot", "tau_s"), "Motion and torques of the joints"),)
 
     def update(self) -> None:
-        """Rate of the momentum over the last sample, against what is known of it."""
+        """Rate of the momentum over the last sample, against its known part."""
         robot, zero = self.robot, np.zeros(self.n)
         p, change = momentum(robot, self.q, self.q_dot, self.kappa_dot)
         xi_l, _ = joint_friction(robot, self.q_dot, self.kappa_dot, self.tau_s)

@@ -1,4 +1,4 @@
-"""The unit NotchFilter: takes one frequency out of the torque of each joint."""
+"""The unit NotchFilter: removes one frequency from the torque of each joint."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ class NotchFilter(Unit):
         H(s) = (s^2 + 2 zeta_n w s + w^2) / (s^2 + 2 zeta_d w s + w^2)        w = 2 pi f
 
     With Tustin's rule prewarped at f, ``s = w / tan(w period / 2) (z - 1) / (z + 1)``, the gain of the sampled filter
-    at f is zeta_n / zeta_d exactly; at any other frequency f_z it is that of H at
+    at f is zeta_n / zeta_d exactly. At any other frequency f_z it is the gain of H at
     ``w tan(pi f_z period) / tan(pi f period)``. At rest it is 1. The filter starts at rest with u = 0.
 
-    f is the frequency of the first mode, which ``vdfmu modes`` shows. At f_z far below f the filter lags by
-    2 (zeta_d - zeta_n) f_z / f rad, which a loop with a bandwidth near f cannot spare.
+    ``vdfmu modes`` shows the first mode for f. At f_z far below f the filter lags by 2 (zeta_d - zeta_n) f_z / f rad:
+    too much for a loop with a bandwidth near f.
     """
 
     u = Input("N.m", JOINTS, "torque before the filter, motor-side")

@@ -1,8 +1,8 @@
 """Common parts of links and joints: numbers of the table of robots, and the signals at cutting points.
 
-At a cutting point a unit that is nearer to the tip is given velocities and gives forces. The letter A is for the
-cutting point of a joint on the side of the base, B for the one between a joint and its link, C and D for those of a
-link towards the tip. A link has one frame: its signals at {C} and {D} are in the frame {B} of its joint.
+At a cutting point the unit nearer to the tip receives velocities and returns forces. A is the cutting point of a joint
+towards the base, B the cutting point between a joint and its link, C and D are cutting points of a link towards the
+tip. A link has one frame: its signals at {C} and {D} are in the frame {B} of its joint.
 """
 
 from __future__ import annotations
@@ -12,18 +12,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
-from vdfmu.arm.drive.options import OPTIONS, OptionName
+from vdfmu.arm.drive.options import OPTIONS, STATELESS
 from vdfmu.arm.robot.parameters import ENDS, PARAMETERS, Section
 from vdfmu.arm.units._signals import ACCELERATION, MASS, VELOCITY, WRENCH, six
 from vdfmu.arm.world.payload import link_body
 from vdfmu.base.measure import derivative_of, unit_of
-from vdfmu.compiler.scalar.jet import jets
+from vdfmu.compiler.scalar import jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, State, Switch, Unit
 
 D = TypeVar("D", Input, Output, Parameter, State)
 E = TypeVar("E", Input, Output)
-STATELESS: tuple[OptionName, ...] = tuple(name for name, option in OPTIONS.items() if option.state is None)
-"""Options of the drive that every joint has."""
 JOINT: tuple[Section, ...] = ("joint", "drive", "friction", *STATELESS)
 """Sections of the table of robots with the parameters of a joint."""
 TOOL = ("tool_offset", "tool_rotation")
@@ -31,11 +29,11 @@ TOOL = ("tool_offset", "tool_rotation")
 
 
 def numbers(*sections: Section, names: tuple[str, ...] = (), joint_type: str = "revolute") -> dict[str, Parameter]:
-    """Return the parameters of sections of the table of robots, or of those only that are named, of one joint."""
+    """Return the parameters of one joint in sections of the table of robots, or those with `names`."""
     return {
         row.name: Parameter(
             row.unit(joint_type), row.shape, row.description[0].upper() + row.description[1:],
-            start=next((one for one in (row.start, row.default) if one is not None), 0.0),
+            start=next((start for start in (row.start, row.default) if start is not None), 0.0),
             minimum=row.smallest, maximum=row.largest,
         )
         for row in PARAMETERS.values()
@@ -68,7 +66,7 @@ def six_vector(kind: type[D], measure: tuple[tuple[str, ...], int], linear: str,
 
 
 def desired_ports(at: str, kind: type[D], back: type[E]) -> dict[str, D | E]:
-    """Return what passes a cutting point of the feedforward: motions, of a `kind`, and forces, `back`."""
+    """Return the signals at a cutting point of the feedforward: motions, of a `kind`, and forces, `back`."""
     return {
         f"V_{at}_d": kind(*DESIRED_VELOCITY),
         f"g_{at}_d": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, along the desired motion, axis"),
@@ -89,9 +87,9 @@ def desired_forces(at: str, back: type[E]) -> dict[str, E]:
 
 
 def plant_ports(at: str, kind: type[D], back: type[E], hanging: Any = 0.0) -> dict[str, D | E]:
-    """Return what passes a cutting point of a plant: motions, of a `kind`, and `back` apparent mass and bias force.
+    """Return the signals at a cutting point of a plant: motions, of a `kind`, and `back` apparent mass and bias force.
 
-    `hanging` is the apparent mass before anything is connected.
+    `hanging` is the apparent mass without a connection.
     """
     return {
         f"V_{at}": six_vector(kind, VELOCITY, "Velocity", "Angular velocity", at),
@@ -122,7 +120,7 @@ def of_joint(kind: type[D], signal: tuple[str, Any, str], joint_type: str, **res
 
 
 def coupling() -> Switch:
-    """Return whether the rotor turns with what carries it."""
+    """Return the switch of the rotor's coupling to its carrier."""
     return Switch(True, "Whether the rotor turns with what carries it, Eq. (4), (7), (11); else about its axis, (56)")
 
 
@@ -132,10 +130,10 @@ def friction_choice() -> Choice:
 
 
 class Piece(Unit):
-    """A link or a joint. It computes what the equations say of a robot of one joint that has its numbers.
+    """A link or a joint, by the equations for a robot of one joint with its numbers.
 
-    It is for model exchange too, without states as well: a master that integrates components together can take its
-    outputs between two of its inputs.
+    It is for model exchange too, also without states: a master that integrates components together can take its outputs
+    between two of its inputs.
     """
 
     exchange: ClassVar[bool] = True
@@ -147,10 +145,10 @@ class Piece(Unit):
 
     def one(self, **others: Any) -> Any:
         """Return a robot of one joint with the numbers of the unit, and `others`."""
-        known = {name: getattr(self, name) for name in PARAMETERS if name in self.declared}
-        arrays = {name: np.asarray(v)[None if PARAMETERS[name].per_joint else ...] for name, v in known.items()}
+        values = {name: getattr(self, name) for name in PARAMETERS if name in self.declared}
+        arrays = {name: np.asarray(v)[None if PARAMETERS[name].per_joint else ...] for name, v in values.items()}
         flags = dict.fromkeys((*OPTIONS, "payload", "rotor_coupling", *ENDS), False)
-        flags |= dict.fromkeys({PARAMETERS[name].section for name in known}.intersection(STATELESS), True)
+        flags |= dict.fromkeys({PARAMETERS[name].section for name in values}.intersection(STATELESS), True)
         robot = SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **others})
         robot.body = lambda i: link_body(robot, i)
         return robot

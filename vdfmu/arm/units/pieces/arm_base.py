@@ -1,4 +1,4 @@
-"""The unit ArmBase: what the first joint of an arm stands on."""
+"""The unit ArmBase: the base of an arm."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vdfmu.compiler.unit import Input, Output, Terminal
 class ArmBase(Piece):
     """Base at rest in {I}, of an arm that is wired from its links and joints.
 
-    A body that stands on it, or any number of joints, takes its velocity, which is 0, and its gravity vector.
+    A body on it, or any number of joints, takes its velocity of 0 and its gravity vector.
     """
 
     vars().update({name: signal for name, signal in plant_ports("C", Output, Input).items() if name[0] in "Vg"})

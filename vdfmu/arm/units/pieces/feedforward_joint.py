@@ -1,4 +1,4 @@
-"""The unit FeedforwardJoint: what one joint does in the feedforward of its arm."""
+"""The unit FeedforwardJoint: one joint in the feedforward of its arm."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from vdfmu.arm.units.pieces._piece import (
     row_pair,
 )
 from vdfmu.arm.world.attachment import turning_gravity
-from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.scalar import derivative, jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Terminal
 
 
@@ -101,8 +101,8 @@ class FeedforwardJoint(Piece):
         self.kappa_dot_d = drive.kappa_dot[0]
 
         # along the measured motion
-        q, q_dot, kappa_dot = (np.array([one]) for one in (self.q, self.q_dot, self.kappa_dot))
-        gains = FeedbackGains(*(np.array([one]) for one in (self.Lambda, 0.0, self.k_vq, self.k_vkappa)))
+        q, q_dot, kappa_dot = (np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot))
+        gains = FeedbackGains(*(np.array([x]) for x in (self.Lambda, 0.0, self.k_vq, self.k_vkappa)))
         asked = required_motion(gains, desired, drive, q, q_dot)
         R_AB, p_AB = joint_placement(robot, 0, self.q)
         U_AB = force_transform(R_AB, p_AB)

@@ -1,4 +1,4 @@
-"""The unit FeedforwardLink: what one link does in the feedforward of its arm."""
+"""The unit FeedforwardLink: one link in the feedforward of its arm."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from vdfmu.arm.equations.feedforward import required_net_force
 from vdfmu.arm.equations.rigid_body import net_force
 from vdfmu.arm.units.pieces._piece import Piece, desired_forces, desired_ports, numbers, row_pair
 from vdfmu.arm.world.attachment import turning_gravity
-from vdfmu.compiler.scalar.jet import derivative
+from vdfmu.compiler.scalar import derivative
 from vdfmu.compiler.unit import Input, Output, Parameter, Terminal
 
 
 class FeedforwardLink(Piece):
     """A link in the feedforward of its arm, Eq. (50)-(53); see the unit Feedforward.
 
-    Towards the tip it hands on the velocities of its joint, and back the forces that it and what hangs on it ask for::
+    Towards the tip it hands on the velocities of its joint, and back the forces of itself and the bodies beyond::
 
         F_B = M_B V_B_dot + C_B V_B + G_B + F_C + F_D                      desired, with two derivatives, (44)-(47)
         F_B_r = M_B V_B_r_dot + C_B V_B_r + G_B + K_V (V_B_r - V_B) + F_C_r + F_D_r                        (50)-(53)
 
-    Two joints can hang on it; a force that nothing is connected to is 0.
+    Two joints can hang on it; an unconnected force is 0.
     """
 
     vars().update(desired_ports("B", Input, Output) | desired_ports("C", Output, Input) | desired_forces("D", Input))

@@ -1,4 +1,4 @@
-"""The unit FeedforwardPrismaticJoint: what one prismatic joint does in the feedforward of its arm."""
+"""The unit FeedforwardPrismaticJoint: one prismatic joint in the feedforward of its arm."""
 
 from __future__ import annotations
 

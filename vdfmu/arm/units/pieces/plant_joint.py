@@ -53,17 +53,17 @@ class PlantJoint(Piece):
     """A revolute joint with its drive, Eq. (2)-(11), (54)-(56), in an arm that is wired from its links and joints.
 
     Towards the tip it hands on velocity and acceleration, and towards the base the apparent mass and the bias force of
-    what hangs on it: what hangs on a cutting point asks there for the force ``M V_dot + p``. ``c`` is the part of
-    V_B_dot that is quadratic in velocities::
+    the bodies on it: they need the force ``M V_dot + p`` at a cutting point. ``c`` is the part of V_B_dot that is
+    quadratic in velocities::
 
         V_B = z q_dot + U_AB' V_A                                           (29)-(31)
         M_A = U_AB M_a U_AB'       p_A = U_AB [p_B + M_a c + M_B z u / d]   d = z' M_B z, u = tau_s - xi_l - z' p_B
         M_a = M_B - M_B z z' M_B / d
         q_ddot = [u - z' M_B (U_AB' V_A_dot + c)] / d      V_B_dot = U_AB' V_A_dot + c + z q_ddot
 
-    Drive and friction are those of the unit Plant. No output depends on itself through its neighbours: velocities
-    depend on states and velocities, M and p on these, accelerations on M and p. The springs start with the torque that
-    holds what hangs on the joint, rotors that push it included, unless equilibrium is false.
+    Drive and friction are as in the unit Plant. No output depends on itself through its neighbours: velocities depend
+    on states and velocities, M and p on these, accelerations on M and p. The springs start with the torque that holds
+    the bodies on the joint, rotors that push it included, unless equilibrium is false.
     """
 
     tau = Input("N.m", text="Motor torque, motor-side")
@@ -86,7 +86,7 @@ class PlantJoint(Piece):
     experiment_stop = 0.2
 
     def start(self) -> None:
-        """Rest, or what the parameters say."""
+        """Rest, or the start values."""
         self.q, self.q_dot = self.q_0, self.q_dot_0
         if self.equilibrium:
             self.kappa_dot = self.q_dot_0
@@ -106,7 +106,7 @@ class PlantJoint(Piece):
         return robot, *plant_torques(robot, self._state(), np.array([self.tau]))
 
     def _motion(self, robot: Any, tau_l: Any, tau_k: Any) -> dict[str, Any]:
-        """Return what the joint hands on, by name, and its accelerations."""
+        """Return the signals at the cutting points by name, and the joint's accelerations."""
         z, placement = joint_axis(self.joint_type), joint_placement(robot, 0, self.q)
         U_AB = force_transform(*placement)
         V_B = driven_velocity(z, U_AB, self.V_A, self.q_dot)
@@ -136,8 +136,6 @@ class PlantJoint(Piece):
     def derivatives(self) -> None:
         """Link, rotor and spring."""
         robot, *torques = self._drive()
-        state = self._state()
         motion = self._motion(robot, *torques)
         self.der_q, self.der_q_dot, self.der_kappa_dot = self.q_dot, motion["der_q_dot"], motion["der_kappa_dot"]
-        kappa = rotor_position(robot, state.q, state.tau_s)
-        self.der_tau_s = spring_rate(robot, kappa, state.kappa_dot, state.q_dot, state.tau_s)[0]
+        self.der_tau_s = spring_rate(robot, self._state())[0]

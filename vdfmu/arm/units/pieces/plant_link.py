@@ -14,7 +14,7 @@ class PlantLink(Piece):
 
         M_B = M + M_C + M_D        p_B = C_B V_B + G_B + p_C + p_D
 
-    Two joints can hang on it, or one and a tool; M and p that nothing is connected to are 0.
+    Two joints can hang on it, or a joint and a tool; unconnected M and p are 0.
     """
 
     vars().update(plant_ports("B", Input, Output) | plant_ports("C", Output, Input) | apparent("D", Input))

@@ -13,8 +13,8 @@ from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler.fmu.content import CONTENT_FILE, Content
 from vdfmu.compiler.fmu.documentation import documentation_files
 
-# pythonfmu puts a copy of itself into every FMU. A process that loads an FMU first would take that copy for
-# the package; it lacks the binaries that a later build needs. The slaves use the installed one.
+# pythonfmu puts a copy of itself into every FMU, without the binaries for builds. A process that loads such an FMU
+# first would import the copy instead of the installed package.
 _LEFT_OUT = "resources/pythonfmu/"
 
 
@@ -33,7 +33,7 @@ def build_python_fmu(content: Content, path: Path) -> None:
             resource.write_bytes(files[resource.name])
         search_path = list(sys.path)
         try:
-            with InterruptGuard():  # it has a temporary folder of its own
+            with InterruptGuard():  # it makes a temporary folder
                 raw = FmuBuilder.build_FMU(script, dest=folder, project_files=resources)
         finally:
             sys.path[:] = search_path

@@ -1,7 +1,7 @@
-"""The pythonfmu slave that all units share: phases, values, state, errors, on the evaluation of a unit.
+"""The pythonfmu slave of all units: phases, values, state, errors, on the evaluation of a unit.
 
-An exception is the only way in which a Python slave can make a call fail, and its text is all that a user sees: it says
-unit, call, time, what was expected, what came and the way out.
+A Python slave can fail only by an exception, and users see only its text: unit, call, time, expected value, actual
+value and the way out.
 """
 
 from __future__ import annotations
@@ -23,10 +23,8 @@ from vdfmu.base.text import kind_text
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.description import LOG_CATEGORIES, model_description
 from vdfmu.compiler.fmu.python.wrapper import hold, loaded_from, plain, refusal
-from vdfmu.compiler.unit.evaluate import Traced, evaluation
-from vdfmu.compiler.unit.integrator import FIRST_STEP, Integrator
-from vdfmu.compiler.unit.requirements import unmet
-from vdfmu.compiler.unit.solver import ScipySolver
+from vdfmu.compiler.unit.evaluate import Traced, evaluation, unmet
+from vdfmu.compiler.unit.solver import FIRST_STEP, Integrator, ScipySolver
 from vdfmu.compiler.unit.variable import Variable
 
 _WHEN = {
@@ -41,7 +39,7 @@ _SAVED = ("h", "tolerance", "start")
 
 
 def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Make every error of a call say unit, call and time, once; an interrupt from the keyboard too."""
+    """Add unit, call and time to every error of a call, once; to an interrupt from the keyboard too."""
 
     def decorate(method: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(method)
@@ -76,31 +74,25 @@ class UnitSlave(Fmi2Slave):
         if "logger" in kwargs:  # the native wrapper calls, not the builder
             loaded_from(kwargs["resources"], self.unit)
         try:
-            self._load(Path(kwargs["resources"]))
+            self._content = content = Content.read(Path(kwargs["resources"]), self.unit)
+            self._unit = unit = evaluation(content.interface)
+            rodas = content.interface.has_states and isinstance(unit, Traced)
+            self._solver = Integrator(unit) if rodas else ScipySolver(unit)
         except BaseException as error:
             raise refusal(f"{self.instance_name}: instantiate failed: {_words(error)}") from None
-        hold(self)
-
-    def _load(self, resources: Path) -> None:
-        self._content = content = Content.read(resources, self.unit)
-        self.modelName = content.model_name
-        self._interface = interface = content.interface
-        self._unit = unit = evaluation(interface)
-        own = interface.has_states and isinstance(unit, Traced)
-        self._solver = Integrator(unit) if own else ScipySolver(unit)
+        self.modelName, self._interface = content.model_name, content.interface
         self.phase, self.time, self._start_time = "instantiated", 0.0, 0.0
         self._tolerance: float | None = None
-        self._stale = True  # outputs and state are not those of the values set
+        self._stale = True  # values were set since the last calculation of outputs and state
         self._unchecked = True  # parameters were set since the last check
         # importers repeat themselves at every step; a reference to the slave would keep it
-        self._variables = lru_cache(16)(partial(_found, interface.variables))
+        self._variables = lru_cache(16)(partial(_checked, content.interface.variables))
+        hold(self)
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """Model description of the unit, with units, dependencies and InitialUnknowns."""
         content = self._content
-        return model_description(content.interface, content.guid, content.generation_tool, content.made_by or {})
-
-    # ---------------------------------------------------------------- life cycle
+        return model_description(content.interface, content.guid, content.generation_tool, content.made_by)
 
     @_call("setupExperiment")
     def setup_experiment(
@@ -112,12 +104,11 @@ class UnitSlave(Fmi2Slave):
             raise FmuError(f"expected a finite start time, got {start_time} s.")
         if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
             raise FmuError(f"expected a finite positive tolerance, got {tolerance}.")
-        if tolerance is not None and "tolerance" in self._interface.groups:  # the unit has a solver
-            if problem := self._interface.find("tolerance").problem(tolerance):
-                raise FmuError(f"tolerance: {problem}.")
+        solved = tolerance is not None and "tolerance" in self._interface.groups
+        if solved and (problem := self._interface.find("tolerance").problem(tolerance)):
+            raise FmuError(f"tolerance: {problem}.")
         self._start_time = self.time = start_time
-        self._tolerance = tolerance
-        self._stale = True
+        self._tolerance, self._stale = tolerance, True
 
     @_call("enterInitializationMode")
     def enter_initialization_mode(self) -> None:
@@ -128,7 +119,7 @@ class UnitSlave(Fmi2Slave):
 
     @_call("exitInitializationMode")
     def exit_initialization_mode(self) -> None:
-        """End the time in which fixed parameters can be set."""
+        """End the initialization: fixed parameters can no longer be set."""
         self._require("initialization")
         self._refresh()
         self.phase = "step"
@@ -176,17 +167,15 @@ class UnitSlave(Fmi2Slave):
         if self._unchecked and (problems := unmet(self._interface, unit.memory)):
             raise FmuError(" ".join(problems))
         self._unchecked = False
-        if self._interface.has_states:  # the smaller tolerance of the experiment and the unit holds
-            own = float(unit.group("tolerance")[0])
-            solver.tolerance = own if self._tolerance is None else min(own, self._tolerance)
+        if self._interface.has_states:
+            tolerance = float(unit.group("tolerance")[0])
+            solver.tolerance = tolerance if self._tolerance is None else min(tolerance, self._tolerance)
         if isinstance(solver, Integrator):
             solver.h = FIRST_STEP
         solver.start = unit.memory[-1] = self._start_time
         unit.start()
         unit.outputs()
         self._stale = False
-
-    # ---------------------------------------------------------------- values
 
     def values(self, kind: str, vrs: list[int]) -> list[float]:
         """Return the values of variables of a type."""
@@ -202,7 +191,7 @@ class UnitSlave(Fmi2Slave):
         """Set inputs and parameters of a type: all of a call, or none."""
         variables, free = self._variables(kind, *vrs)
         self._require("instantiated", "initialization", "step")
-        # of inputs without limits only the sum is looked at: it is not finite if one of them is not
+        # inputs without limits are checked by their sum: it is not finite if one of them is not
         checked = () if free and math.isfinite(sum(values)) else zip(variables, values, strict=True)
         for variable, value in checked:
             if variable.causality == "output":
@@ -218,8 +207,6 @@ class UnitSlave(Fmi2Slave):
         self._unit.memory[vrs] = values
         self._stale = True
 
-    # ---------------------------------------------------------------- state
-
     @_call("getFMUstate")
     def _get_fmu_state(self) -> dict[str, Any]:
         return {
@@ -233,18 +220,18 @@ class UnitSlave(Fmi2Slave):
 
     @_call("setFMUstate")
     def _set_fmu_state(self, state: Any) -> None:
-        known: dict[str, Any] = state if isinstance(state, dict) else {}
-        guid = known.get("guid")
+        saved: dict[str, Any] = state if isinstance(state, dict) else {}
+        guid = saved.get("guid")
         if guid != self._content.guid:
             raise FmuError(
                 f"expected a state of {self._content.model_name} with GUID {self._content.guid}, got "
                 f"{f'one with GUID {guid}' if guid else 'something else'}."
             )
         try:
-            phase, stale, (time, start_time, tolerance) = str(known["phase"]), bool(known["stale"]), known["times"]
+            phase, stale, (time, start_time, tolerance) = str(saved["phase"]), bool(saved["stale"]), saved["times"]
             _ = _WHEN[phase]
-            memory = np.array(known["memory"], dtype=float).reshape(self._interface.size)
-            solver = {name: float(known["solver"][name]) for name in _SAVED if hasattr(self._solver, name)}
+            memory = np.array(saved["memory"], dtype=float).reshape(self._interface.size)
+            solver = {name: float(saved["solver"][name]) for name in _SAVED if hasattr(self._solver, name)}
         except (LookupError, TypeError, ValueError) as error:
             raise FmuError(f"the state is damaged: {kind_text(error)}.") from None
         for name, value in solver.items():
@@ -289,25 +276,21 @@ for _kind, _cast in {"Real": float, "Integer": int, "Boolean": bool, "String": s
     _accessors(_kind, _cast)
 
 
-def _found(known: Sequence[Variable], kind: str, *vrs: int) -> tuple[list[Variable], bool]:
+def _checked(variables: Sequence[Variable], kind: str, *vrs: int) -> tuple[list[Variable], bool]:
     """Return the variables of value references, of the type, and whether they are inputs without limits."""
     for vr in vrs:
-        if not 0 <= vr < len(known):
-            raise FmuError(f"there is no value reference {vr}; they go from 0 to {len(known) - 1}.")
-        if known[vr].type != kind:
-            raise FmuError(
-                f"expected variables of type {kind}, got {known[vr].name} (value reference {vr}) of type "
-                f"{known[vr].type}."
-            )
-    found = [known[vr] for vr in vrs]
-    return found, all(v.causality == "input" and v.minimum is v.maximum is None for v in found)
+        if not 0 <= vr < len(variables):
+            raise FmuError(f"there is no value reference {vr}; they go from 0 to {len(variables) - 1}.")
+        if (v := variables[vr]).type != kind:
+            raise FmuError(f"expected variables of type {kind}, got {v.name} (value reference {vr}) of type {v.type}.")
+    chosen = [variables[vr] for vr in vrs]
+    return chosen, all(v.causality == "input" and v.minimum is v.maximum is None for v in chosen)
 
 
 @cache
 def slave_class(model_name: str) -> type[UnitSlave]:
-    """Return the class of the slaves of a model.
+    """Return the class of the slaves of a model, the same in a process.
 
-    There is one in a process: the wrapper runs the script of the FMU at each instantiation, and releases the class of a
-    slave more often than it takes it.
+    The wrapper runs the script of the FMU at each instantiation, and releases the class more often than it takes it.
     """
     return type(f"{model_name}Slave", (UnitSlave,), {"unit": model_name})

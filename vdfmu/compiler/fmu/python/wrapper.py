@@ -1,17 +1,17 @@
 """Behaviour that the native wrapper of pythonfmu 0.7 asks of a slave, read in its source (PySlaveInstance.cpp).
 
-- Every exception becomes fmi2Fatal. Its ``repr`` is the message, which importers use as a format of printf.
+- Every exception becomes fmi2Fatal. Its ``repr`` is the message, and importers use it as a format of printf.
 - A message that waits in the queue while an exception is reported makes the wrapper lose the exception.
 - When a call fails, the wrapper releases the slave, its class and its message queue, and again at the next
-  failure, in fmi2Reset and in fmi2FreeInstance. The object that it releases last is gone.
+  failure, in fmi2Reset and in fmi2FreeInstance.
 - fmi2Reset releases the slave before it makes a new one. If that fails, it still uses the old one's queue.
 - At each instantiation it runs the script again and then releases the globals of its module, once too often.
 - At each instantiation it puts the FMU's resources folder in front of ``sys.path`` and leaves it there.
 - A library that is still loaded when the process exits frees its data twice, and the process may abort. The
   first one of a process is always still loaded, others if an importer did not free an instance that failed.
 
-So this module holds further references to all that the wrapper releases, and makes the libraries free their data
-before the exit. Of a slave that is free, as far as that can be known, an empty shell stays.
+So this module holds further references to all objects that the wrapper releases, and makes the libraries free their
+data before the exit. A slave that seems free is emptied and kept.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from vdfmu.base.errors import FmuError
 _logger = logging.getLogger("vdfmu.compiler.fmu")
 
 _SPARE = 8
-"""References held to what an instance uses: as many failures as Python does not see may precede its end."""
+"""References held to the objects of an instance: as many failures that Python does not see may precede its end."""
 _held: list[tuple[Any, ...]] = []
 _for_ever: list[Any] = []
 _libraries: set[str] = set()
@@ -40,17 +40,17 @@ _libraries: set[str] = set()
 
 
 class RefusalError(FmuError):
-    """The error that ends an FMI call. Its ``repr``, which the wrapper shows, is the bare message."""
+    """The error that ends an FMI call. The wrapper shows its ``repr``: the bare message."""
 
     def __repr__(self) -> str:
         return str(self)
 
 
 def refusal(text: str, slave: Any = None) -> RefusalError:
-    """Return the error of a call of a slave that fails. None: it is not known whose, or there is no slave yet.
+    """Return the error of a failed call of a slave; None: an unknown slave, or an instantiation.
 
-    Its text goes to the logger ``vdfmu.compiler.fmu`` too: in many importers the FMI logger is off unless asked for,
-    and then they show nothing but "fatal".
+    Its text goes to the logger ``vdfmu.compiler.fmu`` too: many importers switch the FMI logger off by default, and
+    then show only "fatal".
     """
     if slave is not None:
         slave.log_queue.clear()
@@ -62,14 +62,15 @@ def refusal(text: str, slave: Any = None) -> RefusalError:
 
 
 def plain(text: str) -> str:
-    """Return a text in one line that printf and the conversion to UTF-8 leave as it is."""
+    """Return a text in one line that is safe as a format of printf and in UTF-8."""
     text = " ".join(text.split()).replace("%", " percent").replace("\0", " ")
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def hold(slave: Any) -> None:
-    """Keep a new slave, and empty those that the wrapper has released."""
-    for entry in [entry for entry in _held if _released(entry)]:
+    """Keep a new slave, and empty slaves that the wrapper has released."""
+    # a slave is released if only its entry and the argument of getrefcount refer to it
+    for entry in [entry for entry in _held if sys.getrefcount(entry[0]) <= _SPARE + 1]:
         vars(entry[0]).clear()
         _held.remove(entry)
         _for_ever.append(entry)
@@ -91,7 +92,7 @@ def loaded_from(resources: str, model_name: str) -> None:
 
 
 def _loader_name(path: Path) -> str:
-    """Return the name under which the loader knows a library: it is found by that when its file is gone."""
+    """Return the name of a library in the loader, by which it is found even if its file is gone."""
     library = ctypes.CDLL(str(path), os.RTLD_LAZY | os.RTLD_NOLOAD)
     try:
         # the handle is glibc's and musl's struct link_map: an address, then the name
@@ -104,15 +105,10 @@ def _references(slave: Any, count: int) -> tuple[Any, ...]:
     return (slave,) * count + (slave.log_queue,) * count + (type(slave),) * count
 
 
-def _released(entry: tuple[Any, ...]) -> bool:
-    # nobody has the slave but its entry and the argument of getrefcount
-    return sys.getrefcount(entry[0]) <= _SPARE + 1
-
-
 @atexit.register
 def _free_libraries() -> None:
     if sys.platform != "linux" or threading.get_native_id() != os.getpid():
-        return  # under Windows it is in order; elsewhere it is a library that ends the interpreter
+        return  # Windows needs nothing; in another thread, a library ends the interpreter
     for path in _libraries:
         try:
             library = ctypes.CDLL(path, os.RTLD_LAZY | os.RTLD_NOLOAD)

@@ -1,25 +1,103 @@
-"""An instance of an FMU of FMI 3.0."""
+"""Instances of FMUs of FMI 2.0 and 3.0."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t, c_uint32
+from collections.abc import Sequence
+from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t, c_uint, c_uint32
 from typing import Any
 
 import numpy as np
+from fmpy import fmi2
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
+from vdfmu.base.standards import FMI_2
 from vdfmu.engine.fmu.access import Call, Transfer
-from vdfmu.engine.fmu.instance import Instance, Starts, Steps
+from vdfmu.engine.fmu.description import Description
+from vdfmu.engine.fmu.instance import Instance, Starts
 from vdfmu.engine.fmu.messages import on_message
 from vdfmu.engine.fmu.variables import INTEGERS, FmuVariable
 
+try:
+    from fmpy.logging import addLoggerProxy
+except Exception:  # no proxy library for this platform: messages come without their arguments
+    addLoggerProxy = None
+
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
+"""Values of fmi2StatusKind."""
+_RECEIVER = fmi2.fmi2CallbackLoggerTYPE(lambda token, instance, *message: on_message(token, *message))
+
+
+class Instance2(Instance):
+    """An instance of an FMU of FMI 2.0."""
+
+    kinds = fmi2.FMU2Slave, fmi2.FMU2Model
+    prefix, sized, derivatives_name, update_name = "fmi2", False, "GetDerivatives", "newDiscreteStates"
+    dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
+
+    def _make(self) -> None:
+        default = fmi2.defaultCallbacks
+        memory = default.allocateMemory, default.freeMemory
+        callbacks = fmi2.fmi2CallbackFunctions(_RECEIVER, *memory, default.stepFinished, self.token)
+        # pythonfmu passes its text as the format, without arguments: a percent sign must not be formatted
+        if addLoggerProxy is not None and not self.python:
+            addLoggerProxy(byref(callbacks))
+        # FMPy's container would log every call to its units, in a millisecond a step; it reports errors in any case
+        self.fmu.instantiate(callbacks=callbacks, loggingOn=self.description.identifier != "container_fmu")
+
+    def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
+        """See `Instance.prepare`."""
+        self.tolerance = tolerance
+        self.fmu.setupExperiment(tolerance, start, stop)
+        self.set_all(values)
+
+    def _value_call(self, moved: Transfer) -> Call:
+        count, _ = moved.counts
+        function = moved.around(self.function(moved.verb + moved.native))
+        return function, (self.argument, byref(moved.references), count, moved.pointer), moved.name
+
+    def _simulation_call(self, clock: c_double, size: c_double) -> Call:
+        return self.function("DoStep"), (self.argument, clock, size, c_int.from_param(1)), "doStep"
+
+    def rate_call(self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double) -> Call:
+        """See `Instance.rate_call`."""
+        if self.integrator:
+            return super().rate_call(variables, starts, slopes, clock)
+        references = (c_uint * len(variables))(*(v.reference for v in variables))
+        values = byref(c_double.from_buffer(slopes))  # pyright: ignore[reportArgumentType]
+        return self._first_order("SetRealInputDerivatives", len(variables), references, values)
+
+    def _slope_call(self, moved: Transfer) -> Call:
+        references, name = moved.references, "GetRealOutputDerivatives"
+        function, arguments, call = self._first_order(name, len(references), references, moved.pointer)
+        return moved.around(function), arguments, call
+
+    def _first_order(self, name: str, n: int, references: Any, values: Any) -> Call:
+        """Return the call that gets or sets n first derivatives by time."""
+        arguments = self.argument, references, c_size_t.from_param(n), (c_int * n)(*([1] * n)), values
+        return self.function(name), arguments, name[0].lower() + name[1:]
+
+    def has_ended(self) -> bool:
+        """See `Instance.has_ended`."""
+        before, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
+        try:
+            status = self.function("GetBooleanStatus")(self.argument, c_int(_TERMINATED), byref(ended))
+            if status == 0 and ended.value:
+                self.function("GetRealStatus")(self.argument, c_int(_LAST_SUCCESSFUL_TIME), byref(time))
+                self.box.ended[self.name] = time.value
+                return True
+        except CosimError:  # the library lacks these functions
+            pass
+        del self.box.pending[before:]  # messages of these calls do not explain the discarded step
+        return False
+
+
 _EVENT, _END, _EARLY = range(3)
-"""Answers of doStep."""
+"""Output flags of doStep."""
 _CLOSE = 1e-9
-"""Part of a step that an early return may leave undone by rounding."""
+"""Part of a step that an early return may omit by rounding."""
 _CHANGED = 2
 """Value of fmi3IntervalQualifier."""
 
@@ -28,25 +106,23 @@ class Instance3(Instance):
     """An instance of an FMU of FMI 3.0."""
 
     kinds = FMU3Slave, FMU3Model
-    prefix, sized, derivatives_name = "fmi3", True, "GetContinuousStateDerivatives"
+    prefix, sized = "fmi3", True
+    derivatives_name, update_name = "GetContinuousStateDerivatives", "updateDiscreteStates"
     dtypes = {  # noqa: RUF012
         "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
         **{name: np.dtype(name.lower()) for name in INTEGERS},
     }  # fmt: skip
 
-    event_needed = False
-    """Whether a step has ended at an event."""
     _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0
-    """Begin and end of a step, the last update in it, and the time on the line whose values the inputs have [s]."""
+    """Begin and end of a step, its last update, and the time on the line at which the inputs are held [s]."""
     _piece, _late = math.inf, 0.0
     """Length of the last internal step [s]; `_lag` up to the last update."""
     _opening = _piece, _late
     """Both at the begin of the step."""
     _failed: CosimError | None = None
-    """Failure in an intermediate update."""
+    """Error of an intermediate update."""
 
-    def make(self) -> None:
-        """See `Instance.make`."""
+    def _make(self) -> None:
         token = self.token
 
         def receive(_: int | None, *message: Any) -> None:
@@ -72,17 +148,13 @@ class Instance3(Instance):
         """See `Instance.enter_initialization`."""
         self.fmu.enterInitializationMode(*self._experiment)
 
-    def value_call(self, moved: Transfer) -> Call:
-        """See `Instance.value_call`."""
+    def _value_call(self, moved: Transfer) -> Call:
         count, n = moved.counts
         sizes = [byref(c_char.from_buffer(moved.sizes))] if moved.native == "Binary" else []  # pyright: ignore[reportArgumentType]
         arguments = self.argument, byref(moved.references), count, *sizes, moved.pointer, n
         return moved.around(self.function(moved.verb + moved.native)), arguments, moved.name
 
-    # ------------------------------------------------------------------ steps
-
-    def simulation_call(self, clock: c_double, size: c_double) -> Call:
-        """See `Instance.simulation_call`."""
+    def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         step, last = self.function("DoStep"), c_double()
         flags = (c_bool * 4)()
         any_flag = c_uint32.from_buffer(flags)
@@ -106,8 +178,8 @@ class Instance3(Instance):
         return do_step, (self.argument, clock, size, c_bool.from_param(True)), "doStep"
 
     def _run_line(self, begin: float, end: float) -> None:
-        """Begin a step whose inputs run on lines."""
-        if begin != self._begin:  # a repeated step begins as it did
+        """Begin a step with inputs on lines; a repeated step begins as before."""
+        if begin != self._begin:
             self._begin, self._opening = begin, (self._piece, self._late + self._lag(self._end))
         self._piece, self._late = self._opening
         self._at, self._end, self._failed = begin, end, None
@@ -129,22 +201,21 @@ class Instance3(Instance):
         return (time - self._at) * (0.5 * (self._at + time) - self._held)
 
     def _hold(self, length: float) -> None:
-        """Set the inputs for an internal step of a length that is a guess, so that their integral is the line's.
+        """Set the inputs for an internal step of a guessed length, so that their integral is the line's.
 
-        It also corrects the error that a wrong guess left in the previous integral.
+        The value also corrects the error of the previous guess.
         """
         self._held = self._at + 0.5 * length + self._late / length
         self.line(self._held)
 
-    def slope_call(self, moved: Transfer) -> Call:
-        """See `Instance.slope_call`."""
+    def _slope_call(self, moved: Transfer) -> Call:
         orders = (c_int * len(moved.references))(*([1] * len(moved.references)))
         count, size = moved.counts
         arguments = self.argument, byref(moved.references), count, orders, moved.pointer, size
         return moved.around(self.function("GetOutputDerivatives")), arguments, "getOutputDerivatives"
 
     def _answered(self, flags: Any, last: float, done: bool) -> bool:
-        """Take the answers of a step other than its status; False if more of it than rounding remains to be done."""
+        """Evaluate the output flags of a step; False if more than a rounding error of the step remains."""
         self.event_needed = bool(flags[_EVENT])
         if flags[_END]:
             self.box.ended[self.name] = last
@@ -152,64 +223,37 @@ class Instance3(Instance):
         if done or not flags[_EARLY]:
             return True
         if not self.event_mode:
-            reason = f"it returned early, at t = {last:.9g} s, which it was not allowed to"
-            raise CosimError(self.name, "doStep", self.box.time, reason)
-        if self.event_needed:  # alone: others may have stepped beyond
+            raise self._failure("doStep", f"it returned early, at t = {last:.9g} s, without permission")
+        if self.event_needed:  # alone: other components may be ahead
             self.enter_event()
-            own = [v.reference for v in self.description.variables.values() if v.clock and v.causality == "output"]
-            if any(self.clocks(own)):
-                raise CosimError(
-                    self.name, "getClock", self.box.time,
-                    f"a clock ticks at t = {last:.9g} s, between two communication points, when others cannot be told; "
-                    "choose a step that ends there",
-                )  # fmt: skip
+            if any(self.clocks([v.reference for v in self.description.named("output") if v.clock])):
+                reason = f"a clock ticks at t = {last:.9g} s, between two communication points"
+                raise self._failure("getClock", f"{reason}, unseen by other components. Choose a step that ends there")
             self.update(last)
             self.leave_event()
         return self.name in self.box.ended
-
-    # ------------------------------------------------------------------ events
-
-    def discrete(self, variable: FmuVariable) -> bool:
-        """Whether an input is set in event mode only."""
-        return self.event_mode and (variable.variability == "discrete" or bool(variable.clocks))
-
-    def between_events(self, variable: FmuVariable) -> bool:
-        """See `Instance.between_events`."""
-        if not self.event_mode:
-            return True
-        return not variable.clocks and (variable.causality == "output" or not self.discrete(variable))
-
-    def exit_initialization(self, integrate: Callable[[Instance, float | None], Steps]) -> None:
-        """See `Instance.exit_initialization`."""
-        self.event_needed = False
-        super().exit_initialization(integrate)
-        self.in_event = self.event_mode or self.description.exchange
-
-    def enter_event(self) -> None:
-        """Enter event mode."""
-        self.event_needed = False
-        super().enter_event()
-
-    def discrete_states(self) -> tuple[bool, bool, bool, bool, bool, float]:
-        """See `Instance.discrete_states`."""
-        return self.fmu.updateDiscreteStates()
 
     def sizes(self) -> tuple[int, int]:
         """See `Instance.sizes`."""
         return self.fmu.getNumberOfContinuousStates(), self.fmu.getNumberOfEventIndicators()
 
     def set_clocks(self, references: Sequence[int]) -> None:
-        """Let input clocks tick."""
+        """Activate input clocks."""
         if references:
             self.fmu.setClock(references, [True] * len(references))
 
     def clocks(self, references: Sequence[int]) -> list[bool]:
-        """Return which output clocks tick."""
+        """Return whether each output clock ticks."""
         return self.fmu.getClock(references) if references else []
 
     def intervals(self, references: Sequence[int]) -> list[float | None]:
-        """Return the intervals of clocks [s]; None for unchanged ones."""
+        """Return the intervals of clocks [s]; None if unchanged."""
         n = len(references)
         intervals, qualifiers = (c_double * n)(), (c_int * n)()
         self.call("GetIntervalDecimal", (c_uint32 * n)(*references), c_size_t(n), intervals, qualifiers)
         return [x if q == _CHANGED else None for x, q in zip(intervals, qualifiers, strict=True)]
+
+
+def class_of(description: Description) -> type[Instance]:
+    """Return the class of instances of an FMU, by its version of FMI."""
+    return Instance2 if description.version == FMI_2 else Instance3

@@ -1,0 +1,247 @@
+"""Tasks of an agent: actions, observations, and the reward for tracking."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.base.option import check_type
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.values import override
+
+LIMITS = {"rad": 2.0 * math.pi, "rad/s": 50.0, "m": 5.0, "m/s": 10.0, "N.m": 1e3, "N": 1e4, "1": 1e6}
+"""Largest absolute value of an observation by its unit of measurement, if none is given."""
+SEEN = ("plant.q", "plant.q_dot", "plant.kappa_dot", "plant.tau_s", "trajectory.q_d", "trajectory.q_d_dot")
+
+
+Named = Callable[[str, str], tuple[list[str], list[str]]]
+"""Names and units of measurement of the elements of ``component.group`` with a causality."""
+
+
+class Task:
+    """Actions and observations of an agent, their bounds, and the reward.
+
+    For `actions`, `observations`, `reward`, `lost`, `ended`, `hold` and `vary` see
+    :class:`vdfmu.study.environment.environments.Environment`; `length` is the number of actions in an episode, `seeds`
+    are parameters that get a whole number below 2^31 at each reset.
+
+    Attributes
+    ----------
+    inputs, action_units : list of str
+        Elements of an action, and their units of measurement.
+    signals, units : list of str
+        Elements of an observation, and their units of measurement.
+    """
+
+    def __init__(
+        self, named: Named, actions: Mapping[str, Any], observations: Mapping[str, Any],
+        reward: Callable[[dict[str, Floats], dict[str, Floats]], Any], *, length: int, hold: int, lost: float = 0.0,
+        ended: Callable[[dict[str, Floats]], Any] | None = None, vary: Mapping[str, tuple[float, float]] | None = None,
+        seeds: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        self.length, self.hold, self.vary, self.seeds = length, hold, dict(vary or {}), list(seeds)
+        self._reward, self._lost, self._ended = reward, lost, ended
+        self.inputs, self.action_units, self.least, self.limit, self.actions = _groups(named, actions, "input")
+        self.signals, self.units, self.low, self.high, self.seen = _groups(named, observations, "output")
+        for name, bounds in self.vary.items():
+            if np.shape(bounds) != (2,) or not (np.isfinite(bounds).all() and bounds[0] <= bounds[1]):
+                raise UsageError(f"vary: {name}: expected two finite numbers, the lower first, got {bounds}.")
+
+    def drawn(self, generator: np.random.Generator) -> dict[str, float]:
+        """Return values for `vary` and `seeds`."""
+        varied = {name: float(generator.uniform(*bounds)) for name, bounds in self.vary.items()}
+        return varied | {name: int(generator.integers(2**31)) for name in self.seeds}
+
+    def limited(self, action: Any, systems: tuple[int, ...] = ()) -> Floats:
+        """Return an action (.., inputs) within its limits; UsageError if it is not finite."""
+        shape = (*systems, len(self.inputs))
+        if np.shape(action) != shape or not np.isfinite(action).all():
+            got = np.array2string(np.asarray(action), threshold=9)
+            raise UsageError(f"action: expected finite numbers of shape {shape}, got {got}.")
+        return np.clip(action, self.least, self.limit)
+
+    def outcome(self, numbers: Floats, action: Floats, done: Any, good: Any) -> tuple[Floats, Floats, Any]:
+        """Return observations, rewards, and whether episodes end before their time.
+
+        Parameters
+        ----------
+        numbers : (.., signals), at the end of the step
+        action : (.., inputs), within their limits
+        done : (..) actions of the episodes so far, this one among them
+        good : (..) whether the steps were solved
+        """
+        inside = ((numbers >= self.low) & (numbers <= self.high)).all(axis=-1)
+        seen = {name: numbers[..., where] for name, where in self.seen.items()}
+        ended = ~(np.asarray(good) & inside)
+        if self._ended is not None:
+            ended |= np.asarray(self._ended(seen), bool)
+        with np.errstate(over="ignore", invalid="ignore"):
+            reward = self._reward(seen, {name: action[..., where] for name, where in self.actions.items()})
+        return self.clipped(numbers), np.where(ended, self._lost * (self.length - done + 1), reward), ended
+
+    def clipped(self, numbers: Floats) -> Floats:
+        """Return observations within their bounds."""
+        return np.clip(np.nan_to_num(numbers), self.low, self.high)
+
+
+class TrackingTask(Task):
+    """An agent's torques in the place of a scenario's controller, and the cost of tracking.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        Its parts that reach neither the action nor an observation, such as the controller, are left out.
+    action : str
+        Group of inputs that the agent sets, ``component.group``; its connection is cut.
+    seen : sequence of str
+        Groups of outputs that the agent observes.
+    track : (str, str)
+        Desired and actual position, both of them observed.
+    limit : float or (n,) [unit of the action]
+        Largest absolute value of the action.
+    limits : mapping of str to float
+        Group to the largest absolute value of an observation, instead of `LIMITS`.
+    hold : int
+        Communication steps for which an action holds.
+    error : float [rad or m]
+        Error of a joint that costs a half.
+    effort : float
+        Cost of all actions at their limits.
+    vary : mapping of str to (low, high)
+        See :class:`Task`. Each parameter ``seed`` of a component that is not among them is drawn too.
+
+    Raises
+    ------
+    UsageError
+        For unknown signals and parameters, impossible numbers, or an episode that is not a whole number of actions.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario | str = "planar_tracking",
+        *,
+        action: str = "plant.tau",
+        seen: Sequence[str] = SEEN,
+        track: tuple[str, str] = ("trajectory.q_d", "plant.q"),
+        limit: float | Sequence[float] = 1.0,
+        limits: Mapping[str, float] | None = None,
+        hold: int = 4,
+        error: float = 0.1,
+        effort: float = 0.01,
+        vary: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        for name, kind, value in (("seen", "Sequence[str]", seen), ("vary", "Mapping[str, Any] | None", vary),
+                                  ("limits", "Mapping[str, Any] | None", limits)):  # fmt: skip
+            check_type(name, kind, value)
+        loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        _check_number("error", error, 0.0)
+        _check_number("effort", effort, 0.0, among=True)
+        self.scenario = opened(loaded, [action], seen)
+        tables = self.scenario.resolved.tables
+        if missing := {*track, *(limits or {})} - {*seen}:
+            raise UsageError(f"{', '.join(sorted(missing))}: expected one of what is seen: {', '.join(seen)}.")
+        parameters = [f"{name}.{v.name}" for name, table in tables.items() for v in table if v.causality == "parameter"]
+
+        def reward(seen: dict[str, Floats], actions: dict[str, Floats]) -> Floats:
+            e = (seen[track[0]] - seen[track[1]]) / error
+            return -np.mean(e * e / (1.0 + e * e), axis=-1) - effort * np.mean(
+                (actions[action] / self.limit) ** 2, axis=-1
+            )
+
+        super().__init__(
+            named_in(tables), {action: limit}, {name: (limits or {}).get(name) for name in seen}, reward,
+            length=episode(loaded.stop, loaded.step, hold), hold=hold, lost=-(1.0 + effort), vary=vary,
+            seeds=[name for name in parameters if name.endswith(".seed") and name not in (vary or {})],
+        )  # fmt: skip
+        for name, bounds in self.vary.items():
+            for value in bounds:
+                override(self.scenario, {name: float(value)})
+            if name not in parameters:
+                raise UsageError(f"vary: {name}: expected one parameter of a component, such as {parameters[0]}.")
+
+
+def episode(stop: float, step: float, hold: int) -> int:
+    """Return the number of actions of an episode; UsageError unless it is whole."""
+    length = round(stop / (step * hold)) if hold >= 1 and hold % 1 == 0 else 0
+    if length < 1 or not math.isclose(length * hold * step, stop, rel_tol=1e-9):
+        raise UsageError(f"hold: expected steps of which {stop:g} s is a whole multiple, got {hold}.")
+    return length
+
+
+def named_in(tables: Mapping[str, Iterable[Any]]) -> Named:
+    """Return the names of the variables of components, whose names may have an index."""
+
+    def named(group: str, causality: str) -> tuple[list[str], list[str]]:
+        component, _, wanted = group.partition(".")
+        variables = [
+            v for v in tables.get(component, ())
+            if wanted in (v.name, v.name.partition("[")[0]) and v.causality == causality
+        ]  # fmt: skip
+        if not variables:
+            raise UsageError(f"{group!r}: expected a group of {causality}s of one of {', '.join(tables)}.")
+        return [f"{component}.{v.name}" for v in variables], [getattr(v.unit, "name", v.unit) or "1" for v in variables]
+
+    return named
+
+
+def _groups(
+    named: Named, groups: Mapping[str, Any], causality: str
+) -> tuple[list[str], list[str], Floats, Floats, Any]:
+    """Return names, units and bounds of the elements of groups, and the place of each group."""
+    names, units, ends, places = list[str](), list[str](), list[Any](), dict[str, slice]()
+    for name, bounds in groups.items():
+        found, measures = named(name, causality)
+        what = "limit" if causality == "input" else f"limits: {name}"
+        if bounds is None:
+            bounds = [LIMITS.get(unit, LIMITS["1"]) for unit in measures]
+        pair = bounds if isinstance(bounds, tuple) and len(bounds) == 2 else (-np.asarray(bounds, float), bounds)
+        for each in () if pair is bounds else np.ravel(bounds):
+            _check_number(what, each, 0.0)
+        if any(np.ndim(end) and np.shape(end) != (len(found),) for end in pair):
+            raise UsageError(f"{what}: expected one number, or {len(found)} for {name}, got {bounds}.")
+        both = np.array([np.broadcast_to(np.asarray(end, np.float64), (len(found),)) for end in pair])
+        if not (np.isfinite(both).all() and (both[0] < both[1]).all()):
+            raise UsageError(f"{what}: expected finite bounds, the lower first, got {bounds}.")
+        places[name] = slice(len(names), len(names) + len(found))
+        names, units, ends = [*names, *found], [*units, *measures], [*ends, both]
+    return names, units, *np.concatenate(ends, axis=1), places
+
+
+def _check_number(name: str, value: Any, least: float, among: bool = False) -> None:
+    """Check that a number is finite and above `least`, or `among` what is allowed also that."""
+    number = value if np.ndim(value) == 0 and isinstance(value, (int, float, np.number)) else math.nan
+    if not (math.isfinite(number) and (number > least or (among and number == least))):
+        raise UsageError(
+            f"{name}: expected a finite number {'of at least' if among else 'above'} {least:g}, got {value}."
+        )
+
+
+def opened(scenario: Scenario, actions: Sequence[str], seen: Sequence[str]) -> Scenario:
+    """Return a scenario with inputs that nothing feeds, without components that reach neither these nor `seen`."""
+    system = scenario.system
+    links = {key: [end for end in ends if end not in actions] for key, ends in system.connections.items()}
+    kept: set[str] = set()
+    new = {signal.partition(".")[0] for signal in (*actions, *seen)}
+    while new:
+        kept |= new
+        new = {k.partition(".")[0] for k, ends in links.items() if any(e.partition(".")[0] in new for e in ends)} - kept
+    if unknown := kept - system.parts.keys():
+        raise UsageError(f"{', '.join(sorted(unknown))}: expected components of {', '.join(system.parts)}.")
+    inner = {key: [end for end in ends if end.partition(".")[0] in kept] for key, ends in links.items()}
+    return dataclasses.replace(
+        scenario,
+        system=dataclasses.replace(
+            system,
+            parts={name: part for name, part in system.parts.items() if name in kept},
+            connections={key: ends for key, ends in inner.items() if ends and key.partition(".")[0] in kept},
+            shared={name: each for name, each in system.shared.items() if each.keys() <= kept},
+        ),
+        sections={name: section for name, section in scenario.sections.items() if name in kept},
+        paper={},
+    )
