@@ -1,4 +1,4 @@
-"""Notes on a finished run: sizes of what an exact inverse leaves out, and of the phase that vibrations lose."""
+"""Notes on a finished run: the torque that an exact inverse leaves out, and the phase that vibrations lose."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from vdfmu.system.reference.reference import BLOCK
 from vdfmu.system.scenario.values import robot_with
 
 _SHOWN = 1e-4
-"""Share of the largest torque from which a note says what the inverse leaves out."""
+"""Smallest share of the largest torque for a note on the inverse."""
 _LOST = 1e-3
-"""Share of the largest spring torque from which a note says that it depends on the tolerance."""
+"""Smallest share of the largest spring torque for a note on the tolerance."""
 
 
 def accuracy_notes(results: Results, system: SystemDescription) -> Iterator[str]:
-    """Yield notes on where a run is less exact than the pages of its units say."""
+    """Yield notes on the times at which a run is less exact than the pages of its units say."""
     scenario = system.scenario
     for name, unit in system.resolved.units.items():
         values, part = system.values.get(name, {}), scenario.system.parts[name]

@@ -23,7 +23,7 @@ class PowerBond(Tap):
     torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
     exact coupling the two are the same. Each step begins with inputs that are the outputs they read, so the difference
     grows from zero over it, and half the final difference times the step is the energy that the coupling adds to the
-    plant or takes from it (trapezoidal rule). Under error control, which steps between the rows, an estimate.
+    plant or takes from it (trapezoidal rule). Error control steps between the rows; then this is an estimate.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -34,7 +34,7 @@ class PowerBond(Tap):
         self._block = np.zeros((BLOCK, len(self._names)))
 
     def rows(self, grid: Grid) -> Container[int]:
-        """Begin a run; its first row tells whether it has the signals."""
+        """Begin a run. Its first row shows whether it has the signals."""
         self._places, self._count, self._times[0] = None, 0, grid.begin
         self._energies[:] = 0.0
         return range(grid.n + 1)
