@@ -38,25 +38,18 @@ PackageArgument = Annotated[Path, Positional("System package, SSP 1.0 or 2.0, of
 
 
 def run(
-    scenario: ScenarioArgument = "tracking",
-    *,
-    study: Annotated[
-        Path | None, Option("A study: sweep.parquet or its folder.", group=_POINT, flag="--from", metavar="SWEEP")
-    ] = None,
-    row: Annotated[
-        str | None, Option("worst, best or a number (default worst).", group=_POINT, metavar="POINT")
-    ] = None,
-    by: Annotated[
-        str | None, Option("Measure of worst and best (default the first).", group=_POINT, metavar="NAME")
-    ] = None,
-    trust: Annotated[
-        bool, Option("Run files that a study of others names.", group=_POINT, more="They have your rights.")
-    ] = False,
-    live: LiveOption = False,
-    port: PortOption = None,
-    opened: OpenOption = False,
+    scenario: ScenarioArgument = "tracking", *,
+    study: Annotated[Path | None, Option(
+        "A study: sweep.parquet or its folder.", group=_POINT, flag="--from", metavar="SWEEP")] = None,
+    row: Annotated[str | None, Option(
+        "worst, best or a number (default worst).", group=_POINT, metavar="POINT")] = None,
+    by: Annotated[str | None, Option(
+        "Measure of worst and best (default the first).", group=_POINT, metavar="NAME")] = None,
+    trust: Annotated[bool, Option(
+        "Run files that a study of others names.", group=_POINT, more="They have your rights.")] = False,
+    live: LiveOption = False, port: PortOption = None, opened: OpenOption = False,
     **options: Unpack[ScenarioRunOptions],
-) -> None:
+) -> None:  # fmt: skip
     """Run a scenario and judge the run.
 
     Builds stale FMUs, co-simulates, solves the references, compares, writes a page.
@@ -137,14 +130,10 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
 
 
 def simulate(
-    package: PackageArgument,
-    *,
-    unpack_limit: UnpackOption = None,
-    live: LiveOption = False,
-    port: PortOption = None,
+    package: PackageArgument, *, unpack_limit: UnpackOption = None, live: LiveOption = False, port: PortOption = None,
     robot: Annotated[str | None, option_of(RobotOptions, "robot", "Arm that --live shows.")] = None,
     **options: Unpack[SystemOptions],
-) -> None:
+) -> None:  # fmt: skip
     """Run a system package and write its signals.
 
     Start, stop, step and master default to the package's experiment and annotations.
@@ -158,30 +147,18 @@ def simulate(
 
 def federate(
     package: PackageArgument,
-    split: Annotated[
-        list[str],
-        Option(
-            "Components of a federate. Repeatable.",
-            group="Federates",
-            metavar="COMPONENT,...",
-            more="The first gives the federate its name. Components that are not named form one more federate.",
-        ),
-    ],
-    *,
-    only: Annotated[
-        str | None,
-        Option("Run this federate only; needs --broker.", group="Federates", flag="--federate", metavar="NAME"),
-    ] = None,
-    broker: Annotated[
-        str | None, Option("Broker of all federates (default a local one).", group="Federates", metavar="HOST:PORT")
-    ] = None,
-    core: Annotated[
-        str,
-        Option("HELICS core; ipc is for one machine only.", group="Federates", choices=("tcp_ss", "tcp", "zmq", "ipc")),
-    ] = "tcp_ss",
-    unpack_limit: UnpackOption = None,
-    **options: Unpack[PackageOptions],
-) -> None:
+    split: Annotated[list[str], Option(
+        "Components of a federate. Repeatable.", group="Federates", metavar="COMPONENT,...",
+        more="The first gives the federate its name. Components that are not named form one more federate.")], *,
+    only: Annotated[str | None, Option(
+        "Run this federate only; needs --broker.", group="Federates", flag="--federate", metavar="NAME")] = None,
+    broker: Annotated[str | None, Option(
+        "Broker of all federates (default a local one).", group="Federates", metavar="HOST:PORT")] = None,
+    core: Annotated[str, Option(
+        "HELICS core; ipc is for one machine only.", group="Federates",
+        choices=("tcp_ss", "tcp", "zmq", "ipc"))] = "tcp_ss",
+    unpack_limit: UnpackOption = None, **options: Unpack[PackageOptions],
+) -> None:  # fmt: skip
     """Run a system package in several processes joined by HELICS.
 
     Each process steps its components with the others' values at the start of the step, as --master jacobi does in one
@@ -197,25 +174,15 @@ def federate(
 
 
 def report(
-    folders: Annotated[
-        list[Path] | None,
-        Positional(
-            "Folders of runs (default the newest in results).",
-            metavar="[DIR]...",
-            more="Several runs are compared on one page. A folder of runs gets index.html, links with verdicts.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        Option(
-            "Page, or FILE.tex for LaTeX (default report.html).",
-            more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.",
-        ),
-    ] = None,
+    folders: Annotated[list[Path] | None, Positional(
+        "Folders of runs (default the newest in results).", metavar="[DIR]...",
+        more="Several runs are compared on one page. A folder of runs gets index.html, links with verdicts.")] = None,
+    out: Annotated[Path | None, Option(
+        "Page, or FILE.tex for LaTeX (default report.html).",
+        more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.")] = None,
     simulate: Annotated[bool, Option("Let the page run them again, with sliders.")] = True,
-    opened: OpenOption = False,
-    overwrite: ForeignOption = False,
-) -> None:
+    opened: OpenOption = False, overwrite: ForeignOption = False,
+) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""
     from vdfmu.study.report.page import write_report
     from vdfmu.study.report.sheets import LATEX, sheets, write_tables

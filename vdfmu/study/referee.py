@@ -115,7 +115,7 @@ def estimate(runs: Sequence[Floats], order: int, groups: Sequence[str] = ()) -> 
 
 
 def verdict_of(error: Floats, q: Floats, order: int, wanted: float) -> str:
-    """Return the verdict by the signal with the largest error; q is that of the largest differences, as in `BANDS`."""
+    """Return the verdict by the signal with the largest error, and by q of the largest differences, as in `BANDS`."""
     d1 = error * (1.0 - 0.5**order)
     worst, low, high = float(error.max()), *BANDS[order]
     largest = float(d1.max())

@@ -27,20 +27,9 @@ from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import line_of, state_of
 from vdfmu.engine.run import Interrupted
+from vdfmu.study.report import scripts
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.parts import checks, comparison, facts_table, marks, page_title, tables, tiles
-from vdfmu.study.report.scripts import (
-    MODULES,
-    STUDY,
-    STUDY_ALONE,
-    WORKER,
-    data_element,
-    libraries,
-    look,
-    run_head,
-    script,
-    scripts_of,
-)
 from vdfmu.study.report.shown_run import NAME, ShownRun, read_run
 from vdfmu.study.report.simulation import simulation_of
 from vdfmu.study.run.scene import wired_arm
@@ -59,8 +48,8 @@ class StudyPart(NamedTuple):
 
 def study_page(study: StudyPart) -> bytes:
     """Return the page of a study that simulates nothing."""
-    body = "\n".join([study.body, data_element({"runs": [], "study": study.content})])
-    return page(study.title, study.about, body, 84, look(), scripts=scripts_of(STUDY_ALONE))
+    body = "\n".join([study.body, scripts.data_element({"runs": [], "study": study.content})])
+    return page(study.title, study.about, body, 84, scripts.look(), scripts=scripts.scripts_of(scripts.STUDY_ALONE))
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
@@ -132,9 +121,9 @@ def report_page(
             *tables(names, runs),
             *facts_table(names, runs),
             "<noscript><p>Figures and the arm need scripts. Allow scripts in this browser.</p></noscript>",
-            data_element(data),
-            *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
-            libraries(),
+            scripts.data_element(data),
+            *([f'<script type="text/plain" id="worker">{scripts.script(scripts.WORKER)}</script>'] if binaries else []),
+            scripts.libraries(),
         ]
     )
     lines = [
@@ -143,12 +132,15 @@ def report_page(
         if (line := line_of(summary))
     ]
     about = _about(summaries)
-    head = run_head("; ".join(line for line, _ in lines) or about, arm_alone)
+    head = scripts.run_head("; ".join(line for line, _ in lines) or about, arm_alone)
     if study:
-        return page(study.title, study.about, body, 84, head, scripts=scripts_of((*MODULES, *STUDY)))
+        made = scripts.scripts_of((*scripts.MODULES, *scripts.STUDY))
+        return page(study.title, study.about, body, 84, head, scripts=made)
     lead = "".join(f'<p class="verdict {state}">{escape(line)}</p>\n' for line, state in lines)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
-    return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts_of(MODULES))
+    return page(
+        ", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts.scripts_of(scripts.MODULES)
+    )
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:

@@ -127,7 +127,7 @@ def tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
 
 
 def comparison(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
-    """Yield the settings and errors in which runs differ; the page adds largest values and figures."""
+    """Yield different settings and errors of runs; the page adds largest values and figures."""
     summaries = [run.summary for run in runs]
     settings = difference_sheet(names, summaries, [run.package for run in runs])
     yield f'<section class="card differs"><h2>{settings.title}</h2>{_sheet(settings, settings.title)}</section>'

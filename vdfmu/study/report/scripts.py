@@ -28,20 +28,20 @@ MODULES = (
     "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
     "knob.js", "budget.js", "simulation.js", "comparison.js", "share.js", "server.js", "live.js", "main.js",
 )  # fmt: skip
-"""In an order in which each comes after the modules that it imports."""
+"""Each comes after the modules that it imports."""
 STUDY = ("lab_plots.js", "lab.js", "lab_main.js")
 """Further modules of the page of a study."""
 STUDY_ALONE = ("data.js", "numbers.js", *STUDY)
 """Modules of the page of a study that simulates nothing."""
 WORDS = ("server.js", "words.js")
-"""Modules of the page of a view that has words alone."""
+"""Modules of the page of a text."""
 ROBOT = (
     "packed.js", "vendor.js", "data.js", "numbers.js", "arm.js", "world.js", "puppet.js", "scene.js", "server.js",
     "live.js", "robot.js",
 )  # fmt: skip
 """Modules of the page of a robot."""
 WORKER = ("packed.js", "master.js")
-"""Modules of the worker that simulates, which the page holds as text."""
+"""Modules of the worker that simulates; the page holds them as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
 _ICON = (

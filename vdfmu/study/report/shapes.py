@@ -105,7 +105,7 @@ class Chain:
     def mount(self, travel: Floats) -> Floats:
         """Return the side of {I} on which the base is fixed, whose joints are at most at +-`travel`: unit vector, (3,).
 
-        Behind the first joint, where it is away from {I}; else below it, above it or beside it: the first of these to
+        Behind the first joint, if it is away from {I}; else below it, above it or beside it: the first of these to
         which the first link never points.
         """
         if np.linalg.norm(self.offset[0]) > 1e-9:
@@ -201,7 +201,7 @@ def centres(robot: Robot) -> list[tuple[int, Floats]]:
 def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]], list[str]]:
     """Meshes of a robot, as parts of its drawing for the page, and notes on files in `folder` that cannot be shown.
 
-    There are none unless all can be shown: half an arm would look like all of it.
+    A missing mesh hides all: half an arm would look like all of it.
     """
     meshes = [visual for visual in robot.visuals if visual.shape == "mesh"] if folder else []
     parts: list[dict[str, Any]] = []
@@ -209,7 +209,7 @@ def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]],
     try:
         trimesh: Any = import_module("trimesh") if meshes else None
     except ImportError as error:
-        install = "Install what reads them: 'pip install vdfmu[view]'"
+        install = "Install a reader: 'pip install vdfmu[view]'"
         return [], [f"{len(meshes)} meshes cannot be shown: {error}. {install}"]
     for visual in meshes:
         try:

@@ -33,7 +33,7 @@ class ShownRun(NamedTuple):
     results: Results
     summary: Mapping[str, Any]
     package: Path
-    """Its ``system.ssp``; the page has no diagram if it is missing."""
+    """Its ``system.ssp``; a diagram needs it."""
     poses: Poses | None = None
     """Its loops, if this process made it."""
 
@@ -59,7 +59,7 @@ def run_folder(folder: Path) -> Path:
 
 
 def read_run(folder: Path) -> ShownRun:
-    """Return the run in a folder, see `run_folder`; UsageError if the folder has no results."""
+    """Return the run in a folder, see `run_folder`; UsageError without results."""
     folder = run_folder(folder)
     tables = [folder / name for name in result_files(folder)]
     results_file = next((file for file in reversed(tables) if file.exists()), tables[0])

@@ -42,8 +42,8 @@ _PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)
 _HALVINGS = 4
 """Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
 _ROWS, _SPREAD, _WORST = 6, 5, 2
-"""Rows of the run at which sliders are tried: at most, first those where a loop has its least margin, then some evenly
-spread ones; and how many of them for a joint or the arm."""
+"""Rows of the run at which sliders are tried: at most, first the rows of the loops' least margins, then some evenly
+spread ones; and their number for a joint or the arm."""
 _JOINTS = 8
 """Most joints that have a track each."""
 _ROUNDING = 1e-9
@@ -74,7 +74,7 @@ def tracks(
     dry: bool = True,
     poses: Poses | None = None,
 ) -> list[list[Track | None]]:
-    """Return the tracks of each slider: of all joints, then of each joint; [None] if it has no tracks.
+    """Return the tracks of each slider: of all joints, then of each joint; [None] without tracks.
 
     A track has ``places``, the least modulus margin at each, ``modulus``, and in ``limits`` the lowest and the highest
     place with stable loops, or None; ``still`` if arms are taken without dry friction.
@@ -88,7 +88,7 @@ def tracks(
     dry : bool
         Whether the run is judged with the dry friction of its arms.
     poses : Poses, optional
-        Loops of the run, which can be changed. Without them, the run is repeated.
+        Loops of the run, taken with `again`. Without them, the run is repeated.
     """
     facts = [source_digest("study.report.tracks"), algorithm, knobs, parameters, span, dry]
     digest = sha256(json.dumps(facts).encode() + sha256(package.read_bytes()).digest()).hexdigest()

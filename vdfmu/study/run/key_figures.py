@@ -23,8 +23,8 @@ from vdfmu.system.reference.reference import BLOCK
 _POSES = 5
 """Poses along a run at which its lowest mode is looked for."""
 STANDING = 0.5
-"""Error of an arm that stands still in the middle of the motion, as a share of the motion's size; a larger error is no
-better."""
+"""Error of an arm that stands still in the middle of the motion, as a share of the motion's size: the limit of a useful
+motion."""
 ARRIVED = 0.1
 """Share of the size of a tool's motion within which the motion counts as made, as in rise times of 10 to 90 %. Joints
 lag by more in drives that are good."""

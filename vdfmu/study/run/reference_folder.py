@@ -20,20 +20,9 @@ ROWS = 1001
 
 
 def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mapping[str, Any]]) -> list[Path]:
-    """Write both packages of a scenario, the results of SSP 1.0 by two masters, README and script.
+    """Write both packages of a scenario, the results of SSP 1.0 by two masters, README and script; return their paths.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    folder : Path
-        Made if it is missing.
-    values : mapping of unit to mapping of variable to value
-        See :func:`vdfmu.system.scenario.values.system_values`.
-
-    Returns
-    -------
-    list of Path
-        The written files.
+    The folder is made if it is missing. For `values` of units see :func:`vdfmu.system.scenario.values.system_values`.
     """
     packages = {
         version: folder / f"{scenario.name}{'' if version == SSP_1.name else f'_{version}'}.ssp"
@@ -44,19 +33,15 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     texts = {folder / name: (source / name).read_text(encoding="utf-8") for name in ("README.md", "compare.py")}
     for path in (*packages.values(), *tables.values(), *texts):
         regular_target(path)
-    readme = folder / "README.md"  # it says that tables and script, which cannot say so, are ours
+    readme = folder / "README.md"  # its mark stands for tables and script too
     require_ours(*packages.values(), readme, *(() if readme.exists() else (*tables.values(), *texts)))
     for version, package in packages.items():
         with temporary_folder("vdfmu_") as built:
             fmus = build_parts(scenario, built, values, backend="native", fmi_version=SSP_FORMATS[version].fmi.name)
             write_ssp(scenario, fmus, package, values, version=version)
     system = load_ssp(packages[SSP_1.name])
-    record = [
-        f"{component.name}.{connector.name}"
-        for component in system.components
-        for connector in component.connectors.values()
-        if connector.kind == "output"
-    ]
+    record = [f"{part.name}.{each.name}" for part in system.components for each in part.connectors.values()
+              if each.kind == "output"]  # fmt: skip
     stride = 1
     thinned: dict[Path, Results] = {}
     for algorithm, table in counted("results", tables.items(), len(tables)):

@@ -29,21 +29,10 @@ from vdfmu.engine.run import Interrupted, LogMessage, Simulator, check_coupling
 from vdfmu.study.analysis.loops import poses_of
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
-from vdfmu.study.run.accuracy import accuracy_notes
+from vdfmu.study.run import summary as numbers
+from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
 from vdfmu.study.run.key_figures import key_figures
-from vdfmu.study.run.power_bond import PowerBond
 from vdfmu.study.run.scene import arm_of, scene_of
-from vdfmu.study.run.summary import (
-    compare,
-    compared,
-    estimation_errors,
-    has_signals,
-    limits_of,
-    run_facts,
-    start_notes,
-    time_at_limits,
-    tracking_errors,
-)
 from vdfmu.study.run.verdict import VISIBLE, explain, loop_checks, verdict
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
@@ -118,7 +107,7 @@ class ScenarioRun:
         for note in self._notes():
             self._say(note)
         self.poses = poses_of(self.system, again=bool(options["simulate"]))
-        self._facts, self._limits = self._known(), limits_of(self.system)
+        self._facts, self._limits = self._known(), numbers.limits_of(self.system)
         self._bond = PowerBond(scenario.robot) if scenario.robot else None
 
     def _notes(self) -> Iterator[str]:
@@ -131,7 +120,7 @@ class ScenarioRun:
     def _known(self) -> dict[str, Any]:
         """Return the entries of the summary that are known before a run."""
         scenario, options, robot = self.scenario, self._options, self.scenario.robot
-        return run_facts(scenario) | {
+        return numbers.run_facts(scenario) | {
             "backend": self._backend,
             "fmi": options["fmi_version"],
             "settings": {key: str(value) for key, value in (options["settings"] or {}).items()},
@@ -170,16 +159,16 @@ class ScenarioRun:
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
-        for note in (*start_notes(results, self.scenario), *accuracy_notes(results, self.system)):
+        for note in (*numbers.start_notes(results, self.scenario), *accuracy_notes(results, self.system)):
             summary["notes"].append(note)
             self._say(note)
         summary["real_time_factor"] = self.scenario.stop / summary["wall_s"]
         if self.scenario.robot is not None:
             tau_m = self.scenario.system.fed.get("controller.tau_m", "")
-            summary |= tracking_errors(results, self.scenario.robot, self._limits, tau_m)
-        summary |= time_at_limits(results, self._limits)
-        if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
-            summary |= estimation_errors(results, ALGORITHMS[self.scenario.master].substeps)
+            summary |= numbers.tracking_errors(results, self.scenario.robot, self._limits, tau_m)
+        summary |= numbers.time_at_limits(results, self._limits)
+        if numbers.has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
+            summary |= numbers.estimation_errors(results, ALGORITHMS[self.scenario.master].substeps)
         summary |= {"paper": dict(self.scenario.paper)} | (self._bond.summary() if self._bond else {})
         if written:
             write_summary(summary, self.folder)
@@ -233,7 +222,7 @@ class ScenarioRun:
         if foreign:
             return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
         visible = math.inf
-        if has_signals(results, "trajectory.q_d", "plant.q"):
+        if numbers.has_signals(results, "trajectory.q_d", "plant.q"):
             visible = VISIBLE * max(
                 float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
             )
@@ -246,11 +235,11 @@ class ScenarioRun:
             report(stage, 0, 1)
             solution = reference_blocks(
                 name, self.system, step=scenario.step, stop=scenario.stop,
-                substeps=how.substeps if key == "sampled" else 1, groups=compared(results, robot),
+                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot),
                 progress=partial(report, stage),
             )  # fmt: skip
             try:
-                differences[key], statistics = compare(results, solution, robot, how.substeps)
+                differences[key], statistics = numbers.compare(results, solution, robot, how.substeps)
             except UsageError as error:  # an algebraic loop, which the run may have solved
                 entries["no_reference"] = str(error).rstrip(".")
                 continue

@@ -1,4 +1,4 @@
-"""A page on loopback with events. Only its address, which holds a random token, opens it.
+"""A page on loopback with events. Only its address opens it, with a random token.
 
 The page hears events of the server (Server-Sent Events, WHATWG HTML, 9.2) and sends requests (POST). Any other page
 in a browser of this machine could ask for both, also by another name for 127.0.0.1, so each request is checked.
