@@ -17,8 +17,8 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.measure import _QUANTITIES, coherent, inches, shown_as, spaced, unit_of
 from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.results import Results, Signal
-from vdfmu.study.report import figures as module
-from vdfmu.study.report.figures import TOOL, run_figures, tool_error, write_pictures
+from vdfmu.study.report import content as module
+from vdfmu.study.report.content import TOOL, run_figures, tool_error, write_pictures
 from vdfmu.study.run.scene import arm_of
 
 KEYS = ("position", "tracking", "torque", "compensation", "torsion")
