@@ -15,8 +15,8 @@ WRITERS = [
 ]  # fmt: skip
 """Commands, and how many files they write that can be checked."""
 READERS = {
-    "cache", "check", "doctor", "federate", "identify", "margins", "modes", "motion", "report", "robot", "scenario",
-    "schema", "simulate", "sweep", "tune", "unit", "view",
+    "cache", "check", "doctor", "federate", "identify", "judge", "margins", "modes", "motion", "report", "robot",
+    "scenario", "schema", "sweep", "tune", "unit", "view",
 }  # fmt: skip
 
 

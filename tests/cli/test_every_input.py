@@ -32,7 +32,7 @@ def vdfmu(*arguments: str, **environment: str) -> subprocess.CompletedProcess[st
 @pytest.mark.heavy
 @pytest.mark.parametrize("arguments", [
     ("run", "a" * 300), ("run", "--robot", "a" * 100_000), ("run", "a" * 300 + ".toml"), ("check", "a" * 300),
-    ("simulate", "a" * 300 + ".ssp"), ("run", "planar_tracking", "--stop", "1e308"),
+    ("run", "a" * 300 + ".ssp"), ("run", "planar_tracking", "--stop", "1e308"),
     ("run", "planar_tracking", "--stop", "1e9"), ("run", "planar_tracking", "--set", "plant.I_m=1e308"),
     ("run", "planar_tracking", "--set", "plant.K_f0=5e-324"),
 ], ids=lambda arguments: " ".join(arguments)[:40])  # fmt: skip

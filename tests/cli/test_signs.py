@@ -177,7 +177,7 @@ def test_verbose_says_where_an_error_is_from_and_no_command_is_silent_for_long(t
 
 LONG = (
     "build planar_tracking --out fmus", "run planar_tracking --stop 0.5", "ssp planar_tracking",
-    "simulate planar_tracking.ssp --pictures png", "check planar_tracking.ssp", "margins tracking",
+    "run planar_tracking.ssp --pictures png", "check planar_tracking.ssp", "margins tracking",
     "modes planar_2dof --scenario planar_tracking", "robot reach panda_7dof",
     "sweep planar_tracking --vary plant.K_f0=*lin(0.5,2,4) --stop 0.2", "sweep report results/sweep_planar_tracking",
 )  # fmt: skip

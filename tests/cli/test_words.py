@@ -37,12 +37,12 @@ def options(found):
 
 def test_every_command_that_writes_takes_out_and_its_letter():
     writes = {name for name, found in ALL.items() if "--out" in options(found)}
-    assert {"run", "simulate", "report", "ssp", "build", "sweep plot", "unit new", "tune"} <= writes
+    assert {"run", "report", "ssp", "build", "sweep plot", "unit new", "tune"} <= writes
     assert all(options(ALL[name])["-o"] is options(ALL[name])["--out"] for name in writes)
 
 
 @pytest.mark.parametrize("name", [
-    "build", "container", "ssp", "reference", "run", "simulate", "report", "sweep report", "modes", "motion",
+    "build", "container", "ssp", "reference", "run", "report", "sweep report", "modes", "motion",
 ])  # fmt: skip
 def test_commands_that_write_files_replace_others_on_request(name):
     assert "--overwrite" in options(ALL[name])
@@ -97,7 +97,7 @@ def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
 def test_a_module_that_is_run_answers_as_the_command_and_a_wrong_word_has_a_close_one():
     for words, said in (
         ("rum", "No such command 'rum'. Did you mean 'run'? See 'vdfmu --help'."),
-        ("simulate x.ssp --wait-limmit 3", "'--unpack-limit', '--wait-limit'?) See 'vdfmu simulate --help'."),
+        ("run x.ssp --wait-limmit 3", "'--unpack-limit', '--wait-limit'?) See 'vdfmu run --help'."),
     ):
         done = subprocess.run([sys.executable, "-m", "vdfmu.cli", *words.split()], capture_output=True, text=True)
         assert said in " ".join(done.stderr.split()) and done.returncode == 2
@@ -136,9 +136,9 @@ def test_every_command_has_help_in_80_columns_a_line_an_option_with_an_example(n
 
 
 def test_an_option_that_no_task_names_has_a_place_and_other_packages_are_replaced_on_request(tmp_path):
-    command = FunctionCommand("added", callback=lambda: None, example="vdfmu added")
-    command.params.append(parameter("remark", str | None, Option("Toy.")))
-    assert [row[0] for row in rows_by_task(command.params)["Options"]][-1] == "--remark TEXT"
+    added = FunctionCommand("added", callback=lambda: None, example="vdfmu added")
+    added.params.append(parameter("remark", str | None, Option("Toy.")))
+    assert [row[0] for row in rows_by_task(added.params)["Options"]][-1] == "--remark TEXT"
     (tmp_path / "mine.ssp").write_text("not of vdfmu")
     words = ("ssp", "planar_tracking", "--backend", "python", "-o", "mine.ssp")
     refused = command(*words, cwd=tmp_path)

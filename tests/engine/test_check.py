@@ -123,7 +123,7 @@ def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
     path = pack(
         [xml.component("a", "Gain", "", xml.values(xml.real("other", 1.0)))], bindings=xml.values(xml.real("b.k", 1.0))
     )
-    out = "; correct the name, or have it ignored: ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
+    out = "; correct the name, or have it ignored: ignore_unmatched, 'vdfmu run --ignore-unmatched'"
     no_other, no_b = "a: parameter 'other' .* has no such variable", "parameter 'b.k' .* matches no element"
     expect(problems(path), f"{no_other}{out}", f"{no_b} or connector{out}")
     notes = check_system(load_ssp(path), ignore_unmatched=True).notes

@@ -104,7 +104,7 @@ def test_an_output_that_nobody_reads_may_be_left_out(pack, strict):
 
 def simulated(package: Path, setting: str, out: Path) -> tuple[int, str]:
     """Run a package as a user does; return the exit code and what was shown, in one line."""
-    done = command("simulate", package, "--step", "0.25", "--stop", "1", "--set", setting, "--out", out)
+    done = command("run", package, "--step", "0.25", "--stop", "1", "--set", setting, "--out", out)
     return done.returncode, " ".join((done.stdout + done.stderr).split())
 
 

@@ -35,7 +35,7 @@ def ramp(pack):
 
 
 def test_a_new_format_is_one_row_of_the_registry_and_one_that_streams_is_written_beside(ramp, tmp_path, monkeypatch):
-    command = [sys.executable, "-c", TOY + RUN, "simulate", str(ramp), "--step", "0.1", "--stop", "1"]
+    command = [sys.executable, "-c", TOY + RUN, "run", str(ramp), "--step", "0.1", "--stop", "1"]
     done = subprocess.run(
         [*command, "--out", str(tmp_path / "out"), "--format", "csv,toy"], capture_output=True, text=True
     )

@@ -66,7 +66,7 @@ def fails(package: Path, way: str, **options) -> CosimError:
 @pytest.mark.parametrize(("way", "options", "said"), [
     ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
     ("leave", {}, r"the component ended the process \(exit code 0\)"),
-    *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(simulate --wait-limit\)")),
+    *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(run --wait-limit\)")),
     ("eat", {"memory_limit": 400.0}, r"SIGSEGV\); its memory had reached \d+ MB of 400 MB"),
     ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
     ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
@@ -275,7 +275,7 @@ def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_a
     """It calls C's exit, of which Python learns nothing."""
     (tmp_path / "tmp").mkdir()
     done = subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--set", "unit.way=2",
+        [sys.executable, "-m", "vdfmu.cli", "run", package, "--step", "0.25", "--set", "unit.way=2",
          "--set", "unit.at=0.5", "--no-isolate", "--out", tmp_path / "out"],
         capture_output=True, text=True, timeout=300, check=False, env=os.environ | {"TMPDIR": str(tmp_path / "tmp")},
     )  # fmt: skip

@@ -87,10 +87,10 @@ WITHOUT = "import sys; sys.modules['pyarrow'] = None; import vdfmu.cli; vdfmu.cl
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("command", ["simulate", "run"])
-def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(package, tmp_path, command):
-    name = str(package) if command == "simulate" else "planar_tracking"
-    options = [command, name, "--stop", "0.01", "--format", "csv,parquet", "--out", str(tmp_path / "out")]
+@pytest.mark.parametrize("kind", ["package", "scenario"])
+def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(package, tmp_path, kind):
+    name = str(package) if kind == "package" else "planar_tracking"
+    options = ["run", name, "--stop", "0.01", "--format", "csv,parquet", "--out", str(tmp_path / "out")]
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT, *options], check=False, capture_output=True, text=True, timeout=120
     )
@@ -103,7 +103,7 @@ def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(
 
 @pytest.mark.heavy
 def test_csv_needs_no_pyarrow(package, tmp_path):
-    options = ["simulate", str(package), "--stop", "0.01", "--out", str(tmp_path)]
+    options = ["run", str(package), "--stop", "0.01", "--out", str(tmp_path)]
     subprocess.run([sys.executable, "-c", WITHOUT, *options], check=True, capture_output=True, timeout=120)
     assert len(Results.read(tmp_path / "results.csv")) == 11
 

@@ -86,7 +86,7 @@ def test_a_row_is_in_the_file_after_two_seconds(tmp_path, monkeypatch):
 def test_a_full_disk_leaves_the_results_before_and_whole_rows_of_csv(package, tmp_path, form, stop):
     """The limit on the size of a file makes a write fail as a full disk does, part of it written."""
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "vdfmu.cli", "simulate", str(package), "--out", str(out), "--format", form]
+    command = [sys.executable, "-m", "vdfmu.cli", "run", str(package), "--out", str(out), "--format", form]
     subprocess.run([*command, "--stop", "0.1"], check=True, capture_output=True, timeout=120)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     limit = 2_000_000  # more than each file of the FMUs; a row takes some 1,400 bytes of CSV, 600 of numbers

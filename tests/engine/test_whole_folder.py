@@ -53,7 +53,9 @@ def test_a_folder_of_the_name_of_a_result_is_refused_and_a_passing_error_leaves_
     (tmp_path / "results.csv").mkdir()
     with pytest.raises(UsageError, match=r"results\.csv must be files, got folders"):
         write(tmp_path, "new")
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    place = tmp_path / "temporary"
+    place.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(place))
     rmdir, failed = os.rmdir, []
 
     def failing(*arguments, **options):
@@ -65,4 +67,4 @@ def test_a_folder_of_the_name_of_a_result_is_refused_and_a_passing_error_leaves_
     monkeypatch.setattr(os, "rmdir", failing)
     with temporary_folder("vdfmu_") as folder:
         os.mkdir(os.path.join(folder, "inside"))
-    assert failed and list(tmp_path.iterdir()) == []
+    assert failed and list(place.iterdir()) == []

@@ -22,7 +22,7 @@ PATIENCE = 300.0
 """Time [s] after which a command is ended that does not end."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RUN = ("run", "planar_tracking", "--out", "out", "--stop")
-SIMULATE = ("simulate", "arm.ssp", "--out", "out", "--stop")
+SIMULATE = ("run", "arm.ssp", "--out", "out", "--stop")
 BUILD = ("build", "planar_tracking", "--out", "out")
 SSP = ("ssp", "planar_tracking", "--out")
 OTHER = ("--set", "controller.K_p=1500")

@@ -144,7 +144,7 @@ def test_as_co_simulation_it_takes_the_master_that_repeats_steps(tmp_path, name,
 
 def test_the_command_writes_it_and_its_page_shows_power_and_force(tmp_path):
     assert command("ssp", "planar_tracking", "--decomposed", cwd=tmp_path).returncode == 0
-    out = command("simulate", "planar_tracking_decomposed.ssp", "--stop", "0.05", "--out", "run", cwd=tmp_path)
+    out = command("run", "planar_tracking_decomposed.ssp", "--stop", "0.05", "--out", "run", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
     assert command("report", "run", cwd=tmp_path).returncode == 0
     page = (tmp_path / "run" / "report.html").read_text()

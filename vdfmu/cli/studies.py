@@ -137,8 +137,8 @@ def report(
 
     It has linked figures of the points, the measures, and failures by cause.
     """
-    from vdfmu.study.report.page import NAME
     from vdfmu.study.report.sheets import LATEX, write_tables
+    from vdfmu.study.report.shown_run import NAME
     from vdfmu.study.sweeps.sweep import Sweep
 
     found = Sweep(study)

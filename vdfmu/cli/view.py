@@ -6,7 +6,7 @@ import signal
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -78,12 +78,11 @@ def live_view(wanted: bool, port: int | None, robot: str | None = None) -> Gener
     from vdfmu.base.errors import CosimError
     from vdfmu.study.view.live import LiveView
 
-    arm: dict[str, Any] | None = None
+    arm = None
     if robot is not None:
         from vdfmu.arm.robot import load_robot
-        from vdfmu.study.run.scene import arm_of
 
-        arm = arm_of(load_robot(robot), {})
+        arm = load_robot(robot)
 
     def tell(text: str) -> None:  # --quiet leaves the address
         note = text.removeprefix("note: ")

@@ -137,7 +137,7 @@ def test_a_robot_file_names_the_file_of_its_drive_and_a_scenario_gives_one(tmp_p
     (tmp_path / "arm.toml").write_text(text)
     monkeypatch.chdir(tmp_path.parent)
     robot = load_robot(f"{tmp_path.name}/arm.toml")
-    assert robot.K_1.tolist() == [9e3, 9e3] and robot.drive.startswith('"""A drive of')
+    assert robot.K_1.tolist() == [9e3, 9e3] and robot.drive.startswith('"""A custom drive')
     scenario = load_scenario(str(EXAMPLE / "track.toml"))
     assert scenario.robot.K_1.tolist() == [12e3, 6e3] and scenario.robot.T_s.tolist() == [30.0, 30.0]
 

@@ -45,7 +45,7 @@ def test_all_faults_of_a_split_are_said_at_once_and_without_helics_how_to_get_it
 
 def test_components_with_event_mode_are_refused(system):
     path = system({"s": (models.STAIR, "3.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["s.counter -> c.Int32_input"])
-    with pytest.raises(UsageError, match="s: has event mode, .*'vdfmu simulate' runs it"):
+    with pytest.raises(UsageError, match="s: has event mode, .*'vdfmu run' runs it"):
         vdfmu.federate(path, ["s"], stop=1.0, step=0.1)
 
 

@@ -92,10 +92,7 @@ def test_both_commands_take_files_and_say_what_is_wrong_with_them(tmp_path, monk
     wrench(tmp_path)
     (tmp_path / "moment.csv").write_text("time,plant.F_e[6] [N.m]\n0,0.1\n0.05,0.3\n")
     options = ["--stop", "0.05", "--input", "wrench.csv", "--input", "moment.csv", "--input-hold"]
-    for words in (
-        ["run", "planar_tracking", "--no-reference", "--out", "a"],
-        ["simulate", "a/system.ssp", "--out", "b"],
-    ):
+    for words in (["run", "planar_tracking", "--no-reference", "--out", "a"], ["run", "a/system.ssp", "--out", "b"]):
         done = CliRunner().invoke(app, [*words, *options])
         assert done.exit_code == 0, done.output
     a, b = (Results.read(tmp_path / name / "results.csv") for name in "ab")
@@ -104,7 +101,7 @@ def test_both_commands_take_files_and_say_what_is_wrong_with_them(tmp_path, monk
     assert a["plant.F_e[1]"].tolist() == [0.0] * 23 + [20.0] * 28
     assert a["plant.F_e[6]"].tolist() == [0.1] * 51
     (tmp_path / "wrench.csv").write_text("time,plant.F_e[1] [N.m],plant.tau[1]\n0,0,0\n")
-    for command in (["run", "planar_tracking", "--out", "a"], ["simulate", "a/system.ssp", "--out", "b"]):
+    for command in (["run", "planar_tracking", "--out", "a"], ["run", "a/system.ssp", "--out", "b"]):
         done = CliRunner().invoke(app, [*command, "--stop", "0.05", "--input", "wrench.csv"])
         assert isinstance(done.exception, UsageError)
         assert "wrench.csv: plant.F_e[1]: unit mismatch, 'N.m'" in str(done.exception)

@@ -360,7 +360,7 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
 @pytest.mark.heavy
 def test_a_row_of_a_package_is_named(wild, tmp_path):
     found = study(wild, tmp_path / "study")
-    with pytest.raises(UsageError, match=r"'vdfmu simulate .*wild.ssp' runs it, with unit.at="):
+    with pytest.raises(UsageError, match=r"'vdfmu run .*wild.ssp' runs it, with unit.at="):
         found.options(0)
 
 

@@ -266,7 +266,7 @@ def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
             done = CliRunner().invoke(app, words.split())
             assert isinstance(done.exception, UsageError)
             assert "Without it, one is chosen." in str(done.exception)
-    for words in ("run tracking --port 8000", "simulate x.ssp --robot planar_2dof"):
+    for words in ("run tracking --port 8000", "run x.ssp --robot planar_2dof"):
         done = CliRunner().invoke(app, words.split())
         assert isinstance(done.exception, UsageError)
         assert "needs --live" in str(done.exception)

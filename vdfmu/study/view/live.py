@@ -14,6 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import temporary_folder
@@ -21,6 +22,7 @@ from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.process import Child
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped
+from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.server import PERIOD
 
 SIGNALS = ("plant.q", "trajectory.q_d", "controller.tau", "feedforward.tau_m", "plant.kappa")
@@ -41,8 +43,8 @@ class LiveView:
     ----------
     port : int, optional
         Port on loopback; default a free one.
-    arm : mapping, optional
-        See :func:`vdfmu.study.run.scene.arm_of`; for a system that does not name its arm.
+    arm : Robot or mapping, optional
+        Arm of a system that does not name it; for a mapping see :func:`vdfmu.study.run.scene.arm_of`.
     say : callable, optional
         Takes the address, and notes on missing parts of the view.
 
@@ -61,11 +63,15 @@ class LiveView:
     """
 
     def __init__(
-        self, *, port: int | None = None, arm: Mapping[str, Any] | None = None, say: Callable[[str], None] = print
+        self,
+        *,
+        port: int | None = None,
+        arm: Robot | Mapping[str, Any] | None = None,
+        say: Callable[[str], None] = print,
     ) -> None:
         self.wanted: Sequence[str] = [f"{name}[*]" for name in SIGNALS]
         self.period = PERIOD
-        self._arm, self._say = arm, say
+        self._arm, self._say = arm_of(arm, {}) if isinstance(arm, Robot) else arm, say
         self._words: Floats | None = None
         self._title, self._stop_time = "", 0.0
         self._clients, self._said, self._ended = 0, "", False
