@@ -86,21 +86,10 @@ class Judgement:
 
 
 def estimate(runs: Sequence[Floats], order: int, groups: Sequence[str] = ()) -> tuple[Floats, Floats, Any]:
-    """Return error and q of each signal, and the row of its largest difference.
+    """Return error and q of each signal, and the row of its largest difference: (signals,) arrays.
 
-    Parameters
-    ----------
-    runs : three arrays (m, signals)
-        Values at the times of the longest step, of the steps h, h/2 and h/4.
-    order : 1 or 2
-        Order of the master.
-    groups : sequence of str, optional
-        The vector of each signal.
-
-    Returns
-    -------
-    error, q, row : (signals,) arrays
-        Shares of each signal's largest value.
+    The three `runs` (m, signals) have the steps h, h/2 and h/4, at the times of the first. `order` of the master is 1
+    or 2. `groups` names the vector of each signal. Errors are shares of each signal's largest value.
     """
     first, half, quarter = runs
     size = np.abs(quarter).max(axis=0)

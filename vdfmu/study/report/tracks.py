@@ -79,16 +79,8 @@ def tracks(
     A track has ``places``, the least modulus margin at each, ``modulus``, and in ``limits`` the lowest and the highest
     place with stable loops, or None; ``still`` if arms are taken without dry friction.
 
-    Parameters
-    ----------
-    package, algorithm : Path, str
-        Of the run.
-    span : tuple of float [s]
-        Start, stop and step of the run.
-    dry : bool
-        Whether the run is judged with the dry friction of its arms.
-    poses : Poses, optional
-        Loops of the run, taken with `again`. Without them, the run is repeated.
+    `span` has start, stop and step of the run [s]. `dry`: the run is judged with the dry friction of its arms. `poses`
+    are the loops of the run, taken with `again`; without them, the run is repeated.
     """
     facts = [source_digest("study.report.tracks"), algorithm, knobs, parameters, span, dry]
     digest = sha256(json.dumps(facts).encode() + sha256(package.read_bytes()).digest()).hexdigest()

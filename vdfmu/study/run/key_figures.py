@@ -38,21 +38,13 @@ def key_figures(
 ) -> dict[str, Any]:
     """Return the largest errors and torque of a run of an arm, and the lowest mode of its links.
 
-    Parameters
-    ----------
-    limits
-        Of the arms; the torque is then the joint's with the largest share of its limit.
-    plant
-        The robot of the plant, with its modes. A tool error needs the geometry of `robot`.
-    touch
-        Signal of the wrench at the tool, if it is the output of another component.
+    With `limits` of the arms, the torque is of the joint with the largest share of its limit. `plant` is the robot of
+    the plant, with its modes; a tool error needs the geometry of `robot`. `touch` is the signal of the wrench at the
+    tool, if it is the output of another component.
 
-    Returns
-    -------
-    dict
-        ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``mode`` [Hz],
-        with the motors held; ``path``, the error of tool or joint that is worst for the ``size`` of its motion;
-        ``contact``, the largest force at the tool [N], and its begin. Numbers without signals are left out.
+    Keys: ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``mode``
+    [Hz], with the motors held; ``path``, the error of tool or joint that is worst for the ``size`` of its motion;
+    ``contact``, the largest force at the tool [N], and its begin. Numbers without signals are left out.
     """
     figures: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
@@ -127,14 +119,8 @@ class _Peaks:
 def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, Any]:
     """Return the error that is worst for its motion: of the tool [m], or of a joint against the largest of its kind.
 
-    Parameters
-    ----------
-    peaks
-        Errors of the joints [deg, mm] and of the tool [m].
-    sizes
-        Sizes of the motions of the joints [deg, mm].
-    tool
-        Size of the tool's motion [m]; infinite if its error is not known.
+    `peaks` are errors of the joints [deg, mm] and of the tool [m], `sizes` those of the joints' motions, `tool` that of
+    the tool's motion, infinite without a tool error.
     """
     kinds, arm = robot.joint_types, length(robot)
     least = [_SMALL * JOINT_UNITS[kind].factor * (1.0 if kind == "revolute" else arm) for kind in kinds]

@@ -89,14 +89,9 @@ def prepare(
 
 
 class ScenarioRun:
-    """The run of a scenario in stages: pack, simulate, judge.
+    """The run of a scenario of :func:`prepare` in stages: pack, simulate, judge.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Of :func:`prepare`.
-    options : mapping
-        :class:`vdfmu.study.options.ScenarioRunOptions`. If `out` is False, the run writes nothing but its package.
+    If the option `out` is False, the run writes its package only.
     """
 
     def __init__(self, scenario: Scenario, options: ScenarioRunOptions) -> None:

@@ -122,13 +122,9 @@ def compare(
     The row at a step's end has the torque that a sampled master holds over the step. The continuous reference is
     taken a substep before, at the time of its calculation.
 
-    Returns
-    -------
-    dict
-        Largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N].
-    dict
-        Largest relative differences of a joint between the RMS errors of the run and of the reference, see
-        :func:`tracking_errors`, for loops whose single solutions separate.
+    Return largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N]; then
+    largest relative differences of a joint between the RMS errors of run and reference, see :func:`tracking_errors`,
+    for loops whose single solutions separate.
     """
     if robot is None or compared(results, robot) is None:
         largest: dict[str, float] = {}
@@ -234,12 +230,9 @@ def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
     speed limit if the speed alone makes it give less. A joint is at an end stop if the stop pushes. A row represents
     the step that ends there.
 
-    Returns
-    -------
-    dict
-        ``limits``: by component of an arm with limits, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1
-        for each joint. Empty without limits, or without their signals. ``key_figures`` has the largest share,
-        ``saturated``, its place, and the time of its begin.
+    ``limits``: by component of an arm with limits, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1 for each
+    joint. Empty without limits, or without their signals. ``key_figures`` has the largest share, ``saturated``, its
+    place, and the time of its begin.
     """
     shares: dict[str, Any] = {}
     worst: dict[str, Any] = {"value": LIMITED}

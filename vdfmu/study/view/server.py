@@ -42,20 +42,10 @@ _SOCKET = 60.0
 
 
 class PageServer:
-    """Serves one page at a time to all browsers that have its address.
+    """Serves one page at a time to all browsers that have its address, on a free port of loopback or the given one.
 
-    Parameters
-    ----------
-    port : int, optional
-        Port on loopback; default a free one.
-    take : callable, optional
-        Called with each request of the page, an object of JSON whose numbers are floats, in its own thread; raises
-        ValueError to refuse it.
-
-    Raises
-    ------
-    UsageError
-        If the port is taken.
+    `take` is called with each request of the page, an object of JSON whose numbers are floats, in a thread of the
+    request; it raises ValueError to refuse it. UsageError if the port is taken.
     """
 
     def __init__(self, port: int | None = None, take: Callable[[dict[str, Any]], None] = lambda request: None) -> None:
