@@ -93,12 +93,9 @@ class System:
         return "\n".join(lines)
 
     def run(
-        self,
-        stop: float | None = None,
-        step: float | None = None,
-        values: Mapping[str, Any] | None = None,
+        self, stop: float | None = None, step: float | None = None, values: Mapping[str, Any] | None = None,
         **options: Any,
-    ) -> Results:
+    ) -> Results:  # fmt: skip
         """Run the system.
 
         Parameters
@@ -133,14 +130,9 @@ class System:
         return margins_along(self.path, opened, at, **options)
 
     def judge(
-        self,
-        wanted: float = 0.01,
-        stop: float | None = None,
-        step: float | None = None,
-        *,
-        values: Mapping[str, Any] | None = None,
-        **options: Any,
-    ) -> Judgement:
+        self, wanted: float = 0.01, stop: float | None = None, step: float | None = None, *,
+        values: Mapping[str, Any] | None = None, **options: Any,
+    ) -> Judgement:  # fmt: skip
         """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.referee.judge`."""  # fmt: skip
         return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
 
@@ -189,17 +181,10 @@ def _shortened(texts: Sequence[str], most: int = 12) -> list[str]:
 
 
 def connect(
-    components: Mapping[str, Part],
-    connections: Connections = (),
-    *,
-    robot: Robot | str | None = None,
-    fmi: str = "2.0",
-    stop: float | None = None,
-    step: float | None = None,
-    algorithm: str | None = None,
-    values: Mapping[str, Any] | None = None,
-    name: str = "system",
-) -> System:
+    components: Mapping[str, Part], connections: Connections = (), *, robot: Robot | str | None = None,
+    fmi: str = "2.0", stop: float | None = None, step: float | None = None, algorithm: str | None = None,
+    values: Mapping[str, Any] | None = None, name: str = "system",
+) -> System:  # fmt: skip
     """Connect FMUs.
 
     Parameters

@@ -116,14 +116,9 @@ def verdict_of(error: Floats, q: Floats, order: int, wanted: float) -> str:
 
 
 def judge(
-    system: str | os.PathLike[str] | FlatSystem,
-    wanted: float = 0.01,
-    *,
-    stop: float | None = None,
-    step: float | None = None,
-    meant: Meant | None = None,
-    **options: Any,
-) -> Judgement:
+    system: str | os.PathLike[str] | FlatSystem, wanted: float = 0.01, *, stop: float | None = None,
+    step: float | None = None, meant: Meant | None = None, **options: Any,
+) -> Judgement:  # fmt: skip
     """Judge whether a co-simulation is right by communication. It takes seven times the steps of one run.
 
     Parameters

@@ -69,13 +69,9 @@ def write_failed(name: str, package: Path, folder: Path, error: CosimError | Int
 
 
 def report_page(
-    runs: Sequence[ShownRun],
-    *,
-    simulate: bool = False,
-    arm_alone: bool = False,
-    study: StudyPart | None = None,
+    runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False, study: StudyPart | None = None,
     live: Mapping[str, Any] | None = None,
-) -> bytes:
+) -> bytes:  # fmt: skip
     """Return the page of one run or of several, or of their arms alone.
 
     `simulate`: see :func:`write_report`. `study`: the study above the run of its scenario. `live`: of a run that has
@@ -83,10 +79,8 @@ def report_page(
     has ended without a verdict.
     """
     names = _names(runs)
-    runs = [
-        run if "arm" in run.summary else run._replace(summary=dict(run.summary) | wired_arm(run.results, run.package))
-        for run in runs
-    ]
+    wired = [{} if "arm" in run.summary else wired_arm(run.results, run.package) for run in runs]
+    runs = [run._replace(summary={**run.summary, **more}) for run, more in zip(runs, wired, strict=True)]
     binaries: dict[str, str] = {}
     parts = [
         {

@@ -66,14 +66,9 @@ def factor(knob: Mapping[str, Any], place: float) -> float:
 
 
 def tracks(
-    package: Path,
-    algorithm: str,
-    knobs: Sequence[Mapping[str, Any]],
-    parameters: Names,
-    span: tuple[float, float, float],
-    dry: bool = True,
-    poses: Poses | None = None,
-) -> list[list[Track | None]]:
+    package: Path, algorithm: str, knobs: Sequence[Mapping[str, Any]], parameters: Names,
+    span: tuple[float, float, float], dry: bool = True, poses: Poses | None = None,
+) -> list[list[Track | None]]:  # fmt: skip
     """Return the tracks of each slider: of all joints, then of each joint; [None] without tracks.
 
     A track has ``places``, the least modulus margin at each, ``modulus``, and in ``limits`` the lowest and the highest

@@ -63,12 +63,9 @@ class LiveView:
     """
 
     def __init__(
-        self,
-        *,
-        port: int | None = None,
-        arm: Robot | Mapping[str, Any] | None = None,
+        self, *, port: int | None = None, arm: Robot | Mapping[str, Any] | None = None,
         say: Callable[[str], None] = print,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.wanted: Sequence[str] = [f"{name}[*]" for name in SIGNALS]
         self.period = PERIOD
         self._arm, self._say = arm_of(arm, {}) if isinstance(arm, Robot) else arm, say

@@ -152,13 +152,9 @@ def mode_facts(modes: Modes, k: int) -> dict[str, Any]:
 
 
 def _page(
-    robot: Robot,
-    q: Floats,
-    sliders: Sequence[dict[str, Any]],
-    ellipsoids: Sequence[DrawnShape],
-    meshes: Sequence[dict[str, Any]],
-    notes: Sequence[str],
-) -> bytes:
+    robot: Robot, q: Floats, sliders: Sequence[dict[str, Any]], ellipsoids: Sequence[DrawnShape],
+    meshes: Sequence[dict[str, Any]], notes: Sequence[str],
+) -> bytes:  # fmt: skip
     """Return the page of a robot at a pose q, (n,) [rad or m]."""
     arm = arm_of(robot, {})
     travel = np.maximum(np.abs(robot.q_min), np.abs(robot.q_max)) if robot.limits else np.full(robot.n, 0.5)
