@@ -30,7 +30,7 @@ def doctor() -> None:
     from vdfmu.cli.cache import say_cache
     from vdfmu.cli.extras import installed
     from vdfmu.cli.terminal import say
-    from vdfmu.compiler.c.platforms import compiler_version, native_available, this_platform
+    from vdfmu.compiler.c.platforms import compiler, native_available, this_platform
 
     try:
         here = this_platform()
@@ -41,8 +41,11 @@ def doctor() -> None:
     packages, missing = installed("")
     say(f"Needs    {', '.join(packages)}")
     if native_available():
-        say(f"Compiler {compiler_version()}: native FMUs for this and all other platforms")
-    for extra, without in WITHOUT.items():
+        own = compiler(here)
+        others = "this and all other platforms" if own.is_zig else "this platform; the others need ziglang"
+        say(f"Compiler {own.name}: native FMUs for {others}")
+    own_only = {"native": "native FMUs for this platform only, no engine batch"} if native_available() else {}
+    for extra, without in (WITHOUT | own_only).items():
         there, lacks = installed(extra)
         if not there + lacks:  # of an installation before this version
             lacks = ["it is"]

@@ -166,7 +166,9 @@ def facts(summary: Summary) -> Iterator[tuple[str, str]]:
     for name, (key, form) in _FACTS.items():
         value = summary.get("master", summary.get("algorithm")) if key == "master" else summary.get(key)
         if value is not None:
-            yield name, form.format(value) + (f" of FMI {fmi}" if name == "Units" and fmi != FMI_2.name else "")
+            more = f" of FMI {fmi}" if name == "Units" and fmi != FMI_2.name else ""
+            more += f", {summary['compiler']}" if name == "Units" and summary.get("compiler") else ""
+            yield name, form.format(value) + more
     if (pace := summary.get("pace")) is not None:
         p50, p99_9, worst = (f"{1e6 * pace[f'late_{each}_s']:.3g}" for each in ("p50", "p99_9", "worst"))
         late = f"rows {p50} µs late (p50), {p99_9} (p99.9), {worst} (worst, row {pace['worst_row']})"

@@ -18,6 +18,7 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report
 from vdfmu.base.standards import PYTHON_FMI
+from vdfmu.compiler.c.platforms import compiler_version
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
@@ -117,6 +118,7 @@ class ScenarioRun:
         scenario, options, robot = self.scenario, self._options, self.scenario.robot
         return numbers.run_facts(scenario) | {
             "backend": self._backend,
+            **({"compiler": compiler_version()} if self._backend == "native" else {}),
             "fmi": options["fmi_version"],
             "settings": {key: str(value) for key, value in (options["settings"] or {}).items()},
             "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},

@@ -116,6 +116,7 @@ KEYS: Mapping[str, Any] = {
     "settings": Keyed(ANY),  # parameters and inputs that were set for this run
     "units": Keyed(TEXT),  # units instead of the scenario's, by component
     "backend": TEXT,  # kind of the FMUs
+    "compiler": TEXT,  # C compiler of native FMUs
     "fmi": TEXT,  # version of FMI of the FMUs
     "left_out": _LINES,  # connections that a unit instead of the system's does not have
     "joined": _LINES,  # connections that a unit instead of the system's has in addition
