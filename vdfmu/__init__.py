@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from vdfmu.study.analysis.modes import Modes, natural_modes
     from vdfmu.study.connected import System, connect, load
     from vdfmu.study.environment.environments import ArmEnv, ArmVectorEnv, Environment
-    from vdfmu.study.report.animation import Animation, animate
+    from vdfmu.study.report.page import Animation, animate
     from vdfmu.study.runs import run
     from vdfmu.study.sweeps.sweep import Sweep, sweep
     from vdfmu.study.tuning.tune import tune
@@ -86,7 +86,7 @@ _NAMES = {
     "vdfmu.study.connected": ("System", "connect", "load"),
     "vdfmu.arm.robot": ("Robot", "load_robot", "robot_names"),
     "vdfmu.arm.motion.read": ("load_motion",),
-    "vdfmu.study.report.animation": ("Animation", "animate"),
+    "vdfmu.study.report.page": ("Animation", "animate"),
     "vdfmu.arm.imports": ("robot_from_mjcf", "robot_from_urdf"),
     "vdfmu.system.scenario": ("Scenario", "load_scenario", "scenario_names"),
     "vdfmu.system.package.write": ("write_ssp",),

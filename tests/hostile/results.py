@@ -18,9 +18,8 @@ from tests.hostile.table import Corpus
 from vdfmu.engine.package_run import run_system
 from vdfmu.study.identify.log import read_log
 from vdfmu.study.report.page import report_page
-from vdfmu.study.report.sheets import sheets
+from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
 from vdfmu.study.report.shown_run import read_run
-from vdfmu.study.report.tables import run_panel, sheet_table, verdict_table
 
 _VALUES: tuple[Any, ...] = (
     None, True, -1, 0, 3.5, 1e308, "nan", "", "x" * 300, [], [None], [[]], {}, {"a": 1}, "\u202e<script>", 10**30,

@@ -34,7 +34,7 @@ def test_what_the_user_trusts_runs(made, tmp_path):
 
 def test_a_run_and_a_study_of_this_user_run_again(tmp_path, monkeypatch):
     run, study = read_run(arm_run()), Sweep(done_study())
-    assert simulation_of(run.results, run.summary, run.package, None)["reason"] == NOT_MADE
+    assert simulation_of(run, None)["reason"] == NOT_MADE
     assert study.options(0)["settings"]
     moved = Sweep(shutil.copytree(done_study(), tmp_path / "moved"))
     with pytest.raises(UsageError, match=r"must be made in this folder with this cache.*\n.*--trust"):
@@ -42,7 +42,7 @@ def test_a_run_and_a_study_of_this_user_run_again(tmp_path, monkeypatch):
     assert moved.options(0, trust=True)["settings"] == study.options(0)["settings"]
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(cache, "_NEW_KEY", b"key of another process")
-    assert "not made with this cache" in simulation_of(run.results, run.summary, run.package, None)["reason"]
+    assert "not made with this cache" in simulation_of(run, None)["reason"]
     with pytest.raises(UsageError, match="--trust"):
         study.options(0)
 

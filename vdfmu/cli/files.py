@@ -186,7 +186,7 @@ def reference(
     It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.
     """
     chosen = load(scenario, robot, settings)
-    from vdfmu.study.run.reference_folder import write_reference
+    from vdfmu.study.runs import write_reference
     from vdfmu.system.package.write import fmi_of_format
     from vdfmu.system.scenario.values import system_values
 

@@ -38,25 +38,18 @@ PackageArgument = Annotated[Path, Positional("System package, SSP 1.0 or 2.0, of
 
 
 def run(
-    scenario: ScenarioArgument = "tracking",
-    *,
-    study: Annotated[
-        Path | None, Option("A study: sweep.parquet or its folder.", group=_POINT, flag="--from", metavar="SWEEP")
-    ] = None,
-    row: Annotated[
-        str | None, Option("worst, best or a number (default worst).", group=_POINT, metavar="POINT")
-    ] = None,
-    by: Annotated[
-        str | None, Option("Measure of worst and best (default the first).", group=_POINT, metavar="NAME")
-    ] = None,
-    trust: Annotated[
-        bool, Option("Run files that a study of others names.", group=_POINT, more="They have your rights.")
-    ] = False,
-    live: LiveOption = False,
-    port: PortOption = None,
-    opened: OpenOption = False,
+    scenario: ScenarioArgument = "tracking", *,
+    study: Annotated[Path | None, Option(
+        "A study: sweep.parquet or its folder.", group=_POINT, flag="--from", metavar="SWEEP")] = None,
+    row: Annotated[str | None, Option(
+        "worst, best or a number (default worst).", group=_POINT, metavar="POINT")] = None,
+    by: Annotated[str | None, Option(
+        "Measure of worst and best (default the first).", group=_POINT, metavar="NAME")] = None,
+    trust: Annotated[bool, Option(
+        "Run files that a study of others names.", group=_POINT, more="They have your rights.")] = False,
+    live: LiveOption = False, port: PortOption = None, opened: OpenOption = False,
     **options: Unpack[ScenarioRunOptions],
-) -> None:
+) -> None:  # fmt: skip
     """Run a scenario and judge the run, or run FMUs.
 
     Builds stale FMUs, co-simulates, solves the references, compares, writes a page.
@@ -66,12 +59,10 @@ def run(
     if Path(scenario).suffix.lower() == ".py":
         way = "'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario"
         raise UsageError(f"{scenario}: must be a scenario, got a unit. {way}.")
-    given: dict[str, Any] = {**options}
-    if given["simulate"] is None:
-        given["simulate"] = True
+    given: dict[str, Any] = {**options, "simulate": options["simulate"] is not False}
     if study is None:
         if row is not None or by is not None or trust:
-            raise UsageError("row, by, trust: expected --from with a parameter study, of which they choose a point.")
+            raise UsageError("row, by, trust: expected --from with a parameter study. They choose its point.")
         given["scenario"] = load(scenario, given.pop("robot"))
     else:
         from vdfmu.study.sweeps.sweep import Sweep
@@ -79,9 +70,9 @@ def run(
         source = click.get_current_context().get_parameter_source("scenario")
         if source is click.core.ParameterSource.COMMANDLINE:
             raise UsageError(f"{scenario}: expected no scenario with --from: {study} has its own.")
-        found = Sweep(study)
-        point = found.options(row or "worst", by, trust=trust)
-        say_notes(found.notes)
+        sweep = Sweep(study)
+        point = sweep.options(row or "worst", by, trust=trust)
+        say_notes(sweep.notes)
         changed = pick(ScenarioOptions, options)
         given |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
         for name in ("units", "settings"):
@@ -89,9 +80,8 @@ def run(
     from vdfmu.engine.results.folder import written
     from vdfmu.engine.results.verdict import FAILED, state_of
     from vdfmu.engine.run import Interrupted
-    from vdfmu.study.report import tables
-    from vdfmu.study.report.page import NAME
-    from vdfmu.study.report.sheets import sheets
+    from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
+    from vdfmu.study.report.shown_run import NAME
     from vdfmu.study.runs import RUN_OUTPUTS
     from vdfmu.study.runs import run as run_study
 
@@ -110,8 +100,8 @@ def run(
         if "no_reference" in summary:
             say_notes([f"No reference: {summary['no_reference']}."])
         if LOG.isEnabledFor(logging.INFO):
-            tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
-        (console.print if failed else tell)(tables.verdict_table(summary))
+            tell(run_panel(summary), *map(sheet_table, sheets(summary)))
+        (console.print if failed else tell)(verdict_table(summary))
         folder = Path(options["out"] or Path("results", summary["scenario"]))
         say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
         _say_page(folder / NAME, opened)
@@ -120,38 +110,30 @@ def run(
 
 
 def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
-    """Print why a run failed, or that it was stopped, and where the page of its rows is."""
+    """Print the reason of a run's failure, or its verdict if it was stopped, and the page of its rows."""
     from vdfmu.engine.results.folder import PARTIAL
-    from vdfmu.study.report.page import NAME
+    from vdfmu.study.report.shown_run import NAME
 
     page, summary = folder / PARTIAL / NAME, error.results.summary
     if not len(error.results) or not page.exists():
         return
     stopped = isinstance(error, KeyboardInterrupt)
-    if not stopped:
-        say_error(error)
-    else:
+    if stopped:
         _say_verdict(summary)
+    else:
+        say_error(error)
     _say_page(page, opened)
     if not stopped:
         raise SystemExit(1)
 
 
 def run_package(
-    parts: Annotated[
-        list[str], Positional("A package, an FMU, or components: a=A.fmu b=B.fmu.", metavar="FILE|NAME=FILE...")
-    ],
-    connect: Annotated[
-        list[str] | None,
-        Option(
-            "Connect components. Repeatable.", group="System", flag="--connect", metavar="a.y=b.u",
-            more="Vectors connect by name. A component may be a unit too: filter=low_pass.py.",
-        ),
-    ] = None,
-    *,
-    unpack_limit: UnpackOption = None,
-    live: LiveOption = False,
-    port: PortOption = None,
+    parts: Annotated[list[str], Positional(
+        "A package, an FMU, or components: a=A.fmu b=B.fmu.", metavar="FILE|NAME=FILE...")],
+    connect: Annotated[list[str] | None, Option(
+        "Connect components. Repeatable.", group="System", flag="--connect", metavar="a.y=b.u",
+        more="Vectors connect by name. A component may be a unit too: filter=low_pass.py.")] = None, *,
+    unpack_limit: UnpackOption = None, live: LiveOption = False, port: PortOption = None,
     robot: Annotated[str | None, option_of(RobotOptions, "robot", "Arm that --live shows.")] = None,
     **options: Unpack[SystemOptions],
 ) -> None:  # fmt: skip
@@ -160,7 +142,7 @@ def run_package(
     Start, stop, step and master default to those of the package or the FMUs.
     """
     if robot is not None and not live:
-        raise UsageError("--robot: expected --live, which it is for.")
+        raise UsageError("--robot needs --live.")
     package, source, kept = _package_of(parts, connect or [])
     if source is not None and options["out"] is None:
         options["out"] = Path("results", package.stem)
@@ -192,30 +174,18 @@ def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | N
 
 def federate(
     package: PackageArgument,
-    split: Annotated[
-        list[str],
-        Option(
-            "Components of a federate. Repeatable.",
-            group="Federates",
-            metavar="COMPONENT,...",
-            more="The first gives the federate its name. Components that are not named form one more federate.",
-        ),
-    ],
-    *,
-    only: Annotated[
-        str | None,
-        Option("Run this federate only; needs --broker.", group="Federates", flag="--federate", metavar="NAME"),
-    ] = None,
-    broker: Annotated[
-        str | None, Option("Broker of all federates (default a local one).", group="Federates", metavar="HOST:PORT")
-    ] = None,
-    core: Annotated[
-        str,
-        Option("HELICS core; ipc is for one machine only.", group="Federates", choices=("tcp_ss", "tcp", "zmq", "ipc")),
-    ] = "tcp_ss",
-    unpack_limit: UnpackOption = None,
-    **options: Unpack[PackageOptions],
-) -> None:
+    split: Annotated[list[str], Option(
+        "Components of a federate. Repeatable.", group="Federates", metavar="COMPONENT,...",
+        more="The first gives the federate its name. Components that are not named form one more federate.")], *,
+    only: Annotated[str | None, Option(
+        "Run this federate only; needs --broker.", group="Federates", flag="--federate", metavar="NAME")] = None,
+    broker: Annotated[str | None, Option(
+        "Broker of all federates (default a local one).", group="Federates", metavar="HOST:PORT")] = None,
+    core: Annotated[str, Option(
+        "HELICS core; ipc is for one machine only.", group="Federates",
+        choices=("tcp_ss", "tcp", "zmq", "ipc"))] = "tcp_ss",
+    unpack_limit: UnpackOption = None, **options: Unpack[PackageOptions],
+) -> None:  # fmt: skip
     """Run a system package in several processes joined by HELICS.
 
     Each process steps its components with the others' values at the start of the step, as --master jacobi does in one
@@ -231,63 +201,45 @@ def federate(
 
 
 def report(
-    folders: Annotated[
-        list[Path] | None,
-        Positional(
-            "Folders of runs (default the newest in results).",
-            metavar="[DIR]...",
-            more="Several runs are compared on one page. A folder of runs gets index.html, links with verdicts.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        Option(
-            "Page, or FILE.tex for LaTeX (default report.html).",
-            more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.",
-        ),
-    ] = None,
+    folders: Annotated[list[Path] | None, Positional(
+        "Folders of runs (default the newest in results).", metavar="[DIR]...",
+        more="Several runs are compared on one page. A folder of runs gets index.html, links with verdicts.")] = None,
+    out: Annotated[Path | None, Option(
+        "Page, or FILE.tex for LaTeX (default report.html).",
+        more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.")] = None,
     simulate: Annotated[bool, Option("Let the page run them again, with sliders.")] = True,
-    opened: OpenOption = False,
-    overwrite: ForeignOption = False,
-) -> None:
+    opened: OpenOption = False, overwrite: ForeignOption = False,
+) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""
-    from vdfmu.study.report.gallery import INDEX, is_gallery, write_gallery
-    from vdfmu.study.report.latex import SUFFIX, write_tables
-    from vdfmu.study.report.page import NAME, write_report
-    from vdfmu.study.report.sheets import sheets
-    from vdfmu.study.report.shown_run import newest_run, read_run, run_folder
+    from vdfmu.study.report.page import write_report
+    from vdfmu.study.report.sheets import LATEX, sheets, write_tables
+    from vdfmu.study.report.shown_run import INDEX, NAME, is_gallery, newest_run, read_run, run_folder, write_gallery
 
-    if folders and len(folders) == 1 and is_gallery(folders[0]):
-        page = out or inside(folders[0], folders[0] / INDEX)
-        with replacing_foreign(overwrite):
-            require_ours(page)
-        say_written(write_gallery(folders[0], page))
-        _say_page(page, opened)
-        return
+    gallery = bool(folders) and len(folders) == 1 and is_gallery(folders[0])
     folders = folders or [newest_run(Path("results"))]
-    runs = [read_run(folder) for folder in folders]
-    page = out or (run_folder(folders[0]) / NAME if len(runs) == 1 else folders[0].parent / "comparison.html")
+    runs = [] if gallery else [read_run(folder) for folder in folders]
     if out is None:
-        inside(folders[0] if len(runs) == 1 else page.parent, page)
+        place = folders[0] if gallery or len(runs) == 1 else folders[0].parent
+        name = INDEX if gallery else "comparison.html"
+        out = inside(place, run_folder(place) / NAME if len(runs) == 1 else place / name)
     with replacing_foreign(overwrite):
-        require_ours(page)
-    if page.suffix == SUFFIX:
-        say_written(write_tables((sheet for each in runs for sheet in sheets(each.summary)), page))
+        require_ours(out)
+    if out.suffix == LATEX and not gallery:
+        say_written(write_tables((sheet for run in runs for sheet in sheets(run.summary)), out))
         return
-    write_report(runs, page, simulate=simulate)
-    say_written(page)
-    _say_page(page, opened)
+    say_written(write_gallery(folders[0], out) if gallery else write_report(runs, out, simulate=simulate))
+    _say_page(out, opened)
 
 
 def _run_package(
     package: Path, unpack_limit: int | None, source: str | None = None, **options: Unpack[SystemOptions]
 ) -> None:
-    """Run a package with what a command line says, and print what the run was."""
+    """Run a package by the options of a command; print its facts."""
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder, run_system
     from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
     from vdfmu.engine.run import Interrupted
-    from vdfmu.study.report import tables
+    from vdfmu.study.report.sheets import run_panel
 
     folder = Path(options["out"] or default_folder(package))
     try:
@@ -301,21 +253,21 @@ def _run_package(
             write_failed(package.stem, package, folder / PARTIAL, error)
             _say_failed(error, folder)
         raise
-    tell(tables.run_panel(results.summary))
+    tell(run_panel(results.summary))
     say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
-    """Print the verdict on a run in a line; with ``--quiet`` of a run that is not good."""
+    """Print the verdict on a run in a line; with ``--quiet`` only a doubtful or failed one."""
     from vdfmu.engine.results.verdict import GOOD, state_of
-    from vdfmu.study.report.tables import verdict_text
+    from vdfmu.study.report.sheets import verdict_text
 
     if (text := verdict_text(summary)) and not (errors.quiet and state_of(summary) == GOOD):
         console.print(text, soft_wrap=True)
 
 
 def _say_page(page: Path, opened: bool) -> None:
-    """Print how to open a page, as a link where the terminal has them, and open it if that is wanted."""
+    """Print the path of a page as a link; open it in a browser if `opened`."""
     address = page.resolve().as_uri()
     if not errors.quiet and page.exists():
         console.print(Text.assemble("Open ", (str(page), f"link {address}")), soft_wrap=True)

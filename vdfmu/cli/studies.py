@@ -111,14 +111,14 @@ def report(
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a study. It has linked figures of the points, the measures, and failures by cause."""
-    from vdfmu.study.report.latex import SUFFIX, write_tables
-    from vdfmu.study.report.page import NAME
+    from vdfmu.study.report.sheets import LATEX, write_tables
+    from vdfmu.study.report.shown_run import NAME
     from vdfmu.study.sweeps.sweep import Sweep
 
     found = Sweep(study)
     with replacing_foreign(overwrite):
         require_ours(out or found.folder / NAME)
-    if out is not None and out.suffix == SUFFIX:
+    if out is not None and out.suffix == LATEX:
         say_written(write_tables([found.sheet()], out))
         return
     say_written(found.report(out, simulate=simulate))
@@ -126,7 +126,7 @@ def report(
 
 def _say_measures(found: Any) -> None:
     """Print the range of each measure, and the points that failed."""
-    from vdfmu.study.report.tables import sheet_table
+    from vdfmu.study.report.sheets import sheet_table
 
     tell(sheet_table(found.sheet()))
     failed = found.failed

@@ -6,7 +6,7 @@ import signal
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -50,7 +50,7 @@ def view(
         folder = path.parent
     else:
         if base is not None or tip is not None:
-            raise UsageError("base, tip: expected a URDF or MJCF, of which they choose the arm.")
+            raise UsageError("base, tip: expected a URDF or MJCF. They choose its arm.")
         from vdfmu.arm.robot import load_robot
         from vdfmu.base.toml_file import locate
 
@@ -69,21 +69,20 @@ def view(
 
 @contextmanager
 def live_view(wanted: bool, port: int | None, robot: str | None = None) -> Generator[LiveView | None]:
-    """Make the view of a run, which stays after it until the user ends it, if the run failed, too."""
+    """Yield the view of a run. It stays after the run, also after a failed one, until the user ends it."""
     if not wanted:
         if port is not None:
-            raise UsageError("--port: expected --live, which it is for.")
+            raise UsageError("--port needs --live.")
         yield None
         return
     from vdfmu.base.errors import CosimError
     from vdfmu.study.view.live import LiveView
 
-    arm: dict[str, Any] | None = None
+    arm = None
     if robot is not None:
         from vdfmu.arm.robot import load_robot
-        from vdfmu.study.run.scene import arm_of
 
-        arm = arm_of(load_robot(robot), {})
+        arm = load_robot(robot)
 
     def tell(text: str) -> None:  # --quiet leaves the address
         note = text.removeprefix("note: ")

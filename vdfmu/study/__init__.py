@@ -2,7 +2,8 @@
 
 DOORS = (
     "analysis.arm_space", "analysis.bode", "analysis.loops", "analysis.modes", "analysis.reach", "connected",
-    "environment.environments", "identify.design", "identify.fit", "identify.log", "options", "sweeps.sweep",
-    "tuning.tune",
+    "environment.environments", "identify.design", "identify.fit", "identify.log", "options", "referee",
+    "report.drawings", "report.page", "report.sheets", "report.shown_run", "run.scenario_run", "runs",
+    "sweeps.sweep", "tuning.tune", "view.live", "view.robot",
 )  # fmt: skip
-"""Modules that the command line and the top level import."""
+"""Modules that rooms above import."""

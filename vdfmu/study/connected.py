@@ -93,18 +93,15 @@ class System:
         return "\n".join(lines)
 
     def run(
-        self,
-        stop: float | None = None,
-        step: float | None = None,
-        values: Mapping[str, Any] | None = None,
+        self, stop: float | None = None, step: float | None = None, values: Mapping[str, Any] | None = None,
         **options: Any,
-    ) -> Results:
+    ) -> Results:  # fmt: skip
         """Run the system.
 
         Parameters
         ----------
         stop, step : float, optional [s]
-            Stop time and communication step, default those of the system.
+            Stop time and communication step (default the system's).
         values : mapping of ``component.variable`` to value, optional
             Parameters and start values for this run, in the units of the FMUs.
         **options
@@ -133,14 +130,9 @@ class System:
         return margins_along(self.path, opened, at, **options)
 
     def judge(
-        self,
-        wanted: float = 0.01,
-        stop: float | None = None,
-        step: float | None = None,
-        *,
-        values: Mapping[str, Any] | None = None,
-        **options: Any,
-    ) -> Judgement:
+        self, wanted: float = 0.01, stop: float | None = None, step: float | None = None, *,
+        values: Mapping[str, Any] | None = None, **options: Any,
+    ) -> Judgement:  # fmt: skip
         """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.referee.judge`."""  # fmt: skip
         return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
 
@@ -158,28 +150,26 @@ class System:
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the system as a package (SSP); return its path."""
-        return self._copied(Path(path), ".ssp")
+        path = Path(path)
+        if path.suffix.lower() != ".ssp":
+            raise UsageError(f"path must end in .ssp, got {path}. Write {path.with_suffix('.ssp')}.")
+        require_ours(path)
+        with storing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(self.path, path)
+        return path
 
     def container(self, path: str | os.PathLike[str], step: float | None = None) -> Path:
         """Write the system as one FMU, see :func:`vdfmu.write_container`; the default step is the system's."""
         chosen = step if step is not None else load_ssp(self.path).experiment.step
         if chosen is None:
-            raise UsageError("step must be given in s, got none, and the system has none. Give step=1e-3.")
+            raise UsageError("step must be given in s for a system without a step, got none. Give step=1e-3.")
         return write_container(self.path, path, step=chosen)
 
     def _with(self, values: Mapping[str, Any] | None, **options: Any) -> dict[str, Any]:
         given = {key: value for key, value in options.items() if value is not None}
         parameters = {**(self._options.get("parameters") or {}), **(values or {}), **given.pop("parameters", {})}
         return {**self._options, **given, "parameters": parameters}
-
-    def _copied(self, path: Path, ending: str) -> Path:
-        if path.suffix.lower() != ending:
-            raise UsageError(f"path must end in {ending}, got {path}. Write {path.with_suffix(ending)}.")
-        require_ours(path)
-        with storing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(self.path, path)
-        return path
 
 
 def _whole(name: str) -> str:
@@ -191,17 +181,10 @@ def _shortened(texts: Sequence[str], most: int = 12) -> list[str]:
 
 
 def connect(
-    components: Mapping[str, Part],
-    connections: Connections = (),
-    *,
-    robot: Robot | str | None = None,
-    fmi: str = "2.0",
-    stop: float | None = None,
-    step: float | None = None,
-    algorithm: str | None = None,
-    values: Mapping[str, Any] | None = None,
-    name: str = "system",
-) -> System:
+    components: Mapping[str, Part], connections: Connections = (), *, robot: Robot | str | None = None,
+    fmi: str = "2.0", stop: float | None = None, step: float | None = None, algorithm: str | None = None,
+    values: Mapping[str, Any] | None = None, name: str = "system",
+) -> System:  # fmt: skip
     """Connect FMUs.
 
     Parameters
@@ -245,16 +228,10 @@ def connect(
     for each, part in components.items():
         is_fmu = isinstance(part, str | os.PathLike) and Path(part).suffix.lower() == ".fmu"
         fmus[each] = part if is_fmu else build(part, Path(folder.name, each, f"{each}.fmu"), robot=robot, fmi=fmi)  # pyright: ignore[reportArgumentType]
+    path = Path(folder.name, f"{name}.ssp")
     package = join(
-        fmus,
-        connections,
-        Path(folder.name, f"{name}.ssp"),
-        name=name,
-        stop=stop,
-        step=step,
-        algorithm=algorithm,
-        values=values,
-    )
+        fmus, connections, path, name=name, stop=stop, step=step, algorithm=algorithm, values=values
+    )  # fmt: skip
     return System(package, keep=folder)
 
 

@@ -74,10 +74,10 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
     units: Annotated[Mapping[str, Any] | None, Option(
         "COMPONENT by my_unit.py or an FMU. Repeatable.",
         "mapping of str to unit", "By my_unit.py, my_units.py:Name, an FMU of any tool, the name of a unit of the "
-        "package, or a class. Values of the scenario that "
-        "it has no parameter for are left out, and connections to signals that it lacks; inputs that the other did not "
-        "have are joined to outputs of their names, by terminals; with notes in the log, and ``left_out`` and "
-        "``joined`` in the summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
+        "package, or a class. Values of the scenario "
+        "without a parameter in it are left out, and connections to signals that it lacks; its further inputs are "
+        "joined to outputs of their names, by terminals; with notes in the log, and ``left_out`` and ``joined`` in the "
+        "summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
 
 
@@ -86,7 +86,7 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, PictureOptions, LogOpti
 
     out: Annotated["str | os.PathLike[str] | Literal[False] | None", Option(
         "Folder of the results (default results/SCENARIO).", "path or False", "Files of an earlier run in it are "
-        "replaced once this one is complete. False writes nothing: results and summary are in what is returned.",
+        "replaced at the end of this run. False writes nothing: the returned object has results and summary.",
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare.",
         more="That takes longer than the run.", default=True, flag="--reference/--no-reference")]
@@ -135,7 +135,7 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
         "A list a point.", (), metavar="SIGNAL", typed=TEXTS)]
     engine: Annotated[str | None, Option(
         "batch runs several points at once.", choices=ENGINES,
-        more="Engine of the points: the FMUs, or one program of all units, by default where there are points enough, "
+        more="Engine of the points: the FMUs, or one program of all units, by default if there are points enough, "
         "see :mod:`vdfmu.study.batch`.")]
 
 
@@ -143,7 +143,7 @@ class SweepOptions(PlanOptions, WorkerOptions, total=False):
     """Options of `vdfmu.sweep`."""
 
     chunk: Annotated[int | None, Option("Points that a worker takes at a time.",
-        more="A file has as many. Default: what takes some seconds, at most 50, or 56 that are run side by side.")]
+        more="A file has as many. Default: points of some seconds, at most 50, or 56 side by side.")]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/sweep_SCENARIO).", "path",
         typed=Path | None)]
     retry: Annotated[bool, Option("Run points that failed again.", default=False)]
@@ -155,7 +155,7 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     limit: Annotated[Sequence[str] | Mapping[str, Any], Option(
         "Limit: 'peak(controller.tau) < 2.5'. Repeatable.",
         "sequence of str, or mapping", "It holds for every robot. Or, in a mapping, a function of the results by its "
-        "name, which must not be positive.", (), metavar="EXPR<NUMBER", typed=TEXTS)]
+        "name. Positive values break the limit.", (), metavar="EXPR<NUMBER", typed=TEXTS)]
     together: Annotated[bool, Option("Vary all elements of a parameter by one factor.", default=False)]
     spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
         "As plant.mass[3]=*normal(1, 0.1). Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
@@ -168,7 +168,7 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
         more="same is the margin of the start. It is the smallest min abs(1 + L) of the nominal robot over the run, "
         "as `vdfmu margins` has it.", metavar="NUMBER|same", typed=str | None)]
     engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
-        more="They are those of the robots of several values. See :func:`vdfmu.sweep`.", default="fmu")]
+        more="The robots of several values run side by side. See :func:`vdfmu.sweep`.", default="fmu")]
 
 
 class TuneOptions(ProblemOptions, WorkerOptions, total=False):

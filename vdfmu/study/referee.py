@@ -130,14 +130,9 @@ def verdict_of(d1: Floats, d2: Floats, order: int, wanted: float) -> str:
 
 
 def judge(
-    system: str | os.PathLike[str] | FlatSystem,
-    wanted: float = 0.01,
-    *,
-    stop: float | None = None,
-    step: float | None = None,
-    meant: Meant | None = None,
-    **options: Any,
-) -> Judgement:
+    system: str | os.PathLike[str] | FlatSystem, wanted: float = 0.01, *, stop: float | None = None,
+    step: float | None = None, meant: Meant | None = None, **options: Any,
+) -> Judgement:  # fmt: skip
     """Judge whether a co-simulation is right by communication. It takes seven times the steps of one run.
 
     Parameters
@@ -147,7 +142,7 @@ def judge(
     wanted : float
         Largest error, as a share of each connected signal's largest value.
     stop, step : float, optional [s]
-        Default those of the system.
+        Default the system's.
     meant : "sampled" or "continuous", optional
         How components with discrete outputs and without a declared period are meant. Sampled ones keep `step` as
         their period while the communication step is halved.
@@ -196,13 +191,10 @@ def _undeclared(checked: Checked) -> list[str]:
     """Return the components whose connected real outputs are discrete, without a period, a step or a clock."""
     declared = {component.name for component in checked.system.components if component.step is not None}
     names = [
-        link.start[0]
-        for link in checked.links
-        if link.stepped
-        and link.source.type == "Real"
-        and link.source.variability == "discrete"
+        link.start[0] for link in checked.links
+        if link.stepped and link.source.type == "Real" and link.source.variability == "discrete"
         and not link.source.clocks
-    ]
+    ]  # fmt: skip
     return [
         name for name in dict.fromkeys(names)
         if name in checked.descriptions and name not in declared and not checked.descriptions[name].period
@@ -243,12 +235,10 @@ class _Case(NamedTuple):
         if not names:
             raise UsageError(
                 "judge needs connected signals, got none: only exchange between components has this error."
-            )
+            )  # fmt: skip
         if not order:
-            text = (
-                f"Not decided: the algorithm {algorithm} declares no order. Declare substeps or continuous in its row."
-            )
-            return Judgement(OPEN, text, **facts)
+            why = f"the algorithm {algorithm} declares no order. Declare substeps or continuous in its row."
+            return Judgement(OPEN, f"Not decided: {why}", **facts)
         options: dict[str, Any] = {**self.options, "algorithm": algorithm}
         runs: list[Floats] = []
         for divisor in (1, 2, 4):
@@ -273,9 +263,8 @@ class _Case(NamedTuple):
 
     def _text(self, verdict: str, worst: SignalError, order: int, flat: FlatSystem) -> str:
         error, wanted = _share(worst.error), _share(self.wanted)
-        kept = "".join(
-            f" {name} samples every {_time(period)}, which is kept." for name, period in self._kept(flat).items()
-        )
+        steps = {component.name: component.step for component in flat.components if component.step is not None}
+        kept = "".join(f" {name} samples every {_time(step)}, which is kept." for name, step in steps.items())
         if verdict == RIGHT:
             return (
                 f"Right to {error} by communication ({worst.name}, step {_time(self.step)}; wanted {wanted}). Errors "
@@ -296,9 +285,6 @@ class _Case(NamedTuple):
                 f"halving it again by {worst.q:.2g} times as much; an order of {order} would give {0.5**order:g} times"
             )
         return f"Not decided: {why}.{self._cause(flat, worst.time)}{kept}"
-
-    def _kept(self, flat: FlatSystem) -> dict[str, float]:
-        return {component.name: component.step for component in flat.components if component.step is not None}
 
     def _repeats(self) -> bool:
         """Whether an algorithm that repeats steps can run the system."""

@@ -1,24 +1,29 @@
-"""The main job: run a scenario, draw its pictures, write its page."""
+"""Jobs on scenarios: a run with its pictures and page, and a folder for users of other tools."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import CosimError
-from vdfmu.base.files import temporary_folder
+from vdfmu.base.files import data_path, regular_target, replacing, require_ours, temporary_folder
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.progress import doing, with_progress
+from vdfmu.base.progress import counted, doing, with_progress
+from vdfmu.base.standards import SSP_1, SSP_FORMATS
+from vdfmu.engine.algorithms import DEFAULT, DELAYED
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, known_formats, known_pictures, replacing_results, write_summary
-from vdfmu.engine.run import Interrupted, Results
+from vdfmu.engine.run import Interrupted, Results, simulate
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
-from vdfmu.study.report.page import NAME, write_failed, write_report
-from vdfmu.study.report.pictures import write_pictures
-from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.report.content import write_pictures
+from vdfmu.study.report.page import write_failed, write_report
+from vdfmu.study.report.shown_run import NAME, ShownRun
 from vdfmu.study.report.simulation import keep_program
 from vdfmu.study.run.scenario_run import ScenarioRun, prepare
+from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
 
 RUN_OUTPUTS = (*SYSTEM_OUTPUTS, "system.ssp", NAME)
@@ -77,8 +82,53 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         with doing("figures"):
             write_pictures(results, scenario.robot, made, options["pictures"], width)
         with doing("page"):
-            shown = ShownRun(scenario.name, results, summary, job.package)
+            shown = ShownRun(scenario.name, results, summary, job.package, job.poses)
             write_report([shown], made / NAME, simulate=bool(options["simulate"]))
             getattr(observer, "page", lambda path: None)(made / NAME)
         write_summary(summary, made)
         return results
+
+
+ROWS = 1001
+"""Most rows of a table of results: some 2 MB for six joints."""
+
+
+def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mapping[str, Any]]) -> list[Path]:
+    """Write both packages of a scenario, the results of SSP 1.0 by two masters, README and script; return their paths.
+
+    The folder is made if it is missing. For `values` of units see :func:`vdfmu.system.scenario.values.system_values`.
+    """
+    packages = {
+        version: folder / f"{scenario.name}{'' if version == SSP_1.name else f'_{version}'}.ssp"
+        for version in SSP_FORMATS
+    }
+    tables = {algorithm: folder / f"{scenario.name}_{algorithm}.csv" for algorithm in (DELAYED, DEFAULT)}
+    source = data_path("ssp") / "reference"
+    texts = {folder / name: (source / name).read_text(encoding="utf-8") for name in ("README.md", "compare.py")}
+    for path in (*packages.values(), *tables.values(), *texts):
+        regular_target(path)
+    readme = folder / "README.md"  # its mark stands for tables and script too
+    require_ours(*packages.values(), readme, *(() if readme.exists() else (*tables.values(), *texts)))
+    for version, package in packages.items():
+        with temporary_folder("vdfmu_") as built:
+            fmus = build_parts(scenario, built, values, backend="native", fmi_version=SSP_FORMATS[version].fmi.name)
+            write_ssp(scenario, fmus, package, values, version=version)
+    system = load_ssp(packages[SSP_1.name])
+    record = [f"{part.name}.{each.name}" for part in system.components for each in part.connectors.values()
+              if each.kind == "output"]  # fmt: skip
+    stride = 1
+    thinned: dict[Path, Results] = {}
+    for algorithm, table in counted("results", tables.items(), len(tables)):
+        results = simulate(system, algorithm=algorithm, record=record)
+        thinned[table] = results.thinned(ROWS)
+        stride = -(-len(results) // len(thinned[table]))
+    facts = {
+        "name": scenario.name, "stop": scenario.stop, "step": scenario.step, "tolerance": scenario.tolerance,
+        "stride": stride,
+    }  # fmt: skip
+    for path, text in texts.items():
+        with replacing(path) as file:
+            file.write((text.format(**facts) if path.suffix == ".md" else text).encode())
+    for table, results in thinned.items():
+        results.write(table)
+    return [*packages.values(), *tables.values(), *texts]

@@ -19,7 +19,7 @@ from vdfmu.study.analysis.reach import write_reach
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
 from vdfmu.study.run.scenario_run import prepare
-from vdfmu.study.run.stability import loop_checks
+from vdfmu.study.run.verdict import loop_checks
 from vdfmu.study.tuning.problem import make_problem
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario

@@ -12,8 +12,8 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.text import to_json
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report import content
-from vdfmu.study.report.content import content_of
-from vdfmu.study.report.shapes import FRAMES, Chain, drawing_of
+from vdfmu.study.report.content import FRAMES, content_of
+from vdfmu.study.report.shapes import Chain, drawing_of
 from vdfmu.study.run.scene import arm_of, carriers_first, scene_of
 from vdfmu.study.run.summary_keys import read_summary
 from vdfmu.system.package.description import SystemDescription
@@ -28,7 +28,7 @@ def frames_of(results: Results) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("block", [20_000, 7_000])
 def test_an_arm_that_moves_for_2_of_300_s_is_drawn_where_it_is(monkeypatch, block):
-    monkeypatch.setattr(content, "_BLOCK", block)
+    monkeypatch.setattr(content, "BLOCK", block)
     results = still_and_quick(30_001, 300.0)
     t, q = frames_of(results)
     blocks = -(-30_001 // block)

@@ -14,8 +14,7 @@ from vdfmu.cli import runs
 from vdfmu.cli.commands import app
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.verdict import line_of
-from vdfmu.study.report.gallery import gallery_page, is_gallery
-from vdfmu.study.report.shown_run import read_run
+from vdfmu.study.report.shown_run import gallery_page, is_gallery, read_run
 
 
 @pytest.fixture(scope="module")
@@ -48,10 +47,10 @@ def changed(folder, **facts):
 def test_each_run_has_a_link_and_its_verdict(results):
     summary = read_run(results / "first run").summary
     assert is_gallery(results) and not is_gallery(results / "package")
-    row = rows(gallery_page(results))["first run"]
+    row = rows(gallery_page(results, results))["first run"]
     assert f'<span class="verdict good">{line_of(summary)}</span>' in row and 'href="first%20run/report.html"' in row
     assert "planar_tracking on planar_2dof" in row
-    assert 'href="package"' in rows(gallery_page(results))["package"]  # it has no page
+    assert 'href="package"' in rows(gallery_page(results, results))["package"]  # it has no page
 
 
 def test_broken_folders_are_named_and_deleted_ones_are_gone(results):
@@ -60,26 +59,26 @@ def test_broken_folders_are_named_and_deleted_ones_are_gone(results):
         (results / name / "summary.json").write_text(text)
     (results / "pipe").mkdir()
     os.mkfifo(results / "pipe" / "summary.json")
-    page = gallery_page(results)
+    page = gallery_page(results, results)
     for name in ("torn", "other", "text", "pipe"):
         assert page.decode().count(f"<p class=note>Not shown: {name}: ") == 1
     assert rows(page).keys() == {"first run", "package"}
     shutil.rmtree(results / "package")
-    assert rows(gallery_page(results)).keys() == {"first run"}
+    assert rows(gallery_page(results, results)).keys() == {"first run"}
 
 
 def test_nothing_but_the_summary_is_opened_whose_names_and_verdicts_are_text(results):
     """Results, package and page may be anything, even pipes that never end."""
-    whole = rows(gallery_page(results))
+    whole = rows(gallery_page(results, results))
     for name in ("results.csv", "system.ssp"):
         (results / "first run" / name).unlink()
         os.mkfifo(results / "first run" / name)
     (results / "first run" / "report.html").write_text("<script>alert(1)</script>")
-    assert rows(gallery_page(results)) == whole
+    assert rows(gallery_page(results, results)) == whole
     wild = results / "<b>&'\udcff"
     (results / "package").rename(wild)
     changed(wild, system="<i>x</i>", verdict={"state": "failed", "words": "<u>w</u>", "checks": []})
-    page = gallery_page(results).decode()
+    page = gallery_page(results, results).decode()
     assert "&lt;i&gt;x&lt;/i&gt;" in page and "&lt;u&gt;w&lt;/u&gt;" in page and "&lt;b&gt;" in page
     assert not re.search("<[biu]>", page) and 'href="%3Cb%3E%26%27%FF"' in page
 
@@ -87,7 +86,7 @@ def test_nothing_but_the_summary_is_opened_whose_names_and_verdicts_are_text(res
 def test_a_verdict_is_seen_and_counted(results):
     for state in ("doubtful", "failed"):
         changed(results / "first run", verdict={"state": state, "words": "off its path", "checks": []})
-        page = gallery_page(results)
+        page = gallery_page(results, results)
         assert f"2 runs: 1 {state}" in page.decode()
         assert f'<span class="verdict {state}">{state.capitalize()}: off its path' in rows(page)["first run"]
 
@@ -95,7 +94,7 @@ def test_a_verdict_is_seen_and_counted(results):
 def test_the_newest_run_is_first_and_the_command_writes_the_list(results, tmp_path):
     for first, date in (("package", "2020-02-03T04:05:06+00:00"), ("first run", "2099-02-03T04:05:06+00:00")):
         changed(results / "first run", date=date)
-        page = gallery_page(results)
+        page = gallery_page(results, results)
         assert next(iter(rows(page))) == first and f"{date[:10]} 04:05 UTC" in rows(page)["first run"]
     done = CliRunner().invoke(app, ["report", str(results)])
     assert done.exit_code == 0 and (results / "index.html").exists(), done.output
@@ -112,7 +111,7 @@ def test_a_failed_run_has_a_page_and_a_row(results, monkeypatch):
     *_, said, last = done.output.splitlines()
     assert last == "Open results/failed/partial/report.html", done.output
     assert said.startswith("error: plant failed at t =") and "unstable from the start" in said
-    row = rows(gallery_page(results))["failed/partial"]
+    row = rows(gallery_page(results, results))["failed/partial"]
     assert 'failed">Failed: unstable from the start' in row and 'href="failed/partial/report.html"' in row
     page.unlink()
     assert not is_gallery(results / "failed")

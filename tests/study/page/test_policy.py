@@ -14,9 +14,8 @@ from tests.study.page.browser import show
 from vdfmu.base import page as frame
 from vdfmu.base.files import read_member
 from vdfmu.engine.results.results import Signal
-from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.page import StudyPart, report_page, study_page
-from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.report.shown_run import ShownRun, write_gallery
 from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.live_server import live_page, words_page
 
@@ -68,7 +67,8 @@ def pages(tmp_path):
     about = {"arm": arm_of(vdfmu.load_robot("planar_2dof"), {})}
     return {
         "run": report_page([shown]), "runs": report_page([shown, shown]), "sweep": report_page([shown], study=study),
-        "study": study_page(study), "gallery": write_gallery(tmp_path).read_bytes(), "robot": view._server.content,
+        "study": study_page(study), "gallery": write_gallery(tmp_path, tmp_path / "index.html").read_bytes(),
+        "robot": view._server.content,
         "live": live_page("live", about, ["plant.q[1]", "plant.q[2]"], 0.0, 1.0),
         "words": words_page("words", "none"), "package": frame.page("package", "", "", 76),
     }  # fmt: skip

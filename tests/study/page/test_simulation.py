@@ -33,7 +33,7 @@ def planar(tmp_path_factory) -> Path:
 def found_in(folder: Path, **changed: Any) -> tuple[dict[str, Any], dict[str, str]]:
     run, binaries = read_run(folder), dict[str, str]()
     package = changed.pop("package", run.package)
-    return simulation_of(run.results, {**run.summary, **changed}, package, binaries), binaries
+    return simulation_of(run._replace(summary={**run.summary, **changed}, package=package), binaries), binaries
 
 
 @pytest.mark.heavy
@@ -116,17 +116,17 @@ def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own():
 
 def test_a_run_without_references_says_why_its_loop_may_differ(planar):
     recorded = found_in(planar)[0]["recorded"]
-    assert recorded["note"] == "" and "was not found out: the run has no reference" in recorded["doubt"]
+    assert recorded["note"] == "" and "Without a reference, the run does not show" in recorded["doubt"]
     assert found_in(planar, reference={"sampled": {}})[0]["recorded"]["doubt"] == ""
 
 
 def test_a_page_stays_below_its_size(planar, monkeypatch):
     run, binaries = read_run(planar), dict[str, str]()
-    assert "units" in simulation_of(run.results, run.summary, run.package, binaries)
+    assert "units" in simulation_of(run, binaries)
     monkeypatch.setattr(simulation, "MOST_MODULES", sum(map(len, binaries.values())))
-    assert "units" in simulation_of(run.results, run.summary, run.package, binaries)  # it adds nothing
+    assert "units" in simulation_of(run, binaries)  # it adds nothing
     binaries["another"] = "module"
-    found = simulation_of(run.results, run.summary, run.package, binaries)
+    found = simulation_of(run, binaries)
     assert re.search(r"larger than 1 MB; make a page of this run alone\.$", found["reason"])
 
 
@@ -153,7 +153,7 @@ def test_a_system_without_a_program_is_not_simulated(tmp_path, options, words):
 def test_a_long_run_and_one_of_a_package_are_not_simulated_and_a_page_says_how_to_get_it(planar, monkeypatch):
     run = read_run(planar)
     summary = {name: value for name, value in run.summary.items() if name != "scenario"}
-    assert "only runs of scenarios" in simulation_of(run.results, summary, run.package, {})["reason"]
+    assert "only runs of scenarios" in simulation_of(run._replace(summary=summary), {})["reason"]
     monkeypatch.setattr(simulation, "MOST_VALUES", 1000)
     assert re.search("it has 200 steps of .* signals, too much for a page", found_in(planar)[0]["reason"])
     text = (planar / "report.html").read_text()

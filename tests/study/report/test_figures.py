@@ -17,9 +17,8 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.measure import _QUANTITIES, coherent, inches, shown_as, spaced, unit_of
 from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.results import Results, Signal
-from vdfmu.study.report import content
-from vdfmu.study.report.content import run_figures
-from vdfmu.study.report.pictures import TOOL, tool_error, write_pictures
+from vdfmu.study.report import content as module
+from vdfmu.study.report.content import TOOL, run_figures, tool_error, write_pictures
 from vdfmu.study.run.scene import arm_of
 
 KEYS = ("position", "tracking", "torque", "compensation", "torsion")
@@ -66,8 +65,8 @@ def test_the_unit_of_every_quantity_is_shown_with_its_factor(joint_type):
 def test_a_new_figure_has_the_unit_of_its_quantity(made, monkeypatch):
     """A figure is a row with its quantity and a row with its sum. A speed is in deg/s, never in deg."""
     row = ("speed", "velocity", "Joint speeds", "Speed", {"speed": ""})
-    monkeypatch.setattr(content, "_FIGURES", (*content._FIGURES, row))
-    monkeypatch.setattr(content, "SUMS", {**content.SUMS, "speed": [(1.0, "plant.q_dot")]})
+    monkeypatch.setattr(module, "_FIGURES", (*module._FIGURES, row))
+    monkeypatch.setattr(module, "SUMS", {**module.SUMS, "speed": [(1.0, "plant.q_dot")]})
     results, robot = made.results(3), made.scenario(MIXED).robot
     results = results.renamed(lambda name: name.replace("plant.kappa", "plant.q_dot"))
     shown = {each.key: each for each in run_figures(results, {"arm": arm_of(robot, {})})}

@@ -16,10 +16,10 @@ from vdfmu.cli import runs
 from vdfmu.cli.commands import app
 from vdfmu.engine.results.verdict import Check, checks_line, line_of, state_of, verdict_of
 from vdfmu.study.analysis.reach import reach_scenario
-from vdfmu.study.report.headline import page_title, tiles_of
 from vdfmu.study.report.page import report_page, run_command
+from vdfmu.study.report.parts import page_title, tiles_of
+from vdfmu.study.report.sheets import verdict_text
 from vdfmu.study.report.shown_run import ShownRun
-from vdfmu.study.report.tables import verdict_text
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.run.summary import run_facts
 from vdfmu.study.run.verdict import verdict

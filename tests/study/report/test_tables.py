@@ -6,9 +6,17 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from vdfmu.study.report.latex import sheet_latex, write_tables
-from vdfmu.study.report.sheets import Sheet, facts, reference_sheet, sheets, tracking_sheet
-from vdfmu.study.report.tables import run_panel, sheet_table
+from vdfmu.study.report.sheets import (
+    Sheet,
+    facts,
+    reference_sheet,
+    run_panel,
+    sheet_latex,
+    sheet_table,
+    sheets,
+    tracking_sheet,
+    write_tables,
+)
 
 TRACKING: dict[str, Any] = {
     "scenario": "two_joint", "robot": "manipulator_6dof", "friction": "lumped", "backend": "python",
@@ -75,7 +83,7 @@ def test_statistics_are_compared_where_solutions_separate_and_the_energy_residua
     assert sheet.columns == ("Reference", "Position RMS\n[%]", "Torque RMS\n[%]")
     assert sheet.rows == [("sampled-delayed", "1.23", "3.45"), ("continuous", "2.46", "6.9")]
     said = " ".join(sheet.notes)
-    assert "up to 3.2e-06 rad, which shows no error: the loop is chaotic" in said
+    assert "up to 3.2e-06 rad. That shows no error: the loop is chaotic" in said
     assert "a change of 1e-09 moves the run by 0.00059 rad" in said
     assert ("Chaotic loop", "rotor inertias larger by 1e-09 of themselves move the run by 0.00059 rad or m") in facts(
         summary

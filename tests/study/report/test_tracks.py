@@ -16,8 +16,7 @@ from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
-from vdfmu.study.report.causes import LESS, causes
-from vdfmu.study.report.simulation import knobs, values_of
+from vdfmu.study.report.simulation import LESS, causes, knobs, values_of
 from vdfmu.study.report.tracks import NOTCHES, factor, tracks
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario

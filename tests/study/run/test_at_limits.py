@@ -13,8 +13,7 @@ from vdfmu.cli.commands import app
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.sheets import limits_sheet, sheets
-from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
-from vdfmu.study.run.summary import tracking_errors
+from vdfmu.study.run.summary import ArmLimits, limits_of, time_at_limits, tracking_errors
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import system_values
 

@@ -8,7 +8,7 @@ import pytest
 import vdfmu
 from vdfmu.engine.results.results import Recorded
 from vdfmu.engine.run import Results, Signal
-from vdfmu.study.report import content, pictures
+from vdfmu.study.report import content
 from vdfmu.study.run import scenario_run as study
 from vdfmu.study.run import summary
 from vdfmu.system.package.description import SystemDescription
@@ -135,8 +135,8 @@ def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):
 
 def test_a_run_reads_no_array_as_a_whole(tmp_path, monkeypatch):
     """Its rows are on disk: what reads all of them at once would hold an hour of them in memory."""
-    monkeypatch.setattr(content, "_BLOCK", BLOCK)
-    monkeypatch.setattr(pictures, "DRAWN", BLOCK)
+    monkeypatch.setattr(content, "BLOCK", BLOCK)
+    monkeypatch.setattr(content, "DRAWN", BLOCK)
     take, whole = Recorded.__getitem__, []
 
     def watched(self, name):

@@ -7,8 +7,8 @@ import pytest
 
 import vdfmu
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.study.run import power_bond
-from vdfmu.study.run.power_bond import PowerBond
+from vdfmu.study.run import accuracy
+from vdfmu.study.run.accuracy import PowerBond
 
 NAMES = [f"{name}[{i}]" for name in ("plant.kappa_dot", "controller.tau", "x.y", "plant.tau", "controller.kappa_dot")
          for i in (2, 1)]  # fmt: skip
@@ -33,10 +33,10 @@ def shown(tap, times, rows, names=NAMES):
 @pytest.mark.parametrize("count", [7, 14, 50])
 def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(monkeypatch, count):
     robot = vdfmu.load_robot("planar_2dof")
-    monkeypatch.setattr(power_bond, "BLOCK", 7)
+    monkeypatch.setattr(accuracy, "BLOCK", 7)
     dice = np.random.default_rng(2)
     times, rows = 1.0 + 0.01 * np.arange(count), dice.standard_normal((count, len(NAMES)))
-    signals = {name: rows[:, [NAMES.index(f"{name}[{i}]") for i in (1, 2)]] for name in power_bond._READ}
+    signals = {name: rows[:, [NAMES.index(f"{name}[{i}]") for i in (1, 2)]] for name in accuracy._READ}
     taken = robot.ell * signals["plant.tau"] * signals["plant.kappa_dot"]
     given = robot.ell * signals["controller.tau"] * signals["controller.kappa_dot"]
     residual = 0.5 * np.diff(times, prepend=times[0])[:, None] * (taken - given)

@@ -269,7 +269,7 @@ def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
     for words in ("run tracking --port 8000", "run x.ssp --robot planar_2dof"):
         done = CliRunner().invoke(app, words.split())
         assert isinstance(done.exception, UsageError)
-        assert "expected --live" in str(done.exception)
+        assert "needs --live" in str(done.exception)
     assert list(tmp_path.iterdir()) == []
 
 

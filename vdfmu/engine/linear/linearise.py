@@ -15,6 +15,7 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
+from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.versions import class_of
 from vdfmu.engine.linear.system import LinearSystem, Samples, reached
@@ -95,11 +96,9 @@ class Linearisation:
         for part in self._parts:
             M[np.ix_(*part.places)] = part.jacobian(time)
             notes += part.notes()
+        read = [part.values() for part in self._parts] if values else []
         x, u, y, s = (
-            np.array([float(part.instance.get(v)) for part in self._parts for v in part.groups[kind]])
-            if values
-            else np.zeros(self._sizes[kind])
-            for kind in range(4)
+            np.concatenate([each[kind] for each in read]) if read else np.zeros(self._sizes[kind]) for kind in range(4)
         )
         names, units = self._names, self._units
         parts = StateSpace(
@@ -148,6 +147,8 @@ class _Linearised:
             differences, states = instance.integrator.differences, states[: instance.sizes()[0]]
             self._ways = [lambda time: differences(time, inputs, outputs)]
         self.groups = states, inputs, [*outputs, *sampled], sampled
+        self._values = [np.zeros(len(group)) for group in self.groups]
+        self._reads: list[Call] | None = None
 
     def jacobian(self, time: float) -> Floats:
         """Return its Jacobian: at first by all inputs, for the notes, then by inputs on loops."""
@@ -155,6 +156,14 @@ class _Linearised:
         self.acts = self.acts or bool(J.any())
         del self._ways[1:]
         return J
+
+    def values(self) -> list[Floats]:
+        """Return the values of its groups; one call a type reads them."""
+        if self._reads is None:
+            pairs = [(group, values) for group, values in zip(self.groups, self._values, strict=True) if group]
+            self._reads = [call for pair in pairs for call in self.instance.access("Get", *pair)]
+        self.instance.run(self._reads)
+        return [values.copy() for values in self._values]
 
     def notes(self) -> Iterator[str]:
         """Yield notes on its Jacobians so far."""

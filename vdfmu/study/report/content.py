@@ -1,34 +1,39 @@
-"""Content of the page of a run: the arm, figures and recorded signals, thinned and packed for a browser.
+"""Content of the page of a run: arms, figures and recorded signals, thinned and packed for a browser.
 
 A figure or a group of signals has its own rows: every k-th of the run, and rows of the smallest and largest values
-between them, so that no peak is lost. Numbers are single precision, calculated in double; they are from these
-rows, never between them.
+between them, so that no peak is lost. Numbers are single precision, calculated in double. They come from these rows
+without interpolation. Pictures are files of the same figures.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vdfmu.base.arrays import extremes, with_named
-from vdfmu.base.errors import VdfmuError
+from vdfmu.arm.dynamics import forward_kinematics
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats, bends, extremes
 from vdfmu.base.measure import JOINT_UNITS, Shown, shown_as
-from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures
-from vdfmu.engine.results.results import Results
-from vdfmu.study.report.curves import CurveTable, recipes_of, values_of
-from vdfmu.study.report.shapes import FRAMES, ArmFrames
-from vdfmu.study.run.scene import BASE
+from vdfmu.engine.results.folder import DRAWN
+from vdfmu.engine.results.results import Recorded, Results, Signal
+from vdfmu.study.report.scripts import packed
+from vdfmu.study.report.shapes import Chain, drawing_of
+from vdfmu.study.run.scene import BASE, joints_of
 
 EXTREMES = 1000
 """Stretches whose smallest and largest values are kept, shared among the curves of a figure."""
-_BLOCK = 20_000
-"""Rows that are in memory at a time."""
+FRAMES = 1000
+"""Most intervals between equidistant rows, common to the drawing of an arm and all figures."""
+_MORE = 500
+"""Most rows between them that draw a moving arm too."""
+_LEAST = 1e-5
+"""Invisible deviation of a joint [rad], or of the base or a prismatic joint over the arm's reach."""
 
 
 SUMS: Mapping[str, Terms] = {
@@ -44,7 +49,7 @@ SUMS: Mapping[str, Terms] = {
 }
 """Curves of each joint [rad or m; link-side N.m or N; W]: factors of arrays of signals.
 
-The last two are for joints that are components, see `wired_arm`: power and axial force on the link.
+The last two are for joints that are components: power and axial force on the link.
 """
 MOTOR_SIDE = ("controller.tau", "feedforward.tau_m")
 """Signals that are multiplied by the reduction ratio."""
@@ -64,92 +69,55 @@ _FIGURES = (
 """
 
 
-WRENCHES = {
-    "F_e": ("of the arm on its surroundings in {O}", "wrench of {} on its surroundings"),
-    "F_S": ("of the base on the arm in {S}", "wrench of the base on {}"),
-}
-"""Six signals, force and moment: words for a title, and for the arrow."""
+WRENCHES = {"F_e": "of the arm on its surroundings in {O}", "F_S": "of the base on the arm in {S}"}
+"""Six signals, force and moment: words for a title."""
+BLOCK = 20_000
+"""Rows that are in memory at a time."""
 
 
-def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of the page of a run, ready for JSON.
+class DrawnArm(NamedTuple):
+    """An arm whose positions were recorded."""
 
-    ``arm``: see :func:`vdfmu.study.report.shapes.drawing_of`, None without one. ``frames``: time and, for the arm,
-    joint positions, tracking errors, control torques and torsion at every k-th row. ``figures`` and ``signals``: lists
-    of figures, with rows, time and values as base64 of little-endian numbers, curve by curve.
-    """
-    arms = _arms(results, summary)
-    n = len(summary["arm"]["types"]) if "arm" in summary else int(summary.get("joints", 0))
-    m, parts = len(results), -(-len(results) // _BLOCK)
-    stride = max(1, -(-(m - 1) // FRAMES))
-    objects = summary.get("scene", {}).get("objects", []) if arms else []
-    turns = {one["turn"]: [[(1.0, one["turn"])]] for one in objects if one.get("turn") in results.names}
-    moving = [
-        ArmFrames(name, arm, motion | ({} if k else turns), m) for k, (name, arm, motion, _) in enumerate(arms)
-    ] or [ArmFrames("", None, {}, m)]
-    tables = {
-        "figures": [CurveTable(figure) for figure in run_figures(results, summary)],
-        "signals": [CurveTable(figure) for figure in signal_figures(results, (), n)],
-    }
-    for k, part in enumerate(results.blocks(_BLOCK)):
-        for each in moving:
-            each.add(part, k * _BLOCK)
-        even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
-        if k == parts - 1:
-            even = np.unique(np.append(even, len(part) - 1))
-        for table in itertools.chain(*tables.values()):
-            values = values_of(table.curves, part, table.factor)
-            buckets = max(1, EXTREMES // (len(values) * parts))
-            rows = [even, *(extremes(row, buckets) for row in values)]
-            table.add(part.time, [values], np.unique(np.concatenate(rows)))
-    first, *more = [each.packed() for each in moving]
-    return {
-        **first,
-        "more": more,
-        "objects": objects,
-        **{
-            kind: [table.packed(["values"]) | {"recipes": recipes_of(table.curves, table.factor)} for table in found]
-            for kind, found in tables.items()
-        },
-    }
+    component: str
+    facts: Mapping[str, Any]
+    """See :func:`vdfmu.study.run.scene.arm_of`."""
+    sums: Mapping[str, Sequence[Terms]]
+    """Of `SUMS`, joint by joint."""
+    motion: Mapping[str, Sequence[Terms]]
+    """Its drawn values: of its joints, of its base, and the wrenches that act on it."""
 
 
-def run_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
-    """Yield the figures of a run: of each arm, of forces in the scene, and of cutting points."""
-    arms = _arms(results, summary)
-    for k, (name, arm, _, sums) in enumerate(arms):
-        yield from _figures(f"{name}." if k else "", f"{name}: " if len(arms) > 1 else "", arm, sums)
-    yield from _force_figures(results, summary)
-    yield from _cutting_points(results)
-
-
-def _arms(results: Results, summary: Mapping[str, Any]) -> list[tuple[str, Any, Any, Any]]:
-    """Return the arms whose positions were recorded: component, facts, what is drawn, and sums."""
-    known = summary.get("scene", {}).get("arms") or []
-    if not known and "arm" in summary:
-        known = [summary["arm"] | {"component": "plant", "signals": summary.get("joint_signals", {})}]
-    names, found = {*results.names}, []
-    for k, arm in enumerate(known):
+def drawn_arms(results: Results, summary: Mapping[str, Any]) -> list[DrawnArm]:
+    """Return the arms whose positions were recorded."""
+    tables = summary.get("scene", {}).get("arms") or []
+    if not tables and "arm" in summary:
+        tables = [summary["arm"] | {"component": "plant", "signals": summary.get("joint_signals", {})}]
+    names, arms = {*results.names}, list[DrawnArm]()
+    for k, arm in enumerate(tables):
         signals = {key: each for key, each in arm["signals"].items() if names.issuperset(each)}
-        if k == 0:  # of a system that says no more, by the names of the shipped ones
+        if k == 0:  # of a system without a scene, by the names of the shipped ones
             of_names = {name for terms in SUMS.values() for _, name in terms}
             signals = {name: each for name in of_names if (each := _joints(results, name, len(arm["ell"])))} | signals
-        sums = _sums(arm["ell"], signals)
+        sums: dict[str, list[Terms]] = {
+            key: [
+                [(factor * (ell if name in MOTOR_SIDE else 1.0), signals[name][i]) for factor, name in terms]
+                for i, ell in enumerate(arm["ell"])
+            ]
+            for key, terms in SUMS.items()
+            if all(name in signals for _, name in terms)
+        }
         if "q" in sums:
-            found.append((arm["component"], arm, _motion(arm, sums, names), sums))
-    return found
+            arms.append(DrawnArm(arm["component"], arm, sums, _motion(arm, sums, names)))
+    return arms
 
 
 def _motion(arm: Mapping[str, Any], sums: Mapping[str, Any], names: Container[str]) -> dict[str, Any]:
-    """Return what a drawn arm shows: of its joints, of its base, and the wrenches that act on it."""
     constants: Mapping[str, float] = arm.get("constants", {})
-    found = {key: arm["signals"][key] for key in (BASE, *WRENCHES) if key in arm["signals"]}
-    if arm.get("mounted"):
-        found.pop(BASE, None)
+    groups = {key: arm["signals"].get(key, ()) for key in ([] if arm.get("mounted") else [BASE]) + [*WRENCHES]}
     return {name: sums[name] for name in _FRAMES if name in sums} | {
-        key: [[(1.0, name) if name in names else (constants.get(name, 0.0), "")] for name in each]
-        for key, each in found.items()
-        if any(name in names or name in constants for name in each)
+        key: [[(1.0, name) if name in names else (constants.get(name, 0.0), "")] for name in group]
+        for key, group in groups.items()
+        if any(name in names or name in constants for name in group)
     }
 
 
@@ -159,24 +127,21 @@ def _joints(results: Results, name: str, n: int) -> list[str]:
     return [group[index] for index in sorted(group)] if group and results.shape_of(name) == (n,) else []
 
 
-def _sums(ell: Sequence[float], signals: Mapping[str, Sequence[str]]) -> dict[str, list[Terms]]:
-    """Return the sums of `SUMS` whose signals there are, joint by joint."""
-    return {
-        key: [
-            [(factor * (r if name in MOTOR_SIDE else 1.0), signals[name][i]) for factor, name in terms]
-            for i, r in enumerate(ell)
-        ]
-        for key, terms in SUMS.items()
-        if all(name in signals for _, name in terms)
-    }
+def run_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield the figures of a run: of each arm, of forces in the scene, and of cutting points."""
+    arms = drawn_arms(results, summary)
+    for k, arm in enumerate(arms):
+        before, of = f"{arm.component}." if k else "", f"{arm.component}: " if len(arms) > 1 else ""
+        yield from _arm_figures(before, of, arm.facts["types"], arm.sums)
+    yield from _force_figures(results, summary)
+    yield from _cutting_points(results)
 
 
-def _figures(before: str, of: str, arm: Mapping[str, Any], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
-    """Yield positions, torques, their errors and torsion; joints of other units in figures of their own.
+def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
+    """Yield positions, torques, their errors and torsion; revolute and prismatic joints in separate figures.
 
-    `before` and `of` stand before keys and titles.
+    `before` and `of` are prefixes of keys and titles.
     """
-    types: Sequence[str] = arm["types"]
     for kind, unit in JOINT_UNITS.items():
         joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""
@@ -198,18 +163,18 @@ def _force_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Fig
     scene = summary.get("scene", {})
     names = {*results.names}
     for arm in scene.get("arms", []):
-        for key, (words, _) in WRENCHES.items():
+        for key, words in WRENCHES.items():
             signals = arm["signals"].get(key, [])
-            for what, unit, part in (("Force", "N", signals[:3]), ("Moment", "N.m", signals[3:])):
-                known = [(axis, name) for axis, name in zip("xyz", part, strict=False) if name in names]
-                if any(np.any(part[name]) for part in results.blocks(_BLOCK) for _, name in known):
-                    curves = [Curve(axis, 0, [(1.0, name)]) for axis, name in known]
-                    title = f"{arm['component']}: {what.lower()} {words}"
-                    yield Figure(f"{arm['component']}.{key}.{unit}", title, Shown(unit), curves, f"{what} {words}")
-    for one in scene.get("objects", []):
-        for name, words in one.get("forces", {}).items():
+            for noun, unit, part in (("Force", "N", signals[:3]), ("Moment", "N.m", signals[3:])):
+                axes = [(axis, name) for axis, name in zip("xyz", part, strict=False) if name in names]
+                if any(np.any(rows[name]) for rows in results.blocks(BLOCK) for _, name in axes):
+                    curves = [Curve(axis, 0, [(1.0, name)]) for axis, name in axes]
+                    title = f"{arm['component']}: {noun.lower()} {words}"
+                    yield Figure(f"{arm['component']}.{key}.{unit}", title, Shown(unit), curves, f"{noun} {words}")
+    for drawn in scene.get("objects", []):
+        for name, words in drawn.get("forces", {}).items():
             if name in names:
-                title = f"{one['component']}: {words[:1].lower()}{words[1:]}"
+                title = f"{drawn['component']}: {words[:1].lower()}{words[1:]}"
                 yield Figure(name, title, Shown(results.units[name]), [Curve(name, 0, [(1.0, name)])], words)
 
 
@@ -232,51 +197,150 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
             yield Figure(f"force.{unit}", f"{noun} the axes between joint and link {{B}}", Shown(unit), curves)
 
 
-_POWER = ".P_B"
+def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of the page of a run, ready for JSON.
 
-
-def joints_of(results: Results) -> list[str]:
-    """Return the components that are joints, by the virtual power flow that they show."""
-    return [group.removesuffix(_POWER) for group in results.groups if group.endswith(_POWER)]
-
-
-def wired_arm(results: Results, package: Path) -> dict[str, Any]:
-    """Return the entry ``arm`` of the summary, and ``joint_signals``: name of an array to its joints' signals.
-
-    Empty if no joints were recorded, or if they are not one chain, which alone is drawn.
+    ``arm``: see :func:`vdfmu.study.report.shapes.drawing_of`, None without one. ``frames``: time and, for the arm,
+    joint positions, tracking errors, control torques and torsion at every k-th row. ``figures`` and ``signals``: lists
+    of figures, with rows, time and values as base64 of little-endian numbers, curve by curve.
     """
-    names = joints_of(results)
-    if not names or not package.is_file():
-        return {}
-    try:
-        checked = check_system(load_ssp(package))
-    except VdfmuError:  # the page is of the results; what is wrong with the package, a run says
-        return {}
-    feeds = {link.end: link.start[0] for link in checked.links}
-    links = {name: feeds.get((name, "V_A[1]"), "") for name in names}
-    after = {feeds.get((link, "V_B[1]"), ""): name for name, link in links.items()}
-    if len(after) < len(names) or not (order := [after[one] for one in after if one not in names]):
-        return {}
-    while order[-1] in after:
-        order.append(after[order[-1]])
-    end = next((end[0] for end, start in feeds.items() if start == order[-1] and end[1] == "V_B[1]"), "")
-    tool, base = feeds.get((end, "p_C[1]"), ""), links[order[0]]
-    values = {name: {v.name: value for v, value in each} for name, each in checked.starts.items()}
-
-    def array(component: str, group: str, default: Any) -> Any:
-        return with_named(default, group, values.get(component, {})).tolist()
-
-    arm = {
-        "types": ["prismatic" if results.units[f"{name}.q"] == "m" else "revolute" for name in order],
-        "rotation": [array(name, "rotation", np.eye(3)) for name in order],
-        "offset": [array(name, "offset", np.zeros(3)) for name in order],
-        "ell": [array(name, "ell", 1.0) for name in order],
-        "tool_offset": array(tool, "tool_offset", np.zeros(3)),
-        "tool_rotation": array(tool, "tool_rotation", np.eye(3)),
-        "gravity": array(base, "gravity", np.array([0.0, 0.0, 9.81])),
-        "shapes": [],
+    arms = drawn_arms(results, summary)
+    n = len(summary["arm"]["types"]) if "arm" in summary else int(summary.get("joints", 0))
+    m, parts = len(results), -(-len(results) // BLOCK)
+    stride = max(1, -(-(m - 1) // FRAMES))
+    objects = summary.get("scene", {}).get("objects", []) if arms else []
+    turns = {each["turn"]: [[(1.0, each["turn"])]] for each in objects if each.get("turn") in results.names}
+    moving = [
+        ArmFrames(arm.component, arm.facts, {**arm.motion, **({} if k else turns)}, m) for k, arm in enumerate(arms)
+    ] or [ArmFrames("", None, {}, m)]
+    kinds = {"figures": run_figures(results, summary), "signals": signal_figures(results, (), n)}
+    tables = {kind: [CurveTable(figure) for figure in figures] for kind, figures in kinds.items()}
+    for k, part in enumerate(results.blocks(BLOCK)):
+        for each in moving:
+            each.add(part, k * BLOCK)
+        even = np.arange(-k * BLOCK % stride, len(part), stride)  # every k-th row of the whole
+        if k == parts - 1:
+            even = np.unique(np.append(even, len(part) - 1))
+        for table in itertools.chain(*tables.values()):
+            values = values_of(table.curves, part, table.factor)
+            buckets = max(1, EXTREMES // (len(values) * parts))
+            rows = [even, *(extremes(row, buckets) for row in values)]
+            table.add(part.time, [values], np.unique(np.concatenate(rows)))
+    first, *more = [each.packed() for each in moving]
+    packs = {
+        kind: [table.packed(["values"]) | {"recipes": recipes_of(table.curves, table.factor)} for table in group]
+        for kind, group in tables.items()
     }
-    signals = {f"plant.{group}": [f"{name}.{group}" for name in order] for group in ("q", "kappa", "P_B")}
-    axes = {"revolute": 6, "prismatic": 3}
-    signals["plant.F_z"] = [f"{name}.F_B[{axes[kind]}]" for name, kind in zip(order, arm["types"], strict=True)]
-    return {"arm": arm, "joint_signals": {key: each for key, each in signals.items() if set(each) <= {*results.names}}}
+    return {**first, "more": more, "objects": objects, **packs}
+
+
+class ArmFrames:
+    """The drawing of an arm, and its motion at rows between which it moves on straight lines in joint space.
+
+    `name` is its component, `arm` the facts of :func:`vdfmu.study.run.scene.arm_of`, None for times alone. `motion`
+    has q and the curves drawn with it; ``base``: position and rotation of its base, row by row.
+    """
+
+    def __init__(self, name: str, arm: Mapping[str, Any] | None, motion: Mapping[str, Sequence[Terms]], m: int) -> None:
+        self._name, self._arm, self._m = name, arm, m
+        self.motion = {key: [Curve("", 0, terms) for terms in each] for key, each in motion.items()}
+        self._table = CurveTable()
+        self._distances: list[Floats] = []
+        self._stride = max(1, -(-(m - 1) // FRAMES))
+        if arm:
+            self._travel, reach = np.zeros(len(arm["types"])), Chain(arm).reach
+            scale = [1.0 if kind == "revolute" else 1.0 / reach for kind in arm["types"]]
+            self._scale = np.array([*scale, *([1.0 / reach] * 3 + [1.0] * 9 if "base" in motion else [])])[:, None]
+
+    def add(self, part: Results, first: int) -> None:
+        """Add a stretch of the run that begins with row `first`."""
+        last = len(part) - 1
+        ends = [0, last] if self._arm else [last] if first + last == self._m - 1 else []
+        even = np.unique(np.array([*np.arange(-first % self._stride, last + 1, self._stride), *ends], dtype=int))
+        moved = {name: values_of(curves, part) for name, curves in self.motion.items()}
+        rows, distances = even, np.full(len(even), np.inf)
+        if self._arm:
+            self._travel = np.maximum(self._travel, np.abs(moved["q"]).max(axis=1))
+            if self._stride > 1:
+                shown = self._scale * np.concatenate([moved["q"], *([moved["base"]] if "base" in moved else [])])
+                more, far = bends(part.time, shown, even, _MORE, _LEAST)
+                rows, distances = np.append(even, more), np.append(distances, far)
+                order = np.argsort(rows)
+                rows, distances = rows[order], distances[order]
+        self._distances.append(distances)
+        self._table.add(part.time, [*moved.values()], rows)
+
+    def packed(self) -> dict[str, Any]:
+        """Return name, drawing and frames with the rows of the largest deviations, ready for JSON."""
+        distances = np.concatenate(self._distances)
+        most = int(np.isinf(distances).sum()) + _MORE
+        kept: NDArray[np.intp] = np.sort(np.argsort(-distances, kind="stable")[:most])
+        recipes = {name: recipes_of(curves) for name, curves in self.motion.items()}
+        return {
+            "component": self._name,
+            "mounted": (self._arm or {}).get("mounted", ""),
+            "arm": self._arm and drawing_of(self._arm, self._travel),
+            "frames": self._table.packed([*self.motion], kept) | {"recipes": recipes},
+        }
+
+
+class CurveTable:
+    """Rows of curves, gathered stretch by stretch."""
+
+    def __init__(self, figure: Figure | None = None) -> None:
+        self._facts: dict[str, Any] = {}
+        self.curves, self.factor = (figure.curves, figure.quantity.factor) if figure else ((), 1.0)
+        if figure:
+            self._facts = {"key": figure.key, "title": figure.title, "unit": figure.quantity.unit, "peak": figure.peak}
+            self._facts["curves"] = [[curve.label, curve.joint, int(curve.dashed)] for curve in self.curves]
+        self._time: list[Floats] = []
+        self._parts: list[list[Floats]] = []
+
+    def add(self, time: Floats, arrays: Sequence[Floats], rows: NDArray[np.intp]) -> None:
+        """Add the rows of arrays (curves, m)."""
+        self._time.append(time[rows])
+        self._parts.append([array[:, rows] for array in arrays])
+
+    def packed(self, names: Sequence[str], rows: Any = slice(None)) -> dict[str, Any]:
+        """Return the description of the figure, its times at `rows`, and the arrays by name, curve by curve."""
+        joined = (np.hstack(array)[:, rows] for array in zip(*self._parts, strict=True))
+        return {
+            **self._facts,
+            "time": packed(np.concatenate(self._time)[rows], "<f8"),
+            **{name: packed(array, "<f4") for name, array in zip(names, joined, strict=True)},
+        }
+
+
+def values_of(curves: Iterable[Curve], results: Results, factor: float = 1.0) -> Floats:
+    """Return the values of curves times a factor: (curves, m)."""
+    return np.array([curve.values(results, factor) for curve in curves])
+
+
+def recipes_of(curves: Iterable[Curve], factor: float = 1.0) -> list[Any]:
+    """Return how curves come from signals, for the page: factor; factors and signals."""
+    return [[factor, [*map(list, curve.terms)]] for curve in curves]
+
+
+TOOL = Figure("tool", "Tool position errors", Shown("mm", 1e3), [Curve(k, 0, [(1.0, k)]) for k in "xyz"])
+
+
+def tool_error(robot: Robot, results: Results) -> Recorded:
+    """Return the desired position of the tool minus the actual one, in {I}: signals x, y, z [m]."""
+    desired, _ = forward_kinematics(robot, results["trajectory.q_d"])
+    signals = [Signal(name, "real", "m", column) for column, name in enumerate("xyz")]
+    return Recorded(results.time, signals, {"real": desired - results["plant.p_O"]})
+
+
+def write_pictures(results: Results, robot: Robot | None, folder: Path, kinds: Sequence[str], width: float) -> None:
+    """Write the figures of a run, ``figure_tracking.pdf``, or its signals without any. `width` in inches."""
+    if not kinds:
+        return
+    from vdfmu.engine.results.picture import write_figures, write_signals  # takes long to import
+
+    shown = results.thinned(DRAWN)
+    figures = list(run_figures(shown, results.summary))
+    write_figures(figures, shown, folder, kinds, width)
+    if robot is not None and {"trajectory.q_d[1]", "plant.p_O[1]"} <= {*results.names}:
+        write_figures([TOOL], tool_error(robot, shown), folder, kinds, width)
+    elif not figures:
+        write_signals(shown, folder, kinds, width)

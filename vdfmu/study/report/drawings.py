@@ -1,4 +1,4 @@
-"""The pictures of what is calculated without a run, or from many: motions, modes, identifications and tunings."""
+"""Pictures of motions, modes, identifications and tunings."""
 
 from __future__ import annotations
 
@@ -35,8 +35,11 @@ _BY_JOINT = {
 """Rows of a tuning's table that are drawn by joint: title, quantity, unit of measurement."""
 
 
-def _panels(figure: Picture, rows: int, columns: int) -> list[Axes]:
-    return [figure.add_subplot(rows, columns, k + 1) for k in range(rows * columns)]
+def _recorded(t: Floats, groups: Mapping[str, Floats]) -> Recorded:
+    """Return arrays (m, n) as signals ``group[i]``."""
+    names = [f"{group}[{i}]" for group, values in groups.items() for i in range(1, 1 + values.shape[1])]
+    signals = [Signal(name, "real", "", column) for column, name in enumerate(names)]
+    return Recorded(t, signals, {"real": np.hstack([*groups.values()])})
 
 
 def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
@@ -44,9 +47,7 @@ def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
 
     It has times `t`, (m,) [s], and positions and four derivatives `q`, (5, m, n) [rad or m, and per s .. s4].
     """
-    names = [f"{order}[{i}]" for order in _ORDERS for i in range(1, robot.n + 1)]
-    values = np.hstack([q[k] for k in _ORDERS.values()])
-    results = Recorded(t, [Signal(name, "real", "", column) for column, name in enumerate(names)], {"real": values})
+    results = _recorded(t, {order: q[k] for order, k in _ORDERS.items()})
     kinds = sorted(set(robot.joint_types), reverse=True)
     figures: list[Figure] = []
     for order, kind in itertools.product(_ORDERS, kinds):
@@ -59,9 +60,7 @@ def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
 
 def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str]) -> Picture:
     """Draw measured torques (m, n) over time, link-side, with the model over them, and their differences."""
-    kinds = {"measured": torque, "model": torque - error, "difference": error}
-    names = [f"{kind}[{i}]" for kind in kinds for i in range(1, len(units) + 1)]
-    signals = [Signal(name, "real", "", column) for column, name in enumerate(names)]
+    results = _recorded(t, {"measured": torque, "model": torque - error, "difference": error})
     figures: list[Figure] = []
     for i, unit in enumerate(units, 1):
         both = [
@@ -71,7 +70,7 @@ def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str])
         difference = Curve("difference", i, [(1.0, f"difference[{i}]")])
         figures.append(Figure(f"torque.{i}", f"Joint {i}", Shown(unit), both))
         figures.append(Figure(f"difference.{i}", f"Joint {i}, measured minus model", Shown(unit), [difference]))
-    return draw(figures, {"": Recorded(t, signals, {"real": np.hstack([*kinds.values()])})}, columns=2)
+    return draw(figures, {"": results}, columns=2)
 
 
 @style.styled
@@ -80,8 +79,7 @@ def draw_modes(
 ) -> Picture:
     """Draw natural frequencies over `times`, (m,) [s], a panel by the state of the motors.
 
-    A panel has m pairs: frequencies [Hz] of the modes at a time, and which joint's spring has most of the energy of
-    each.
+    A panel has m pairs: frequencies [Hz] of the modes at a time, and the joint whose spring has most of the energy.
     """
     words = (
         "At rest at poses of the desired motion, the fastest modes, a colour each. Numbers on a curve, from there on: "
@@ -89,7 +87,7 @@ def draw_modes(
     )
     n = max(len(frequency) for along in panels.values() for frequency, _ in along)
     figure = style.new_figure(title, words, height=2.6 * len(panels) + 1.0)
-    shown = _panels(figure, len(panels), 1)
+    shown = [figure.add_subplot(len(panels), 1, k) for k in range(1, 1 + len(panels))]
     for axes, (motors, along) in zip(shown, panels.items(), strict=True):
         for mode in range(n):
             track = [
@@ -117,8 +115,8 @@ def draw_bode(
 ) -> Picture:  # fmt: skip
     """Draw responses to one input over `frequency`, (m,) [Hz]: amplitudes in `unit`, above, and phases.
 
-    `curves` has the response (m,) of each output by its name. `resonance` and `antiresonance` [Hz] are marked by
-    vertical lines: poles, and zeros of the first curve.
+    `curves` has the response (m,) of each output by its name. Vertical lines mark `resonance` and `antiresonance`
+    [Hz]: poles, and zeros of the first curve.
     """
     looks = [style.joint_look(i) for i in range(len(curves))]
     marks: list[tuple[str, Floats, Any]] = [("resonance", resonance, "-"), ("anti-resonance", antiresonance, ":")]
@@ -150,7 +148,7 @@ def draw_bode(
 def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, float]]) -> Picture:
     """Draw the cost over the evaluations, and the values of each joint in rows of name, before and after.
 
-    `history` has the objective of each evaluation, 1 at the start; beyond 10 where a constraint is missed.
+    `history` has the objective of each evaluation, 1 at the start; beyond 10 if a constraint is missed.
     """
     groups = {key: [pair for name, *pair in table if name.partition("[")[0] == key] for key in _BY_JOINT}
     shown = {key: pairs for key, pairs in groups.items() if pairs}
@@ -160,8 +158,8 @@ def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, floa
     ]
     figure = style.new_figure(
         "Tuning",
-        "Cost: relative to that of the start; dots: values that keep to all limits, line: the best so far. Errors and "
-        "torques: those of the worst robot. Margin: with one sample of delay.",
+        "Cost: relative to the start; dots: values within all limits, line: the best so far. Errors and torques: of "
+        "the worst robot. Margin: with one sample of delay.",
         height=5.6 if shown else 2.8, legend=handles if shown else (),
     )  # fmt: skip
     grid = figure.add_gridspec(2 if shown else 1, max(len(shown), 1))
@@ -204,13 +202,13 @@ _ACROSS = ("speed", "load", "position", "spectrum", "autocorrelation")
 def draw_residuals(title: str, score: LogScore, robot: Robot) -> Picture:
     """Draw residuals of torques, then of deformations, a row a joint.
 
-    Over the rotor's speed, the load of the drive and the position, the share of their power by frequency, and how alike
-    rows are by the time between them, with the bounds within which 95 % of independent rows are.
+    Columns: over the rotor's speed, the load of the drive and the position; the share of power by frequency; the
+    autocorrelation, with bounds of 95 % of independent rows.
     """
     problem, t = score.rows.problem, score.rows.t
     rows = [(i, "torque", score.torque_error[:, i]) for i in range(robot.n)]
     rows += [(i, "deformation", 1e6 * score.deformation_error[:, i]) for i in range(robot.n) if problem.seen[i]]
-    words = "Measured minus model, in the band of the estimation. Where the model lacks nothing, clouds have no shape."
+    words = "Measured minus model, in the band of the estimation. Clouds of a complete model are shapeless."
     figure = style.new_figure(title, words, width=14.0, height=1.7 * len(rows) + 1.0)
     for k, (i, what, left) in enumerate(rows):
         turns = robot.joint_types[i] == "revolute"

@@ -1,18 +1,21 @@
-"""``report.html``: one run, or several side by side, as one file that needs no other file and no network.
+"""``report.html``: one run, or several side by side, as one file that works offline; the arm of a run alone.
 
-What stands still is HTML from :mod:`vdfmu.study.report.parts`; moving parts are drawn by ``web/*.js`` from the numbers
-of :mod:`vdfmu.study.report.content`.
+Static parts are HTML of :mod:`vdfmu.study.report.parts`; ``web/*.js`` draws the rest from the numbers of
+:mod:`vdfmu.study.report.content`.
 """
 
 from __future__ import annotations
 
+import base64
+import gzip
+import os
 import shlex
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.base.errors import CosimError, VdfmuError
+from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.files import write_whole
 from vdfmu.base.page import page
 from vdfmu.base.standards import PYTHON_FMI
@@ -21,32 +24,20 @@ from vdfmu.base.toml_file import locate, read_toml, shipped_names
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.results.folder import write_summary
+from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import line_of, state_of
 from vdfmu.engine.run import Interrupted
-from vdfmu.study.report.content import content_of, wired_arm
-from vdfmu.study.report.headline import page_title, tiles_of
-from vdfmu.study.report.parts import checks, comparison, facts_table, marks, tables, tiles
-from vdfmu.study.report.scripts import (
-    MODULES,
-    STUDY,
-    STUDY_ALONE,
-    WORKER,
-    data_element,
-    libraries,
-    look,
-    run_head,
-    script,
-    scripts_of,
-)
-from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.report import scripts
+from vdfmu.study.report.content import content_of
+from vdfmu.study.report.parts import checks, comparison, facts_table, marks, page_title, tables, tiles
+from vdfmu.study.report.shown_run import NAME, ShownRun, read_run
 from vdfmu.study.report.simulation import simulation_of
+from vdfmu.study.run.scene import wired_arm
 from vdfmu.system.package.drawing import system_diagram
-
-NAME = "report.html"
 
 
 class StudyPart(NamedTuple):
-    """What the page of a study shows, above the run of its scenario, if it has one."""
+    """Title, subtitle and body of a study's page, above the run of its scenario."""
 
     title: str
     about: str
@@ -57,8 +48,8 @@ class StudyPart(NamedTuple):
 
 def study_page(study: StudyPart) -> bytes:
     """Return the page of a study that simulates nothing."""
-    body = "\n".join([study.body, data_element({"runs": [], "study": study.content})])
-    return page(study.title, study.about, body, 84, look(), scripts=scripts_of(STUDY_ALONE))
+    body = "\n".join([study.body, scripts.data_element({"runs": [], "study": study.content})])
+    return page(study.title, study.about, body, 84, scripts.look(), scripts=scripts.scripts_of(scripts.STUDY_ALONE))
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
@@ -68,7 +59,7 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
 
 
 def write_failed(name: str, package: Path, folder: Path, error: CosimError | Interrupted) -> None:
-    """Write the page of the rows of a run that failed, if it has some; another error only adds a note to its own."""
+    """Write the page of a failed run that has rows. A second failure is noted in the error."""
     try:
         if error.results is not None and len(error.results):
             write_report([ShownRun(name, error.results, error.results.summary, package)], folder / NAME)
@@ -78,30 +69,24 @@ def write_failed(name: str, package: Path, folder: Path, error: CosimError | Int
 
 
 def report_page(
-    runs: Sequence[ShownRun],
-    *,
-    simulate: bool = False,
-    arm_alone: bool = False,
-    study: StudyPart | None = None,
+    runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False, study: StudyPart | None = None,
     live: Mapping[str, Any] | None = None,
-) -> bytes:
-    """Return the page of one run or of several, or of their arms alone; for `simulate` see :func:`write_report`.
+) -> bytes:  # fmt: skip
+    """Return the page of one run or of several, or of their arms alone.
 
-    `study`: what a page of a study has above the run of its scenario. `live`: of a run that has only begun, ``names``
-    of the signals of the rows that the page will be sent, and its times ``start`` and ``stop`` [s]; empty for a run
-    that has ended and is not judged.
+    `simulate`: see :func:`write_report`. `study`: the study above the run of its scenario. `live`: of a run that has
+    begun, ``names`` of the signals of the rows to come, and its times ``start`` and ``stop`` [s]; empty for a run that
+    has ended without a verdict.
     """
     names = _names(runs)
-    runs = [
-        run if "arm" in run.summary else run._replace(summary=dict(run.summary) | wired_arm(run.results, run.package))
-        for run in runs
-    ]
+    wired = [{} if "arm" in run.summary else wired_arm(run.results, run.package) for run in runs]
+    runs = [run._replace(summary={**run.summary, **more}) for run, more in zip(runs, wired, strict=True)]
     binaries: dict[str, str] = {}
     parts = [
         {
             "name": name,
             **content_of(run.results, run.summary),
-            "simulation": simulation_of(run.results, run.summary, run.package, binaries if simulate else None),
+            "simulation": simulation_of(run, binaries if simulate else None),
             "command": run_command(run.summary),
             "marks": marks(run.summary),
         }
@@ -123,34 +108,37 @@ def report_page(
             *(comparison(names, runs) if len(runs) > 1 and not arm_alone else ()),
             '<div class="bench"><section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
             '<div class="side">',
-            *(tiles(tiles_of(summaries[0])) if len(runs) == 1 else ()),
+            *(tiles(summaries[0]) if len(runs) == 1 else ()),
             '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
             '<section id="figures" class="card" hidden aria-label="Figures"></section></div></div>',
             f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>',
             *tables(names, runs),
             *facts_table(names, runs),
-            "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
-            data_element(data),
-            *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
-            libraries(),
+            "<noscript><p>Figures and the arm need scripts. Allow scripts in this browser.</p></noscript>",
+            scripts.data_element(data),
+            *([f'<script type="text/plain" id="worker">{scripts.script(scripts.WORKER)}</script>'] if binaries else []),
+            scripts.libraries(),
         ]
     )
-    told = [
+    lines = [
         (f"{name}: {line}" if len(runs) > 1 else line, state_of(summary))
         for name, summary in zip(names, summaries, strict=True)
         if (line := line_of(summary))
     ]
     about = _about(summaries)
-    head = run_head("; ".join(line for line, _ in told) or about, arm_alone)
+    head = scripts.run_head("; ".join(line for line, _ in lines) or about, arm_alone)
     if study:
-        return page(study.title, study.about, body, 84, head, scripts=scripts_of((*MODULES, *STUDY)))
-    lead = "".join(f'<p class="verdict {state}">{escape(line)}</p>\n' for line, state in told)
+        made = scripts.scripts_of((*scripts.MODULES, *scripts.STUDY))
+        return page(study.title, study.about, body, 84, head, scripts=made)
+    lead = "".join(f'<p class="verdict {state}">{escape(line)}</p>\n' for line, state in lines)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
-    return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts_of(MODULES))
+    return page(
+        ", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts.scripts_of(scripts.MODULES)
+    )
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:
-    """Return a line on what was run: robots or systems, how many runs, version, and the date of a single one."""
+    """Return robots or systems, number of runs, version, and the date of a single run."""
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
     about = "; ".join(dict.fromkeys(each))
     count, version = "one run" if len(summaries) == 1 else f"{len(summaries)} runs", summaries[0].get("vdfmu", "")
@@ -159,7 +147,7 @@ def _about(summaries: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _names(runs: Sequence[ShownRun]) -> list[str]:
-    """Return the scenarios, or, where two are the same, the folders; the same folder name gets a number."""
+    """Return the scenarios; if two are the same, the folders; equal folder names get a number."""
     names = [str(run.summary.get("scenario") or run.summary.get("system") or run.name) for run in runs]
     if len(set(names)) < len(names):
         names = [run.name for run in runs]
@@ -172,10 +160,10 @@ _DEFAULTS = {"master": DEFAULT, "tolerance": SOLVER_TOLERANCE}
 
 
 def run_command(summary: Mapping[str, Any]) -> str:
-    """Return the command that makes the run of a scenario, with what differs from the scenario.
+    """Return the command that makes the run of a scenario, with its changes of the scenario.
 
-    It has every option of a scenario whose file cannot be read any more. Empty for other runs, and for those with
-    inputs from outside, or units of Python instead of a file or name.
+    It has every option if the scenario's file cannot be read. It is empty for other runs, for runs with inputs from
+    outside, and for units that are Python objects.
     """
     name, units = summary.get("scenario"), summary.get("units") or {}
     if not name or summary.get("inputs") or any("<" in unit for unit in units.values()):
@@ -194,26 +182,102 @@ def run_command(summary: Mapping[str, Any]) -> str:
             words += [f"--{option}", repr(value).removesuffix(".0") if isinstance(value, float) else str(value)]
     words += ["--backend", "python"] if summary.get("backend") == "python" else []
     words += ["--fmi", summary["fmi"]] if summary.get("fmi", PYTHON_FMI.name) != PYTHON_FMI.name else []
-    for component, unit in units.items():
-        words += ["--unit", f"{component}={unit}"]
-    for key, value in (summary.get("settings") or {}).items():
-        words += ["--set", f"{key}={value}"]
+    words += [word for component, unit in units.items() for word in ("--unit", f"{component}={unit}")]
+    words += [word for each in (summary.get("settings") or {}).items() for word in ("--set", "=".join(map(str, each)))]
     return shlex.join(words)
 
 
 def _written(scenario: str) -> tuple[dict[str, Any] | None, str | None]:
-    """Return the content of a scenario's file, None if there is none to read, and the name of its robot."""
+    """Return the content of a scenario's file, None without a readable file, and the name of its robot."""
     try:
         path = locate(scenario, "scenarios")
         written = read_toml(path)
-        robot = written.get("robot")
-        return written, robot and _robot_name(robot, path.parent)
     except VdfmuError:
         return None, None
-
-
-def _robot_name(robot: str, start: Path) -> str | None:
     try:
-        return read_toml(locate(robot, "robots", start)).get("name")
+        robot = written.get("robot")
+        return written, robot and read_toml(locate(robot, "robots", path.parent)).get("name")
     except VdfmuError:
-        return None
+        return written, None
+
+
+_HEIGHT = 620
+"""Height of the frame in a notebook before the page has loaded [px]."""
+_LOADER = (
+    "<script>(async () => {{ const bytes = Uint8Array.from(atob('{}'), (c) => c.charCodeAt(0)); "
+    "const page = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip')); "
+    "document.write(await new Response(page).text()); document.close(); "
+    "addEventListener('report', () => {{ if (frameElement) frameElement.style.height = "
+    "document.getElementById('arm').offsetHeight + 2 + 'px'; }}); }})()</script>"
+)
+"""Unpacks the page, and gives its frame the height of the arm's section."""
+
+
+def animate(run: Results | str | os.PathLike[str]) -> Animation:
+    """Let the arm of a run move.
+
+    Parameters
+    ----------
+    run : Results or path
+        Results of `vdfmu.run`, or the folder of a run.
+
+    Returns
+    -------
+    Animation
+        A notebook shows it, with a player; `Animation.save` writes it.
+
+    Raises
+    ------
+    UsageError
+        For results without an arm or without its positions.
+
+    Examples
+    --------
+    >>> vdfmu.animate(vdfmu.run("tracking"))
+    >>> vdfmu.animate("results/tracking").save("arm.html")
+    """
+    if isinstance(run, Results):
+        shown = ShownRun("run", run, run.summary, Path(run.summary.get("package", "")))
+    else:
+        shown = read_run(Path(run))
+    if "arm" not in shown.summary:
+        raise UsageError(
+            "animate: run must be results of an arm, or their folder, got results without an arm. Use their plot()."
+        )
+    if "plant.q" not in shown.results:
+        raise UsageError("animate: results must have the positions of the joints, plant.q. Record them.")
+    return Animation(shown)
+
+
+class Animation:
+    """The arm of a run, moving; made by :func:`vdfmu.animate`."""
+
+    def __init__(self, run: ShownRun) -> None:
+        self._page = report_page([run], arm_alone=True)
+        self._name = f"{run.summary.get('scenario', run.name)}, {run.summary.get('robot', 'an arm')}"
+
+    def __repr__(self) -> str:
+        return f"<the arm of {self._name}: a notebook shows it, save('arm.html') writes it>"
+
+    def _repr_html_(self) -> str:
+        page = base64.b64encode(gzip.compress(self._page, mtime=0)).decode()
+        return (
+            f'<iframe srcdoc="{_LOADER.format(page)}" title="The arm in 3D" '
+            f'style="width: 100%; height: {_HEIGHT}px; border: 0"></iframe>'
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page of the arm for a browser; return its path.
+
+        Raises
+        ------
+        UsageError
+            If the name does not end with ``.html``.
+        VdfmuError
+            If the file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix.lower() != ".html":
+            raise UsageError(f"save: the name must end with .html, got {path}.")
+        write_whole(path, [self._page])
+        return path

@@ -5,6 +5,7 @@ Names are unique among the modules of a page; the lines of ``import`` and the wo
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -12,6 +13,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.page import style_sheet
 from vdfmu.base.text import to_json
@@ -24,20 +28,20 @@ MODULES = (
     "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
     "knob.js", "budget.js", "simulation.js", "comparison.js", "share.js", "server.js", "live.js", "main.js",
 )  # fmt: skip
-"""In an order in which each comes after the modules that it imports."""
+"""Each comes after the modules that it imports."""
 STUDY = ("lab_plots.js", "lab.js", "lab_main.js")
 """Further modules of the page of a study."""
 STUDY_ALONE = ("data.js", "numbers.js", *STUDY)
 """Modules of the page of a study that simulates nothing."""
 WORDS = ("server.js", "words.js")
-"""Modules of the page of a view that has words alone."""
+"""Modules of the page of a text."""
 ROBOT = (
     "packed.js", "vendor.js", "data.js", "numbers.js", "arm.js", "world.js", "puppet.js", "scene.js", "server.js",
     "live.js", "robot.js",
 )  # fmt: skip
 """Modules of the page of a robot."""
 WORKER = ("packed.js", "master.js")
-"""Modules of the worker that simulates, which the page holds as text."""
+"""Modules of the worker that simulates; the page holds them as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
 _ICON = (
@@ -93,3 +97,9 @@ def scripts_of(modules: Sequence[str]) -> list[str]:
 
 def _text(name: str) -> str:
     return (_WEB / name).read_text(encoding="utf-8")
+
+
+def packed(values: NDArray[Any], kind: str) -> str:
+    """Return numbers as base64 of a `kind` of the page."""
+    with np.errstate(over="ignore"):  # values beyond single precision are drawn as gaps
+        return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()

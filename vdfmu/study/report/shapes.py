@@ -1,4 +1,4 @@
-"""Looks of an arm: shapes in the frames of its links, ellipsoids of inertia, meshes; the rows at which it is drawn."""
+"""Looks of an arm: shapes in the frames of its links, ellipsoids of inertia, meshes."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vdfmu.arm.equations.kinematics import joint_placements, poses
 from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
-from vdfmu.base.arrays import Floats, bends
-from vdfmu.engine.results.figure import Curve, Terms
-from vdfmu.engine.results.results import Results
-from vdfmu.study.report.curves import CurveTable, packed, recipes_of, values_of
+from vdfmu.base.arrays import Floats
+from vdfmu.study.report.scripts import packed
 
 PAYLOAD = "#b07a2a"
 """Colour of a payload."""
@@ -107,7 +105,7 @@ class Chain:
     def mount(self, travel: Floats) -> Floats:
         """Return the side of {I} on which the base is fixed, whose joints are at most at +-`travel`: unit vector, (3,).
 
-        Behind the first joint, where it is away from {I}; else below it, above it or beside it: the first of these to
+        Behind the first joint, if it is away from {I}; else below it, above it or beside it: the first of these to
         which the first link never points.
         """
         if np.linalg.norm(self.offset[0]) > 1e-9:
@@ -203,7 +201,7 @@ def centres(robot: Robot) -> list[tuple[int, Floats]]:
 def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]], list[str]]:
     """Meshes of a robot, as parts of its drawing for the page, and notes on files in `folder` that cannot be shown.
 
-    There are none unless all can be shown: half an arm would look like all of it.
+    A missing mesh hides all: half an arm would look like all of it.
     """
     meshes = [visual for visual in robot.visuals if visual.shape == "mesh"] if folder else []
     parts: list[dict[str, Any]] = []
@@ -211,7 +209,7 @@ def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]],
     try:
         trimesh: Any = import_module("trimesh") if meshes else None
     except ImportError as error:
-        install = "Install what reads them: 'pip install vdfmu[view]'"
+        install = "Install a reader: 'pip install vdfmu[view]'"
         return [], [f"{len(meshes)} meshes cannot be shown: {error}. {install}"]
     for visual in meshes:
         try:
@@ -225,67 +223,3 @@ def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]],
         shape = DrawnShape(visual.joint, "mesh", visual.size.tolist(), *look)
         parts.append(shape.plain() | {"mesh": found})
     return ([], notes) if notes else (parts, [])
-
-
-FRAMES = 1000
-"""Most intervals between the rows at equal distances, at which an arm is drawn and a figure has a value in any case."""
-_MORE = 500
-"""Most rows between them at which an arm is drawn too, since it moves there."""
-_LEAST = 1e-5
-"""Deviation of a joint [rad], or of the base or a prismatic joint over the arm's reach, that nobody sees."""
-
-
-class ArmFrames:
-    """The drawing of an arm, and its motion at rows between which it moves on straight lines in joint space.
-
-    Parameters
-    ----------
-    name : str
-        Its component.
-    arm : mapping
-        See :func:`vdfmu.study.run.scene.arm_of`; None for a run whose times alone are of interest.
-    motion : mapping of str to terms
-        What moves: q, and what is drawn with it; ``base``: position and rotation of its base, row by row.
-    """
-
-    def __init__(self, name: str, arm: Mapping[str, Any] | None, motion: Mapping[str, Sequence[Terms]], m: int) -> None:
-        self._name, self._arm, self._m = name, arm, m
-        self.motion = {key: [Curve("", 0, terms) for terms in each] for key, each in motion.items()}
-        self._table = CurveTable()
-        self._distances: list[Floats] = []
-        self._stride = max(1, -(-(m - 1) // FRAMES))
-        if arm:
-            self._travel, reach = np.zeros(len(arm["types"])), Chain(arm).reach
-            scale = [1.0 if kind == "revolute" else 1.0 / reach for kind in arm["types"]]
-            self._scale = np.array([*scale, *([1.0 / reach] * 3 + [1.0] * 9 if "base" in motion else [])])[:, None]
-
-    def add(self, part: Results, first: int) -> None:
-        """Add a stretch of the run that begins with row `first`."""
-        last = len(part) - 1
-        ends = [0, last] if self._arm else [last] if first + last == self._m - 1 else []
-        even = np.unique(np.array([*np.arange(-first % self._stride, last + 1, self._stride), *ends], dtype=int))
-        moved = {name: values_of(curves, part) for name, curves in self.motion.items()}
-        rows, distances = even, np.full(len(even), np.inf)
-        if self._arm:
-            self._travel = np.maximum(self._travel, np.abs(moved["q"]).max(axis=1))
-            if self._stride > 1:
-                shown = self._scale * np.concatenate([moved["q"], *([moved["base"]] if "base" in moved else [])])
-                more, found = bends(part.time, shown, even, _MORE, _LEAST)
-                rows, distances = np.append(even, more), np.append(distances, found)
-                order = np.argsort(rows)
-                rows, distances = rows[order], distances[order]
-        self._distances.append(distances)
-        self._table.add(part.time, [*moved.values()], rows)
-
-    def packed(self) -> dict[str, Any]:
-        """Return name, drawing and frames, ready for JSON; of the rows where it moves those that matter most."""
-        distances = np.concatenate(self._distances)
-        most = int(np.isinf(distances).sum()) + _MORE
-        kept: NDArray[np.intp] = np.sort(np.argsort(-distances, kind="stable")[:most])
-        recipes = {name: recipes_of(curves) for name, curves in self.motion.items()}
-        return {
-            "component": self._name,
-            "mounted": (self._arm or {}).get("mounted", ""),
-            "arm": self._arm and drawing_of(self._arm, self._travel),
-            "frames": self._table.packed([*self.motion], kept) | {"recipes": recipes},
-        }

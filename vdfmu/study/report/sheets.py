@@ -1,17 +1,23 @@
-"""The numbers of a run as rows of text, for the terminal.
-
-A summary is the content of ``summary.json``. Its lists run over the joints; lists of ``paper`` may end earlier.
-"""
+"""The numbers of a run as tables: of text, in the terminal, in LaTeX."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
+from rich import box
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from vdfmu.base.bars import plain_table
+from vdfmu.base.files import MARK, write_whole
 from vdfmu.base.measure import number, quantity
 from vdfmu.base.standards import FMI_2
+from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, SIGNS, checks_line, checks_of, line_of, state_of
 from vdfmu.study.run.summary_keys import Summary, energies
 
 
@@ -20,7 +26,7 @@ class Sheet(NamedTuple):
 
     title: str
     columns: tuple[str, ...]
-    """Headings; a line break parts them where space is short."""
+    """Headings; a line break parts them in a narrow column."""
     rows: list[tuple[str, ...]]
     notes: list[str]
     """Sentences below the table."""
@@ -31,63 +37,60 @@ TRACKING = (
     ("Position\nmaximum", "max_position_error_deg", "position_units"),
     ("Torque\nRMS", "rms_torque_compensation_error_nm", "torque_units"),
 )
+_ESTIMATION = (
+    ("Torque\nRMS", "rms_spring_torque_nm", "torque_units"),
+    ("As printed\nRMS error", "rms_tau_f_hat_error_nm", "torque_units"),
+    ("Consistent\nRMS error", "rms_tau_s_hat_error_nm", "torque_units"),
+)
+"""Heading, key of the summary, key of the units."""
 _LIMITS = {"Torque\nlimit": "torque", "Speed\nlimit": "speed", "End\nstop": "stop"}
 _DEFAULT_UNIT = {"position_units": "deg", "torque_units": "N.m"}
 _NONE = "-"
 
 
 def sheets(summary: Summary, *, fit: bool = False) -> list[Sheet]:
-    """Return the tables of a run for which its summary has the numbers; `fit`: each with a unit that fits it."""
-    made = {
-        "rms_position_error_deg": partial(tracking_sheet, fit=fit),
-        "limits": limits_sheet,
-        "rms_spring_torque_nm": partial(estimation_sheet, fit=fit),
+    """Return the tables of a run whose numbers its summary has; `fit`: each number with a prefix that fits it."""
+    makers = {
+        "rms_position_error_deg": tracking_sheet, "limits": limits_sheet, "rms_spring_torque_nm": _estimation_sheet,
         "reference": reference_sheet,
-    }
-    return [
-        sheet(summary) for key, sheet in made.items() if summary.get(key) and (key != "limits" or at_limits(summary))
-    ]
+    }  # fmt: skip
+    made = [make(summary, fit) for key, make in makers.items() if summary.get(key)]
+    return [sheet for sheet in made if sheet is not None]
 
 
-def tracking_sheet(summary: Summary, *, fit: bool = False) -> Sheet:
+def tracking_sheet(summary: Summary, fit: bool = False) -> Sheet:
     """Position and torque compensation errors of each joint, next to the paper's and in per cent of them."""
     paper: Summary = summary.get("paper") or {}
     n = len(summary["rms_position_error_deg"])
-    columns = ["Joint"]
-    cells: list[list[str]] = [_joints(summary, n)]
+    columns, cells = ["Joint"], [_joints(summary, n)]
     for heading, key, unit_key in TRACKING:
-        units = units_of(summary, unit_key, n)
-        label, values = _with_units(heading, summary[key], units, fit)
+        label, values = _column(summary, heading, key, unit_key, fit)
         columns.append(label)
         cells.append(values)
         if paper.get(key):
             theirs: Sequence[float] = paper[key]
             columns += ["paper", "%"]
-            written = [quantity(*each) if fit else f"{each[0]:g}" for each in zip(theirs, units, strict=False)]
+            pairs = zip(theirs, units_of(summary, unit_key, n), strict=False)
+            written = [quantity(*pair) if fit else f"{pair[0]:g}" for pair in pairs]
             cells.append([*written, *[_NONE] * (n - len(written))])
             cells.append([_per_cent(ours, theirs, i) for i, ours in enumerate(summary[key])])
     notes = ["Position: desired minus actual. Torque: control minus feedforward, link side."]
     if paper:
         notes.append(f"Paper: {paper['source']}." if paper.get("source") else "Paper.")
-        differs = summary.get("plant_factors") or any(
-            name.startswith("plant.") for name in summary.get("settings") or ()
-        )
+        set_plant = any(name.startswith("plant.") for name in summary.get("settings") or ())
         notes.append(
             "The plant differs from the model by chosen values. The gains are chosen too."
-            if differs
+            if summary.get("plant_factors") or set_plant
             else "An ideal case: plant and model are identical, and the gains are chosen."
         )
     return Sheet("Tracking and compensation errors", tuple(columns), _rows(cells), notes)
 
 
-def at_limits(summary: Summary) -> bool:
-    """Whether a joint of the run was at a limit."""
-    return any(share > 0.0 for arm in summary["limits"].values() for shares in arm.values() for share in shares)
-
-
-def limits_sheet(summary: Summary) -> Sheet:
-    """Share of the time that each joint was at its limits."""
+def limits_sheet(summary: Summary, fit: bool = False) -> Sheet | None:
+    """Share of the time that each joint was at its limits; None if no joint was."""
     arms: Mapping[str, Summary] = summary["limits"]
+    if not any(share > 0.0 for arm in arms.values() for shares in arm.values() for share in shares):
+        return None
     rows = [
         (f"{arm} {joint}" if len(arms) > 1 else joint, *(f"{100.0 * shares[key][i]:.3g}" for key in _LIMITS.values()))
         for arm, shares in arms.items()
@@ -100,36 +103,33 @@ def limits_sheet(summary: Summary) -> Sheet:
     return Sheet("Joints at their limits", ("Joint", *(f"{heading}\n[%]" for heading in _LIMITS)), rows, notes)
 
 
-_ESTIMATION = {
-    "Torque\nRMS": "rms_spring_torque_nm",
-    "As printed\nRMS error": "rms_tau_f_hat_error_nm",
-    "Consistent\nRMS error": "rms_tau_s_hat_error_nm",
-}
-
-
-def estimation_sheet(summary: Summary, *, fit: bool = False) -> Sheet:
+def _estimation_sheet(summary: Summary, fit: bool = False) -> Sheet:
     """Errors of the estimated spring torques of each joint."""
-    n = len(summary["rms_spring_torque_nm"])
-    units = units_of(summary, "torque_units", n)
-    labelled = [_with_units(heading, summary[key], units, fit) for heading, key in _ESTIMATION.items()]
-    columns = ("Joint", *(label for label, _ in labelled))
-    cells = [[str(i + 1) for i in range(n)], *(values for _, values in labelled)]
+    labels, values = zip(*(_column(summary, *row, fit) for row in _ESTIMATION), strict=True)
+    joints = [str(i) for i in range(1, 1 + len(values[0]))]
     notes = [
         "Estimate minus the plant's spring torque, link side.",
         "As printed, the wave generator carries the motor's torque.",
     ]
-    return Sheet("Torque estimates", columns, _rows(cells), notes)
+    return Sheet("Torque estimates", ("Joint", *labels), _rows([joints, *values]), notes)
 
 
-def reference_sheet(summary: Summary) -> Sheet:
-    """Largest differences between the co-simulation and its references; or of RMS values where solutions separate."""
+def reference_sheet(summary: Summary, fit: bool = False) -> Sheet:
+    """Largest differences between the co-simulation and its references; of RMS values if solutions separate."""
+    title, compared = "Difference to the references", summary.get("reference") or {}
+    names = [str(entry.get("name", key)) for key, entry in compared.items()]
+    if any("max_difference" in entry for entry in compared.values()):
+        tables = [entry["max_difference"] for entry in compared.values()]
+        rows = [
+            (signal, *(number(table[signal]) for table in tables))
+            for signal in dict.fromkeys(signal for table in tables for signal in table)
+        ]
+        note = "Largest over all elements and communication points, in the units of the signals."
+        return Sheet(title, ("Signal", *names), rows, [note])
     n = len(summary.get("rms_position_error_deg", ()))
     position = "rad or m" if "mm" in units_of(summary, "position_units", n) else "rad"
     torque = "N.m or N" if "N" in units_of(summary, "torque_units", n) else "N.m"
-    compared: Summary = summary.get("reference") or {}
     separation: Summary | None = summary.get("separation")
-    if any("max_difference" in entry for entry in compared.values()):
-        return _signals_sheet(compared)
     headings = (f"Position\n[{position}]", f"Torque\n[{torque}]")
     keys, factor = ("max_position_difference_rad", "max_torque_difference_nm"), 1.0
     notes = ["Largest over all joints and communication points; torques link side."]
@@ -139,57 +139,36 @@ def reference_sheet(summary: Summary) -> Sheet:
         keys, factor = ("rms_position_difference", "rms_torque_difference"), 100.0
         notes = [
             "Between the RMS errors of run and reference; largest of the joints.",
-            f"Point by point they differ by up to {number(apart)} {position}, which shows no error: the loop is "
+            f"Point by point they differ by up to {number(apart)} {position}. That shows no error: the loop is "
             f"chaotic, and a change of {separation['change']:g} moves the run by "
             f"{number(separation['max_position_difference_rad'])} {position}.",
         ]
     rows = [
-        (str(entry.get("name", key)), *(number(factor * entry[value]) for value in keys))
-        for key, entry in compared.items()
+        (name, *(number(factor * entry[value]) for value in keys))
+        for name, entry in zip(names, compared.values(), strict=True)
     ]
-    return Sheet(
-        "Difference to the references", ("Reference", *headings), rows, notes if rows else ["No reference was solved."]
-    )
+    return Sheet(title, ("Reference", *headings), rows, notes if rows else ["No reference was solved."])
 
 
-def _signals_sheet(compared: Summary) -> Sheet:
-    """Largest difference of every output of a system without the paper's signals."""
-    order = [signal for entry in compared.values() for signal in entry["max_difference"]]
-    return Sheet(
-        "Difference to the references",
-        ("Signal", *(str(entry.get("name", key)) for key, entry in compared.items())),
-        [
-            (signal, *(number(entry["max_difference"][signal]) for entry in compared.values()))
-            for signal in dict.fromkeys(order)
-        ],
-        ["Largest over all elements and communication points, in the units of the signals."],
-    )
+_FACTS = {
+    "Package": ("package", "{}"), "Scenario": ("scenario", "{}"), "Robot": ("robot", "{}"),
+    "Friction": ("friction", "{}"), "Units": ("backend", "{} FMUs"), "Master": ("master", "{}"),
+    "Error control": ("adaptive", "{:g} a step"), "Step": ("step", "{:g} s"), "Stop": ("stop", "{:g} s"),
+    "Tolerance": ("tolerance", "{:g}"), "Steps": ("steps", "{}"), "Wall time": ("wall_s", "{:.3g} s"),
+    "Real-time factor": ("real_time_factor", "{:.3g}"), "No reference": ("no_reference", "{}"),
+}  # fmt: skip
+"""Name to key and form."""
 
 
 def facts(summary: Summary) -> Iterator[tuple[str, str]]:
     """Yield names and texts of the facts of the run: scenario, robot, units, master, step, duration."""
-    lines = {
-        "Package": ("package", "{}"),
-        "Scenario": ("scenario", "{}"),
-        "Robot": ("robot", "{}"),
-        "Friction": ("friction", "{}"),
-        "Units": ("backend", "{} FMUs"),
-        "Master": ("master" if "master" in summary else "algorithm", "{}"),
-        "Error control": ("adaptive", "{:g} a step"),
-        "Step": ("step", "{:g} s"),
-        "Stop": ("stop", "{:g} s"),
-        "Tolerance": ("tolerance", "{:g}"),
-        "Steps": ("steps", "{}"),
-        "Wall time": ("wall_s", "{:.3g} s"),
-        "Real-time factor": ("real_time_factor", "{:.3g}"),
-        "No reference": ("no_reference", "{}"),
-    }
     fmi = summary.get("fmi", FMI_2.name)
-    for name, (key, form) in lines.items():
-        if summary.get(key) is not None:
+    for name, (key, form) in _FACTS.items():
+        value = summary.get("master", summary.get("algorithm")) if key == "master" else summary.get(key)
+        if value is not None:
             more = f" of FMI {fmi}" if name == "Units" and fmi != FMI_2.name else ""
             more += f", {summary['compiler']}" if name == "Units" and summary.get("compiler") else ""
-            yield name, form.format(summary[key]) + more
+            yield name, form.format(value) + more
     if (pace := summary.get("pace")) is not None:
         p50, p99_9, worst = (f"{1e6 * pace[f'late_{each}_s']:.3g}" for each in ("p50", "p99_9", "worst"))
         late = f"rows {p50} µs late (p50), {p99_9} (p99.9), {worst} (worst, row {pace['worst_row']})"
@@ -202,10 +181,9 @@ def facts(summary: Summary) -> Iterator[tuple[str, str]]:
     if (bond := summary.get("power_bond")) is not None:
         residual, exchanged = energies(bond)
         share = f" ({residual / exchanged:.2g} of it)" if exchanged > 0.0 else ""
-        text = (
-            f"{residual:.3g} J, the sum of absolute values, at tau and kappa_dot, where {exchanged:.3g} J are exchanged"
-        )
-        yield "Energy residual", f"{text}{share}; net {sum(bond['residual_energy_j']):.3g} J"
+        text = f"{residual:.3g} J, the sum of absolute values, at tau and kappa_dot"
+        net = f"net {sum(bond['residual_energy_j']):.3g} J"
+        yield "Energy residual", f"{text}, where {exchanged:.3g} J are exchanged{share}; {net}"
     if (separation := summary.get("separation")) is not None:
         moved = f"move the run by {number(separation['max_position_difference_rad'])} rad or m"
         yield "Chaotic loop", f"rotor inertias larger by {separation['change']:g} of themselves {moved}"
@@ -220,12 +198,14 @@ def _joints(summary: Summary, n: int) -> list[str]:
 
 
 def units_of(summary: Summary, key: str, n: int) -> list[str]:
-    """Return the unit of each joint's values, which a summary has under a key."""
+    """Return the unit of each joint's values under a key of a summary."""
     return list(summary.get(key) or [_DEFAULT_UNIT[key]] * n)
 
 
-def _with_units(heading: str, values: Sequence[float], units: Sequence[str], fit: bool) -> tuple[str, list[str]]:
-    """Put the unit into the heading if all joints share it, otherwise, or if it is to fit, behind every number."""
+def _column(summary: Summary, heading: str, key: str, unit_key: str, fit: bool) -> tuple[str, list[str]]:
+    """Return heading and cells. The heading has the unit if all joints share it, and if no prefix is to fit."""
+    values: Sequence[float] = summary[key]
+    units = units_of(summary, unit_key, len(values))
     if fit:
         return heading, [quantity(value, unit) for value, unit in zip(values, units, strict=True)]
     if len(set(units)) == 1:
@@ -234,7 +214,7 @@ def _with_units(heading: str, values: Sequence[float], units: Sequence[str], fit
 
 
 def _per_cent(ours: float, theirs: Sequence[float], i: int) -> str:
-    """Return `ours` in per cent of the paper's, two digits; nothing where the paper has none or prints 0."""
+    """Return `ours` in per cent of the paper's, two digits; `_NONE` if the paper prints no value or 0."""
     if i >= len(theirs) or theirs[i] == 0.0 or not math.isfinite(ours):
         return _NONE
     ratio = 100.0 * ours / theirs[i]
@@ -245,3 +225,80 @@ def _per_cent(ours: float, theirs: Sequence[float], i: int) -> str:
 
 def _rows(columns: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:
     return list(zip(*columns, strict=True))
+
+
+_STYLES = {GOOD: "green", DOUBTFUL: "yellow", FAILED: "red"}
+
+
+def run_panel(summary: Summary) -> Panel:
+    """Return the facts of the run for the terminal, a line a fact."""
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="bold", no_wrap=True)
+    grid.add_column(overflow="fold")
+    for name, text in facts(summary):
+        grid.add_row(Text(name), Text(text))
+    return Panel(grid, title="Run", title_align="left", expand=False, box=box.ROUNDED)
+
+
+def sheet_table(sheet: Sheet) -> Table:
+    """Return a sheet for the terminal."""
+    table = plain_table(title=f"\n{sheet.title}")
+    table.caption = Text("\n".join(sheet.notes), style="dim")
+    for i, heading in enumerate(sheet.columns):
+        justify = "left" if i == 0 else "right"
+        table.add_column(Text(heading), justify=justify, overflow="fold")  # a digit is never cut off
+    for row in sheet.rows:
+        table.add_row(*map(Text, row))
+    return table
+
+
+def verdict_table(summary: Summary) -> Table:
+    """Return the checks of a run for the terminal, a line a check."""
+    table = plain_table(show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for check in checks_of(summary):
+        sign = Text(f"{SIGNS[check.state]} {check.state}", style=_STYLES[check.state])
+        table.add_row(sign, Text(f"{check.name}: {check.text}"))
+    return table
+
+
+def verdict_text(summary: Summary) -> Text:
+    """Return the line of a run's verdict, and how many checks pass; empty without a verdict."""
+    state, text = state_of(summary), "; ".join(filter(None, (line_of(summary), checks_line(summary))))
+    return Text.assemble((f"{SIGNS[state]} ", _STYLES[state]), (text, f"bold {_STYLES[state]}")) if state else Text()
+
+
+LATEX = ".tex"
+_SPECIAL = {**{each: f"\\{each}" for each in "&%$#_{}"}, "\\": r"\textbackslash{}", "~": r"\textasciitilde{}"}
+_SPECIAL |= {"^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}", "µ": r"\textmu{}"}
+_POWER = re.compile(r"(-?\d[\d.]*)e([+-]?\d+)")
+_UNIT = re.compile(r"\b(N|kg|J|W)\.(m|s|mm)")
+
+
+def write_tables(sheets: Iterable[Sheet], path: Path) -> Path:
+    """Write tables as LaTeX; they need the package booktabs."""
+    head = f'% {MARK.decode()}"\n% \\usepackage{{booktabs}}\n'
+    write_whole(path, [(head + "\n".join(map(sheet_latex, sheets))).encode()])
+    return path
+
+
+def sheet_latex(sheet: Sheet) -> str:
+    """Return a table in LaTeX: its title and notes as comments, numbers in columns on the right."""
+    rows = [" & ".join(map(_cell, cells)) + r" \\" for cells in (sheet.columns, *sheet.rows)]
+    lines = [
+        *(f"% {' '.join(text.split())}" for text in (sheet.title, *sheet.notes)),
+        rf"\begin{{tabular}}{{l{'r' * (len(sheet.columns) - 1)}}}",
+        r"\toprule", rows[0], r"\midrule", *rows[1:], r"\bottomrule", r"\end{tabular}", "",
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _cell(text: str) -> str:
+    """Return a cell: 1.3e-05 as 1.3 times a power of ten, units as N m."""
+    if power := _POWER.fullmatch(text):
+        return rf"${power[1]}\cdot 10^{{{int(power[2])}}}$"
+    if re.fullmatch(r"-\d[\d.]*", text):
+        return f"${text}$"
+    escaped = "".join(_SPECIAL.get(each, each) for each in " ".join(text.split()))
+    return _UNIT.sub(r"\1\\,\2", escaped)

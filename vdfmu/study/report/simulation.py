@@ -1,4 +1,4 @@
-"""The simulation of a page: the program of its system, sliders, recorded rows to compare with.
+"""The simulation of a page: the program of its system, sliders, causes of errors, recorded rows to compare with.
 
 A run keeps the program in the cache under the digest of its package. So a page runs only programs of this user.
 """
@@ -13,37 +13,38 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.engine.results.results import Results
-from vdfmu.study.report.causes import LESS, causes, scaled_as
-from vdfmu.study.report.curves import packed
-from vdfmu.study.report.tracks import GOOD, POOR, tracks
+from vdfmu.study.report.scripts import packed
+from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.report.tracks import GOOD, POOR, Names, tracks
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.program import SystemProgram, compressed, page_program
 
 ROWS = 100
-"""Intervals between the recorded rows to which the page's own run is compared."""
+"""Intervals between the recorded rows that the page compares with its own run."""
 LIMIT = 1e-9
 """Difference [rad, m] below which the page's own run is the recorded one. Its sin, cos and tanh differ by 1e-15."""
 _APART = 3.0
 """Factor on the distance of a run from itself with a small change: both reach the largest distance, at other times."""
 _UNKNOWN = (
-    "Whether single solutions of this loop separate, whose last digits grow, was not found out: the run has no "
-    "reference."
+    "Without a reference, the run does not show whether single solutions of this loop separate. Last digits then grow."
 )
 _SEPARATES = "Single solutions of this loop separate: two runs whose last digits differ are as far apart after a while."
 MOST_VALUES = 20_000_000
 """Values of a run that a page keeps, 160 MB."""
 NOT_MADE = (
-    "This page has no simulation: 'vdfmu report' with the folder of the run makes one that has, and so do 'vdfmu run' "
-    "and simulate=True in Python."
+    "This page was made without a simulation. 'vdfmu report' with the folder of the run adds it. So do 'vdfmu run' and "
+    "simulate=True in Python."
 )
-"""Shown instead of one."""
 MOST_MODULES = 660_000
 """Characters of the compressed modules of a page: they keep it below 1 MB."""
+LESS = 4
+"""Factor by which causes that cannot be taken away are reduced. An error in proportion to its cause falls to a quarter;
+much stiffer drives would cost a solver minutes."""
 
 
 class Knob(NamedTuple):
@@ -58,25 +59,41 @@ class Knob(NamedTuple):
     """Whether the feedforward has them too and may know the change."""
 
 
+def _scaled_as(group: str) -> tuple[str, ...]:
+    """Return the parameters of a robot that are scaled together."""
+    return tuple(name for name, row in PARAMETERS.items() if row.scaled_as == group)
+
+
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses and inertias of links", "Plant", scaled_as("mass"), 0.5, 2.0, True),
-    Knob("Mass of the payload", "Plant", scaled_as("payload"), 0.0, 3.0, True),
-    Knob("Stiffness of the drives", "Plant", scaled_as("stiffness"), 0.2, 5.0, True),
-    Knob("Friction", "Plant", scaled_as("friction"), 0.0, 3.0, True),
+    Knob("Masses and inertias of links", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
+    Knob("Mass of the payload", "Plant", _scaled_as("payload"), 0.0, 3.0, True),
+    Knob("Stiffness of the drives", "Plant", _scaled_as("stiffness"), 0.2, 5.0, True),
+    Knob("Friction", "Plant", _scaled_as("friction"), 0.0, 3.0, True),
     Knob("Duration of the motion", "Trajectory", ("T",), 0.5, 2.0),
     Knob("Speed of the motion", "", ("speed",), 0.5, 2.0),
 )
-"""Parameters that the sliders may change, where a system has them; an empty model is any."""
+"""Parameters that the sliders may change, if a system has them; an empty model is any."""
+CAUSES: Sequence[tuple[str, tuple[str, ...], Mapping[str, float]]] = (
+    ("No friction, and none expected", _scaled_as("friction"), {"value": 0.0}),
+    (f"Drives {LESS} times as stiff, and known to be", _scaled_as("stiffness"), {"factor": LESS}),
+    ("No kinematic error of the drives", ("theta_err_amplitude",), {"value": 0.0}),
+    ("No delay of signals", ("T_d",), {"value": 0.0}),
+    ("No jitter and no lost samples", ("T_j", "loss"), {"value": 0.0}),
+    ("Encoders of 48 bits", ("bits",), {"value": 48.0}),
+    ("No noise", ("sigma",), {"value": 0.0}),
+)
+"""Causes of errors that the page can take away: the run without the cause in words; parameters, one of them not 0 in
+any component if the cause is there; their new ``value``, or a ``factor``."""
 
 
 def keep_program(system: SystemDescription, package: Path) -> None:
-    """Keep the program of a system for the pages of its package, or why there is none."""
+    """Keep the program of a system for the pages of its package, or the reason for its absence."""
     try:
         content = page_program(SystemProgram(system)) | {"knobs": list(knobs(system))}
     except VdfmuError as error:
-        content = {"reason": str(error).splitlines()[0].rstrip(".")}
+        content = {"reason": _reason(error)}
     store(_kept(package), json.dumps(content).encode())
 
 
@@ -87,19 +104,22 @@ def _kept(package: Path) -> Path:
     return cache_folder() / "programs" / digest.hexdigest()
 
 
-def simulation_of(
-    results: Results, summary: Mapping[str, Any], package: Path, binaries: dict[str, str] | None
-) -> dict[str, Any]:
-    """Return the page's simulation, ready for JSON; ``{"reason": ..}`` if it has none.
+def _reason(error: VdfmuError) -> str:
+    return str(error).splitlines()[0].rstrip(".")
 
-    `binaries`: digest to base64 of a compressed module, to which the run's are added. None: the page is to have none.
+
+def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, Any]:
+    """Return the page's simulation, ready for JSON; ``{"reason": ..}`` without a simulation.
+
+    The modules of the run are added to `binaries`, digest to base64 of a compressed module. If `binaries` is None, the
+    page simulates nothing.
     """
-    kept = load(_kept(package)) if package.is_file() else None
-    if "scenario" not in summary:
+    kept = load(_kept(run.package)) if run.package.is_file() else None
+    if "scenario" not in run.summary:
         reason = "only runs of scenarios by 'vdfmu run' are"
     elif kept is None:
         reason = "it was not made with this cache, and a look at a run does not run its code"
-        reason = reason if package.is_file() else "its package, system.ssp, is not beside the results"
+        reason = reason if run.package.is_file() else "its package, system.ssp, is not beside the results"
     elif "reason" in (program := json.loads(kept)):
         reason = program["reason"]
     elif (program["steps"] + 1) * len(program["names"]) > MOST_VALUES:
@@ -111,40 +131,67 @@ def simulation_of(
         digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
         added = {digests[key]: module for key, module in modules.items()}
         try:
-            found = program | digests | _judged(results, summary, package, program)
+            content = program | digests | _judged(run, program)
         except VdfmuError as error:
-            reason = str(error).splitlines()[0].rstrip(".")
+            reason = _reason(error)
         else:
             if sum(map(len, (binaries | added).values())) <= MOST_MODULES:
                 binaries |= added
-                return found
+                return content
             reason = "with its module the page would be larger than 1 MB; make a page of this run alone"
     return {"reason": f"This run is not simulated here: {reason}."}
 
 
-def _judged(results: Results, summary: Mapping[str, Any], package: Path, program: Mapping[str, Any]) -> dict[str, Any]:
+def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
     """Give the sliders their tracks; return the causes and the recorded rows to compare with."""
     sliders: list[dict[str, Any]] = program["knobs"]
     values = {unit["name"]: {name: row[1] for name, row in unit["parameters"].items()} for unit in program["units"]}
-    figures: Mapping[str, Any] = summary.get("key_figures") or {}
+    figures: Mapping[str, Any] = run.summary.get("key_figures") or {}
+    margin = figures.get("margin", {})
     why = ""
     if "unstable" in figures:  # one place of a limit cycle says little about another gain
         why = "no margins along it: the run itself is unstable"
-    margin = figures.get("margin", {})
     if not margin.get("value", 1.0):
         why = f"no margins along it: the run has none at {margin['at_s']:.3g} s"
-    span = program["start"], program["stop"], program["step"]
-    dry = "without_dry_friction" not in margin
-    given = [[None]] * len(sliders) if why else tracks(package, summary["algorithm"], sliders, values, span, dry)
-    for slider, found in zip(sliders, given, strict=True):
-        slider["tracks"] = found
-        slider["why"] = why
+    if why:
+        along = [[None]] * len(sliders)
+    else:
+        span = program["start"], program["stop"], program["step"]
+        dry = "without_dry_friction" not in margin
+        along = tracks(run.package, run.summary["algorithm"], sliders, values, span, dry, run.poses)
+    for slider, own in zip(sliders, along, strict=True):
+        slider |= {"tracks": own, "why": why}
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
         "causes": list(causes(values, sliders, fast)),
         "margins": {"good": GOOD, "poor": POOR},
-        "recorded": _recorded(results, summary, program["names"]),
+        "recorded": _recorded(run, program["names"]),
     }
+
+
+def causes(parameters: Names, knobs: Sequence[Mapping[str, Any]], fast: bool) -> Iterator[dict[str, Any]]:
+    """Yield the causes that a run has, ready for JSON; `fast`: the page can sample it `LESS` times as often."""
+    if fast:
+        yield {"words": f"Sampled {LESS} times as often", "split": LESS, "changes": []}
+    for words, names, change in CAUSES:
+        changes = [
+            {"unit": unit, "name": name, **change}
+            for unit, values in parameters.items()
+            for name in names
+            if any(value for each, value in values.items() if each.partition("[")[0] == name)
+        ]
+        if changes:
+            yield {"words": words, "changes": changes}
+    for knob in knobs:
+        arm = parameters[knob["targets"][0]["unit"]]
+        changes = [
+            {"unit": target["unit"], "name": name, "value": arm[name]}
+            for target in knob["known"]
+            for name, value in parameters[target["unit"]].items()
+            if name.partition("[")[0] == target["name"] and arm.get(name, value) != value
+        ]
+        if changes:
+            yield {"words": f"{knob['words']} known to the feedforward", "changes": changes}
 
 
 def values_of(system: SystemDescription) -> dict[str, dict[str, float]]:
@@ -160,7 +207,7 @@ def values_of(system: SystemDescription) -> dict[str, dict[str, float]]:
 
 
 def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
-    """Yield groups of parameters that the page may change, ready for JSON, if one of a group is not zero."""
+    """Yield groups of parameters that the page may change, ready for JSON, if any of a group differs from zero."""
     models = {name: table.model_name for name, table in system.tables.items()}
     joined = {(start, end) for (start, _), (end, _) in system.resolved.links()}
     groups: dict[str, dict[str, list[float]]] = {}
@@ -168,21 +215,21 @@ def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
         for name, value in values.items():
             groups.setdefault(unit, {}).setdefault(name.partition("[")[0], []).append(value)
     for knob in KNOBS:
-        found = {
+        targets = {
             unit: names
-            for unit, own in groups.items()
+            for unit, group in groups.items()
             if models[unit] == (knob.model or models[unit])
-            and (names := [name for name in knob.names if any(own.get(name, ()))])
+            and (names := [name for name in knob.names if any(group.get(name, ()))])
         }
-        for unit, names in found.items():
+        for unit, names in targets.items():
             knowing = [
                 name
-                for name, other in models.items()
-                if knob.known and other == "Feedforward" and (len(found) == 1 or (unit, name) in joined)
+                for name, model in models.items()
+                if knob.known and model == "Feedforward" and (len(targets) == 1 or (unit, name) in joined)
             ]
             yield {
                 "key": f"{unit}.{names[0]}",
-                "words": knob.words if len(found) == 1 else f"{knob.words}, {unit}",
+                "words": knob.words if len(targets) == 1 else f"{knob.words}, {unit}",
                 "units": [v.unit or "" for v in system.tables[unit] if v.group == names[0]],
                 "values": groups[unit][names[0]],
                 "targets": [{"unit": unit, "name": name} for name in names],
@@ -192,18 +239,18 @@ def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
             }
 
 
-def _recorded(results: Results, summary: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    """Return some recorded rows, in double precision, and the criterion by which the page's own run is judged."""
-    known = set(results.names)
-    kept = [name for name in names if name in known]
+def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
+    """Return some recorded rows in double precision, and the largest difference of the page's own run from them."""
+    results, summary = run.results, run.summary
+    recorded = set(results.names)
+    kept = [name for name in names if name in recorded]
     judged = [name for name in kept if name.startswith("plant.q[")] or kept
     rows = np.unique(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
-    values = np.array([results[name][rows] for name in kept]).T
     separation = (summary.get("separation") or {}).get("max_position_difference_rad", 0.0)
     return {
         "rows": rows.tolist(),
         "names": kept,
-        "values": packed(values, "<f8"),
+        "values": packed(np.array([results[name][rows] for name in kept]).T, "<f8"),
         "judged": judged,
         "unit": ", ".join(dict.fromkeys(results.units[name] for name in judged)),
         "limit": max(LIMIT, _APART * separation),

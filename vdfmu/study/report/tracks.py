@@ -1,11 +1,10 @@
-"""Tracks of a page's sliders: the modulus margin of the sampled loops along each, and where they become unstable.
+"""Tracks of a page's sliders: the modulus margin of the sampled loops along each, and their limits of stability.
 
-The run is linearised as for its verdict. At some of these rows each slider is moved alone: the components whose
-parameters it scales are linearised again with the new ones, at the states and inputs that the run had. The states of a
-faster or heavier arm would be others; what a gain or a stiffness does to the loops depends little on them. A run that
-is judged without dry friction is taken without it.
+Each slider is moved alone, at some rows of the run: the components whose parameters it scales are linearised again with
+the new ones, at the states and inputs of the run. The states of a faster or heavier arm would differ; a gain or a
+stiffness acts on the loops nearly independently of them. A run that is judged without dry friction is taken without it.
 
-A margin of `GOOD` is a largest sensitivity of 2, the upper end of what is recommended (Astrom and Hagglund, Advanced
+A margin of `GOOD` is a largest sensitivity of 2, the upper end of the recommendation (Astrom and Hagglund, Advanced
 PID Control, 2006, section 4.5); of `POOR` one of 4, above which both performance and robustness are poor (Skogestad and
 Postlethwaite, Multivariable Feedback Control, 2005, section 2.4.3).
 """
@@ -30,33 +29,31 @@ from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.linear.linearise import can_change
 from vdfmu.engine.linear.loops import Loop
-from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import Value
-from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
-from vdfmu.study.report.causes import Names
 
 GOOD, POOR = 0.5, 0.25
-"""Modulus margins from which a track is green, and below which it is red."""
+"""Lower bounds of the modulus margin for a green track, and for a track that is not red."""
 NOTCHES = 100
-"""Places of a slider to either side of 0, where its factor is 1."""
+"""Places of a slider to either side of 0. Its factor at 0 is 1."""
 _PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)
 _HALVINGS = 4
 """Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
 _ROWS, _SPREAD, _WORST = 6, 5, 2
-"""Rows of the run at which sliders are tried: at most, first those where a loop has its least margin, then some evenly
-spread ones; and how many of them for a joint or the arm."""
+"""Rows of the run at which sliders are tried: at most, first the rows of the loops' least margins, then some evenly
+spread ones; and their number for a joint or the arm."""
 _JOINTS = 8
-"""Most joints that have tracks of their own."""
+"""Most joints that have a track each."""
 _ROUNDING = 1e-9
 """Rounding of derivatives that are in proportion, relative."""
-
 _FRICTION = {row.name for row in section("friction")}
 """Parameters without a track: near standstill friction that falls with speed makes a loop grow for a moment, whatever
 the motion before and after."""
 
+Names = Mapping[str, Mapping[str, float]]
+"""Component, to parameter, to its value in the run."""
 Track = dict[str, Any]
 
 
@@ -69,57 +66,44 @@ def factor(knob: Mapping[str, Any], place: float) -> float:
 
 
 def tracks(
-    package: Path,
-    algorithm: str,
-    knobs: Sequence[Mapping[str, Any]],
-    parameters: Names,
-    span: tuple[float, float, float],
-    dry: bool = True,
-) -> list[list[Track | None]]:
-    """Return the tracks of each slider: of all joints, then of each joint; None where it has none.
+    package: Path, algorithm: str, knobs: Sequence[Mapping[str, Any]], parameters: Names,
+    span: tuple[float, float, float], dry: bool = True, poses: Poses | None = None,
+) -> list[list[Track | None]]:  # fmt: skip
+    """Return the tracks of each slider: of all joints, then of each joint; [None] without tracks.
 
-    A track has ``places``, the least modulus margin at each, ``modulus``, and in ``limits`` the places below and above
-    which the loops are unstable, or None; ``still`` where arms are taken without dry friction.
+    A track has ``places``, the least modulus margin at each, ``modulus``, and in ``limits`` the lowest and the highest
+    place with stable loops, or None; ``still`` if arms are taken without dry friction.
 
-    Parameters
-    ----------
-    package, algorithm : Path, str
-        Of the run.
-    span : tuple of float [s]
-        Start, stop and step of the run.
-    dry : bool
-        Whether the run is judged with the dry friction of its arms.
+    `span` has start, stop and step of the run [s]. `dry`: the run is judged with the dry friction of its arms. `poses`
+    are the loops of the run, taken with `again`; without them, the run is repeated.
     """
     facts = [source_digest("study.report.tracks"), algorithm, knobs, parameters, span, dry]
     digest = sha256(json.dumps(facts).encode() + sha256(package.read_bytes()).digest()).hexdigest()
     path = cache_folder() / "tracks" / digest
     if (stored := load(path)) is not None:
         return json.loads(stored)
-    try:
-        checked = check_system(load_ssp(package), algorithm=algorithm)
-        found = _tracks(checked, knobs, parameters, span, dry)
-    except VdfmuError:  # there are no loops, or the FMUs do not tell them
-        found = [list[Track | None]([None]) for _ in knobs]
-    store(path, json.dumps(found).encode())
-    return found
-
-
-def _tracks(
-    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float], dry: bool
-) -> list[list[Track | None]]:
+    still = {} if dry else {unit: least_dry_friction(values) for unit, values in parameters.items()}
+    still = {unit: values for unit, values in still.items() if values}
     start, stop, step = span
-    poses = Poses("tau", TIED, again=True)
-    with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
-        simulator.run(start=start, stop=stop, step=step, record=(), taps=[poses])
-        if poses.lacking:
-            return [[None] for _ in knobs]
-        still = {} if dry else {unit: least_dry_friction(values) for unit, values in parameters.items()}
-        loops = _MovedLoops(poses, parameters, {unit: own for unit, own in still.items() if own})
-        return [list(_of_knob(loops, knob)) for knob in knobs]
+    made = [list[Track | None]([None]) for _ in knobs]
+    try:
+        with Simulator(package, isolate=False, algorithm=algorithm) as simulator:
+            if poses is None or not poses.seconds:  # or its components had processes
+                poses = Poses("tau", TIED, again=True)
+                simulator.run(start=start, stop=stop, step=step, record=(), taps=[poses])
+            elif not poses.lacking:
+                poses.components = simulator.stand(step=step)
+            if not poses.lacking:
+                loops = _MovedLoops(poses, parameters, still)
+                made = [list(_of_knob(loops, knob)) for knob in knobs]
+    except VdfmuError:  # without loops, or without directional derivatives
+        pass
+    store(path, json.dumps(made).encode())
+    return made
 
 
 class _MovedLoops:
-    """The loops of a run, with the run's parameters and with those of a slider."""
+    """The loops of a run, and at some of its rows those with the parameters of a slider."""
 
     def __init__(self, poses: Poses, parameters: Names, still: Mapping[str, Mapping[str, Value]]) -> None:
         assert poses.components is not None
@@ -129,12 +113,12 @@ class _MovedLoops:
         if nearest is None:
             raise UsageError(along.lacking)
         self.least = nearest.modulus
-        own = [pose.loop for pose in along.rows if pose.loop is not None]
-        of_loops = np.array([loop.modulus for loop in own])
-        spread = np.linspace(0, len(own) - 1, _SPREAD).astype(int)
-        rows = dict.fromkeys([*of_loops.argmin(axis=0)[of_loops.min(axis=0).argsort()].tolist(), *spread.tolist()])
-        self.own = {row: own[row] for row in [*rows][:_ROWS]}
-        """The loops at some rows, the one with the least margin first."""
+        loops = [pose.loop for pose in along.rows if pose.loop is not None]
+        modulus = np.array([loop.modulus for loop in loops])
+        spread = np.linspace(0, len(loops) - 1, _SPREAD).astype(int)
+        rows = dict.fromkeys([*modulus.argmin(axis=0)[modulus.min(axis=0).argsort()].tolist(), *spread.tolist()])
+        self.own = {row: loops[row] for row in [*rows][:_ROWS]}
+        """The loops at some rows, first the row with the least margin."""
 
     def moved(self, knob: Mapping[str, Any], place: float, joint: int | None, rows: Sequence[int]) -> list[Loop]:
         """Return the loops at rows with a slider at a place, of all joints or of one."""
@@ -155,16 +139,16 @@ class _MovedLoops:
 
         None if the slider changes more than the feedback, or this not in proportion.
         """
-        found: list[list[Floats]] = []
+        slopes: list[list[Floats]] = []
         for place in (-NOTCHES, NOTCHES):
             loops = self.moved(knob, place, joint, rows)
             if not all(map(self.open_as_own, rows, loops)):
                 return None
             by = factor(knob, place) - 1.0
-            found.append([(loop.K - self.own[row].K) / by for row, loop in zip(rows, loops, strict=True)])
-        if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *found)):
+            slopes.append([(loop.K - self.own[row].K) / by for row, loop in zip(rows, loops, strict=True)])
+        if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *slopes)):
             return None
-        return dict(zip(rows, found[0], strict=True))
+        return dict(zip(rows, slopes[0], strict=True))
 
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
@@ -173,9 +157,9 @@ def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | No
     if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
         yield None
         return
-    (there,) = loops.moved(knob, NOTCHES, None, rows[:1])
-    alike = loops.open_as_own(rows[0], there)
-    if alike and np.array_equal(there.K, loops.own[rows[0]].K):  # none of its parameters is in a loop
+    (moved,) = loops.moved(knob, NOTCHES, None, rows[:1])
+    alike = loops.open_as_own(rows[0], moved)
+    if alike and np.array_equal(moved.K, loops.own[rows[0]].K):  # none of its parameters is in a loop
         yield None
         return
     yield _track(loops, knob, rows if alike else rows[:_WORST], None)
@@ -209,5 +193,5 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joi
             middle = (inside + outside) / 2.0
             inside, outside = (middle, outside) if least(middle) else (inside, middle)
         limits.append(inside)
-    found = {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
-    return found | {"still": True} if loops.still else found
+    track = {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
+    return track | {"still": True} if loops.still else track

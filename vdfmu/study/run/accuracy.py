@@ -1,17 +1,20 @@
-"""Notes on a finished run: sizes of what an exact inverse leaves out, and of the phase that vibrations lose."""
+"""Accuracy of a run: energy of the coupling, torque that an exact inverse leaves out, lost phase of vibrations."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units.feedforward import Feedforward
 from vdfmu.base.arrays import Floats
+from vdfmu.engine.masters.observer import Tap
+from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
 from vdfmu.study.run.summary import has_signals
 from vdfmu.system.package.description import SystemDescription
@@ -19,13 +22,13 @@ from vdfmu.system.reference.reference import BLOCK
 from vdfmu.system.scenario.values import robot_with
 
 _SHOWN = 1e-4
-"""Share of the largest torque from which a note says what the inverse leaves out."""
+"""Smallest share of the largest torque for a note on the inverse."""
 _LOST = 1e-3
-"""Share of the largest spring torque from which a note says that it depends on the tolerance."""
+"""Smallest share of the largest spring torque for a note on the tolerance."""
 
 
 def accuracy_notes(results: Results, system: SystemDescription) -> Iterator[str]:
-    """Yield notes on where a run is less exact than the pages of its units say."""
+    """Yield notes on the times at which a run is less exact than the pages of its units say."""
     scenario = system.scenario
     for name, unit in system.resolved.units.items():
         values, part = system.values.get(name, {}), scenario.system.parts[name]
@@ -97,3 +100,64 @@ def _phases(results: Results, robot: Robot, name: str, values: Mapping[str, Any]
             f"up to {frequency[i]:.2g} Hz. Tolerance {values['tolerance']:g} moves their phase by {phase[i]:.1g} rad "
             f"or more, and with it tau_s and E_spring at an instant. Compare with {name}.tolerance = 1e-9."
         )
+
+
+_READ = ("plant.tau", "plant.kappa_dot", "controller.tau", "controller.kappa_dot")
+
+
+class PowerBond(Tap):
+    """Energy residual of the coupling at tau and kappa_dot, link-side [J]; printed is the sum of its absolute values.
+
+    Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
+    torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
+    exact coupling the two are the same. Each step begins with inputs that are the outputs they read, so the difference
+    grows from zero over it, and half the final difference times the step is the energy that the coupling adds to the
+    plant or takes from it (trapezoidal rule). Error control steps between the rows; then this is an estimate.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._ell, self._energies = robot.ell, np.zeros((3, robot.n))
+        self._names = [f"{group}[{i + 1}]" for group in _READ for i in range(robot.n)]
+        self._places: NDArray[np.intp] | None = None
+        self._count, self._times = 0, np.zeros(BLOCK + 1)
+        self._block = np.zeros((BLOCK, len(self._names)))
+
+    def rows(self, grid: Grid) -> Container[int]:
+        """Begin a run. Its first row shows whether it has the signals."""
+        self._places, self._count, self._times[0] = None, 0, grid.begin
+        self._energies[:] = 0.0
+        return range(grid.n + 1)
+
+    def take(self, k: int, time: float, components: Any) -> None:
+        """Take the row."""
+        if k == 0:
+            names, self._memory, places = components.exchange.reals(self._names)
+            known = dict(zip(names, places, strict=True))
+            self._places = np.array([known[name] for name in self._names]) if len(known) == len(self._names) else None
+        if self._places is not None:
+            self._memory.take(self._places, None, self._block[self._count], "clip")
+            self._count += 1
+            self._times[self._count] = time
+            if self._count == BLOCK:
+                self._add()
+
+    def _add(self) -> None:
+        count, (tau, kappa_dot, given, received) = self._count, np.split(self._block[: self._count], 4, axis=1)
+        h = np.diff(self._times[: count + 1])[:, None]  # 0 at the first row, which ends no step
+        self._times[0], self._count = self._times[count], 0
+        taken = self._ell * tau * kappa_dot
+        residual = 0.5 * h * (taken - self._ell * given * received)
+        self._energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the entry ``power_bond`` of a summary; nothing if the run lacks one of the signals.
+
+        For each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum of the absolute
+        values; ``exchanged_energy_j``, the same for the energy that the plant took up.
+        """
+        if self._places is None:
+            return {}
+        if self._count:
+            self._add()
+        names = ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j")
+        return {"power_bond": dict(zip(names, self._energies.tolist(), strict=True))}

@@ -1,4 +1,4 @@
-"""The few numbers by which a run is known, and when they occur: entry ``key_figures`` of a summary."""
+"""The main numbers of a run, and their times: entry ``key_figures`` of a summary."""
 
 from __future__ import annotations
 
@@ -17,21 +17,20 @@ from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Results
 from vdfmu.study.analysis.modes import natural_modes
-from vdfmu.study.run.at_limits import ArmLimits
-from vdfmu.study.run.summary import has_signals
+from vdfmu.study.run.summary import ArmLimits, has_signals
 from vdfmu.system.reference.reference import BLOCK
 
 _POSES = 5
 """Poses along a run at which its lowest mode is looked for."""
 STANDING = 0.5
-"""Error, as a share of the size of a motion, from which the arm is no better than one that stands still: in the middle
-of the motion it would be off by half its size at most."""
+"""Error of an arm that stands still in the middle of the motion, as a share of the motion's size: the limit of a useful
+motion."""
 ARRIVED = 0.1
 """Share of the size of a tool's motion within which the motion counts as made, as in rise times of 10 to 90 %. Joints
 lag by more in drives that are good."""
 _SMALL = 0.1
-"""Size [rad], or share of the arm's length, that the motion of an arm at rest is taken to have: one part in ten of it,
-from which a tool is off its path, is 1 % of the arm's length."""
+"""Size [rad], or share of the arm's length, of the motion of an arm at rest: a tool is off its path by one part in ten,
+1 % of the arm's length."""
 
 
 def key_figures(
@@ -39,24 +38,15 @@ def key_figures(
 ) -> dict[str, Any]:
     """Return the largest errors and torque of a run of an arm, and the lowest mode of its links.
 
-    Parameters
-    ----------
-    limits
-        Of the arms; the torque is then the joint's with the largest share of its limit.
-    plant
-        The robot that the plant is: the modes are its, and there is a tool error if its geometry is the one known.
-    touch
-        Signal of the wrench at the tool, if it is the output of another component.
+    With `limits` of the arms, the torque is of the joint with the largest share of its limit. `plant` is the robot of
+    the plant, with its modes; a tool error needs the geometry of `robot`. `touch` is the signal of the wrench at the
+    tool, if it is the output of another component.
 
-    Returns
-    -------
-    dict
-        ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``mode`` [Hz],
-        with the motors held; ``path``, the error of tool or joint that is worst for the ``size`` of its motion;
-        ``contact``, the largest force at the tool [N], and when it begins. Without numbers that the signals
-        of the run do not give.
+    Keys: ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``mode``
+    [Hz], with the motors held; ``path``, the error of tool or joint that is worst for the ``size`` of its motion;
+    ``contact``, the largest force at the tool [N], and its begin. Numbers without signals are left out.
     """
-    found: dict[str, Any] = {}
+    figures: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
         units = [JOINT_UNITS[kind] for kind in robot.joint_types]
         scale = np.array([unit.factor for unit in units])
@@ -70,33 +60,33 @@ def key_figures(
             peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - part["plant.q"])), tool_errors(robot, part)]))
             reached.add(part.time, np.column_stack([scale * q_d, -scale * q_d, away]))
         known = same_frames(robot, plant)
-        found["joint_error"] = peaks.worst([unit.position for unit in units])
+        figures["joint_error"] = peaks.worst([unit.position for unit in units])
         if known:
-            found["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
+            figures["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
         sizes = reached.most[: robot.n] + reached.most[robot.n : -1]
-        found["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if known else math.inf)
+        figures["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if known else math.inf)
     if touch and has_signals(results, touch):
         force = np.linalg.norm(results[touch][:, :3], axis=1)
         if force.any():
             begin = float(results.time[np.flatnonzero(force)[0]])
-            found["contact"] = {"value": float(force.max()), "unit": "N", "at_s": begin}
+            figures["contact"] = {"value": float(force.max()), "unit": "N", "at_s": begin}
     if has_signals(results, "controller.tau"):
-        arm = next((one for one in limits if one.plant == "plant"), None)
-        found["torque"] = _torque(results, robot, arm)
+        arm = next((each for each in limits if each.plant == "plant"), None)
+        figures["torque"] = _torque(results, robot, arm)
     modes = list(_modes(results, plant)) if has_signals(results, "plant.q") else []
     if modes:
-        found["mode"] = dict(zip(("value", "at_s"), min(modes), strict=True))
-    return found
+        figures["mode"] = dict(zip(("value", "at_s"), min(modes), strict=True))
+    return figures
 
 
 def tool_errors(robot: Robot, results: Results) -> Floats:
-    """Return the distance of the tool from where it should be, (m,) [m]."""
+    """Return the distance of the tool from its desired position, (m,) [m]."""
     ends = [forward_kinematics(robot, results[name])[0] for name in ("trajectory.q_d", "plant.q")]
     return np.linalg.norm(ends[0] - ends[1], axis=1)
 
 
 def same_frames(robot: Robot, plant: Robot) -> bool:
-    """Whether the plant has the geometry of the robot, by which a tool error is known."""
+    """Whether the plant has the geometry of the robot, as a tool error needs."""
     return all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items())
 
 
@@ -129,14 +119,8 @@ class _Peaks:
 def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, Any]:
     """Return the error that is worst for its motion: of the tool [m], or of a joint against the largest of its kind.
 
-    Parameters
-    ----------
-    peaks
-        Errors of the joints [deg, mm] and of the tool [m].
-    sizes
-        Sizes of the motions of the joints [deg, mm].
-    tool
-        Size of the tool's motion [m]; infinite if its error is not known.
+    `peaks` are errors of the joints [deg, mm] and of the tool [m], `sizes` those of the joints' motions, `tool` that of
+    the tool's motion, infinite without a tool error.
     """
     kinds, arm = robot.joint_types, length(robot)
     least = [_SMALL * JOINT_UNITS[kind].factor * (1.0 if kind == "revolute" else arm) for kind in kinds]
@@ -152,7 +136,7 @@ def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, 
 
 
 def off_from(place: str) -> float:
-    """Return the share of its motion from which the ``tool``, or a joint, is off its path."""
+    """Return the smallest share of its motion at which the ``tool``, or a joint, is off its path."""
     return ARRIVED if place == "tool" else STANDING
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
@@ -21,32 +21,20 @@ from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.c.platforms import compiler_version
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
-from vdfmu.engine.linear.growth import Poses
-from vdfmu.engine.options import CouplingOptions
+from vdfmu.engine.options import CouplingOptions, SimulatorOptions
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.folder import keep, write_summary
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run import Interrupted, LogMessage, check_coupling
+from vdfmu.engine.run import Interrupted, LogMessage, Simulator, check_coupling
 from vdfmu.study.analysis.loops import poses_of
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
-from vdfmu.study.run.accuracy import accuracy_notes
-from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
+from vdfmu.study.run import summary as numbers
+from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
 from vdfmu.study.run.key_figures import key_figures
-from vdfmu.study.run.power_bond import PowerBond
 from vdfmu.study.run.scene import arm_of, scene_of
-from vdfmu.study.run.stability import explain, loop_checks, simulated
-from vdfmu.study.run.summary import (
-    compare,
-    compared,
-    estimation_errors,
-    has_signals,
-    run_facts,
-    start_notes,
-    tracking_errors,
-)
-from vdfmu.study.run.verdict import VISIBLE, verdict
+from vdfmu.study.run.verdict import VISIBLE, explain, loop_checks, verdict
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
@@ -66,7 +54,7 @@ _NUDGE = 1e-9
 def prepare(
     scenario: Scenario | str | os.PathLike[str], names: Iterable[str] = (), **options: Unpack[ScenarioOptions]
 ) -> Scenario:
-    """Load a scenario and replace what the options name, with the checks of a scenario file.
+    """Load a scenario and apply options to it, with the checks of a scenario file.
 
     Names in `settings`, and `names`, will be set later: the robot gets parameters for them, see `with_parameters`.
 
@@ -88,7 +76,7 @@ def prepare(
     scenario = with_parameters(scenario, [*names, *(options["settings"] or ())])
     if options["units"]:
         scenario = with_units(scenario, options["units"])
-    own = {one.name for one in dataclasses.fields(Scenario)} - {"robot"}
+    own = {field.name for field in dataclasses.fields(Scenario)} - {"robot"}
     scenario = dataclasses.replace(scenario, **{name: given[name] for name in own & given.keys()})
     tables = read_inputs(scenario.inputs, scenario.input_hold)
     more = pick(CouplingOptions, {name: given[name] for name in given.keys() - own})
@@ -102,29 +90,46 @@ def prepare(
 
 
 class ScenarioRun:
-    """The run of a scenario in stages: pack, simulate, judge.
+    """The run of a scenario of :func:`prepare` in stages: pack, simulate, judge.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Of :func:`prepare`.
-    options : mapping
-        :class:`vdfmu.study.options.ScenarioRunOptions`. If `out` is False, the run writes nothing but its package.
+    If the option `out` is False, the run writes its package only.
     """
 
     def __init__(self, scenario: Scenario, options: ScenarioRunOptions) -> None:
         self.scenario, self._options = scenario, options
         native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
-        self._backend = backend = choose_backend("native" if native else options["backend"])
+        self._backend = choose_backend("native" if native else options["backend"])
         self.system = SystemDescription(scenario, system_values(scenario, options["settings"]))
-        for note in _notes(scenario, backend, options["settings"]):
+        for note in self._notes():
             self._say(note)
-        self._facts = _facts(self.system, options, backend)
-        self._poses, self._limits = poses_of(self.system), limits_of(self.system)
+        self.poses = poses_of(self.system, again=bool(options["simulate"]))
+        self._facts, self._limits = self._known(), numbers.limits_of(self.system)
         self._bond = PowerBond(scenario.robot) if scenario.robot else None
 
+    def _notes(self) -> Iterator[str]:
+        scenario, robot = self.scenario, self.scenario.robot
+        yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
+        yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
+        for note in (*model_notes(scenario, self._options["settings"]), *build_notes(robot, self._backend)):
+            yield f"{(robot or scenario).name}: {note}"
+
+    def _known(self) -> dict[str, Any]:
+        """Return the entries of the summary that are known before a run."""
+        scenario, options, robot = self.scenario, self._options, self.scenario.robot
+        return numbers.run_facts(scenario) | {
+            "backend": self._backend,
+            **({"compiler": compiler_version()} if self._backend == "native" else {}),
+            "fmi": options["fmi_version"],
+            "settings": {key: str(value) for key, value in (options["settings"] or {}).items()},
+            "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
+            "left_out": list(scenario.system.dropped),
+            "joined": list(scenario.system.joined),
+            **({} if robot is None else {"arm": arm_of(robot, self.system.values.get("plant", {}))}),
+            "scene": scene_of(self.system),
+        }
+
     def pack(self, folder: Path) -> None:
-        """Build the FMUs, and write the package into the folder of the run, where its rows go too."""
+        """Build the FMUs, and write the package into the folder of the run."""
         self.folder, values = folder, self.system.values
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(self.scenario, fmus, self._backend, self._options["fmi_version"])
@@ -135,38 +140,48 @@ class ScenarioRun:
         options, written = self._options, self._options["out"] is not False
         witness = Witness(self.system)
         try:
-            results = simulated(
-                self.scenario, self.package, progress=partial(report, "co-simulation"), log=options["log"],
+            results = self._simulated(
+                progress=partial(report, "co-simulation"), log=options["log"],
                 about=self._facts, observer=options["observer"],
-                taps=[witness.probe, self._poses, *([self._bond] if self._bond else [])],
+                taps=[witness.probe, self.poses, *([self._bond] if self._bond else [])],
                 pace=options["pace"], record=self._recorded(),
                 stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
-            unstable = explain(error, self._poses)
+            unstable = explain(error, self.poses)
             if written:
                 if error.results is not None and unstable:
                     error.results.summary["key_figures"] = unstable[0].figures
-                keep(error, self.folder, [found.check for found in unstable])
+                keep(error, self.folder, [loops.check for loops in unstable])
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
-        for note in (*start_notes(results, self.scenario), *accuracy_notes(results, self.system)):
+        for note in (*numbers.start_notes(results, self.scenario), *accuracy_notes(results, self.system)):
             summary["notes"].append(note)
             self._say(note)
-        summary |= _numbers(results, self.system, self._limits) | (self._bond.summary() if self._bond else {})
+        summary["real_time_factor"] = self.scenario.stop / summary["wall_s"]
+        if self.scenario.robot is not None:
+            tau_m = self.scenario.system.fed.get("controller.tau_m", "")
+            summary |= numbers.tracking_errors(results, self.scenario.robot, self._limits, tau_m)
+        summary |= numbers.time_at_limits(results, self._limits)
+        if numbers.has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
+            summary |= numbers.estimation_errors(results, ALGORITHMS[self.scenario.master].substeps)
+        summary |= {"paper": dict(self.scenario.paper)} | (self._bond.summary() if self._bond else {})
         if written:
             write_summary(summary, self.folder)
         return results
 
-    def judge(self, results: Results) -> None:
-        """Compare with the references if the options say so, and put key figures and verdict into the summary."""
-        if self._options["reference"]:
-            results.summary |= _references(self.system, self.package, results)
-        _judge(results, self.system, self._poses, self._limits)
+    def _simulated(self, parameters: Any = None, **options: Any) -> Results:
+        """Co-simulate; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
+        scenario = self.scenario
+        own: SimulatorOptions = {
+            **scenario.coupling, "inputs": scenario.inputs, "parameters": parameters, "log": options.pop("log", None),
+        }  # fmt: skip
+        with Simulator(self.package, **own) as simulator:
+            return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
     def _recorded(self) -> list[str] | None:
-        """Return the names of what is recorded anyway and of what is wanted too; None without more of these."""
+        """Return the names of all outputs, inputs from outside and the option `record`; None without this option."""
         if not self._options["record"]:
             return None
         tables = self.system.tables.items()
@@ -177,111 +192,71 @@ class ScenarioRun:
         if (log := self._options["log"]) is not None:
             log(LogMessage("", 0.0, "note", "", note))
 
+    def judge(self, results: Results) -> None:
+        """Compare with the references if the options ask for it; add key figures and verdict to the summary."""
+        summary, scenario, values = results.summary, self.scenario, self.system.values
+        if self._options["reference"]:
+            summary |= self._references(results)
+        loops = list(loop_checks(self.poses, self.system))
+        figures: dict[str, Any] = summary.get("key_figures", {})
+        if scenario.robot is not None:
+            plant = robot_with(scenario.plant_robot, values.get("plant", {}))
+            touch = scenario.system.fed.get("plant.F_e", "")
+            figures |= key_figures(results, scenario.robot, self._limits, plant, touch)
+        summary["key_figures"] = figures | {name: each for loop in loops for name, each in loop.figures.items()}
+        summary["verdict"] = verdict(summary, [loop.check for loop in loops])
 
-def _notes(scenario: Scenario, backend: str, settings: Mapping[str, Any] | None) -> Iterator[str]:
-    yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
-    yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
-    for note in (*model_notes(scenario, settings), *build_notes(scenario.robot, backend)):
-        yield f"{(scenario.robot or scenario).name}: {note}"
+    def _references(self, results: Results) -> dict[str, Any]:
+        """Solve the sampled reference of the algorithm, if it samples, and the continuous one, and compare.
 
+        If the first of them differs visibly from the run, the run is compared with itself after an invisible change.
+        If that shows as well, single solutions separate. Then ``separation`` has their distance, and the references
+        are compared by their statistics too.
+        """
+        scenario, differences = self.scenario, dict[str, Any]()
+        entries: dict[str, Any] = {"reference": differences}
+        foreign = [name for name, part in scenario.system.parts.items() if part.fmu is not None]
+        if foreign:
+            return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
+        visible = math.inf
+        if numbers.has_signals(results, "trajectory.q_d", "plant.q"):
+            visible = VISIBLE * max(
+                float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
+            )
+        how = ALGORITHMS[scenario.master]
+        # without a feedforward torque in the controller there is no compensation error: all outputs are compared
+        robot = scenario.robot if "controller.tau_m" in scenario.system.fed else None
+        wanted = {"sampled": how.reference} if how.reference else {}
+        for key, name in (wanted | {"continuous": "continuous"}).items():
+            stage = f"{name} reference"
+            report(stage, 0, 1)
+            solution = reference_blocks(
+                name, self.system, step=scenario.step, stop=scenario.stop,
+                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot),
+                progress=partial(report, stage),
+            )  # fmt: skip
+            try:
+                differences[key], statistics = numbers.compare(results, solution, robot, how.substeps)
+            except UsageError as error:  # an algebraic loop, which the run may have solved
+                entries["no_reference"] = str(error).rstrip(".")
+                continue
+            if len(differences) == 1 and differences[key].get("max_position_difference_rad", 0.0) > visible:
+                with doing("separation"):
+                    separation = self._separation(results)
+                if separation > visible:
+                    entries["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
+            if "separation" in entries:
+                differences[key] |= statistics
+        return entries
 
-def _facts(system: SystemDescription, options: ScenarioRunOptions, backend: str) -> dict[str, Any]:
-    """Return the entries of the summary that are known before a run."""
-    scenario, robot = system.scenario, system.scenario.robot
-    return run_facts(scenario) | {
-        "backend": backend,
-        **({"compiler": compiler_version()} if backend == "native" else {}),
-        "fmi": options["fmi_version"],
-        "settings": {key: str(value) for key, value in (options["settings"] or {}).items()},
-        "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
-        "left_out": list(scenario.system.dropped),
-        "joined": list(scenario.system.joined),
-        **({} if robot is None else {"arm": arm_of(robot, system.values.get("plant", {}))}),
-        "scene": scene_of(system),
-    }
-
-
-def _numbers(results: Results, system: SystemDescription, limits: list[ArmLimits]) -> dict[str, Any]:
-    """Return the entries of the summary that need no reference."""
-    scenario, robot = system.scenario, system.scenario.robot
-    found: dict[str, Any] = {"real_time_factor": scenario.stop / results.summary["wall_s"]}
-    if robot is not None:
-        found |= tracking_errors(results, robot, limits, system.scenario.system.fed.get("controller.tau_m", ""))
-    found |= time_at_limits(results, limits)
-    if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
-        found |= estimation_errors(results, ALGORITHMS[scenario.master].substeps)
-    return found | {"paper": dict(scenario.paper)}
-
-
-def _judge(results: Results, system: SystemDescription, poses: Poses, limits: list[ArmLimits]) -> None:
-    """Put key figures and verdict into the summary."""
-    summary, scenario = results.summary, system.scenario
-    loops = list(loop_checks(poses, system))
-    figures: dict[str, Any] = summary.get("key_figures", {})
-    if scenario.robot is not None:
-        plant = robot_with(scenario.plant_robot, system.values.get("plant", {}))
-        figures |= key_figures(results, scenario.robot, limits, plant, system.scenario.system.fed.get("plant.F_e", ""))
-    summary["key_figures"] = figures | {name: one for loop in loops for name, one in loop.figures.items()}
-    summary["verdict"] = verdict(summary, [loop.check for loop in loops])
-
-
-def _references(system: SystemDescription, package: Path, results: Results) -> dict[str, Any]:
-    """Solve the sampled reference of the algorithm, if it samples, and the continuous one, and compare.
-
-    If the first of them differs visibly from the run, the run is compared with itself with a change that should not
-    show. If that shows as well, single solutions separate. Then ``separation`` says how far, and the references are
-    compared by their statistics too.
-    """
-    scenario = system.scenario
-    differences: dict[str, Any] = {}
-    found: dict[str, Any] = {"reference": differences}
-    foreign = [name for name, part in scenario.system.parts.items() if part.fmu is not None]
-    if foreign:
-        return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
-    visible = math.inf
-    if has_signals(results, "trajectory.q_d", "plant.q"):
-        visible = VISIBLE * max(
-            float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
-        )
-    how = ALGORITHMS[scenario.master]
-    # without a feedforward torque in the controller there is no compensation error: all outputs are compared
-    robot = scenario.robot if "controller.tau_m" in scenario.system.fed else None
-    wanted = {"sampled": how.reference} if how.reference else {}
-    for key, name in (wanted | {"continuous": "continuous"}).items():
-        stage = f"{name} reference"
-        report(stage, 0, 1)
-        solution = reference_blocks(
-            name,
-            system,
-            step=scenario.step,
-            stop=scenario.stop,
-            substeps=how.substeps if key == "sampled" else 1,
-            groups=compared(results, robot),
-            progress=partial(report, stage),
-        )
-        try:
-            differences[key], statistics = compare(results, solution, robot, how.substeps)
-        except UsageError as error:  # an algebraic loop, which the run may have solved
-            found["no_reference"] = str(error).rstrip(".")
-            continue
-        if len(differences) == 1 and differences[key].get("max_position_difference_rad", 0.0) > visible:
-            with doing("separation"):
-                separation = _separation(system, package, results)
-            if separation > visible:
-                found["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
-        if "separation" in found:
-            differences[key] |= statistics
-    return found
-
-
-def _separation(system: SystemDescription, package: Path, results: Results) -> float:
-    """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE` of them."""
-    parameters = {
-        f"{plant}.{name}": (1.0 + _NUDGE) * value
-        for plant in system.resolved.plants
-        for name, value in system.values[plant].items()
-        if name.startswith("I_m[")
-    }
-    nudged = simulated(system.scenario, package, record=["plant.q[*]"], parameters=parameters)
-    pairs = zip(nudged.blocks(BLOCK), results.blocks(BLOCK), strict=True)
-    return max(float(np.abs(changed["plant.q"] - own["plant.q"]).max()) for changed, own in pairs)
+    def _separation(self, results: Results) -> float:
+        """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE`."""
+        parameters = {
+            f"{plant}.{name}": (1.0 + _NUDGE) * value
+            for plant in self.system.resolved.plants
+            for name, value in self.system.values[plant].items()
+            if name.startswith("I_m[")
+        }
+        nudged = self._simulated(parameters, record=["plant.q[*]"])
+        pairs = zip(nudged.blocks(BLOCK), results.blocks(BLOCK), strict=True)
+        return max(float(np.abs(changed["plant.q"] - own["plant.q"]).max()) for changed, own in pairs)

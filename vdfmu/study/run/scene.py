@@ -1,11 +1,12 @@
-"""What a run is about, for its picture: every arm of a system, and what the arms touch.
+"""Drawn parts of a run: every arm of a system, and the objects that the arms touch.
 
-Roles follow from what a unit is and from the connections, never from the name of a component.
+Roles follow from the class of a unit and from the connections, never from the name of a component.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,11 @@ from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.base.arrays import with_named
+from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.unit.interface import general_description
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.results.results import Results
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import group_of
 
@@ -31,8 +36,8 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
     """Return the entry ``scene`` of a summary.
 
     ``arms``: the facts of each plant, see :func:`arm_of`; its component; ``signals``, by the
-    names of the shipped systems, ``base``, ``F_e`` and ``F_S``; ``constants``, values that its inputs
-    have where nothing feeds them, unless 0; ``mounted``, the plant whose tool is its base, or empty.
+    names of the shipped systems, ``base``, ``F_e`` and ``F_S``; ``constants``, values of its
+    unconnected inputs, unless 0; ``mounted``, the plant whose tool is its base, or empty.
     ``objects``: planes and screws, with direction, and distance from the origin of {I} along it.
     """
     scenario, resolved = system.scenario, system.resolved
@@ -41,78 +46,81 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
     for name in resolved.plants:
         own = scenario.system.parts[name].robot_of(robot)
         if own is not None and resolved.units[name].needs_robot():
-            facts = arm_of(own, system.values[name])
-            carrier = system.scenario.system.fed.get(f"{name}.p_S", "").partition(".")[0]
-            mounted = carrier if carrier in resolved.plants else ""
+            carrier = scenario.system.fed.get(f"{name}.p_S", "").partition(".")[0]
             constants = {
-                f"{name}.{v.name}": float(system.values[name].get(v.name, v.start) or 0.0)
+                f"{name}.{v.name}": value
                 for v in system.tables[name]
                 if v.causality == "input" and v.group in ("F_e", "p_S", "R_S")
-            }
-            arms.append(
-                facts
-                | {"component": name, "mounted": mounted, "signals": _signals(system, name)}
-                | {"constants": {key: value for key, value in constants.items() if value}}
-            )
-    return {"arms": carriers_first(arms), "objects": [one for name in resolved.units for one in _object(system, name)]}
+                and (value := float(system.values[name].get(v.name, v.start) or 0.0))
+            }  # fmt: skip
+            arms.append({
+                **arm_of(own, system.values[name]), "component": name,
+                "mounted": carrier if carrier in resolved.plants else "", "signals": _signals(system, name),
+                "constants": constants,
+            })  # fmt: skip
+    return {
+        "arms": carriers_first(arms),
+        "objects": [each for name in resolved.units for each in _object(system, name)],
+    }
 
 
 def carriers_first(arms: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return arms in an order in which each comes after the one that carries it; those in a circle come last."""
-    left, found = list(arms), list[dict[str, Any]]()
-    while ready := [arm for arm in left if arm["mounted"] in ("", *(one["component"] for one in found))]:
-        found.append(ready[0])
+    """Return arms, each after its carrier; arms in a circle come last."""
+    left, ordered = list(arms), list[dict[str, Any]]()
+    while ready := [arm for arm in left if arm["mounted"] in ("", *(each["component"] for each in ordered))]:
+        ordered.append(ready[0])
         left.remove(ready[0])
-    return found + left
+    return ordered + left
 
 
 def _signals(system: SystemDescription, name: str) -> dict[str, list[str]]:
-    """Return the signals that the drawing of a plant shows; those of inputs are what feeds them."""
+    """Return the signals that the drawing of a plant shows; for an input, its source."""
+    fed = system.scenario.system.fed
 
     def elements(component: str, group: str) -> list[str]:
         return [f"{component}.{v.name}" for v in system.tables[component] if v.group == group]
 
     def of(component: str, group: str) -> list[str]:
-        source, _, output = system.scenario.system.fed.get(f"{component}.{group}", "").partition(".")
+        source, _, output = fed.get(f"{component}.{group}", "").partition(".")
         return (elements(source, output) if source else []) or elements(component, group)
 
     groups = {component: {v.group for v in table} for component, table in system.tables.items()}
-    leader, seen = system.scenario.system.fed.get(f"{name}.tau", "").partition(".")[0], {name}
+    leader, seen = fed.get(f"{name}.tau", "").partition(".")[0], {name}
     while leader and "q_d" not in groups[leader] and leader not in seen:  # an actuator, a brake, a bus
         seen.add(leader)
-        leader = system.scenario.system.fed.get(f"{leader}.tau", "").partition(".")[0]
-    found = {"plant.q": elements(name, "q"), "plant.kappa": elements(name, "kappa")}
-    found |= {"F_S": elements(name, "F_S"), BASE: of(name, "p_S") + of(name, "R_S")}
-    found["F_e"] = [] if system.scenario.system.fed.get(f"{name}.M_e", "") else of(name, "F_e")
+        leader = fed.get(f"{leader}.tau", "").partition(".")[0]
+    signals = {"plant.q": elements(name, "q"), "plant.kappa": elements(name, "kappa")}
+    signals |= {"F_S": elements(name, "F_S"), BASE: of(name, "p_S") + of(name, "R_S")}
+    signals["F_e"] = [] if fed.get(f"{name}.M_e", "") else of(name, "F_e")
     if leader and "q_d" in groups[leader]:
-        found |= {"trajectory.q_d": of(leader, "q_d"), "controller.tau": elements(leader, "tau")}
-        found["feedforward.tau_m"] = of(leader, "tau_m")
-    return {key: each for key, each in found.items() if each}
+        signals |= {"trajectory.q_d": of(leader, "q_d"), "controller.tau": elements(leader, "tau")}
+        signals["feedforward.tau_m"] = of(leader, "tau_m")
+    return {key: each for key, each in signals.items() if each}
 
 
-def _object(system: SystemDescription, name: str) -> list[dict[str, Any]]:
-    """Return the drawing of a component that an arm touches, in a list; none of others."""
+def _object(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]:
+    """Yield the drawing of a component that an arm touches."""
     unit, values, table = system.resolved.units[name], system.values[name], system.tables[name]
     for kind, (look, direction, more) in _OBJECTS.items():
         if issubclass(unit, find_unit(kind)):
             along = np.array(group_of(table, values, direction), dtype=float)
             length = float(np.linalg.norm(along)) or 1.0
             outputs = [v for v in table if v.causality == "output" and not v.index and v.unit in ("N", "N.m")]
-            return [{
+            yield {
                 "component": name, "kind": look, "direction": (along / length).tolist(),
                 **{key: float(group_of(table, values, key)) for key in ("distance", *more)},
                 **({"turn": f"{name}.turn"} if look == "screw" else {}),
                 "tool": next((c for c in system.resolved.plants if f"{c}.p_O" in system.connections
                               and f"{name}.p_O" in system.connections[f"{c}.p_O"]), ""),
                 "forces": {f"{name}.{v.name}": general_description(v.description) for v in outputs},
-            }]  # fmt: skip
-    return []
+            }  # fmt: skip
+            return
 
 
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the facts from which a robot is drawn: geometry, ratios, and the shapes of its file except meshes.
+    """Return the drawn facts of a robot: geometry, ratios, and the shapes of its file except meshes.
 
-    `values` of the plant, such as ``offset[2,3]``, count instead of the robot's.
+    `values` of the plant, such as ``offset[2,3]``, replace the robot's.
     """
     numbers = frames(robot) | {"gravity": robot.gravity, "ell": robot.ell}
     return {
@@ -135,3 +143,53 @@ def _payload(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
     cube = (float(mass) / _DENSITY) ** (1.0 / 3.0)
     sides = np.sqrt(np.maximum(squares, cube**2 / 25.0)) if squares.max() > cube**2 / 25.0 else np.full(3, cube)
     return {"size": sides.tolist(), "offset": centroid.tolist(), "rotation": axes.tolist()}
+
+
+_POWER = ".P_B"
+
+
+def joints_of(results: Results) -> list[str]:
+    """Return the components that are joints, by the virtual power flow that they show."""
+    return [group.removesuffix(_POWER) for group in results.groups if group.endswith(_POWER)]
+
+
+def wired_arm(results: Results, package: Path) -> dict[str, Any]:
+    """Return the entries ``arm`` and ``joint_signals``, array to its joints' signals, of an arm of joint components.
+
+    Empty if no joints were recorded, or if they are not one chain.
+    """
+    names = joints_of(results)
+    if not names or not package.is_file():
+        return {}
+    try:
+        checked = check_system(load_ssp(package))
+    except VdfmuError:  # the page shows the results; a run reports faults of the package
+        return {}
+    feeds = {link.end: link.start[0] for link in checked.links}
+    links = {name: feeds.get((name, "V_A[1]"), "") for name in names}
+    after = {feeds.get((link, "V_B[1]"), ""): name for name, link in links.items()}
+    if len(after) < len(names) or not (order := [after[link] for link in after if link not in names]):
+        return {}
+    while order[-1] in after:
+        order.append(after[order[-1]])
+    end = next((end[0] for end, start in feeds.items() if start == order[-1] and end[1] == "V_B[1]"), "")
+    tool, base = feeds.get((end, "p_C[1]"), ""), links[order[0]]
+    values = {name: {v.name: value for v, value in each} for name, each in checked.starts.items()}
+
+    def array(component: str, group: str, default: Any) -> Any:
+        return with_named(default, group, values.get(component, {})).tolist()
+
+    arm = {
+        "types": ["prismatic" if results.units[f"{name}.q"] == "m" else "revolute" for name in order],
+        "rotation": [array(name, "rotation", np.eye(3)) for name in order],
+        "offset": [array(name, "offset", np.zeros(3)) for name in order],
+        "ell": [array(name, "ell", 1.0) for name in order],
+        "tool_offset": array(tool, "tool_offset", np.zeros(3)),
+        "tool_rotation": array(tool, "tool_rotation", np.eye(3)),
+        "gravity": array(base, "gravity", np.array([0.0, 0.0, 9.81])),
+        "shapes": [],
+    }
+    signals = {f"plant.{group}": [f"{name}.{group}" for name in order] for group in ("q", "kappa", "P_B")}
+    axes = {"revolute": 6, "prismatic": 3}
+    signals["plant.F_z"] = [f"{name}.F_B[{axes[kind]}]" for name, kind in zip(order, arm["types"], strict=True)]
+    return {"arm": arm, "joint_signals": {key: each for key, each in signals.items() if set(each) <= {*results.names}}}

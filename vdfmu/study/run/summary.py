@@ -1,25 +1,31 @@
-"""Numbers of a run: tracking and compensation errors, differences to the references."""
+"""Numbers of a run: errors of tracking and compensation, time at limits, differences to the references."""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.arm.drive.limits import at_limits, motor_torque
 from vdfmu.arm.robot import Robot
-from vdfmu.base.arrays import Floats
+from vdfmu.arm.robot.parameters import section
+from vdfmu.base.arrays import Floats, with_named
 from vdfmu.base.measure import JOINT_UNITS, unit_of
 from vdfmu.base.version import FORMAT, __version__
-from vdfmu.engine.results.results import Results
-from vdfmu.study.run.at_limits import ArmLimits
+from vdfmu.compiler.unit.declaration import NO_LIMIT
+from vdfmu.engine.results.results import Recorded, Results
+from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.replace import leaders
 
+_PACKAGES = ("numpy", "scipy", "casadi", "fmpy")
+"""Packages that the numbers of a run depend on, in addition to vdfmu."""
 _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _APART = 1e-6
 """Largest difference [rad, m] between a start and the motion's start that is not noted."""
@@ -27,7 +33,7 @@ _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 
 def run_facts(scenario: Scenario) -> dict[str, Any]:
-    """Return the facts known before a run begins, and the versions that make it."""
+    """Return the facts of a scenario before a run, with versions of the software."""
     robot = scenario.robot
     return {
         "scenario": scenario.name,
@@ -37,7 +43,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
         "vdfmu": __version__,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "format": FORMAT,
-        "versions": _versions(),
+        "versions": {"Python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
         "master": scenario.master,
         "adaptive": scenario.adaptive,
         "step": scenario.step,
@@ -48,21 +54,13 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _versions() -> dict[str, str]:
-    """Versions of the software that the numbers of a run depend on, in addition to the package's."""
-    return {"Python": platform.python_version()} | {
-        name: version(name) for name in ("numpy", "scipy", "casadi", "fmpy")
-    }
-
-
 def has_signals(results: Results, *groups: str) -> bool:
     """Whether a run recorded the first element of groups ``component.signal``."""
     return all(f"{group}[1]" in results for group in groups)
 
 
-def start_notes(results: Results, scenario: Scenario) -> list[str]:
-    """Return a note for each plant that does not start where its motion starts."""
-    notes: list[str] = []
+def start_notes(results: Results, scenario: Scenario) -> Iterator[str]:
+    """Yield a note for each plant that starts away from its motion."""
     start = next(results.blocks(1), results)
     for plant, leader in leaders(scenario.resolved).items():
         q = scenario.system.fed.get(f"{plant}.q", f"{plant}.q")
@@ -70,12 +68,11 @@ def start_notes(results: Results, scenario: Scenario) -> list[str]:
             apart = np.abs(start[f"{leader}.q_d"][0] - start[q][0])
             i = int(apart.argmax())
             if apart[i] > _APART:
-                kind = (scenario.system.parts[plant].robot or scenario.arm).joint_types[i]
-                notes.append(
-                    f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the position that {leader} wants "
+                unit = unit_of("position", (scenario.system.parts[plant].robot or scenario.arm).joint_types[i])
+                yield (
+                    f"{plant} starts {apart[i]:.4g} {unit} from the position that {leader} wants "
                     f"of joint {i + 1}: set {plant}.q_0, or share it in [shared.start] of the system's file."
                 )
-    return notes
 
 
 def tracking_errors(
@@ -84,14 +81,14 @@ def tracking_errors(
     """Position errors in deg (mm for prismatic joints) and torque compensation errors link-side in N m (N).
 
     The compensation error is the control torque minus the feedforward torque, the signal `tau_m`, as in the paper's
-    Fig. 11(b): ``ell (tau - tau_m)``. With `limits` of the motors of ``plant``, tau is what they gave, which may be
-    less than the controller asked for. Empty for a system without these signals.
+    Fig. 11(b): ``ell (tau - tau_m)``. With `limits` of the motors of ``plant``, tau is their torque. It may be less
+    than the controller's. Empty for a system without these signals.
     """
     if not tau_m or not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", tau_m):
         return {}
     units = [JOINT_UNITS[kind] for kind in robot.joint_types]
     scale = np.array([unit.factor for unit in units])
-    motors = next((one for one in limits if one.plant == "plant" and f"{one.plant}.kappa_dot[1]" in results), None)
+    motors = next((arm for arm in limits if arm.plant == "plant" and "plant.kappa_dot[1]" in results), None)
     squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
     for part in results.blocks(BLOCK):
         error = scale * (part["trajectory.q_d"] - part["plant.q"])
@@ -122,19 +119,23 @@ def compare(
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Compare a run with a reference in stretches of `BLOCK` rows.
 
-    A torque that a sampled master holds over a step is in the row at the step's end. The continuous reference has it
-    at every time, so it is compared with the reference a substep before, when it was calculated.
+    The row at a step's end has the torque that a sampled master holds over the step. The continuous reference is
+    taken a substep before, at the time of its calculation.
 
-    Returns
-    -------
-    dict
-        Largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N].
-    dict
-        Largest relative differences of a joint between the RMS errors of the run and of the reference, for loops whose
-        single solutions separate, see `vdfmu.study.run.scenario_run`. Errors as in :func:`tracking_errors`.
+    Return largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N]; then
+    largest relative differences of a joint between the RMS errors of run and reference, see :func:`tracking_errors`,
+    for loops whose single solutions separate.
     """
     if robot is None or compared(results, robot) is None:
-        return _compare_all(results, reference), {}
+        largest: dict[str, float] = {}
+        groups, name = {signal.partition("[")[0] for signal in results.names}, ""
+        for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
+            name = solution.name
+            for signal in filter(groups.__contains__, solution.signals):
+                rows = solution.signals[signal]
+                apart = float(np.abs(part[signal].reshape(rows.shape) - rows).max())
+                largest[signal] = max(largest.get(signal, 0.0), apart)
+        return {"name": name, "max_difference": largest}, {}
     name, at, position, torque, held = "", 0.0, -1.0, 0.0, None
     squares = np.zeros((4, robot.n))  # errors of position and torque, ours and theirs
     for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
@@ -150,24 +151,10 @@ def compare(
         torque = max(torque, float(np.abs(robot.ell * (tau - tau_r)).max()))
         errors = [q_d - q, q_d - q_r, tau - tau_m, tau_r - tau_m_r]
         squares += np.sum(np.square(errors), axis=1)
-    found = {"name": name, "max_position_difference_rad": position, "max_torque_difference_nm": torque, "at_s": at}
+    facts = {"name": name, "max_position_difference_rad": position, "max_torque_difference_nm": torque, "at_s": at}
     rms = np.sqrt(squares / len(results))
     separate = (np.abs(rms[::2] - rms[1::2]) / np.maximum(rms[1::2], np.finfo(float).tiny)).max(axis=1)
-    return found, {"rms_position_difference": float(separate[0]), "rms_torque_difference": float(separate[1])}
-
-
-def _compare_all(results: Results, reference: Iterable[Reference]) -> dict[str, Any]:
-    """Return the largest absolute difference of every output."""
-    found: dict[str, float] = {}
-    groups = {signal.partition("[")[0] for signal in results.names}
-    name = ""
-    for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
-        name = solution.name
-        for signal, rows in solution.signals.items():
-            if signal in groups:
-                values = part[signal].reshape(rows.shape)
-                found[signal] = max(found.get(signal, 0.0), float(np.abs(values - rows).max()))
-    return {"name": name, "max_difference": found}
+    return facts, {"rms_position_difference": float(separate[0]), "rms_torque_difference": float(separate[1])}
 
 
 def estimation_errors(results: Results, substeps: int) -> dict[str, Any]:
@@ -191,3 +178,93 @@ def _earlier(rows: Floats, before: Floats | None, substeps: int) -> Floats:
     """Return the values a substep earlier, on lines through the rows; `before` is the row before the first."""
     lag = 1.0 / substeps if substeps else 0.0
     return (1.0 - lag) * rows + lag * np.vstack([rows[:1] if before is None else before, rows[:-1]])
+
+
+LIMITED = 0.01
+"""Least reported share of a run's time at a limit: the table of the shares shows whole per cent."""
+_PLACES = ("torque limit", "speed limit", "end stop")
+
+
+class ArmLimits(NamedTuple):
+    """Limits that act on an arm of a system."""
+
+    plant: str
+    """The arm's component."""
+    robot: Any
+    """With the run's values, as :func:`vdfmu.arm.drive.limits.motor_torque` reads it; None without limits."""
+    tau_max: Floats
+    """(n,) [N m] motor-side, at which the controller cuts its torque; `NO_LIMIT` if it does not."""
+    asked: str
+    """Signal of the torque that is asked for."""
+
+    def given(self, tau: Floats, kappa_dot: Floats) -> Floats:
+        """Return the torque of the motors if `tau` is asked for: (rows, n) [N m], motor-side."""
+        return tau if self.robot is None else motor_torque(self.robot, tau, kappa_dot)
+
+
+def limits_of(system: SystemDescription) -> list[ArmLimits]:
+    """Return the limits of the arms of a system, except arms without limits."""
+    units, values = system.resolved.units, system.values
+    limits: list[ArmLimits] = []
+    for plant, unit in units.items():
+        robot = system.resolved.robots[plant]
+        if robot is None or "q_0" not in unit.declared or "tau" not in unit.declared:
+            continue
+        source = system.scenario.system.fed.get(f"{plant}.tau", "")
+        controller = source.partition(".")[0]
+        cuts = controller in units and "tau_max" in units[controller].declared
+        tau_max = with_named(np.full(robot.n, NO_LIMIT), "tau_max", values[controller] if cuts else {})
+        limited = None
+        if robot.limits:
+            names = (row.name for row in section("limits"))
+            limited = SimpleNamespace(**{n: with_named(getattr(robot, n), n, values[plant]) for n in names})
+        if limited is not None or (tau_max < NO_LIMIT).any():
+            limits.append(ArmLimits(plant, limited, tau_max, source or f"{plant}.tau"))
+    return limits
+
+
+def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
+    """Return the shares of a run's time that the joints were at their limits.
+
+    A motor is at its torque limit if it, or its controller, gives its largest torque and more is asked for; at its
+    speed limit if the speed alone makes it give less. A joint is at an end stop if the stop pushes. A row represents
+    the step that ends there.
+
+    ``limits``: by component of an arm with limits, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1 for each
+    joint. Empty without limits, or without their signals. ``key_figures`` has the largest share, ``saturated``, its
+    place, and the time of its begin.
+    """
+    shares: dict[str, Any] = {}
+    worst: dict[str, Any] = {"value": LIMITED}
+    recorded = [arm for arm in limits if all(f"{name}[1]" in results for name in _read(arm))]
+    for arm in recorded:
+        spent, since = _spent(results, arm)
+        shares[arm.plant] = dict(zip(("torque", "speed", "stop"), spent.tolist(), strict=True))
+        kind, joint = np.unravel_index(spent.argmax(), spent.shape)
+        if spent[kind, joint] >= worst["value"]:
+            place = f"{_PLACES[kind]} of joint {joint + 1}{f' of {arm.plant}' if len(recorded) > 1 else ''}"
+            worst = {"value": float(spent[kind, joint]), "place": place, "at_s": float(since[kind, joint])}
+    return ({"limits": shares} if shares else {}) | ({"key_figures": {"saturated": worst}} if "place" in worst else {})
+
+
+def _read(arm: ArmLimits) -> tuple[str, str, str]:
+    return arm.asked, f"{arm.plant}.q", f"{arm.plant}.kappa_dot"
+
+
+def _spent(results: Recorded, arm: ArmLimits) -> tuple[Floats, Floats]:
+    """Return the shares of the time at the limits of torque, speed and travel, (3, n), and when each is first met."""
+    spent, since = np.zeros((3, len(arm.tau_max))), np.full((3, len(arm.tau_max)), np.inf)
+    before = results.time[0]
+    for part in results.blocks(BLOCK):
+        h = np.diff(part.time, prepend=before)[:, None]  # 0 at the first row, which ends no step
+        before = part.time[-1]
+        asked, q, kappa_dot = (part[name] for name in _read(arm))
+        cut = np.abs(asked) >= arm.tau_max
+        slow = beyond = np.zeros_like(cut)
+        if arm.robot is not None:
+            most, slow, beyond = at_limits(arm.robot, asked, kappa_dot, q)
+            cut |= most
+        there = np.stack([cut, slow, beyond])
+        spent += np.sum(h * there, axis=1)
+        since = np.minimum(since, np.where(there, part.time[:, None], np.inf).min(axis=1))
+    return spent / max(float(results.time[-1] - results.time[0]), np.finfo(float).tiny), since

@@ -1,4 +1,4 @@
-"""The keys of ``summary.json``, the meaning and content of each, whoever writes it, and its reader."""
+"""The keys of ``summary.json``, their meanings and types, and its reader."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import elided
@@ -30,7 +30,7 @@ class List:
 
 @dataclass(frozen=True)
 class Record:
-    """A table that has the keys of `of`, may have those of `also`, and others."""
+    """A table with all keys of `of`; keys of `also`, and others, are optional."""
 
     of: Mapping[str, Any]
     also: Mapping[str, Any] = field(default_factory=dict[str, Any])
@@ -43,13 +43,6 @@ class Keyed:
     of: Any
 
 
-class Key(NamedTuple):
-    """A key: the type of its value, a tuple for one of some texts, a mapping for a table of any keys; its meaning."""
-
-    of: Any
-    text: str
-
-
 NUMBER, WHOLE, TEXT, FLAG, ANY = "a number", "a whole number", "a text", "true or false", "anything"
 _JOINTS, _UNITS, _VECTOR, _LINES = List(NUMBER, True), List(TEXT, True), List(NUMBER), List(TEXT)
 _PLACE = List(NUMBER, size=3)
@@ -57,7 +50,7 @@ _TURN = List(_PLACE, size=3)
 SPRINGS = ("rms_spring_torque_nm", "rms_tau_s_hat_error_nm", "rms_tau_f_hat_error_nm")
 TRACKING = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
 TOGETHER = (TRACKING, SPRINGS)
-"""Keys of which a summary has all or none."""
+"""Groups of keys; a summary has all of a group or none."""
 _ENERGIES = Record(dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR))
 _STEPS = Record(
     {"steps": WHOLE, "rejected": WHOLE, "unit_steps": WHOLE, "shortest_step": NUMBER, "longest_step": NUMBER},
@@ -76,7 +69,7 @@ _REFERENCE = {
 
 
 def _arm(joints: bool, **more: Any) -> Record:
-    """Return the facts of which an arm is drawn; `joints`: of the arm of which the summary's other lists are."""
+    """Return the type of a drawn arm; `joints`: its lists are as long as the summary's other lists over joints."""
     facts = {
         "types": List(("revolute", "prismatic"), joints), "ell": List(NUMBER, joints), "rotation": List(_TURN, joints),
         "offset": List(_PLACE, joints), "tool_offset": _PLACE, "tool_rotation": _TURN, "gravity": _PLACE,
@@ -99,78 +92,74 @@ _FIGURE = Record(
 _CHECK = Record({"name": TEXT, "state": STATES, "text": TEXT})
 _VERDICT = Record({"state": STATES, "words": TEXT, "checks": List(_CHECK)})
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
-KEYS: Mapping[str, Key] = {
-    "scenario": Key(TEXT, "Name of the scenario."),
-    "scenario_file": Key(TEXT, "File of the scenario, where it is not a shipped one."),
-    "robot": Key(TEXT, "Name of the robot."),
-    "robot_file": Key(TEXT, "File or name of a robot instead of the scenario's that is not a shipped one."),
-    "friction": Key(TEXT, "Where the joints have their friction."),
-    "joints": Key(WHOLE, "Number of joints."),
-    "joint_names": Key(_UNITS, "Names of the joints, where the robot's file has some."),
-    "vdfmu": Key(TEXT, "Version of vdfmu."),
-    "date": Key(TEXT, "When the run was made, UTC."),
-    "format": Key(WHOLE, "Version of the layout of this file."),
-    "versions": Key(Keyed(TEXT), "Versions of Python and of the packages on which the numbers depend."),
-    "master": Key(TEXT, "Master algorithm of the scenario."),
-    "adaptive": Key(NUMBER, "Largest relative error of a coupled signal in a step, if the steps are adapted."),
-    "start": Key(NUMBER, "Begin of the run [s]."),
-    "stop": Key(NUMBER, "End of the run [s]."),
-    "step": Key(NUMBER, "Communication step [s]."),
-    "steps": Key(WHOLE, "Number of communication steps."),
-    "tolerance": Key(NUMBER, "Relative tolerance of the plant's solver."),
-    "inputs": Key(_LINES, "Files of signals from outside."),
-    "plant_factors": Key(Keyed(ANY), "Numbers of the plant over those that others know, one or one a joint."),
-    "settings": Key(Keyed(ANY), "Parameters and inputs that were set for this run."),
-    "units": Key(Keyed(TEXT), "Units instead of the scenario's, by component."),
-    "backend": Key(TEXT, "Kind of the FMUs."),
-    "compiler": Key(TEXT, "C compiler of native FMUs."),
-    "fmi": Key(TEXT, "Version of FMI of the FMUs."),
-    "left_out": Key(_LINES, "Connections that a unit instead of the system's does not have."),
-    "joined": Key(_LINES, "Connections that a unit instead of the system's has in addition."),
-    "arm": Key(_arm(True), "Geometry of the arm, of which it is drawn."),
-    "scene": Key(_SCENE, "Every arm of the system, with the signals that its drawing shows, and what the arms touch."),
-    "package": Key(TEXT, "The package that was run."),
-    "system": Key(TEXT, "Name of the system."),
-    "algorithm": Key(TEXT, "Master algorithm of the run."),
-    "order": Key(_LINES, "Components in the order of their steps."),
-    "isolated": Key(FLAG, "Whether each component had a process of its own."),
-    "federates": Key(Keyed(ANY), "Components of each process of a distributed run, and how long it waited."),
-    "core": Key(TEXT, "How the processes of a distributed run exchanged values."),
-    "ended": Key(
-        {"component": TEXT, "time": NUMBER}, "Event that ended the run before its stop time, and its time [s]."
-    ),
-    "notes": Key(_LINES, "Notes on the run."),
-    "warnings": Key(_LINES, "Notes of runs of earlier versions."),
-    "wall_s": Key(NUMBER, "Wall time of the steps [s]."),
-    "real_time_factor": Key(NUMBER, "Time of the run over wall time."),
-    "pace": Key(_PACE, "Speed to which the run was held back, and how late its rows were [s], by machine."),
-    "communication": Key(_STEPS, "Steps of an algorithm that repeats or adapts them, and their lengths [s]."),
-    "held": Key(_LINES, "Inputs that take in each step what their source had at its beginning."),
-    "files": Key(_LINES, "Files of the run, which a later one replaces."),
-    "witness": Key(_WITNESS, "Comparison of the run with the units' methods in numpy."),
-    "position_units": Key(List(("deg", "mm"), True), "Units of measurement of the position errors."),
-    "torque_units": Key(_UNITS, "Units of measurement of the torques."),
-    "rms_position_error_deg": Key(_JOINTS, "RMS of the position errors."),
-    "max_position_error_deg": Key(_JOINTS, "Largest position errors."),
-    "rms_torque_compensation_error_nm": Key(_JOINTS, "RMS of control torque minus feedforward torque, link-side."),
-    "rms_spring_torque_nm": Key(_JOINTS, "RMS of the spring torques, link-side."),
-    "rms_tau_s_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated spring torques, link-side."),
-    "rms_tau_f_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated friction torques, link-side."),
-    "power_bond": Key(_ENERGIES, "Energy that the coupling adds or takes, and that is exchanged, link-side [J]."),
-    "limits": Key(Keyed(_SHARES), "Shares of the time at limits, by plant."),
-    "paper": Key(_PAPER, "Values of the paper."),
-    "reference": Key(Keyed(_REFERENCE), "Largest differences to each reference."),
-    "no_reference": Key(TEXT, "Why there is no reference."),
-    "separation": Key(_SEPARATION, "How far the run is from itself with a change that should not show."),
-    "key_figures": Key(
-        dict.fromkeys(_FIGURES, _FIGURE),
-        "Largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], largest "
-        "share of the time at a limit, error and size of the motion, largest contact force [N], and when.",
-    ),
-    "verdict": Key(_VERDICT, "Checks of the run, the state of the worst, and the line that says it."),
-    "error": Key(TEXT, "Why the run did not reach its end."),
+KEYS: Mapping[str, Any] = {
+    "scenario": TEXT,  # name of the scenario
+    "scenario_file": TEXT,  # file of a scenario that is not a shipped one
+    "robot": TEXT,  # name of the robot
+    "robot_file": TEXT,  # robot instead of the scenario's: its file, or its name unless shipped
+    "friction": TEXT,  # place of the joints' friction
+    "joints": WHOLE,  # number of joints
+    "joint_names": _UNITS,  # names of the joints in the robot's file
+    "vdfmu": TEXT,  # version of vdfmu
+    "date": TEXT,  # date of the run, UTC
+    "format": WHOLE,  # version of the layout of this file
+    "versions": Keyed(TEXT),  # versions of Python and of the packages on which the numbers depend
+    "master": TEXT,  # master algorithm of the scenario
+    "adaptive": NUMBER,  # largest relative error of a coupled signal in a step, if the steps are adapted
+    "start": NUMBER,  # begin of the run [s]
+    "stop": NUMBER,  # end of the run [s]
+    "step": NUMBER,  # communication step [s]
+    "steps": WHOLE,  # number of communication steps
+    "tolerance": NUMBER,  # relative tolerance of the plant's solver
+    "inputs": _LINES,  # files of signals from outside
+    "plant_factors": Keyed(ANY),  # ratios of the plant's numbers to the model's, common or per joint
+    "settings": Keyed(ANY),  # parameters and inputs that were set for this run
+    "units": Keyed(TEXT),  # units instead of the scenario's, by component
+    "backend": TEXT,  # kind of the FMUs
+    "compiler": TEXT,  # C compiler of native FMUs
+    "fmi": TEXT,  # version of FMI of the FMUs
+    "left_out": _LINES,  # connections that a unit instead of the system's does not have
+    "joined": _LINES,  # connections that a unit instead of the system's has in addition
+    "arm": _arm(True),  # geometry of the drawn arm
+    "scene": _SCENE,  # every arm of the system, with the signals of its drawing, and the touched objects
+    "package": TEXT,  # the package
+    "system": TEXT,  # name of the system
+    "algorithm": TEXT,  # master algorithm of the run
+    "order": _LINES,  # components in the order of their steps
+    "isolated": FLAG,  # whether each component had a separate process
+    "federates": Keyed(ANY),  # components of each process of a distributed run, and how long it waited
+    "core": TEXT,  # how the processes of a distributed run exchanged values
+    "ended": {"component": TEXT, "time": NUMBER},  # event that ended the run before its stop time, and its time [s]
+    "notes": _LINES,  # notes on the run
+    "warnings": _LINES,  # notes of runs of earlier versions
+    "wall_s": NUMBER,  # wall time of the steps [s]
+    "real_time_factor": NUMBER,  # time of the run over wall time
+    "pace": _PACE,  # speed limit of the run, and delays of its rows [s], by machine
+    "communication": _STEPS,  # steps of an algorithm that repeats or adapts them, and their lengths [s]
+    "held": _LINES,  # inputs that take in each step the value of their source at its beginning
+    "files": _LINES,  # files of the run, replaced by a later run
+    "witness": _WITNESS,  # comparison of the run with the units' methods in numpy
+    "position_units": List(("deg", "mm"), True),  # units of measurement of the position errors
+    "torque_units": _UNITS,  # units of measurement of the torques
+    "rms_position_error_deg": _JOINTS,  # RMS of the position errors
+    "max_position_error_deg": _JOINTS,  # largest position errors
+    "rms_torque_compensation_error_nm": _JOINTS,  # RMS of control torque minus feedforward torque, link-side
+    "rms_spring_torque_nm": _JOINTS,  # RMS of the spring torques, link-side
+    "rms_tau_s_hat_error_nm": _JOINTS,  # RMS of the errors of the estimated spring torques, link-side
+    "rms_tau_f_hat_error_nm": _JOINTS,  # RMS of the errors of the estimated friction torques, link-side
+    "power_bond": _ENERGIES,  # energy that the coupling adds or takes, and exchanged energy, link-side [J]
+    "limits": Keyed(_SHARES),  # shares of the time at limits, by plant
+    "paper": _PAPER,  # values of the paper
+    "reference": Keyed(_REFERENCE),  # largest differences to each reference
+    "no_reference": TEXT,  # reason of a missing reference
+    "separation": _SEPARATION,  # distance of the run from itself with an invisible change
+    # largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], largest share of
+    # the time at a limit, error and size of the motion, largest contact force [N], each with its time
+    "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
+    "verdict": _VERDICT,  # checks of the run, the worst state, and the line for it
+    "error": TEXT,  # why the run did not reach its end
 }
-"""Every key that a run may write. Tables without names for their keys may have any."""
+"""Types of all keys that a run may write: a tuple for some texts, a mapping for a table of optional keys."""
 
 
 _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
@@ -194,7 +183,7 @@ def read_summary(file: Path) -> dict[str, Any]:
     if isinstance(found, dict) and (problem := format_problem(found.get("format", 1))):
         raise UsageError(f"{file}: {problem}")
     lengths: dict[str, int] = {}
-    summary, problems = typed(found, {name: key.of for name, key in KEYS.items()}, lengths)
+    summary, problems = typed(found, KEYS, lengths)
     if not problems:
         problems = list(_contradictions(summary, lengths))
     if problems:
@@ -203,7 +192,7 @@ def read_summary(file: Path) -> dict[str, Any]:
 
 
 def typed(found: Any, of: Any, lengths: dict[str, int] | None = None) -> tuple[dict[str, Any], list[str]]:
-    """Return a table of a type, see `Key`, without null keys, and its faults; note `lengths` of lists over joints."""
+    """Return a table of a type, see `KEYS`, without null keys, and its faults; note `lengths` of lists over joints."""
     if not isinstance(found, dict):
         return {}, [f"expected a table of facts, got {_short(found)}"]
     problems: list[str] = []
@@ -211,7 +200,7 @@ def typed(found: Any, of: Any, lengths: dict[str, int] | None = None) -> tuple[d
 
 
 def _contradictions(summary: Mapping[str, Any], lengths: Mapping[str, int]) -> Iterator[str]:
-    """Yield lists that are of unequal lengths, and keys that are missing although others need them."""
+    """Yield lists of unequal lengths, and missing keys that other keys need."""
     if len(set(lengths.values())) > 1:
         counts = ", ".join(f"{key} has {count}" for key, count in lengths.items())
         yield f"expected an entry for each joint, got other numbers: {counts}"
@@ -232,15 +221,14 @@ def _contradictions(summary: Mapping[str, Any], lengths: Mapping[str, int]) -> I
         if len(sizes) > 1 or 0 in sizes:
             yield f"limits.{name}: expected {', '.join(shares)} with a share for each joint"
     for name, entry in summary.get("reference", {}).items():
-        needs = [f"max_{what}" for what in ("position_difference_rad", "torque_difference_nm")]
-        needs = [] if "max_difference" in entry else needs
+        needs = [] if "max_difference" in entry else ["max_position_difference_rad", "max_torque_difference_nm"]
         if "separation" in summary:
             needs += ["rms_position_difference", "rms_torque_difference"]
         yield from (f"reference.{name}.{need}: is missing" for need in needs if need not in entry)
 
 
 def _read(value: Any, of: Any, where: str, problems: list[str], lengths: dict[str, int]) -> Any:
-    """Return a value of a type, or note that it is of another."""
+    """Return a value; add a problem if it has another type."""
 
     def inner(key: Any, entry: Any, kind: Any) -> Any:
         place = f"{where}[{key + 1}]" if isinstance(key, int) else f"{where}.{key}".lstrip(".")

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import inside, temporary_folder, write_whole
 from vdfmu.base.page import table
-from vdfmu.study.report.curves import packed
 from vdfmu.study.report.page import NAME, StudyPart, report_page, study_page
+from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.indices import indices

@@ -1,4 +1,4 @@
-"""`LiveView`: a run in progress in a browser, drawn by a process of its own."""
+"""`LiveView`: a run in progress in a browser, drawn by a separate process."""
 
 from __future__ import annotations
 
@@ -14,44 +14,46 @@ from typing import Any, Self
 
 import numpy as np
 
+from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.process import Child
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run import mapped
+from vdfmu.engine.run.isolated import mapped
+from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.server import PERIOD
 
 SIGNALS = ("plant.q", "trajectory.q_d", "controller.tau", "feedforward.tau_m", "plant.kappa")
-"""Arrays that are drawn; the first is needed."""
+"""Drawn arrays; the first is needed."""
 HEAD = 2
-"""Words before the values of a row: how often it was begun or completed, and its time."""
+"""Words before the values of a row: the count of its begins and ends, and its time."""
 _MOST = 10_001
-"""Rows of the finished run that are sent, at most."""
+"""Most rows of the finished run that are sent."""
 
 
 class LiveView:
     """The arm of a run in a browser, during and after the run.
 
-    A process of its own serves the page of the run, and sends it at most 30 rows a second. It reads them from memory
-    that it shares with the run. The run waits neither for it nor for a browser, and continues without it.
+    A separate process serves the page of the run, and sends it at most 30 rows a second from memory that it shares with
+    the run. The run waits neither for it nor for a browser, and continues without it.
 
     Parameters
     ----------
     port : int, optional
         Port on loopback; default a free one.
-    arm : mapping, optional
-        See :func:`vdfmu.study.run.scene.arm_of`; for a system that does not name its arm.
+    arm : Robot or mapping, optional
+        Arm of a system that does not name it; for a mapping see :func:`vdfmu.study.run.scene.arm_of`.
     say : callable, optional
-        Takes the address, and notes on things that cannot be shown.
+        Takes the address, and notes on missing parts of the view.
 
     Raises
     ------
     UsageError
-        The port is taken.
+        If the port is taken.
     VdfmuError
-        The process cannot be started.
+        If the process cannot be started.
 
     Examples
     --------
@@ -61,11 +63,12 @@ class LiveView:
     """
 
     def __init__(
-        self, *, port: int | None = None, arm: Mapping[str, Any] | None = None, say: Callable[[str], None] = print
-    ) -> None:
+        self, *, port: int | None = None, arm: Robot | Mapping[str, Any] | None = None,
+        say: Callable[[str], None] = print,
+    ) -> None:  # fmt: skip
         self.wanted: Sequence[str] = [f"{name}[*]" for name in SIGNALS]
         self.period = PERIOD
-        self._arm, self._say = arm, say
+        self._arm, self._say = arm_of(arm, {}) if isinstance(arm, Robot) else arm, say
         self._words: Floats | None = None
         self._title, self._stop_time = "", 0.0
         self._clients, self._said, self._ended = 0, "", False
@@ -98,7 +101,7 @@ class LiveView:
                 self._clients = int(self._child.take())
 
     def _stop(self) -> str:
-        """End the process; return the end of what it printed."""
+        """End the process; return the end of its output."""
         if not self._ended:
             self._ended = True
             self._child.kill()
@@ -133,11 +136,8 @@ class LiveView:
         self._words = None
         joints = {f"{SIGNALS[0]}[{i}]" for i in range(1, 1 + len(arm["types"]))} if arm else set[str]()
         if arm is None or not joints <= {*names}:
-            why = (
-                "no robot is known; --robot, or arm of LiveView, names one"
-                if arm is None
-                else f"there is no signal {SIGNALS[0]} of its joints"
-            )
+            why = f"there is no signal {SIGNALS[0]} of its joints"
+            why = "no robot is known; --robot, or arm of LiveView, names one" if arm is None else why
             text = f"There is no arm to show: {why}."
             self._say(f"note: live view: {text}")
             self._send("words", title, text)
@@ -171,7 +171,7 @@ class LiveView:
             self._send("page", path.read_bytes())
 
     def stay(self) -> None:
-        """Wait for Ctrl-C, if there is a terminal that it can come from; else until no browser is open on the view."""
+        """Wait for Ctrl-C in a terminal; without a terminal, until no browser shows the view."""
         terminal = sys.stdin is not None and sys.stdin.isatty()
         if not self.open:
             self._say(f"note: live view: it has ended: {self._stop() or 'it was killed'}")

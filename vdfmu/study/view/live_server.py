@@ -30,13 +30,13 @@ from vdfmu.study.view.live import HEAD, SIGNALS
 from vdfmu.study.view.server import PERIOD, PageServer
 
 _ROWS = 500
-"""Rows that a page that is opened during the run has at once, before every second is dropped."""
+"""Rows of a page opened during the run, before every second is dropped."""
 _GONE = 3.0
-"""Time for which no page is open before the last is taken to be closed: one that loads the next page is away [s]."""
+"""Time without a page before the last counts as closed: a page that loads the next is away [s]."""
 
 
 def words_page(title: str, text: str) -> bytes:
-    """Return a page that has words alone, and loads the next one when there is one."""
+    """Return a page of text that loads its successor."""
     return page(title, "A view of vdfmu", f"<p>{escape(text)}</p>", 60, look(), scripts=scripts_of(WORDS))
 
 
@@ -109,7 +109,7 @@ class ViewServer:
         self._server.send(add)
 
     def _row(self) -> list[float] | None:
-        """Return time and values of the row in the memory, if it is a new one and whole."""
+        """Return time and values of the row in the memory, if it is new and whole."""
         assert self._words is not None
         count = float(self._words[0])
         row = self._words.copy()

@@ -18,15 +18,14 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.base.page import page
 from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
-from vdfmu.study.report.curves import packed
-from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, scripts_of
+from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, packed, scripts_of
 from vdfmu.study.report.shapes import Chain, DrawnShape, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
 from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.server import PERIOD, PageServer
 
 _SECTIONS = (("joints", "Joints"), ("modes", "Modes"))
 _REST = 0.3
-"""Time for which the sliders rest before modes are calculated anew [s]."""
+"""Time without a moving slider before modes are calculated anew [s]."""
 
 
 class RobotView:
@@ -36,14 +35,14 @@ class RobotView:
     ----------
     robot : Robot
     folder : Path, optional
-        Folder relative to which the robot names its meshes.
+        Folder of the robot's meshes.
     port : int, optional
         Port on loopback; default a free one.
 
     Raises
     ------
     UsageError
-        The port is taken.
+        If the port is taken.
     """
 
     def __init__(self, robot: Robot, folder: Path | None = None, port: int | None = None) -> None:
@@ -53,7 +52,7 @@ class RobotView:
         ellipsoids, self.notes = inertia_parts(robot)
         meshes, notes = mesh_parts(robot, folder)
         self.notes += notes
-        """Parts of the robot that cannot be shown."""
+        """Parts of the robot that the view lacks."""
         self.sliders = [_slider(robot, i, float(self._q[i])) for i in range(robot.n)]
         """Limits and start of the slider of each joint, in its unit."""
         self._pool = ThreadPoolExecutor(1)
@@ -93,7 +92,7 @@ class RobotView:
             clock.sleep(PERIOD)
 
     def step(self, time: float) -> None:
-        """Begin to find modes, or send those that are found; the pose rests by times [s] that grow."""
+        """Begin to find modes, or send found ones; the pose rests by increasing times [s]."""
         q, motors = self._q, self._motors
         asked = (*q, motors)
         if asked != self._seen[0]:
@@ -106,7 +105,7 @@ class RobotView:
             self._server.send(lambda: self._found)
 
     def _take_modes(self, found: Future[Modes]) -> dict[str, Any]:
-        """Take modes that are found; return what the page shows of them, or says of why there are none."""
+        """Take modes; return their facts for the page, or the reason of their absence."""
         try:
             self.modes = modes = found.result()
         except VdfmuError as error:
@@ -138,7 +137,7 @@ def _slider(robot: Robot, i: int, q: float) -> dict[str, Any]:
 
 
 def mode_facts(modes: Modes, k: int) -> dict[str, Any]:
-    """Return what the page shows of mode k: real and imaginary parts of its shape, whose largest part has length 1."""
+    """Return the page's facts of mode k: real and imaginary parts of its shape, scaled to a largest length of 1."""
     shape = modes.links[k]
     shape = shape / (float(np.abs(shape).max()) or 1.0)
     joint = int(modes.joint[k])
@@ -153,13 +152,9 @@ def mode_facts(modes: Modes, k: int) -> dict[str, Any]:
 
 
 def _page(
-    robot: Robot,
-    q: Floats,
-    sliders: Sequence[dict[str, Any]],
-    ellipsoids: Sequence[DrawnShape],
-    meshes: Sequence[dict[str, Any]],
-    notes: Sequence[str],
-) -> bytes:
+    robot: Robot, q: Floats, sliders: Sequence[dict[str, Any]], ellipsoids: Sequence[DrawnShape],
+    meshes: Sequence[dict[str, Any]], notes: Sequence[str],
+) -> bytes:  # fmt: skip
     """Return the page of a robot at a pose q, (n,) [rad or m]."""
     arm = arm_of(robot, {})
     travel = np.maximum(np.abs(robot.q_min), np.abs(robot.q_max)) if robot.limits else np.full(robot.n, 0.5)
@@ -181,16 +176,16 @@ def _page(
             "ellipsoids": [part.plain() for part in ellipsoids],
         },
     }
-    told = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
     body = "\n".join(
         [
             '<div class="bench"><section id="arm" class="card" aria-label="The arm in 3D"></section><div class="side">',
             *(f'<section id="{name}" class="card" aria-label="{title}"></section>' for name, title in _SECTIONS),
             "</div></div>",
-            f'<section class="card"><h2>Notes</h2><ul>{told}</ul></section>' if notes else "",
+            f'<section class="card"><h2>Notes</h2><ul>{items}</ul></section>' if notes else "",
             data_element(content),
             libraries(),
         ]
     )
-    what = robot.description or f"A robot of {robot.n} joints"
-    return page(robot.name, what, body, 92, look(), scripts=scripts_of(ROBOT))
+    about = robot.description or f"A robot of {robot.n} joints"
+    return page(robot.name, about, body, 92, look(), scripts=scripts_of(ROBOT))

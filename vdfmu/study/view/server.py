@@ -1,8 +1,7 @@
-"""A page on loopback that hears what happens: for who has its address, which holds a random token, and nobody else.
+"""A page on loopback with events. Only its address opens it, with a random token.
 
 The page hears events of the server (Server-Sent Events, WHATWG HTML, 9.2) and sends requests (POST). Any other page
-that a browser of this machine has open could ask for both, also by a name of its own for 127.0.0.1, so each request
-is checked.
+in a browser of this machine could ask for both, also by another name for 127.0.0.1, so each request is checked.
 """
 
 from __future__ import annotations
@@ -29,34 +28,24 @@ HOST = "127.0.0.1"
 PERIOD = 1.0 / 30.0
 """Time between two pictures [s]."""
 LOOPBACK = (HOST, "localhost", "::1")
-"""Names by which a browser on this machine, or at the other end of a tunnel, asks for the view."""
+"""Names of the host in requests of this machine, also through a tunnel."""
 _TOKEN = 16
 """Random bytes of a token."""
 _LARGEST = 1 << 16
 """Bytes of the largest request that is read."""
 _WAITING = 1000
-"""Events that may wait for a browser; one that is slower is cut off, comes back, and hears how things are by then."""
+"""Events that may wait for a browser. A slower browser is cut off, reconnects, and hears the newest state."""
 _TICK = 1.0
-"""Time after which a browser that hears nothing is sent a line, which finds out whether it is still there [s]."""
+"""Time without events after which an empty line checks the connection of a browser [s]."""
 _SOCKET = 60.0
-"""Time that a browser has for a request, or to take what it is sent [s]."""
+"""Time that a browser has for a request, or to take an event [s]."""
 
 
 class PageServer:
-    """Serves one page at a time to all browsers that have its address.
+    """Serves one page at a time to all browsers that have its address, on a free port of loopback or the given one.
 
-    Parameters
-    ----------
-    port : int, optional
-        Port on loopback; default a free one.
-    take : callable, optional
-        Called with each request of the page, an object of JSON whose numbers are floats, in its own thread; raises
-        ValueError to refuse it.
-
-    Raises
-    ------
-    UsageError
-        The port is taken.
+    `take` is called with each request of the page, an object of JSON whose numbers are floats, in a thread of the
+    request; it raises ValueError to refuse it. UsageError if the port is taken.
     """
 
     def __init__(self, port: int | None = None, take: Callable[[dict[str, Any]], None] = lambda request: None) -> None:
@@ -68,9 +57,8 @@ class PageServer:
         try:
             self._server = _Loopback((HOST, port or 0), _handler(self))
         except (OSError, OverflowError) as error:
-            raise UsageError(
-                f"--port {port}: expected a free port of {HOST}, got: {error}. Without it, one is chosen."
-            ) from None
+            text = f"--port {port}: expected a free port of {HOST}, got: {error}. Without it, one is chosen."
+            raise UsageError(text) from None
         self.port = self._server.server_address[1]
         self.address = f"http://{HOST}:{self.port}/{self.token}/"
         """Address for a browser."""
@@ -79,14 +67,14 @@ class PageServer:
 
     @property
     def clients(self) -> int:
-        """Number of pages that hear events."""
+        """Number of connected pages."""
         return len(self._clients)
 
     def show(self, page: bytes, words: str = "", first: Callable[[], Any] = lambda: None) -> None:
-        """Serve another page, which browsers that are there load at once.
+        """Serve another page; connected browsers load it at once.
 
-        Its line of the state has `words`. `first` returns the event that a page hears first, None for none; the lock of
-        :meth:`send` is held meanwhile.
+        Its line of the state has `words`. `first` returns the first event of a page, or None, under the lock of
+        :meth:`send`.
         """
         with self._lock:
             self._number, self._first = self._number + 1, first
@@ -96,7 +84,7 @@ class PageServer:
             self._tell({"page": self._number})
 
     def send(self, change: Callable[[], Any]) -> None:
-        """Send the event that `change` returns to all pages; no page is added or told anything meanwhile."""
+        """Send the event that `change` returns to all pages. Meanwhile no page connects, and no other event is sent."""
         with self._lock:
             self._tell(change())
 
@@ -112,7 +100,7 @@ class PageServer:
                 client.put_nowait(None)
 
     def hear(self, number: str) -> queue.Queue[bytes | None]:
-        """Return the events for a page of a number, None at their end."""
+        """Return the events for the page of a number; None ends them."""
         client: queue.Queue[bytes | None] = queue.Queue(_WAITING)
         with self._lock:
             first = self._first() if number == str(self._number) else {"page": self._number}
@@ -122,12 +110,12 @@ class PageServer:
         return client
 
     def leave(self, client: queue.Queue[bytes | None]) -> None:
-        """Take note that a page is gone."""
+        """Remove a closed page."""
         with self._lock:
             self._clients.discard(client)
 
     def refusal(self, path: str, hosts: list[str], origins: list[str]) -> str | None:
-        """Return why a request is refused; None if it is not."""
+        """Return the reason to refuse a request, or None."""
         if len(hosts) != 1 or _name(hosts[0]) not in LOOPBACK:
             return f"Host: expected a name of this machine, such as {HOST}."
         if any(origin != f"http://{hosts[0]}" for origin in origins):
@@ -153,7 +141,7 @@ class _Loopback(ThreadingTCPServer):
     allow_reuse_address = os.name == "posix"  # Windows would take the port of another program
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say what is wrong here, but not that a browser is gone."""
+        """Report errors of the server, but not a closed connection."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
 
@@ -238,7 +226,7 @@ def _line(event: Any) -> bytes:
 
 
 def _name(host: str) -> str | None:
-    """Return the name of a header Host, without its port; None if it has none."""
+    """Return the name of a header Host, without its port; None without a name."""
     try:
         return urlsplit(f"//{host}").hostname
     except ValueError:
