@@ -15,7 +15,7 @@ import rich.box
 import rich.table
 from rich.console import Console
 
-from vdfmu.engine.masters.pace import processor_name
+from vdfmu.engine.masters.observer import processor_name
 
 
 @dataclass

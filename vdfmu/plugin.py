@@ -1,9 +1,9 @@
 """What a package needs that adds master algorithms and formats of results; units are written with `vdfmu.unit`."""
 
 from vdfmu.engine.algorithms import Algorithm
+from vdfmu.engine.masters.components import Coupling
 from vdfmu.engine.masters.sampled import SampledStepper
-from vdfmu.engine.masters.steppers import Coupling
 from vdfmu.engine.results.formats import Format, Stream
-from vdfmu.engine.results.recorded import Recorded, Signal
+from vdfmu.engine.results.results import Recorded, Signal
 
 __all__ = ["Algorithm", "Coupling", "Format", "Recorded", "SampledStepper", "Signal", "Stream"]

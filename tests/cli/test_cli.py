@@ -95,7 +95,7 @@ def test_build_ssp_check_models_work_together(tmp_path):
     failed = vdfmu("simulate", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert failed.returncode == 1
     assert "plant failed at t =" in failed.stderr
-    assert " s are in results/planar_ssp/partial/results.csv; results/planar_ssp is as it was." in failed.stderr
+    assert " s are in results/planar_ssp/partial/results.csv; results/planar_ssp is unchanged." in failed.stderr
     assert "doStep" in json.loads((ours / "partial" / "summary.json").read_text())["error"]
     assert len((ours / "partial" / "results.csv").read_text().splitlines()) > 3
     assert failed.stdout.splitlines()[-1] == "Open results/planar_ssp/partial/report.html"

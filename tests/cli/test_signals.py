@@ -107,7 +107,7 @@ def test_a_signal_keeps_the_rows_and_the_results_before(under_way, number):
     folder, command, kept = under_way
     errors = " ".join(command.stop(number).split())
     assert "stopped: interrupted at t =" in errors
-    assert " s are in results/planar_tracking/partial/results.csv; results/planar_tracking is as it was." in errors
+    assert " s are in results/planar_tracking/partial/results.csv; results/planar_tracking is unchanged." in errors
     rows = (folder / "partial" / "results.csv").read_text().splitlines()
     assert len(rows) > 3
     assert len({row.count(",") for row in rows[1:]}) == 1

@@ -12,8 +12,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 
 
 def check_file(path: str | Path, run: bool = True) -> list[str]:

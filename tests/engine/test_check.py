@@ -166,7 +166,7 @@ def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus
         "B.C": [("k", 7.0)],
     }
     assert [note for note in checked.notes if "two variables" in note] == [
-        "B.C.k: two variables have this name, of B and of B.C; rename a component to tell them apart"
+        "B.C.k: two variables have this name, of B and of B.C; rename a component"
     ]
 
 

@@ -19,7 +19,7 @@ def write(columns, path):
     path.write_bytes(pickle.dumps((columns.time, columns.signals, columns.data, columns.summary)))
 
 def read(path):
-    from vdfmu.engine.results.recorded import Recorded
+    from vdfmu.engine.results.results import Recorded
     return Recorded(*pickle.loads(path.read_bytes()))
 
 FORMATS[".toy"] = lambda: Format(lambda: None, write, read)

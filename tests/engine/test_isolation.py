@@ -75,7 +75,7 @@ def fails(package: Path, way: str, **options) -> CosimError:
         ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
         ("leave", {}, r"the component ended the process \(exit code 0\)"),
         *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(simulate --wait-limit\)")),
-        ("eat", {"memory_limit": 400.0}, r"SIGSEGV\), of which the memory had reached \d+ MB of 400 MB"),
+        ("eat", {"memory_limit": 400.0}, r"SIGSEGV\); its memory had reached \d+ MB of 400 MB"),
         ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
         ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
     ],
@@ -365,7 +365,7 @@ def fleeing(package, monkeypatch, tmp_path):
         ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
         ("time.sleep(60)", "did not continue within 3 s after this call had returned"),
         ("raise ZeroDivisionError('ours')", "ZeroDivisionError: ours .* a fault of vdfmu, not of a component"),
-        ("raise MemoryError", r"no more memory: memory_limit \(--memory-limit\)"),
+        ("raise MemoryError", r"process is full: memory_limit \(--memory-limit\)"),
     ],
 )
 def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_component(package, fleeing, rest, said):

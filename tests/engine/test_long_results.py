@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.engine.results import csv_file, joined, parquet
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results import arrays, csv_file, parquet
+from vdfmu.engine.results.results import Results, Signal
 
 ROWS, COLUMNS = 3000, 4
 
@@ -16,7 +15,7 @@ ROWS, COLUMNS = 3000, 4
 @pytest.fixture
 def long(monkeypatch):
     """Return results of several blocks, of which few may stay in memory."""
-    for place, name, value in ((csv_file, "_NUMBERS", 1), (parquet, "_GROUP", 700), (joined, "_MOST", 50_000)):
+    for place, name, value in ((csv_file, "_NUMBERS", 1), (parquet, "_GROUP", 700), (arrays, "_MOST", 50_000)):
         monkeypatch.setattr(place, name, value)
     rng = np.random.default_rng(5)
     signals = [Signal(f"a.x[{i + 1}]", "real", "m", i) for i in range(COLUMNS)]
@@ -42,7 +41,7 @@ def test_rows_that_are_read_block_by_block_are_the_same(long, tmp_path, suffix):
 
 def test_memory_does_not_grow_with_the_rows_that_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr(csv_file, "_NUMBERS", 2**14)
-    monkeypatch.setattr(joined, "_MOST", 2**18)
+    monkeypatch.setattr(arrays, "_MOST", 2**18)
     peaks = []
     for rows in (20_000, 80_000):
         signals = [Signal(f"a.x[{i + 1}]", "real", "m", i) for i in range(COLUMNS)]
@@ -71,6 +70,6 @@ def test_a_folder_of_temporary_files_that_is_full_is_named(long, tmp_path, monke
         raise OSError(28, "No space left on device")
 
     long.write(tmp_path / "r.csv")
-    monkeypatch.setattr(joined.tempfile, "TemporaryFile", full)
+    monkeypatch.setattr(arrays.tempfile, "TemporaryFile", full)
     with pytest.raises(StorageError, match=r"r\.csv: the folder of temporary files .*: No space left.*TMPDIR"):
         Results.read(tmp_path / "r.csv")

@@ -14,10 +14,11 @@ from scipy.linalg import expm
 
 import vdfmu
 from tests.engine.files import assert_same_bits
+from tests.engine.system_loops import system_loop
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
 from vdfmu.engine.linear.linearise import linear_system
-from vdfmu.engine.linear.loops import moving, system_loop
+from vdfmu.engine.linear.loops import moving
 from vdfmu.engine.run import Results, simulate
 from vdfmu.study.batch.make import make_program
 from vdfmu.system.package.description import SystemDescription

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.masters import pace
-from vdfmu.engine.masters.pace import Pace, machine_name
+from vdfmu.engine.masters import observer
+from vdfmu.engine.masters.observer import Pace, machine_name
 
 
 class _Clock:
@@ -28,7 +28,7 @@ class _Clock:
 @pytest.fixture
 def clock(monkeypatch):
     found = _Clock()
-    monkeypatch.setattr(pace, "clock", found)
+    monkeypatch.setattr(observer, "clock", found)
     return found
 
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from tests.engine.system_loops import system_loop
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
-from vdfmu.engine.linear.loops import fastest_mode, system_loop
+from vdfmu.engine.linear.loops import fastest_mode
 from vdfmu.engine.linear.system import LinearSystem, Samples
 
 H = 0.01

@@ -9,8 +9,7 @@ from tests.conftest import heavy
 from vdfmu.base import style
 from vdfmu.engine.results.figure import signal_figures
 from vdfmu.engine.results.picture import PANELS, chosen, draw, plot, write_signals
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 
 FACTS = {"system": "s", "package": "folder/s.ssp", "algorithm": "jacobi", "step": 1e-3}
 

@@ -101,7 +101,7 @@ def test_a_full_disk_leaves_the_results_before_and_whole_rows_of_csv(package, tm
     assert f"results.{form}: the rows cannot be written: File too large. Free space, or choose another folder" in said
     assert (out / "partial").exists() == (form == "csv")
     if form == "csv":
-        assert f"The rows so far are in {out / 'partial' / 'results.csv'}; {out} is as it was." in said
+        assert f"The rows so far are in {out / 'partial' / 'results.csv'}; {out} is unchanged." in said
         rows = Results.read(out / "partial" / "results.csv")
         assert len(rows) % ROWS == 0 and len(rows) >= ROWS
     assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == before

@@ -204,9 +204,9 @@ def test_differences_of_results_on_other_times():
     assert one.compare(one).rows[0][2] == 0.0
     half = made([0.5, 0.75], q=[0.5, np.nan])
     assert np.isnan(one.compare(half).rows[0][2])  # a number that is none is not passed over
-    with pytest.raises(UsageError, match=r"no time in common: 0 to 1 s, 2 to 3 s"):
+    with pytest.raises(UsageError, match=r"results of a common time, got 0 to 1 s and 2 to 3 s"):
         one.compare(made([2.0, 3.0], q=0.0))
-    with pytest.raises(UsageError, match="no signals of the same names"):
+    with pytest.raises(UsageError, match="results with signals of the same names"):
         one.compare(made(time, other=0.0))
 
 
@@ -233,5 +233,5 @@ def test_runs_over_each_other_in_one_picture(tmp_path):
     with pytest.raises(UsageError, match=r"no signal 'a\.x'"):
         one.plot("a.x")
     for wrong in (other, {"twice": "q.csv"}):
-        with pytest.raises(UsageError, match=r"expected results by what they are called, over=\{'soft': other\}"):
+        with pytest.raises(UsageError, match=r"expected results by label, over=\{'soft': other\}"):
             one.plot("a.q", over=wrong)

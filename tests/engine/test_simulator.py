@@ -159,7 +159,7 @@ def test_what_is_wrong_by_hand_is_said(package):
         simulator.reset(**OPTIONS)
         for name, text in (
             ("plant.tau[1]", "controller.tau\\[1\\] feeds it"),
-            ("plant.q_0[1]", "which is set before the run"),
+            ("plant.q_0[1]", "Set it before the run"),
             ("plant.nothing", "no variable 'nothing'"),
         ):
             with pytest.raises(UsageError, match=text):

@@ -52,7 +52,7 @@ def test_a_folder_of_the_name_of_a_result_is_refused(tmp_path):
     write(tmp_path, "old")
     (tmp_path / "results.csv").unlink()
     (tmp_path / "results.csv").mkdir()
-    with pytest.raises(UsageError, match=r"has folders of the names results\.csv; expected files"):
+    with pytest.raises(UsageError, match=r"results\.csv must be files, got folders"):
         write(tmp_path, "new")
 
 

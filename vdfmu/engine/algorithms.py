@@ -1,4 +1,4 @@
-"""The master algorithms, one row each: a new one is a file with what steps the components, and its row here."""
+"""The master algorithms, one row each: a new algorithm is a file with its stepper, and its row here."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Algorithm:
     """
 
     stepper: str
-    """``module:function``, which makes a `vdfmu.engine.masters.sampled.Stepper` from a `Coupling` beside it."""
+    """``module:function``, makes a `vdfmu.engine.masters.sampled.Stepper` from a `Coupling`."""
     continuous: bool = False
     """Whether coupled signals are continuous, between the communication points too."""
     ordered: bool = False
@@ -52,7 +52,7 @@ class Algorithm:
         return getattr(import_module(module), name)
 
 
-_STEPPERS = "vdfmu.engine.masters.steppers"
+_STEPPERS = "vdfmu.engine.masters.components"
 _SHIPPED = {
     "gauss-seidel": Algorithm(f"{_STEPPERS}:held", ordered=True, substeps=1),
     "jacobi": Algorithm(f"{_STEPPERS}:held", substeps=1),
@@ -60,7 +60,7 @@ _SHIPPED = {
     "iterative": Algorithm(f"{_STEPPERS}:iterative", continuous=True, repeats=True),
 }
 DEFAULT, DELAYED, *_ = _SHIPPED
-"""The algorithm of a system that names none, and the one that steps any system: no component waits for another."""
+"""The algorithm by default, and an algorithm for any system: no component waits for another."""
 PLUGINS = Plugins("algorithms", "master algorithm", "an Algorithm", lambda found: isinstance(found, Algorithm))
 ALGORITHMS = PluginTable(PLUGINS, _SHIPPED)
 

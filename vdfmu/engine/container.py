@@ -1,7 +1,7 @@
-"""A whole system folded into one container FMU, which runs its units without a master.
+"""A whole system as one container FMU, without a master.
 
-FMPy's container is an FMU 2.0 that carries the units inside it and steps them in compiled code: all units from
-the outputs at the start of the step, at one fixed step. Its variables are ``component.variable``.
+FMPy's container is an FMU 2.0 with the units inside. Its compiled code steps all units from the outputs at the start of
+the step, at one fixed step. Its variables are ``component.variable``.
 """
 
 from __future__ import annotations
@@ -27,31 +27,24 @@ from vdfmu.base.standards import FMI_2
 from vdfmu.base.version import __version__
 from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.fmu.description import Description
-from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem
-from vdfmu.engine.plan.check import Checked, check_system
+from vdfmu.engine.plan.check import Checked, check_system, with_steps
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import cycles, topological
 
 
 def write_container(system: FlatSystem | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float) -> Path:
-    """Write the container FMU of a system.
+    """Write the container FMU of a system and return its path.
 
     Parameters
     ----------
     system : FlatSystem or path
         An SSP of FMI 2.0 units with native binaries; Python FMUs do not run inside a container.
     path : path
-        The FMU to write.
     step : float [s]
-        The step at which the units exchange values. The container's own step must be a multiple.
-
-    Returns
-    -------
-    Path
-        `path`.
+        Exchange of values between units. The container's step must be a multiple.
 
     Raises
     ------
@@ -67,14 +60,14 @@ def write_container(system: FlatSystem | str | os.PathLike[str], path: str | os.
     checked = check_system(system if isinstance(system, FlatSystem) else load_ssp(Path(system)), algorithm=DELAYED)
     if slow := [component.name for component in checked.system.components if component.step is not None]:
         raise UsageError(
-            f"{', '.join(slow)}: has a step of its own; a container FMU steps all together. Remove the annotation."
+            f"{', '.join(slow)}: has its own step; a container FMU steps all together. Remove the annotation."
         )
     with_steps(checked, step)
-    changing = [str(link) for link in checked.links if not link.conversion.trivial]
-    if changing:
-        raise UsageError(f"{changing[0]}: a container FMU passes values on unchanged; remove the conversion.")
-    if texts := [str(link) for link in checked.links if link.sink.type == "String"]:
-        raise UsageError(f"{texts[0]}: a container FMU passes no text on; remove the connection.")
+    for link in checked.links:
+        if not link.conversion.trivial:
+            raise UsageError(f"{link}: a container FMU passes values on unchanged; remove the conversion.")
+        if link.sink.type == "String":
+            raise UsageError(f"{link}: a container FMU passes no text on; remove the connection.")
     if exchanged := [name for name, description in checked.descriptions.items() if description.exchange]:
         raise UsageError(f"{exchanged[0]}: a container FMU steps co-simulation; it is for model exchange.")
     if loops := checked.schedule.initial.loops:
@@ -103,7 +96,7 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
         model = read_model_description(str(file))
         if model.coSimulation is not None and model.coSimulation.needsExecutionTool:
             raise UsageError(
-                f"{description.source}: needs Python, which a container does not load. Build native FMUs: "
+                f"{description.source}: needs Python, but a container loads no Python. Build native FMUs: "
                 "`vdfmu build --backend native`."
             )
         components[name] = Component(name, file, model)
@@ -117,12 +110,9 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
             source.type = kind
         connections.append(Connection(start, sources, end, [_variable(end, link.end[1]) for link in bundle]))
     configuration = Configuration(
-        parallelDoStep=False,
-        modelDescription=model,
-        components=list(components.values()),
-        connections=connections,
+        parallelDoStep=False, modelDescription=model, components=list(components.values()), connections=connections,
         variableMappings=mappings,
-    )
+    )  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     unzipped, whole = folder / "unzipped", folder / "container.fmu"
     unzipped.mkdir()  # it is emptied first
@@ -145,10 +135,9 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _bundles(checked: Checked) -> list[list[Link]]:
-    """Return the links that the container carries over together, in the order that the initialization needs.
+    """Return the links of each call of the container, in the order of the initialization.
 
-    Each bundle takes one call: all links of a type between two units form a bundle, unless bundles would then depend
-    on each other in a circle.
+    A bundle has all links of a type between two units, unless bundles then depend on each other in a cycle.
     """
     whole: dict[tuple[str, str, str], list[Link]] = {}
     for link in checked.schedule.initial.links:
@@ -165,13 +154,10 @@ def _bundles(checked: Checked) -> list[list[Link]]:
 
 
 def _feeds(unit: Description, feeding: Sequence[Link], fed: Sequence[Link]) -> bool:
-    """Whether outputs of a unit depend on its inputs during initialization."""
+    """Whether outputs of a unit depend on inputs during initialization."""
     arriving = {link.end[1] for link in feeding}
-    for link in fed:
-        known = unit.initial_dependencies.get(link.start[1])
-        if known is None or arriving & known:
-            return True
-    return False
+    declared = [unit.initial_dependencies.get(link.start[1]) for link in fed]
+    return any(names is None or arriving & names for names in declared)
 
 
 _FMI_3_TYPE = {"Real": "Float64", "Integer": "Int32"}
@@ -192,25 +178,19 @@ def _model(
     time = fmi.ModelVariable(name="time", type="Real", causality="independent", variability="continuous")
     variables, mappings = [time], {}
     for name, component in components.items():
-        starts = checked.starts.get(name, ())
-        given = {v.name: str(x).lower() if isinstance(x, bool) else str(x) for v, x in starts}
+        values = checked.starts.get(name, ())
+        starts = {v.name: str(x).lower() if isinstance(x, bool) else str(x) for v, x in values}
         for definition in component.modelDescription.unitDefinitions:
             units.setdefault(str(definition.name), definition)
         for inner in component.modelDescription.modelVariables:
             if inner.causality not in ("input", "output", "parameter") or (name, inner.name) in connected:
                 continue
             outer = fmi.ModelVariable(
-                name=f"{name}.{inner.name}",
-                type=inner.type,
-                description=inner.description,
-                causality=inner.causality,
-                variability=inner.variability,
+                name=f"{name}.{inner.name}", type=inner.type, description=inner.description,
+                causality=inner.causality, variability=inner.variability,
                 initial=None if inner.causality == "input" else inner.initial,  # fmpy fills it in
-                unit=inner.unit,
-                min=inner.min,
-                max=inner.max,
-                start=given.get(inner.name, inner.start),
-            )
+                unit=inner.unit, min=inner.min, max=inner.max, start=starts.get(inner.name, inner.start),
+            )  # fmt: skip
             variables.append(outer)
             mappings[outer] = [(component, inner)]
     outputs = [fmi.Unknown(variable=v) for v in variables if v.causality == "output"]

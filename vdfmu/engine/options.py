@@ -77,7 +77,7 @@ class ObserverOptions(TypedDict, total=False):
         ":class:`vdfmu.LiveView`; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
     pace: Annotated[float | None, Option("Simulated seconds per second: 1 is real time.", "float",
         "``pace`` of the summary reports how late rows were. Default: as fast as possible. See "
-        "`vdfmu.engine.masters.pace`.", metavar="FACTOR")]
+        "`vdfmu.engine.masters.observer`.", metavar="FACTOR")]
 
 
 class RecordOptions(SpanOptions, ObserverOptions, total=False):
@@ -119,10 +119,9 @@ class MemberOptions(InputOptions, LogOptions, total=False):
 class LoadedOptions(CouplingOptions, MemberOptions, total=False):
     """How components run on this machine."""
 
-    isolate: Annotated[bool | None, Option("Run components in a process of their own.", "bool",
-        "Default: if an FMU was not built by this project. If they crash, take too long or too much memory, that is a "
-        "CosimError; otherwise they could end or block this process.",
-        flag="--isolate/--no-isolate")]
+    isolate: Annotated[bool | None, Option("Run components in a separate process.", "bool",
+        "Default: if an FMU was not built by this project. Crashes, long calls and too much memory are a CosimError "
+        "then; otherwise components could end or block this process.", flag="--isolate/--no-isolate")]
     memory_limit: Annotated[float | None, Option(
         "Memory in MB of isolated components (default half).", "float [MB]", "Half of the machine's.")]
 
@@ -138,7 +137,7 @@ class AlgorithmOptions(LoadedOptions, total=False):
     """How a system is checked and coupled."""
 
     parameters: Annotated["Mapping[str, Value] | None", settings_option]
-    strict: Annotated[bool, Option("Refuse what is only noted else; see `vdfmu.engine.plan.check.check_system`.",
+    strict: Annotated[bool, Option("Refuse unconnected inputs; see `vdfmu.engine.plan.check.check_system`.",
         default=False, flag=None)]
     algorithm: Annotated[str | None, master_option]
     convergence: Annotated[float | None, Option("Change of a coupled signal, relative as `adaptive`, at which "
@@ -156,13 +155,12 @@ class RowOptions(RecordOptions, total=False):
         "most 100 times in between; True shows a bar, on the terminal or in the notebook.", "callable or bool",
         flag=None)]
     stream: Annotated[Path | Sequence[Path] | None, Option(
-        "CSV file to which the rows go as they come, in the form of `Results.write`, at least every two seconds.",
-        "Path or two of them", "With another suffix of ``formats`` such a file, which is written when the run ends, by "
-        "an error too, but not if the process is killed; see `Results.write`. The results are read from disk then, "
-        "where they take as much room again while they are in use; memory does not grow with the number of rows, "
-        "except for their times.", flag=None)]
+        "CSV file that receives the rows during the run, in the form of `Results.write`, at least every two seconds.",
+        "Path or two of them", "A file with another suffix of ``formats`` is written at the end of the run, also of a "
+        "failed run, but not if the process is killed; see `Results.write`. The results are then mapped from disk, "
+        "and take twice the room of the file in use. Only their times take memory.", flag=None)]
     about: Annotated[Mapping[str, Any] | None, Option(
-        "Facts with which the summary begins, also in files that have their own.", "mapping", flag=None)]
+        "First facts of the summary, also in files with a summary.", "mapping", flag=None)]
 
 
 class SimulateOptions(RowOptions, SimulatorOptions, total=False):
@@ -170,7 +168,7 @@ class SimulateOptions(RowOptions, SimulatorOptions, total=False):
 
 
 class FederateOptions(RowOptions, AlgorithmOptions, total=False):
-    """Options of `vdfmu.federate`; each federate is a process of its own."""
+    """Options of `vdfmu.federate`; each federate is a process."""
 
 
 class ResultOptions(ProgressOptions, total=False):
@@ -196,8 +194,8 @@ class PackageOptions(RecordOptions, CouplingOptions, MemberOptions, ResultOption
 
     settings: Annotated[Mapping[str, Any] | None, settings_option]
     out: Annotated[str | os.PathLike[str] | None, Option(
-        "Folder of the results (default results/NAME_ssp).", "path", "Of one federate results/NAME_ssp_FEDERATE. Files "
-        "of an earlier run in it are replaced once this one is complete.", typed=Path | None)]
+        "Folder of the results (default results/NAME_ssp).", "path", "Of one federate results/NAME_ssp_FEDERATE. A "
+        "complete run replaces the files of an earlier run.", typed=Path | None)]
     variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
         metavar="SSD")]
 

@@ -34,24 +34,17 @@ def default_folder(package: str | os.PathLike[str]) -> Path:
 @with_progress
 @with_options
 def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]) -> Results:
-    """Run an SSP and write its results and ``summary.json``.
+    """Run an SSP, write its results and ``summary.json``, and return the results; `package` is the ``.ssp`` file.
 
     Parameters
     ----------
-    package : path
-        The ``.ssp`` file.
     **options
         :class:`vdfmu.engine.options.SystemOptions`.
-
-    Returns
-    -------
-    Results
-        Recorded signals; `summary` is what ``summary.json`` holds.
 
     Raises
     ------
     UsageError, SspError
-        Before the run, for what is wrong with the package or the options.
+        Before the run, for faults of the package or the options.
     CosimError, vdfmu.engine.run.Interrupted
         A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
     """
@@ -63,30 +56,25 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
     tables = read_inputs(options["inputs"], bool(options["input_hold"]))
     system = load_ssp(package, options["variant"])
     folder = Path(options["out"]) if options["out"] is not None else default_folder(package)
-    summary: dict[str, Any] = {
-        "package": str(package),
-        "vdfmu": __version__,
-        "format": FORMAT,
+    about: dict[str, Any] = {
+        "package": str(package), "vdfmu": __version__, "format": FORMAT,
         "settings": {name: str(value) for name, value in (options["settings"] or {}).items()},
         "inputs": [table.where for table in tables],
-    }
-
-    given = pick(SimulateOptions, options)
-    given |= {
-        "algorithm": options["master"], "parameters": options["settings"], "inputs": tables, "about": summary,
+    }  # fmt: skip
+    simulated = pick(SimulateOptions, options) | {
+        "algorithm": options["master"], "parameters": options["settings"], "inputs": tables, "about": about,
         "progress": bound(report, "co-simulation"),
     }  # fmt: skip
-
     with replacing_results(folder, SYSTEM_OUTPUTS, options["overwrite"]) as partial:
-        given["stream"] = [partial / f"results.{form}" for form in options["formats"]]
+        simulated["stream"] = [partial / f"results.{form}" for form in options["formats"]]
         try:
-            results = simulate(system, **given)
+            results = simulate(system, **simulated)
         except (CosimError, Interrupted) as error:
             keep(error, partial)
             raise
         done = results.summary
         done["real_time_factor"] = (done["stop"] - done["start"]) / done["wall_s"]
-        write_summary(results.summary, partial)
+        write_summary(done, partial)
 
         def say(note: str) -> None:
             done["notes"].append(note)
@@ -106,5 +94,5 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
         except Exception as error:
             # foreign names and values may break the picture, not the results
             say(f"the picture could not be drawn: {error}")
-        write_summary(results.summary, partial)
+        write_summary(done, partial)
     return results

@@ -1,4 +1,4 @@
-"""The rules that files are checked by, what breaks them, and findings: one list for reader, master and checker."""
+"""The rules of files and findings, one list for reader, master and checker."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from vdfmu.base.errors import SspError
 from vdfmu.base.text import elided
 
 Place = tuple[str, int]
-"""XML file, with the package before it, and line; empty and 0 where there is none."""
+"""XML file, with the package before it, and line; empty and 0 if unknown."""
 
 
 class Rule(NamedTuple):
-    """A rule: what holds for a file that keeps it, and what to do about one that does not."""
+    """A rule: its requirement, and the way out for a file that breaks it."""
 
     number: str
     title: str
@@ -24,13 +24,13 @@ class Rule(NamedTuple):
 
 
 class Finding(str):
-    """A sentence on what breaks a rule, with its place; a text like any other, so errors carry it."""
+    """The text on a broken rule, with its place; errors carry it as a string."""
 
     rule: Rule
     file: str
-    """The XML file in which it lies, with the package before it; empty where it is in none."""
+    """The XML file, with the package before it; may be empty."""
     line: int
-    """Line of that file; 0 without a file."""
+    """Line of the file; 0 without a file."""
 
     def __new__(cls, text: str, rule: Rule, file: str = "", line: int = 0) -> Finding:
         """Make a finding of a text."""
@@ -73,7 +73,7 @@ def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:
 
 
 def fmpy_found(text: str, reworded: str = "") -> Finding:
-    """Return the finding of a message of fmpy on a model description; `reworded`, if given, is its text."""
+    """Return the finding of a message of fmpy on a model description; `reworded` replaces its text."""
     number = next((number for number, word in _FMPY if word in text), "FMI013")
     line = re.search(r"\(line (\d+)\)", text)
     return finding(number, reworded or text, ("modelDescription.xml", int(line[1]) if line else 0))
@@ -83,7 +83,7 @@ _FMPY = (
     ("FMI003", "XML"), ("FMI003", "Failed to"), ("FMI003", "Element '"), ("FMI005", "unit"),
     ("FMI012", "unique"), ("FMI012", "name"), ("FMI011", "same value reference"),
 )  # fmt: skip
-"""Rules, and words by which fmpy's messages show which they are about."""
+"""Rules, and words of fmpy's messages on them."""
 
 _TABLE = """
 PKG001 | The file is a zip file that can be read, and all of its entries unpack | export or copy it again
@@ -97,10 +97,10 @@ PKG008 | XML is well-formed | export it again
 PKG009 | XML has no document type and no XInclude | write the text in its place
 SSP001 | The package has a `SystemStructure.ssd`, or the SSD that is asked for | name one of those it has
 SSP002 | A file has the root of its kind | export it as SSP 1.0 or 2.0
-SSP003 | A file keeps the schema of its version | correct what the line says
+SSP003 | A file keeps the schema of its version | correct the line
 SSP004 | A file is encoded in UTF-8 | export it in UTF-8
 SSP005 note | The version is 1.0 or 2.0 | state one of them
-SSP006 note | The SSDs of a package have names of their own | rename one
+SSP006 note | The SSDs of a package have different names | rename one
 SSP007 | Documentation has a `documentation/index.html` | add the page where readers start
 SSP008 note | Icons are in the package | add the icon
 SSP009 note | The schemas of the version are at hand | `pip install pyssp_standard`
@@ -111,11 +111,11 @@ SSP013 | A component has a source | name an FMU, a package or a system
 SSP014 | A component is an FMU, a package or an SSD, as its type says | set the type
 SSP015 | A reference to a system leads to one, not in a circle | name the id of another system
 SSP016 | A system keeps the limits of size and depth | split or join systems
-SSP017 | Elements of a system have names of their own | rename one
-SSP018 | Connectors of an element have names of their own | rename one
-SSP019 | A component and the system for which it stands have the same connectors | correct either
+SSP017 | Elements of a system have different names | rename one
+SSP018 | Connectors of an element have different names | rename one
+SSP019 | A component and its system have the same connectors | correct either
 SSP020 | Signal dictionaries exist and have the entries that are named, once and of one type | correct either
-SSP021 note | Dotted names tell components and variables apart | rename a component
+SSP021 note | Dotted names of components and variables are unique | rename a component
 SSP022 | Units are defined in the file that names them, by finite numbers | define the unit in `Units`
 SSP023 | The system has components | add one
 SSP030 | A connection joins elements and connectors that exist | correct the name
@@ -125,7 +125,7 @@ SSP033 | The ends of a connection have the same type | convert it in a component
 SSP034 | The units of a connection convert into each other | correct the unit, or suppress the conversion
 SSP035 | The ends of a connection have the same size, and indices lie in the arrays | correct size or index
 SSP036 | A transformation fits the type and has one entry for each value | correct the transformation
-SSP037 | Connections through systems do not end where they begin | remove one
+SSP037 | Connections through systems form no circle | remove one
 SSP038 note | An input has a connection or a value | connect it
 SSP039 | Signals pass without an algebraic loop | master `jacobi`, or `iterative`
 SSP040 | A connector is a variable of the FMU | correct the name
@@ -133,26 +133,26 @@ SSP041 | A connector has the kind of the variable: its causality | correct the k
 SSP042 | A connector has the type of the variable | correct the type
 SSP043 | A connector has the unit of the variable | correct the unit
 SSP044 | A connector has the size of the variable | correct the dimensions
-SSP045 | The FMU has the implementation that is asked for | ask for one that it has
+SSP045 | The FMU has the requested implementation | request another one
 SSP046 | An FMU that can be instantiated only once per process is there once | make a copy of the FMU
 SSP050 | A parameter binding has values, a mapping has entries, of a type of SSP | name the file, or write them there
 SSP051 | A name occurs once in a parameter set, and once as a target of a mapping | keep one
 SSP052 note | A value is for a variable or connector that exists | correct the name, or `--ignore-unmatched`
 SSP053 | A value is for a variable that can be set | set another
 SSP054 | A value has the type and size of the variable | correct type or dimensions
-SSP055 | The unit of a value converts into that of the variable | correct the unit
+SSP055 | The unit of a value converts into the unit of the variable | correct the unit
 SSP056 | A value lies within the limits of the variable | choose another
 SSP057 note | A value has an effect | remove it
 FMI001 | An FMU is a zip file with a `modelDescription.xml` | export it again
 FMI002 | `fmiVersion` is 1.0, 2.0 or 3.0 | state the version
-FMI003 | XML keeps the schema of its version | correct what the line says
+FMI003 | XML keeps the schema of its version | correct the line
 FMI004 | Types are defined | define it in `TypeDefinitions`
 FMI005 | Units and display units are defined | define the unit in `UnitDefinitions`
 FMI006 | Causality, variability and type go together | state an allowed pair
-FMI007 | Indices and value references are those of variables | correct the number
+FMI007 | Indices and value references are of variables | correct the number
 FMI008 | A dimension is the start value of a variable that is a size | give it a start value
 FMI009 | min <= start <= max | correct the value
-FMI010 | Start values and `initial` are stated where they must be, and only there | add or remove it
+FMI010 | Variables state start values and `initial` if and only if they must | add or remove it
 FMI011 | Variables that share a value reference have the same unit, and one start value | correct the others
 FMI012 | Names of variables are unique and of the naming convention | rename one
 FMI013 | The model structure is complete | add the entries that are missing
@@ -163,21 +163,21 @@ FMI017 | There is a library for this platform, under the model identifier | buil
 FMI018 | A library is one of its platform and processor | build the FMU for it
 FMI019 note | An FMU has co-simulation | export it for co-simulation
 FMI020 | A nominal value is a finite number other than 0 | state the size of the values
-FMI021 | The manifest of a layered standard states its name and version | add what is missing
+FMI021 | The manifest of a layered standard states its name and version | add name or version
 FMI022 note | The manifest of FMI-LS-REF gives each related file a source and a role of the standard | correct the entry
-RUN001 | Ten steps do not fail | see what the component says
-RUN002 | A component neither ends its process nor takes too long | see what the component does
+RUN001 | Ten steps do not fail | see the component's message
+RUN002 | A component neither ends its process nor takes too long | debug the component
 RUN003 | Reference results can be read, and the unit gives them | correct the table, or the unit
 RUN004 note | All reference results are compared | see why not
 RUN005 note | All signals are finite | do not read or record it
 RUN006 note | The file is run | mend its problems; leave out `--no-run`
 RUN007 | The master can step the system | another master, or another FMU
-RUN008 note | An FMU is of FMI 2.0 or 3.0, which the master runs | export it for one of them
+RUN008 note | An FMU is of FMI 2.0 or 3.0 | export it for one of them
 RUN009 | Inputs can be set, and the calls that an FMU declares work | mend the call, or do not declare it
-SRC001 | A robot, a scenario, a system or a unit is one that its reader takes | change what the text names
-SRC002 note | Nothing in such a file looks like a mistake | see what the text names
+SRC001 | A robot, a scenario, a system or a unit can be read | change the named entry
+SRC002 note | No entry of such a file looks like a mistake | see the named entry
 """
-"""Number, and "note" where that is all it is; what holds; the way out."""
+"""Number, with "note" for notes; requirement; way out."""
 
 
 def _rules() -> dict[str, Rule]:
@@ -199,7 +199,7 @@ class Findings:
     problems: list[Finding] = field(default_factory=list[Finding])
     """Faults: one sentence or more each, with the place."""
     notes: list[Finding] = field(default_factory=list[Finding])
-    """Notes, not errors, such as what could not be checked and why."""
+    """Notes, not errors, such as omitted checks with their reason."""
     compared: list[str] = field(default_factory=list[str])
     """Files of reference results inside FMUs whose values were compared."""
     ran: bool = False
@@ -228,5 +228,5 @@ def _placed(findings: Iterable[Finding], where: str, file: str) -> Iterable[Find
 
 
 def one_line(text: Finding) -> Finding:
-    """Return a finding without line breaks, and bounded: it is one line, whatever a parser or unit says."""
+    """Return a finding as one line of bounded length, for any text of a parser or unit."""
     return text.reworded(elided("; ".join(line.strip() for line in text.splitlines() if line.strip())))

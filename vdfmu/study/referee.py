@@ -26,7 +26,7 @@ from vdfmu.engine.linear.system import cut
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
-from vdfmu.engine.run.simulator import Simulator
+from vdfmu.engine.run import Simulator
 
 MARGIN = 1.5
 """Factor on the estimate: without it, 6 of 638 systems with an error beyond the wanted one were called right."""

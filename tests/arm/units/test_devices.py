@@ -8,11 +8,11 @@ import pytest
 
 import vdfmu
 from tests.arm.units.steps import sampled
+from tests.engine.system_loops import system_loop
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.engine.linear.linearise import linear_system
-from vdfmu.engine.linear.loops import system_loop
 from vdfmu.system.package.write import cached_fmus
 from vdfmu.unit import seeded, uniform
 

@@ -198,7 +198,7 @@ def test_jacobi_has_a_step_of_delay_for_each_unit_and_says_so(scenario, run):
     results = run(scenario("plain", "jacobi"))
     np.testing.assert_allclose(results["cart.x"], own_loop(delay=1)[0], **CLOSE)
     (note,) = results.summary["notes"]
-    assert note.startswith("control: samples every 0.01 s; what u says of a sample acts a step later, after 0.01 s")
+    assert note.startswith("control: samples every 0.01 s; a sample acts on u a step later, after 0.01 s")
     results = run(scenario("chain", "jacobi"))
     np.testing.assert_allclose(results["cart.x"], own_loop(delay=1, measured=1)[0], **CLOSE)
     assert len(results.summary["notes"]) == 2

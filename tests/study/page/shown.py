@@ -5,8 +5,7 @@ import base64
 import numpy as np
 
 import vdfmu
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.run.scene import arm_of
 
 

@@ -11,7 +11,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import Browser
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Signal
 from vdfmu.study.run.scene import arm_of
 
 TIME = np.linspace(0.0, 2.0, 201)

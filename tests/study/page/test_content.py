@@ -17,8 +17,7 @@ from tests.study.page.shown import numbers
 from vdfmu.base.arrays import extremes
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.results.verdict import Check, checks_of, verdict_of
 from vdfmu.study.report import content, page
 from vdfmu.study.report.content import EXTREMES, FRAMES, content_of

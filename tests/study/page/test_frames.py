@@ -10,8 +10,7 @@ from tests.study.page.shown import numbers, still_and_quick
 from vdfmu.base.arrays import bends
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import to_json
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report import content
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.shapes import FRAMES, Chain, drawing_of

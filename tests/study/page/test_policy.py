@@ -13,7 +13,7 @@ import vdfmu
 from tests.study.page.browser import show
 from vdfmu.base import page as frame
 from vdfmu.base.files import read_member
-from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Signal
 from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.page import StudyPart, report_page, study_page
 from vdfmu.study.report.shown_run import ShownRun

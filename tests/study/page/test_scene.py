@@ -8,8 +8,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import show
 from tests.study.page.shown import still_and_quick
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.scene import arm_of

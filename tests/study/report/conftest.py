@@ -9,8 +9,7 @@ import pytest
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.system.scenario import Scenario, load_scenario
 
 POINTS = 801

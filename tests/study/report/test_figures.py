@@ -16,8 +16,7 @@ from vdfmu.base import style
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.measure import _QUANTITIES, coherent, inches, shown_as, spaced, unit_of
 from vdfmu.engine.results.picture import draw
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report import content
 from vdfmu.study.report.content import run_figures
 from vdfmu.study.report.pictures import TOOL, tool_error, write_pictures

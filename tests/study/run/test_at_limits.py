@@ -10,8 +10,7 @@ from click.testing import CliRunner
 import vdfmu
 from vdfmu.arm.robot import load_robot
 from vdfmu.cli.commands import app
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.sheets import limits_sheet, sheets
 from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits

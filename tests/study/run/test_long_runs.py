@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.engine.results.recorded import Recorded
+from vdfmu.engine.results.results import Recorded
 from vdfmu.engine.run import Results, Signal
 from vdfmu.study.report import content, pictures
 from vdfmu.study.run import scenario_run as study

@@ -9,10 +9,11 @@ import pytest
 from click.testing import CliRunner
 
 import vdfmu
+from tests.engine.system_loops import system_loop
 from vdfmu.base.errors import CosimError
 from vdfmu.cli.commands import app
 from vdfmu.engine.linear.growth import Growth, Poses
-from vdfmu.engine.linear.loops import fastest_mode, system_loop
+from vdfmu.engine.linear.loops import fastest_mode
 from vdfmu.engine.results.verdict import line_of
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.loops import TIED, margins_along

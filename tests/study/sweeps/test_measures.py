@@ -11,8 +11,7 @@ import pytest
 
 import vdfmu
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.sweeps.digest import function_digest
 from vdfmu.study.sweeps.measures import read_measures
 

@@ -20,8 +20,7 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.cli.commands import app
 from vdfmu.cli.terminal import console
 from vdfmu.cli.view import live_view
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report.shapes import mesh_parts
 from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.live import HEAD, LiveView

@@ -332,9 +332,7 @@ def test_enumerations_are_mapped_by_the_names_of_their_items(pack):
     checked = check_system(load_ssp(mapped(pack, off)))
     (link,) = checked.links
     assert link.conversion.table == {1: 5}
-    with pytest.raises(
-        SspError, match=r"names 'stop', which is not an item of the target; there are idle, running, on"
-    ):
+    with pytest.raises(SspError, match=r"names 'stop', but items of the target are idle, running, on"):
         check_system(load_ssp(mapped(pack, '<ssc:MapEntry source="off" target="stop"/>')))
     assert problems_of_wiring(mapped(pack, off + off)) == [
         "connection a.y -> b.u: the mapping has several entries for off; keep one"

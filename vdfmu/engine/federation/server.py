@@ -21,9 +21,8 @@ import numpy as np
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.federation.federated import FederationPlan
 from vdfmu.engine.fmu.access import held, shown
-from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.masters.exchange import Bank, Exchange
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.run.isolated_server import Server, serve

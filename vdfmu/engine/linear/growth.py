@@ -1,4 +1,4 @@
-"""Stability of a run: the loops along it, where they come nearest to instability, and where disturbances grow."""
+"""Stability of a run: the loops along it, their place nearest to instability, and the growth of disturbances."""
 
 from __future__ import annotations
 
@@ -34,37 +34,34 @@ from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.grid import Grid
 
 _HARM = 50.0
-"""Factor by which disturbances grow, beyond what the rate `SLOW` gives, before a run is unstable: vibration and the
-ends of a motion, where friction falls with speed, let them grow for a while."""
+"""Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
+and so do the ends of a motion, since friction falls with speed."""
 _TOLD, _DOUBTFUL = 1.01, 1.1
-"""Factors from which a growth that the run survives is told, and from which it makes the run doubtful."""
+"""Growth of disturbances to be reported, and to make the run doubtful."""
 _ROWS, _FEWEST = 200, 60
-"""Rows at which a run is linearised: about as many at most, and at least. Half of what is left may be used ahead."""
+"""Most and fewest rows for a linearisation, approximately. Half of the rows left may be used ahead."""
 _SHARE, _SMALL, _GROWN = 0.25, 0.02, 0.05
-"""By how much loops should change from row to row at most: a share of the margin, what is below counting as this; and
-the logarithm of the factor by which a change of its rate makes a growth uncertain."""
+"""Largest change of loops from row to row: a share of the margin, at least of this margin; and the uncertainty of the
+logarithm of a growth by a change of its rate."""
 _SHRINK, _GROW = 0.25, 1.5
-"""By how much the next gap between rows is smaller or larger at most."""
+"""Limits of the next gap between rows over the last."""
 _MINIMA, _NEAR, _HALVINGS = 4, 2.0, 4
-"""Minima of the loops' margins over the run that are looked at closer, the most; as how many times the least; and how
-often the time around each is halved."""
+"""Most minima of the margins over the run to refine; largest over the least; halvings of the time around each."""
 _FINE = 1000
-"""Times for the growth: between rows a rate is taken as linear."""
+"""Times for the growth; rates are linear between rows."""
 
 
 class Growth(NamedTuple):
-    """Where disturbances grow most along a run."""
+    """The largest growth of disturbances along a run, from `begin` to `end` [s]."""
 
     exponent: float
-    """Logarithm of the factor by which they grow, beyond what the rate `above` gives."""
+    """Logarithm of their growth, beyond growth at the rate `above`."""
     begin: float
-    """Begin [s]."""
     end: float
-    """End [s]."""
     rate: float
-    """Largest rate in this time [1/s]."""
+    """Largest rate from `begin` to `end` [1/s]."""
     state: str
-    """State with the largest part in the mode of this rate."""
+    """State with the largest participation in the mode of this rate."""
     lasts: bool
     """Whether they grow until the end of the run."""
 
@@ -75,7 +72,7 @@ class Growth(NamedTuple):
 
     @property
     def told(self) -> bool:
-        """Whether they grow enough to be told."""
+        """Whether they grow enough to be reported."""
         return bool(self.exponent > math.log(_TOLD))
 
     @property
@@ -85,13 +82,13 @@ class Growth(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """Where loops come nearest to instability."""
+    """The place of loops nearest to instability."""
 
     modulus: float
     """Smallest modulus margin; 0 if a mode grows that is not slow."""
     time: float
     name: str
-    """The input at which that loop is opened; without a margin, the state with the largest part in what grows."""
+    """The input that opens this loop; without a margin, the state with the largest participation in the growth."""
 
 
 class Pose(NamedTuple):
@@ -109,29 +106,18 @@ class Pose(NamedTuple):
 class Along:
     """The loops of a run at times along it, opened at some inputs.
 
-    Parameters
-    ----------
-    system : LinearSystem
-        Any of those at these times.
-    opened : sequence of str
-    rows : iterable of (time, matrix)
-        See :func:`_matrix`.
-
-    Attributes
-    ----------
-    rows : list of Pose
-        The loops at rows of the run.
-    lacking : str
-        Why the loops have no margins; empty if they have.
+    `system` is at any of these times, `rows` have times [s] and matrices, see :func:`_matrix`.
     """
 
     def __init__(self, system: LinearSystem, opened: Sequence[str], rows: Iterable[tuple[float, Floats]] = ()) -> None:
-        self.system, self.opened, self.lacking = system, opened, ""
+        self.system, self.opened = system, opened
+        self.lacking = ""
+        """Reason for missing margins; empty if they are known."""
         self._parts: dict[bytes, tuple[LinearSystem, Any]] = {}
         self.rows = [self.pose(time, M) for time, M in rows]
 
     def part(self, M: Floats) -> LinearSystem:
-        """Return the loops of a system with such a matrix, and nothing else."""
+        """Return the loops alone of a system with this matrix."""
         acts = (M != 0.0).tobytes()
         if acts not in self._parts:  # most are alike
             system = _with_matrix(self.system, M)
@@ -153,23 +139,20 @@ class Along:
 
     @cached_property
     def poses(self) -> list[Pose]:
-        """The loops at the rows, and between them, where they come nearest to instability.
+        """The loops at the rows, and between rows nearest to instability.
 
-        Between two rows the matrices of the system are taken as linear. In most systems all values in between do
-        occur, such as the slopes of friction at all speeds.
+        Matrices of the system are linear between two rows. In most systems all values in between do occur, such as the
+        slopes of friction at all speeds.
         """
         poses = [*self.rows]
         for loop, time in _minima(poses):
             for _ in range(_HALVINGS):
                 k = next(k for k, pose in enumerate(poses) if pose.time == time)
                 around = poses[max(k - 1, 0) : k + 2]
-                more = [self._between(*pair) for pair in pairwise(around)]
+                more = [self.pose((a.time + b.time) / 2.0, (a.matrix + b.matrix) / 2.0) for a, b in pairwise(around)]
                 time = min((*around, *more), key=lambda pose: _modulus(pose)[loop]).time
                 poses = sorted([*poses, *more], key=lambda pose: pose.time)
         return poses
-
-    def _between(self, before: Pose, after: Pose) -> Pose:
-        return self.pose((before.time + after.time) / 2.0, (before.matrix + after.matrix) / 2.0)
 
     @property
     def modulus(self) -> Floats:
@@ -183,12 +166,12 @@ class Along:
 
     def margins(self) -> Margins:
         """Return the smallest margins of each loop."""
-        found = [pose.loop.margins() for pose in self.poses if pose.loop is not None]
-        modulus, gain, phase, delay = np.min([each[:4] for each in found], axis=0)
+        margins = [pose.loop.margins()[:4] for pose in self.poses if pose.loop is not None]
+        modulus, gain, phase, delay = np.min(margins, axis=0)
         return Margins(modulus, gain, phase, delay, self.rate)
 
     def growth(self, begin: float, end: float, above: float = SLOW) -> Growth:
-        """Return where disturbances grow most beyond a rate [1/s], of a run from `begin` to `end` [s]."""
+        """Return the largest growth of disturbances beyond a rate [1/s], of a run from `begin` to `end` [s]."""
         times, rates = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("time", "rate"))
         bounds = np.union1d(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
         rate = np.interp(bounds, times, np.maximum(rates, -1e9))
@@ -200,25 +183,20 @@ class Along:
             run += step
             if run > most:
                 most, place = run, (first, k + 1)
-        inside = [pose for pose in self.poses if bounds[place[0]] <= pose.time <= bounds[place[1]]]
+        first, last = bounds[[*place]].tolist()
+        inside = [pose for pose in self.poses if first <= pose.time <= last]
         fastest = max(inside or self.poses, key=lambda pose: pose.rate)
-        rate, state = self._fastest(fastest)
-        return Growth(
-            most, float(bounds[place[0]]), float(bounds[place[1]]), rate, state, place[1] == len(steps)
-        )  # fmt: skip
+        return Growth(most, first, last, *fastest_mode(self.part(fastest.matrix)), place[1] == len(steps))
 
     def nearest(self) -> Nearest | None:
-        """Return where the loops come nearest to instability; None if they have no margins, see `lacking`."""
+        """Return the place of the loops nearest to instability; None without margins, see `lacking`."""
         if self.poses[0].loop is None:
             return None
         pose = min(self.poses, key=lambda pose: (_modulus(pose).min(), -pose.rate))
         least = _modulus(pose)
         name = self.system.parts.inputs[self.system.places(self.opened)[int(least.argmin())]]
         modulus = float(least.min())
-        return Nearest(modulus, pose.time, name if modulus else self._fastest(pose)[1])
-
-    def _fastest(self, pose: Pose) -> tuple[float, str]:
-        return fastest_mode(self.part(pose.matrix))
+        return Nearest(modulus, pose.time, name if modulus else fastest_mode(self.part(pose.matrix))[1])
 
 
 def _modulus(pose: Pose) -> Floats:
@@ -233,8 +211,8 @@ def _minima(poses: Sequence[Pose]) -> list[tuple[int, float]]:
     modulus = np.array([_modulus(pose) for pose in poses])
     after, before = (np.pad(modulus, ((1, 1), (0, 0)), constant_values=np.inf)[k : k + len(poses)] for k in (2, 0))
     lowest = (modulus <= after) & (modulus <= before) & (modulus > 0.0) & (modulus <= _NEAR * modulus.min())
-    found = sorted((modulus[k, loop], loop, poses[k].time) for k, loop in np.argwhere(lowest).tolist())
-    return [(loop, time) for _, loop, time in found[:_MINIMA]]
+    minima = sorted((modulus[k, loop], loop, poses[k].time) for k, loop in np.argwhere(lowest).tolist())
+    return [(loop, time) for _, loop, time in minima[:_MINIMA]]
 
 
 def _matrix(system: LinearSystem) -> Floats:
@@ -245,9 +223,7 @@ def _matrix(system: LinearSystem) -> Floats:
 
 def _with_matrix(system: LinearSystem, M: Floats) -> LinearSystem:
     (n, m), p = system.parts.B.shape, len(system.parts.C)
-    parts = replace(
-        system.parts, A=M[:n, :n], B=M[:n, n : n + m], C=M[n : n + p, :n], D=M[n : n + p, n : n + m]
-    )  # fmt: skip
+    parts = replace(system.parts, A=M[:n, :n], B=M[:n, n : n + m], C=M[n : n + p, :n], D=M[n : n + p, n : n + m])
     samples = system.samples._replace(E=M[:n, n + m :], G=M[n : n + p, n + m :], F=M[n + p :])
     return replace(system, parts=parts, samples=samples)
 
@@ -259,20 +235,20 @@ def _ix(system: LinearSystem, places: Places) -> Any:
 
 
 class _ChosenRows:
-    """Rows of a run of n steps, chosen as it goes: closer together where its loops change."""
+    """Rows of a run of n steps, chosen during the run: closer together while its loops change."""
 
     def __init__(self, n: int, more: Collection[int]) -> None:
         self.n, self.row = n, 0
         self._more, self._next, self._gap, self._left = more, 0.0, 1.0, _ROWS
 
     def __contains__(self, row: int) -> bool:
-        found = row >= self._next or row == self.n or row in self._more
-        if found:
+        chosen = row >= self._next or row == self.n or row in self._more
+        if chosen:
             self.row = row
-        return found
+        return chosen
 
     def go_on(self, change: float) -> None:
-        """Choose the next row, after one with a change since the one before: 1 is as much as it should be."""
+        """Choose the next row, from the change between the last two; 1 is the largest wanted."""
         self._left = max(self._left - 1, 1)
         gap = self._gap * min(max(1.0 / max(change, 1e-3), _SHRINK), _GROW)
         self._gap = min(max(gap, (self.n - self.row) / (4.0 * self._left), 1.0), max(self.n / _FEWEST, 1.0))
@@ -284,7 +260,7 @@ class _ChosenRows:
 
 
 def _change(before: Pose, after: Pose) -> float:
-    """Return how much loops change between two poses: 1 is as much as they should."""
+    """Return the change of loops between two poses; 1 is the largest wanted."""
     growing = max(before.rate, after.rate) > 0.0
     change = abs(after.rate - before.rate) * (after.time - before.time) / _GROWN if growing else 0.0
     if before.loop is not None and after.loop is not None:
@@ -296,33 +272,11 @@ def _change(before: Pose, after: Pose) -> float:
 class Poses(Tap):
     """Linearises the loops of a run at some of its rows, if its components are in this process.
 
-    Parameters
-    ----------
-    group : str
-        Loops are opened at connected inputs of this name, at any component; if there are none, where `cut` says.
-    tied : sequence of Tied
-        See :func:`~vdfmu.engine.linear.loops.with_tied`.
-    without : mapping
-        Components to parameters, with values for a second look at the same states, such as no dry friction.
-    again : bool
-        Whether :meth:`changed` will be called.
-    opened : sequence of str
-        Inputs at which loops are opened instead.
-    more : sequence of int
-        Rows in addition to those by which a run is judged.
-    noted : bool
-        Whether a linearisation with notes will do.
-
-    Attributes
-    ----------
-    lacking : str
-        Why the loops are not known; empty if they are.
-    notes : tuple of str
-    others : Along or None
-        Those of the second look.
-    components : Components or None
-    seconds : float
-        Wall time of the looks [s].
+    Loops are opened at the inputs `opened`, by default at connected inputs named `group`, at any component, else at the
+    inputs of :func:`~vdfmu.engine.linear.system.cut`. `others` are a second linearisation at the same states, with the
+    parameters in `without` by component, such as no dry friction. Set `again` before calls of :meth:`changed`, and
+    `noted` to accept a linearisation with notes. `more` are additional rows. For `tied` see
+    :func:`~vdfmu.engine.linear.loops.with_tied`.
     """
 
     def __init__(
@@ -332,8 +286,10 @@ class Poses(Tap):
         self._opened, self._group, self._tied, self._without, self._more = opened, group, tied, without or {}, more
         self._whole, self._noted = again or bool(without), noted
         self.lacking, self.notes = "", tuple[str, ...]()
+        """Reason for unknown loops, empty if they are known; notes of the linearisation."""
         self.others: Along | None = None
         self.seconds = 0.0
+        """Wall time of the linearisations [s]."""
         self.components: Components | None = None
         self._linearisation: Linearisation | None = None
         self._systems: list[tuple[float, LinearSystem]] = []
@@ -342,7 +298,7 @@ class Poses(Tap):
         self._linked: Any = None
 
     def rows(self, grid: Grid) -> Container[int]:
-        """Begin a run; its rows are chosen as it goes."""
+        """Begin a run and choose its rows during it."""
         self._rows, self._step = _ChosenRows(grid.n, self._more), grid.step
         return self._rows
 
@@ -357,7 +313,7 @@ class Poses(Tap):
         except (VdfmuError, np.linalg.LinAlgError) as error:
             if isinstance(error, VdfmuError) or self._loops is None or not self._loops.rows:
                 self.lacking = str(error)
-            self._rows.stop()  # numbers that grow beyond all bounds: what is known until here is enough
+            self._rows.stop()  # numbers overflow; the poses so far are enough
         self.seconds += clock.perf_counter() - began
 
     def _look(self, components: Components, time: float) -> None:
@@ -384,7 +340,7 @@ class Poses(Tap):
         return self._loops
 
     def _begin(self, system: LinearSystem) -> Along:
-        """Return what may lie on loops; UsageError if they are not known."""
+        """Return the loops of the connected part; UsageError if they are not known."""
         opened, self.notes = [*self._opened] or opened_at(system, self._group) or cut(system), system.parts.notes
         if self.notes and not self._noted:
             raise UsageError("; ".join(self.notes))
@@ -393,7 +349,7 @@ class Poses(Tap):
         loops = system.around(opened)
         moving(loops)
         if loops.how.continuous and loops.samples.signals:
-            raise UsageError(f"{loops.algorithm} takes as continuous what has sampled states")
+            raise UsageError(f"{loops.algorithm} takes sampled states as continuous")
         u, y = (np.flatnonzero(system.links.any(axis=axis)) for axis in (1, 0))
         places = np.arange(len(system.parts.A)), u, y, np.arange(len(system.samples.signals))
         self._linked = _ix(system, places)
@@ -403,9 +359,9 @@ class Poses(Tap):
         return _matrix(with_tied(system, self._tied))[self._linked]
 
     def changed(self, values: Mapping[str, Mapping[str, Value]], at: Sequence[int] | None = None) -> Along:
-        """Return the loops with other values of parameters of some components, at the states of all rows or of some.
+        """Return the loops with other parameters of some components, at the states of all or some rows.
 
-        Components must be as after the run, and :func:`~vdfmu.engine.linear.linearise.can_change`.
+        Components must be as after the run, and changeable: :func:`~vdfmu.engine.linear.linearise.can_change`.
         """
         assert self.components is not None
         chosen = self._systems if at is None else [self._systems[k] for k in at]

@@ -1,8 +1,8 @@
-"""Linearises the components of a running system, also with other parameters at the states and inputs that a run had."""
+"""Linearises the components of a running system, also with other parameters at the states and inputs of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from ctypes import c_double
 from dataclasses import replace
@@ -16,14 +16,12 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.fmu.versions import class_of
 from vdfmu.engine.linear.system import LinearSystem, Samples, reached
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.interface import jacobian_of
-from vdfmu.engine.masters.multirate import periods
+from vdfmu.engine.masters.coupled import jacobian_of
 from vdfmu.engine.package.system import FlatSystem, Value
-from vdfmu.engine.plan.check import Checked
+from vdfmu.engine.plan.check import Checked, periods
 from vdfmu.engine.plan.conversion import Port
 from vdfmu.engine.run.simulator import Simulator
 
@@ -31,24 +29,12 @@ from vdfmu.engine.run.simulator import Simulator
 def linear_system(
     system: FlatSystem | str | Path, at: float | None = None, *, step: float | None = None, **options: Any
 ) -> LinearSystem:
-    """Run a system to a time and linearise its components there.
+    """Run a system to a time `at` [s], by default its start, and linearise its components there.
 
-    Directional derivatives give the matrices; for a model-exchange component without any, central differences do, with
-    one of the `notes`. Sampled states are linearised where an annotation names their period.
-
-    Parameters
-    ----------
-    system, step
-        See :func:`vdfmu.simulate`.
-    at : float, optional [s]
-        Default the start.
-    options
-        Options of :class:`vdfmu.Simulator`, such as `algorithm` and `parameters`.
-
-    Raises
-    ------
-    SspError, UsageError, CosimError, Interrupted
-        See :func:`vdfmu.simulate`; for components for co-simulation without directional derivatives.
+    Directional derivatives give the matrices; model-exchange components without any are differenced, with a note.
+    Sampled states are linearised if an annotation names their period. For `step`, errors and `options`, such as
+    `algorithm` and `parameters`, see :class:`vdfmu.Simulator`. UsageError for co-simulation components without
+    directional derivatives.
     """
     simulator = Simulator(system, isolate=False, **options)
     step = simulator.grid(None, None, step)[2]
@@ -58,14 +44,9 @@ def linear_system(
 
 
 class Linearisation:
-    """Linearises components in this process where they are; see :func:`linear_system`.
+    """Linearises components in this process at their current states; see :func:`linear_system`.
 
-    With `loops`, for the loops alone: the derivatives by inputs on none of them may be left 0.
-
-    Raises
-    ------
-    UsageError
-        For components without derivatives.
+    With `loops`, derivatives by inputs outside of loops may be left 0. UsageError for components without derivatives.
     """
 
     def __init__(self, components: Components, step: float, loops: bool = False) -> None:
@@ -73,24 +54,23 @@ class Linearisation:
         blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
         if blind:
             raise UsageError(
-                f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
-                "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
+                f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange. Export them "
+                "so; native FMUs of this project have directional derivatives."
             )
         looped = _on_loops(checked) if loops else None
         self._parts = [_Linearised(name, instance, looped) for name, instance in components.instances.items()]
         self._sizes = n, m, p, s = [sum(len(part.groups[kind]) for part in self._parts) for kind in range(4)]
-        self._known = np.zeros((n + p + s, n + m + s))  # the matrices without what the components give
+        self._fixed = np.zeros((n + p + s, n + m + s))  # the matrices without the components' Jacobians
         begins = np.zeros(4, np.intp)
         for part in self._parts:
             x, u, y, held = (begin + np.arange(len(each)) for begin, each in zip(begins, part.groups, strict=True))
             begins += [len(each) for each in part.groups]
-            own = len(y) - len(held)
-            part.places = np.concatenate([x, n + y[:own], n + p + held]), np.concatenate([x, n + u, n + m + held])
-            self._known[n + y[own:], n + m + held] = 1.0  # a sampled state is an output
-        self._names, self._units = (
-            [tuple(text for part in self._parts for text in each(part, part.groups[kind])) for kind in range(4)]
-            for each in (_Linearised.names, _Linearised.units)
-        )
+            k = len(y) - len(held)
+            part.places = np.concatenate([x, n + y[:k], n + p + held]), np.concatenate([x, n + u, n + m + held])
+            self._fixed[n + y[k:], n + m + held] = 1.0  # a sampled state is an output
+        variables = [[(part.name, v) for part in self._parts for v in part.groups[kind]] for kind in range(4)]
+        self._names = [tuple(f"{name}.{v.name}" for name, v in each) for each in variables]
+        self._units = [tuple(v.unit.name if v.unit else "1" for _, v in each) for each in variables]
         rows, columns = ({name: i for i, name in enumerate(self._names[kind])} for kind in (1, 2))
         links, fresh, constant = np.zeros((m, p)), np.zeros(m, bool), dict[str, None]()
         for link in checked.links:
@@ -106,12 +86,12 @@ class Linearisation:
             "links": links, "fresh": fresh, "step": step, "algorithm": checked.algorithm,
             "constant": tuple(constant), "every": every,
         }  # fmt: skip
-        self._notes = [f"its step is {n} times that of the others, and is taken as one: {name}"
+        self._notes = [f"its step is {n} communication steps, and is taken as one: {name}"
                        for name, n in checked.multiples.items() if n != 1]  # fmt: skip
 
     def at(self, time: float, values: bool = True) -> LinearSystem:
         """Linearise at a time [s]. Without `values`, states, inputs and outputs have the value 0."""
-        M, notes, (n, m, p, _) = self._known.copy(), list(self._notes), self._sizes
+        M, notes, (n, m, p, _) = self._fixed.copy(), list(self._notes), self._sizes
         for part in self._parts:
             M[np.ix_(*part.places)] = part.jacobian(time)
             notes += part.notes()
@@ -142,20 +122,20 @@ def _on_loops(checked: Checked) -> set[Port]:
 
 
 class _Linearised:
-    """A component: its states, inputs, outputs with the sampled ones, sampled states; and its matrices."""
+    """A component: its states, inputs, outputs with sampled states, sampled states; and its matrices."""
 
     places: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
     """Rows and columns of its Jacobian in the matrices of all."""
 
     def __init__(self, name: str, instance: Instance, looped: Container[Port] | None) -> None:
         description = instance.description
-        known = description.variables.values()
+        variables = description.variables.values()
         sampled = [v for v in description.sampled if v.type == "Real" and not description.exchange]
         inputs, outputs = (
-            [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
+            [v for v in variables if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
             for causality in ("input", "output")
         )
-        first = {(v.reference, v.index): v for v in reversed([*known])}
+        first = {(v.reference, v.index): v for v in reversed([*variables])}
         states = [first[x, i] for x, _, length in description.states for i in range(length)]
         self.name, self.instance, self.acts = name, instance, False
         if description.derives_unknowns:
@@ -170,7 +150,7 @@ class _Linearised:
         self.groups = states, inputs, [*outputs, *sampled], sampled
 
     def jacobian(self, time: float) -> Floats:
-        """Return its Jacobian: the first one by all inputs, for the notes, then by those on loops."""
+        """Return its Jacobian: at first by all inputs, for the notes, then by inputs on loops."""
         J = self._ways[-1](time)
         self.acts = self.acts or bool(J.any())
         del self._ways[1:]
@@ -183,14 +163,6 @@ class _Linearised:
         if not self.groups[0] and self.groups[1] and not self.acts:
             yield f"without declared states, and no output depends on an input directly: {self.name}"
 
-    def names(self, variables: Sequence[FmuVariable]) -> list[str]:
-        """Return the full names of some of its variables."""
-        return [f"{self.name}.{v.name}" for v in variables]
-
-    def units(self, variables: Sequence[FmuVariable]) -> list[str]:
-        """Return their units."""
-        return [v.unit.name if v.unit else "1" for v in variables]
-
 
 def can_change(components: Components, name: str) -> bool:
     """Whether :func:`changed` can be called for a component: it has derivatives, and no sampled states."""
@@ -200,10 +172,7 @@ def can_change(components: Components, name: str) -> bool:
 
 @contextmanager
 def changed(components: Components, name: str, values: Mapping[str, Value]) -> Generator[Instance]:
-    """Yield another instance of a component, with other values of some of its parameters.
-
-    It is for model exchange, where states can be set, if it has states.
-    """
+    """Yield another instance of a component with other parameters; for model exchange if it has states to be set."""
     checked = components.checked
     description = checked.descriptions[name]
     description = replace(description, exchange=bool(description.states), event_mode=False)
@@ -223,7 +192,7 @@ def changed(components: Components, name: str, values: Mapping[str, Value]) -> G
 
 
 def with_part(system: LinearSystem, instance: Instance, time: float) -> LinearSystem:
-    """Return a system in which a component is this instance, at the states and inputs that it was linearised at."""
+    """Return a system with this instance as a component, at the states and inputs of its linearisation."""
     name, parts, variables = instance.name, system.parts, instance.description.variables
     x, u, y = (
         np.flatnonzero([each.partition(".")[0] == name for each in names])

@@ -1,16 +1,16 @@
 """The loops of a system, opened one by one: the margins of each, and the modes that grow.
 
 Loop i is opened while all others stay closed. Closed, the states change by ``x' = A x + B d``, and K x comes back to
-the inputs that are opened. One eigendecomposition of A, its eigenvalues p_j, gives all loops, ``1 + L_i = 1 / S_i``:
+the opened inputs. One eigendecomposition of A, with eigenvalues p_j, gives all loops, ``1 + L_i = 1 / S_i``:
 
     S_i = 1 + K_i (z - A)^-1 B_i = 1 + sum_j r_ij / (z - p_j)
 
-Margins are those on the unit circle, or, of a system in continuous time, on the imaginary axis.
+on the unit circle, or, in continuous time, on the imaginary axis.
 
-A relative change k of the gain of loop i moves the eigenvalue p_j by k r_ij: r_ij says how fast the loop can make the
-mode grow, or stop it. A mode is slow for a loop if it grows by up to `SLOW`, the loop moves it by less than `SLOW`, and
-a change of its gain by 100 % decides whether it grows. The margins of this loop leave it out: near such a mode they
-would be 0 for any gains, as for a vibration of links that neither motors nor friction damp. What grows is told beside.
+A relative change k of the gain of loop i moves the eigenvalue p_j by k r_ij: r_ij is the influence of the loop on the
+growth of the mode. A mode is slow for a loop if it grows by up to `SLOW`, the loop moves it by less than `SLOW`, and a
+change of its gain by 100 % decides its growth. The margins of this loop leave it out: near such a mode they would be 0
+for any gains, as for a vibration of links without damping by motors or friction. Growth is reported separately.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from vdfmu.engine.linear.system import LinearSystem
 Complex = npt.NDArray[np.complex128]
 
 SLOW = 2.0
-"""Rate [1/s] up to which a mode may be slow: a disturbance then needs half a second to grow e-fold."""
+"""Largest rate [1/s] of a slow mode: a disturbance then needs half a second to grow e-fold."""
 _STILL = 1e-3
-"""Growth rate [1/s] that may be rounding: a double eigenvalue 1 is exact to 3e-8, which is 3e-4 1/s over 0.1 ms."""
+"""Growth rate [1/s] that may be rounding: a double eigenvalue 1 is exact to 3e-8, or 3e-4 1/s over 0.1 ms."""
 _GRID, _COARSE = 400, 60
 """Frequencies at which loops are calculated in addition to those around poles: for all margins, for the modulus."""
 _AROUND = np.array([-6.0, -2.5, -1.0, -0.4, 0.0, 0.4, 1.0, 2.5, 6.0])
 """Distances to the frequency of a pole, as shares of its decay rate."""
 _BETWEEN = np.linspace(-1.0, 1.0, 11)[1:-1]
-"""Places between the neighbours of the frequency with the least modulus, where it is calculated again."""
+"""Places for a second calculation, between the neighbours of the frequency with the least modulus."""
 _SLOWEST = 1e-4
 """Lowest frequency, as a share of half the sampling frequency."""
 _FAST = 0.05
 """Eigenvalues up to this size, most of them delays, are not separated: their part of S is a power series in 1 / z."""
 _TERMS, _LEAST = 12, 1e-15
-"""Terms of it, at most: the first one that is left out is 1e-15 of the first; and states that count as 0."""
+"""Most terms of it, with the first omitted term at 1e-15 of the first; and states that count as 0."""
 _NUDGE = 1e-11
 """Relative change of the closed loop's numbers, so that it has as many eigenvectors as states: of a mass that nothing
 holds, position and speed have one. Margins are exact to the same share, rates to 1e-8 1/s over 1 ms."""
 _APART = 1e7
-"""Condition of the eigenvectors up to which their inverse is exact to 1e-9."""
+"""Largest condition of the eigenvectors for an inverse exact to 1e-9."""
 _NONE = 1e-300
 """Smallest pole that has a logarithm."""
 
@@ -95,12 +95,12 @@ class Loop:
     plant: Linear
     """From the opened inputs to the states: from one communication point to the next, or in continuous time."""
     K: Floats
-    """What comes back to the inputs, (n, n_x)."""
+    """Gains from the states back to the inputs, (n, n_x)."""
     step: float
     """Time [s] of a step."""
     sampled: bool = True
     slow: float = SLOW
-    """Rate [1/s] up to which a mode may be slow."""
+    """Largest rate [1/s] of a slow mode."""
 
     @cached_property
     def _modes(self) -> _LoopModes:
@@ -126,7 +126,7 @@ class Loop:
 
     @property
     def rate(self) -> float:
-        """Rate [1/s] of the mode that grows most, or decays least, without what stays as it is; -inf without any."""
+        """Rate [1/s] of the mode that grows most, or decays least, except constant modes; -inf without any."""
         rates = self._modes.s.real
         return float(rates[np.abs(rates) > _STILL].max(initial=-np.inf))
 
@@ -141,7 +141,7 @@ class Loop:
         return 1.0 / (S + series)
 
     def _grid(self, points: int) -> Floats:
-        """Frequencies [rad/s] up to half the sampling frequency; those around poles, whose peaks they would miss."""
+        """Frequencies [rad/s] up to half the sampling frequency, denser around poles with their peaks."""
         least, most = _SLOWEST * np.pi / self.step, np.pi / self.step
         s = self._modes.s
         s = s[s.imag > least]
@@ -150,7 +150,7 @@ class Loop:
 
     @property
     def _lost(self) -> Any:
-        """Whether a loop has no margin, for a mode grows that is not slow, (n,)."""
+        """Whether a loop lacks margins, since a mode grows that is not slow, (n,)."""
         return (self._modes.grows & ~self._modes.slow).any(axis=1)
 
     @cached_property
@@ -176,31 +176,18 @@ class Loop:
         )  # fmt: skip
 
 
-def system_loop(system: LinearSystem, opened: Sequence[str]) -> Loop:
-    """Return the loops of any system, with the delays that its master gives them; see :func:`loop_of_part`."""
-    return loop_of_part(system.around(opened), opened)
-
-
 def loop_of_part(system: LinearSystem, opened: Sequence[str]) -> Loop:
-    """Return the loops of a system that has nothing else.
+    """Return the loops of a part, see `LinearSystem.around`, with the delays of its master.
 
-    Parameters
-    ----------
-    system : LinearSystem
-    opened : sequence of str
-        Connected inputs at which the loops are opened, ``plant.tau``: each while all others are closed.
-
-    Raises
-    ------
-    UsageError
-        For unknown inputs; for a system in continuous time, if something comes back at once.
+    Each is opened at one of the connected inputs `opened`, such as ``plant.tau``, while all others are closed.
+    UsageError for unknown inputs, and for loops in continuous time with feedthrough all around.
     """
     loops, cut = moving(system, opened), system.places(opened)
     returned, at_once = (each[len(loops.C) - len(cut) :] for each in (loops.C, loops.D))
     if loops.step is None and at_once[:, cut].any():  # sampled, nothing comes back in the same step
         raise UsageError(f"{', '.join(opened)}: expected loops with a state, got feed-through all around.")
     plant = Linear(loops.A, loops.B[:, cut])
-    while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # places that wait for nothing
+    while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # states without effect
         plant, returned = Linear(plant.A[np.ix_(seen, seen)], plant.B[seen]), returned[:, seen]
     return Loop(plant, returned, loops.step or system.step, loops.step is not None)
 
@@ -212,28 +199,28 @@ def opened_at(system: LinearSystem, group: str) -> list[str]:
 
 
 def fastest_mode(system: LinearSystem) -> tuple[float, str]:
-    """Return the largest rate [1/s] of a mode, and the state with the largest part in it.
+    """Return the largest rate [1/s] of a mode, and the state with the largest participation in it.
 
-    The part is the product of the mode's two eigenvectors, which has no unit of measurement.
+    Participation is the product of the mode's two eigenvectors, a number without unit.
     """
-    found = moving(system)
-    poles, right = np.linalg.eig(found.A)
-    same, left = np.linalg.eig(found.A.T)
-    rates: Any = np.real(poles) if found.step is None else np.log(np.maximum(np.abs(poles), _NONE)) / found.step
+    loops = moving(system)
+    poles, right = np.linalg.eig(loops.A)
+    same, left = np.linalg.eig(loops.A.T)
+    rates: Any = np.real(poles) if loops.step is None else np.log(np.maximum(np.abs(poles), _NONE)) / loops.step
     mode = int(rates.argmax())
     part = np.abs(left[:, np.abs(same - poles[mode]).argmin()] * right[:, mode])
-    return float(rates[mode]), found.states[int(part.argmax())]
+    return float(rates[mode]), loops.states[int(part.argmax())]
 
 
 def moving(system: LinearSystem, opened: Sequence[str] = ()) -> StateSpace:
-    """Return the loops as their master has them, those at some inputs opened."""
+    """Return the loops with the delays of their master, some opened."""
     return system.continuous(opened) if system.how.continuous else system.sampled(opened)
 
 
 class Tied(NamedTuple):
-    """Groups of a component: states that are functions of outputs, and the states that are the rates of these outputs.
+    """Groups of a component: states as functions of outputs, and states as rates of these outputs.
 
-    Such as the torque of a spring, the position of its rotor and the speed of the rotor.
+    An example is the torque of a spring, the position of its rotor and the rotor's speed.
     """
 
     state: str
@@ -242,18 +229,17 @@ class Tied(NamedTuple):
 
 
 def with_tied(system: LinearSystem, tied: Sequence[Tied]) -> LinearSystem:
-    """Return the system with the rates of tied states that follow from the rates of their outputs.
+    """Return the system with rates of tied states from the rates of their outputs.
 
-    The torque of a spring that stiffens, ``tau_dot = K(tau) (v - w)``, depends on itself by its scale alone: while it
-    is loaded at some speed its pole is above 0, whatever the system does. The position, of which it is a function, has
-    the rate v.
+    The torque of a spring that stiffens, ``tau_dot = K(tau) (v - w)``, depends on itself by its scale alone: its pole
+    is above 0 while its load grows, for any system. It is a function of the position, and this has the rate v.
     """
     A, C = system.parts.A.copy(), system.parts.C
-    for own, outputs in _tied_places(system.parts.states, system.parts.outputs, tuple(tied)):
-        slopes = C[np.ix_(outputs, own)]
+    for states, outputs in _tied_places(system.parts.states, system.parts.outputs, tuple(tied)):
+        slopes = C[np.ix_(outputs, states)]
         if np.diag(slopes).all():
-            rest: list[int] = np.delete(np.arange(len(A)), own).tolist()
-            A[np.ix_(own, own)] = -np.linalg.solve(slopes, C[np.ix_(outputs, rest)] @ A[np.ix_(rest, own)])
+            rest: list[int] = np.delete(np.arange(len(A)), states).tolist()
+            A[np.ix_(states, states)] = -np.linalg.solve(slopes, C[np.ix_(outputs, rest)] @ A[np.ix_(rest, states)])
     return replace(system, parts=replace(system.parts, A=A))
 
 
@@ -261,17 +247,17 @@ def with_tied(system: LinearSystem, tied: Sequence[Tied]) -> LinearSystem:
 def _tied_places(
     states: tuple[str, ...], outputs: tuple[str, ...], tied: tuple[Tied, ...]
 ) -> list[tuple[list[int], list[int]]]:
-    """Return the places of the states and outputs of each component that has them all."""
-    found: list[tuple[list[int], list[int]]] = []
+    """Return the places of the tied states and outputs of each component that has them all."""
+    places: list[tuple[list[int], list[int]]] = []
     for component in dict.fromkeys(name.partition(".")[0] for name in states):
         for groups in tied:
-            own, positions, rates = (
+            torques, positions, rates = (
                 [i for i, name in enumerate(names) if name.split("[")[0] == f"{component}.{group}"]
                 for names, group in zip((states, outputs, states), groups, strict=True)
             )
-            if own and len(own) == len(positions) == len(rates):
-                found.append((own, positions))
-    return found
+            if torques and len(torques) == len(positions) == len(rates):
+                places.append((torques, positions))
+    return places
 
 
 def _separated(A: Floats, above: float) -> tuple[Any, Any, Any]:
@@ -295,7 +281,7 @@ def _margins(L: Any, w: Floats, sampled: bool) -> Floats:
 
     Between frequencies the logarithm of a loop is taken as linear.
     """
-    found = np.full((3, L.shape[1]), np.inf)
+    margins = np.full((3, L.shape[1]), np.inf)
     for i, loop in enumerate(L.T):
         if not loop.any():  # nothing comes back
             continue
@@ -307,10 +293,10 @@ def _margins(L: Any, w: Floats, sampled: bool) -> Floats:
         turn = np.flatnonzero((left[1:] * left[:-1] <= 0.0) & (np.abs(left[:-1]) < np.pi / 2.0) & (change != 0.0))
         share = np.clip(-left[turn] / change[turn], 0.0, 1.0)
         gains = -(size[turn] + share * (size[turn + 1] - size[turn]))
-        found[0, i] = np.exp(gains[gains > 0.0].min(initial=np.inf))
+        margins[0, i] = np.exp(gains[gains > 0.0].min(initial=np.inf))
         cross = np.flatnonzero(size[1:] * size[:-1] <= 0.0)
         share = size[cross] / (size[cross] - size[cross + 1])
         lag = np.mod(left[cross] + share * change[cross], 2.0 * np.pi)
-        found[1, i] = lag.min(initial=np.inf)
-        found[2, i] = (lag / (w[cross] + share * (w[cross + 1] - w[cross]))).min(initial=np.inf)
-    return found
+        margins[1, i] = lag.min(initial=np.inf)
+        margins[2, i] = (lag / (w[cross] + share * (w[cross + 1] - w[cross]))).min(initial=np.inf)
+    return margins

@@ -1,11 +1,11 @@
 """A system of FMUs linearised at a time of its run: its components side by side, and their connections.
 
 Each component is ``x_dot = A x + B u``, ``y = C x + D u`` by its directional derivatives; all together have block
-diagonal matrices. A connected input gets what the connections bring, ``L y``, and a disturbance d: ``u = L y + d``.
+diagonal matrices. A connected input gets outputs by connections, ``L y``, and a disturbance d: ``u = L y + d``.
 
 In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master has it, inputs are held over a step h, over
 which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
-An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through. If an ordered algorithm passes fresh
+An input gets ``u[k] = L y[k] + d[k]``, which delays feedthrough by a sample. If an ordered algorithm passes fresh
 values on, it gets ``u[k] = L y[k+1] + d[k]``. The step h is one of the algorithm's substeps.
 
 Sampled states s change at the begin of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it: they are
@@ -52,36 +52,22 @@ class Samples(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """Linear components of a system, and what connects them.
-
-    Attributes
-    ----------
-    parts : StateSpace
-        The components side by side; names are ``component.variable``.
-    links : (n_u, n_y) array
-        L.
-    fresh : (n_u,) bool array
-        Inputs that get the value of the same step.
-    step : float [s]
-        The communication step, or one of the algorithm's substeps.
-    algorithm : str
-        Algorithm of the master.
-    samples : Samples
-        The sampled states.
-    constant : tuple of str
-        Connected signals that change at communication points only, in a way that is not known.
-    every : mapping of str to int
-        Communication steps between samples, by component; without an entry it is 1.
-    """
+    """Linear components of a system and their connections."""
 
     parts: StateSpace
+    """The components side by side; names are ``component.variable``."""
     links: Floats
+    """L, (n_u, n_y)."""
     fresh: npt.NDArray[np.bool_]
+    """Inputs that get the value of the same step, (n_u,)."""
     step: float
+    """The communication step, or one of the algorithm's substeps [s]."""
     algorithm: str
     samples: Samples
     constant: tuple[str, ...] = ()
+    """Connected signals that change at communication points only, by unknown derivatives."""
     every: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Communication steps between samples, by component; without an entry 1."""
 
     @property
     def period(self) -> float:
@@ -100,23 +86,18 @@ class LinearSystem:
         return ALGORITHMS[self.algorithm]
 
     def places(self, inputs: Sequence[str]) -> list[int]:
-        """Return the places of inputs, ``component.variable`` with or without an index; UsageError for others."""
-        known = {self.parts.inputs[i]: i for i in np.flatnonzero(self.links.any(axis=1)).tolist()}
-        found = [[i for name, i in known.items() if wanted in (name, name.split("[")[0])] for wanted in inputs]
-        if missing := [name for name, each in zip(inputs, found, strict=True) if not each]:
-            groups = ", ".join(dict.fromkeys(name.split("[")[0] for name in known)) or "none"
+        """Return the places of connected inputs, ``component.variable``, with or without an index; UsageError else."""
+        connected = {self.parts.inputs[i]: i for i in np.flatnonzero(self.links.any(axis=1)).tolist()}
+        places = [[i for name, i in connected.items() if wanted in (name, name.split("[")[0])] for wanted in inputs]
+        if missing := [name for name, each in zip(inputs, places, strict=True) if not each]:
+            groups = ", ".join(dict.fromkeys(name.split("[")[0] for name in connected)) or "none"
             raise UsageError(f"{', '.join(missing)}: expected connected continuous inputs. There are: {groups}.")
-        return list(dict.fromkeys(i for each in found for i in each))
+        return list(dict.fromkeys(i for each in places for i in each))
 
     def around(self, opened: Sequence[str]) -> LinearSystem:
-        """Return the part of the system that lies on paths from the opened inputs back to them.
+        """Return the part on paths from the opened inputs back to them; it alone decides the stability of these loops.
 
-        Nothing else affects the stability of these loops.
-
-        Raises
-        ------
-        UsageError
-            For unknown inputs.
+        UsageError for unknown inputs.
         """
         return self.part(self.on(opened))
 
@@ -149,13 +130,10 @@ class LinearSystem:
         p, samples, (x, u, y, s) = self.parts, self.samples, places
         n, m = p.B.shape
         whole = np.block([[p.A[np.ix_(x, x)], p.B[np.ix_(x, u)]], [p.C[np.ix_(y, x)], p.D[np.ix_(y, u)]]])
-        signals = (
-            [(names[i], units[i], float(values[i])) for i in places]
-            for names, units, values, places in (
-                (p.states, p.state_units, p.x, x), (p.inputs, p.input_units, p.u, u),
-                (p.outputs, p.output_units, p.y, y),
-            )
+        kinds = (
+            (p.states, p.state_units, p.x, x), (p.inputs, p.input_units, p.u, u), (p.outputs, p.output_units, p.y, y)
         )  # fmt: skip
+        signals = ([(names[i], units[i], float(values[i])) for i in at] for names, units, values, at in kinds)
         kept = Samples(
             [samples.signals[i] for i in s.tolist()], samples.E[np.ix_(x, s)], samples.G[np.ix_(y, s)],
             samples.F[np.ix_(s, np.concatenate([x, n + u, n + m + s]))],
@@ -166,17 +144,10 @@ class LinearSystem:
         )  # fmt: skip
 
     def continuous(self, opened: Sequence[str] = ()) -> StateSpace:
-        """Return the system in continuous time.
+        """Return the system in continuous time; the connections of `opened` inputs are cut.
 
-        Parameters
-        ----------
-        opened : sequence of str
-            Inputs whose connections are cut: they get d alone, and what would come to them is an output, the last.
-
-        Raises
-        ------
-        UsageError
-            For unknown inputs, or an algebraic loop without a solution.
+        Opened inputs get d alone, and the signals at their connections are the last outputs. UsageError for unknown
+        inputs, or for an algebraic loop without a solution.
         """
         A, B, C, D = (getattr(self.parts, name) for name in "ABCD")
         cut = self.places(opened)
@@ -186,38 +157,30 @@ class LinearSystem:
         try:
             U: Any = np.linalg.solve(inner, np.hstack([fed @ C, np.eye(len(fed))]))  # u = U (x, d)
         except np.linalg.LinAlgError:
-            raise UsageError(
-                "linearize: the feed-through of the connections has a loop of gain 1; the system is not solvable."
-            ) from None
+            raise UsageError("linearize: the feedthrough has a loop of gain 1; the system is not solvable.") from None
         x = np.hstack([A, np.zeros_like(B)]) + B @ U
         y = np.hstack([C, np.zeros_like(D)]) + D @ U
-        found = self._named(x, np.vstack([y, (self.links @ y)[cut]]), cut, None)
-        still = [*self.constant, *(name for name, _, _ in self.samples.signals)]
-        notes = [f"taken as constant, for it changes at communication points only: {name}" for name in still]
-        return replace(found, notes=(*found.notes, *notes))
+        system = self._named(x, np.vstack([y, (self.links @ y)[cut]]), cut, None)
+        held = [*self.constant, *(name for name, _, _ in self.samples.signals)]
+        notes = [f"taken as constant, for it changes at communication points only: {name}" for name in held]
+        return replace(system, notes=(*system.notes, *notes))
 
     def sampled(self, opened: Sequence[str] = ()) -> StateSpace:
         """Return the system from one communication point to the next, or over the common period of its samples.
 
-        States are the components' states, sampled ones last, then the values L y that wait at the components' inputs.
-        Outputs are ``C x + D u``. For parameters see :meth:`continuous`.
+        States are the components' states, sampled states last, then the values L y that wait at the components' inputs.
+        Outputs are ``C x + D u``. For `opened` see :meth:`continuous`.
 
-        Raises
-        ------
-        UsageError
-            For unknown inputs, for signals with unknown changes from one communication point to the next, and for
-            opened inputs whose signal changes more than once in the common period.
+        UsageError for unknown inputs, for unknown changes of signals at communication points, and for opened inputs
+        whose signal changes more than once in the common period.
         """
         if not (self.how.continuous or self.how.substeps):
-            raise UsageError(
-                f"the algorithm {self.algorithm} declares neither substeps nor continuous, so its loop is not known. "
-                "Declare one of them in its Algorithm."
-            )
+            text = f"the algorithm {self.algorithm} declares neither substeps nor continuous, so its loop is not known."
+            raise UsageError(f"{text} Declare one of them in its Algorithm.")
         if self.constant:
             raise UsageError(
-                f"{', '.join(self.constant)}: expected signals with derivatives; these change at communication points "
-                "in a way that the FMU does not tell, so the sampled loop is not known. FMUs of this project tell it "
-                "of their sampled states."
+                f"{', '.join(self.constant)}: expected signals with derivatives, got changes at communication points "
+                "without. The sampled loop is not known. FMUs of this project declare their sampled states."
             )
         if (self._intervals != 1).any():
             return _over_period(self, opened)
@@ -265,23 +228,21 @@ class LinearSystem:
 def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:
     """Return a system over the common period of its samples; see :meth:`LinearSystem.sampled`.
 
-    At each step the components whose samples are not due hold theirs. The matrices of the period are the products of
-    those of its steps. d is constant over it. Inputs that are opened need a begin of the period from which on their
-    signal is constant too: closed by it, the loop is then the one that runs.
+    Sampled states hold until they are due. The matrices of the period are the products of its steps' matrices, and d is
+    constant over it. Opened inputs need a begin of the period with a constant signal until its end: closed by it, the
+    loop equals the loop that runs.
     """
     n = round(system.period / system.step)
     if n > _MOST_STEPS:
-        raise UsageError(
-            f"{', '.join(system.every)}: expected a common period of all samples of at most {_MOST_STEPS} steps, got "
-            f"{n}. Choose periods with a common divisor."
-        )
+        text = f"{', '.join(system.every)}: expected a common period of all samples of at most {_MOST_STEPS} steps"
+        raise UsageError(f"{text}, got {n}. Choose periods with a common divisor.")
     steps = _steps_of(system, opened)
     if not opened:
         return replace(steps[0], **_product(steps), step=system.period)
     closed, m = _steps_of(system, ()), len(system.places(opened))
     for begin in range(min(n, _BEGINS)):
         turned, run = ([*each[begin:], *each[:begin]] for each in (steps, closed))
-        product, first, before = _product(turned), turned[0], run[-1].A  # whose range is all that the loop can reach
+        product, first, before = _product(turned), turned[0], run[-1].A  # its range is all that the loop can reach
         cut, returned = system.places(opened), first.C[len(first.C) - m :]
         size = np.abs(_product(run, np.abs)["A"]) + np.abs(product["B"][:, cut]) @ np.abs(returned)
         apart = (product["A"] + product["B"][:, cut] @ returned - _product(run)["A"]) @ before
@@ -289,20 +250,20 @@ def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:
             return replace(first, **product, step=system.period)
     raise UsageError(
         f"{', '.join(opened)}: expected a signal that changes once in {system.period:g} s, the common period of all "
-        "samples. A loop with more changes has no margins."
+        "samples. Margins need a single change."
     )
 
 
 def _steps_of(system: LinearSystem, opened: Sequence[str]) -> list[StateSpace]:
-    """Return the system over each step of the common period of its samples, which all are due at the first."""
+    """Return the system over each step of the common period of its samples; all are due at the first."""
     every, samples, made = system._intervals, system.samples, dict[bytes, StateSpace]()  # pyright: ignore[reportPrivateUsage]
     held_rows = np.eye(len(every), samples.F.shape[1], samples.F.shape[1] - len(every))
     steps: list[StateSpace] = []
     for k in range(math.lcm(*every.tolist())):
         due = k % every == 0
         if due.tobytes() not in made:
-            own = samples._replace(F=np.where(due[:, None], samples.F, held_rows))
-            made[due.tobytes()] = replace(system, samples=own, every={}).sampled(opened)
+            now = samples._replace(F=np.where(due[:, None], samples.F, held_rows))
+            made[due.tobytes()] = replace(system, samples=now, every={}).sampled(opened)
         steps.append(made[due.tobytes()])
     return steps
 
@@ -342,10 +303,10 @@ def cut(system: LinearSystem) -> list[str]:
 
 def reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
     """Whether each place is affected, in any number of steps, by some of them."""
-    found = np.zeros(len(acts), bool)
+    affected = np.zeros(len(acts), bool)
     new = np.zeros(len(acts), bool)
     new[begins] = True
     while new.any():
-        new = acts[:, new].any(axis=1) & ~found
-        found |= new
-    return found
+        new = acts[:, new].any(axis=1) & ~affected
+        affected |= new
+    return affected

@@ -18,53 +18,36 @@ _KEPT = 1e-3
 """Bound below which Broyden's formula divides mostly by rounding errors."""
 
 _Map = Callable[[Floats], Floats]
+_First = Callable[[], Floats | None]
 
 
 def not_solved(size: float, count: int, tolerance: float) -> str:
-    """Return how far a size of the last residual is from the tolerance, for messages."""
+    """Describe the last residual against the tolerance, for messages."""
     still = f"still changes by {size:.3g} of its size" if np.isfinite(size) else "is not a number"
     return f"{still} after {count} repetitions (wanted: {tolerance:g})"
 
 
 @dataclass
 class Broyden:
-    """Solves one fixed point problem after the other and keeps what it has learnt."""
+    """Solves fixed point problems in a row, each from the inverse Jacobian of the last."""
 
     inverse: Floats | None = None
-    """(n, n): Inverse of the derivative of the residual by the guess, as far as the method knows it. None: minus the
-    identity, which is right without coupling."""
+    """(n, n): Estimated inverse of the derivative of the residual by the guess. None: minus the identity, exact without
+    coupling."""
 
     def solve(
-        self,
-        guess: Floats,
-        repeat: _Map,
-        size: _Map,
-        tolerance: float,
-        first: Callable[[], Floats | None] | None = None,
+        self, guess: Floats, repeat: _Map, size: _Map, tolerance: float, first: _First = lambda: None
     ) -> tuple[Floats, int]:
-        """Repeat with better guesses until every residual is within the tolerance, or there is no hope.
+        """Improve the guess (n,) until every residual is within the tolerance; stop after `_EACH` tries or divergence.
 
-        Parameters
-        ----------
-        guess : (n,) array
-        repeat : callable
-            Returns what comes out of a guess, (n,).
-        size : callable
-            Sizes of the residual, what came out minus the guess, (n,), as the tolerance measures them.
-        tolerance : float
-        first : callable, optional
-            Returns an `inverse` for when there is none, or None.
+        `repeat` returns the result of a guess, (n,). The residual is result minus guess, and `size` returns its sizes,
+        (n,), as the tolerance measures them. `first` returns the initial `inverse`, or None.
 
-        Returns
-        -------
-        (n,) array
-            Sizes of the last residual: all within the tolerance if it was solved.
-        int
-            Number of repetitions.
+        Returns the sizes of the last residual, (n,), all within the tolerance if solved, and the number of repetitions.
         """
-        if self.inverse is None and first is not None:
+        if self.inverse is None:
             self.inverse = first()
-        with np.errstate(invalid="ignore", over="ignore"):  # the caller is told by the sizes
+        with np.errstate(invalid="ignore", over="ignore"):  # the sizes show it
             kept = self.inverse is not None
             sizes, count = self._try(guess, repeat, size, tolerance)
             if kept and self.inverse is None:  # the kept inverse may belong to another regime
@@ -73,7 +56,7 @@ class Broyden:
         return sizes, count
 
     def _try(self, guess: Floats, repeat: _Map, size: _Map, tolerance: float) -> tuple[Floats, int]:
-        """Repeat from what was learnt; forget that without a solution."""
+        """Repeat from the known inverse; discard it without a solution."""
         most = max(_LEAST, _EACH * guess.size)
         change = last = np.zeros(guess.size)
         first, count = 0.0, 0

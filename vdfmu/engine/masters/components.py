@@ -1,44 +1,84 @@
-"""The components of one run in this process: loading, initialization, coupling, freeing."""
+"""The components of one run in this process: loading, initialization, coupling by an algorithm, freeing."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from ctypes import c_double, c_void_p
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import CosimError
+from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.engine.algorithms import choice
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.fmu.versions import class_of
-from vdfmu.engine.masters.events import Events
+from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.masters.continuous import ContinuousStepper
+from vdfmu.engine.masters.events import Events, EventStepper
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.observer import reader
-from vdfmu.engine.masters.sampled import Stepper
-from vdfmu.engine.masters.steppers import CONVERGENCE, Coupling
+from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
 from vdfmu.engine.plan.check import Checked
+
+CONVERGENCE = 1e-8
+"""Default relative change at which repetitions end."""
+
+
+class Coupling(NamedTuple):
+    """Parts of a stepper; `convergence` and `error` of :class:`ContinuousStepper` may be None."""
+
+    exchange: Exchange
+    box: MessageBox
+    events: Events | None
+    """Events of components of FMI 3.0 in event mode."""
+    convergence: float | None
+    error: float | None
+    span: float
+    """Length of the run [s]."""
+
+
+def held(coupling: Coupling) -> SampledStepper:
+    """Return the stepper for inputs that hold over a step."""
+    checked = coupling.exchange.checked
+    if checked.schedule.groups and (checked.multiples or coupling.events is not None):
+        raise UsageError(
+            f"{', '.join(checked.schedule.groups[0])}: depend on each other within a step and are integrated together. "
+            "Other components of the system must not have their own steps or events of co-simulation. Leave these out, "
+            f"or use {choice(repeats=True)}"
+        )
+    if checked.multiples:
+        return MultirateStepper(coupling.exchange, coupling.span)
+    if coupling.events is not None:
+        return EventStepper(coupling.exchange, coupling.events)
+    return SampledStepper(coupling.exchange)
+
+
+def continuous(coupling: Coupling, solver: Callable[[], Broyden] | None) -> ContinuousStepper:
+    """Return the stepper for inputs that ramp over a step; for `solver` see :class:`ContinuousStepper`."""
+    exchange, _, _, convergence, error, span = coupling
+    convergence = convergence or (CONVERGENCE if error is None else 0.01 * error)
+    return ContinuousStepper(exchange, solver=solver, convergence=convergence, error=error, span=span)
+
+
+extrapolated = partial(continuous, solver=None)
+"""Inputs ramp to predicted outputs."""
+iterative = partial(continuous, solver=Broyden)
+"""Steps are repeated until predicted and computed outputs agree."""
 
 
 class Components:
     """The components of one run.
 
-    Parameters
-    ----------
-    checked : Checked
-    folders : mapping of str to Path
-        Where the FMUs are unpacked, by source.
-    box : MessageBox
-    words : array, optional
-        Memory of the exchange; see `Exchange`.
-    watch : callable, optional
-        Wraps everything that runs code of an FMU; see `Instance`.
+    `folders` are the unpacked FMUs by source. For `words` see `Exchange`. `watch` wraps all calls into an FMU, see
+    `Instance`.
     """
 
     exchanges = Exchange
-    """The class of the exchange."""
 
     def __init__(
         self,
@@ -67,11 +107,11 @@ class Components:
             instance = self.instances[name] = kind(name, description, folder, self.box, corrupt, self._watch)
             instance.event_mode = description.event_mode and not continuous and not own_steps
             instance.updates = description.updates_inputs and continuous
-            with InterruptGuard():  # which units written in Python would turn into an error
+            with InterruptGuard():  # units written in Python turn Ctrl-C into an error
                 self._instantiate(instance)
 
     def _instantiate(self, instance: Instance) -> None:
-        """Create an instance; without event mode where it declares that and refuses it."""
+        """Create an instance; without event mode if it declares event mode and refuses it."""
         try:
             instance.instantiate()
         except CosimError as error:
@@ -104,18 +144,16 @@ class Components:
         self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None
     ) -> Stepper:
         """Return their stepper, by the algorithm of `checked`; for parameters see `simulate`."""
-        make = self.checked.how.load()
-        stepper = make(Coupling(self.exchange, self.box, self._events, convergence, adaptive, span))
-        self._stepper = stepper
+        coupling = Coupling(self.exchange, self.box, self._events, convergence, adaptive, span)
+        stepper = self._stepper = self.checked.how.load()(coupling)
         return stepper
 
     def bring_inputs(self, time: float) -> None:
         """Set all inputs to the values of the outputs that feed them."""
         self.exchange.feed(time)
+        for gather in self.exchange.gathers():
+            gather()
         for bank in self.exchange.banks:
-            gather = bank.gather(slice(0, bank.inputs.size))
-            if gather is not None:
-                gather()
             for instance in self.instances.values():
                 instance.run(bank.calls(instance, "Set"))
 
@@ -126,27 +164,24 @@ class Components:
     def look(
         self, steps: Mapping[str, float], times: Sequence[float], end: float
     ) -> list[dict[str, list[list[float]]]]:
-        """Return the numbers of components in the states that were kept at `times` [s], and after one more step.
+        """Return the numbers of components in the states kept at `times` [s], and after one more step.
 
-        Parameters
-        ----------
-        steps : mapping of str to float
-            Length of the step [s] by component; none is done for 0, and none beyond `end` [s].
+        `steps` has the length of this step [s] by component. A step of length 0 or beyond `end` [s] is left out.
         """
-        found: list[dict[str, list[list[float]]]] = []
+        looks: list[dict[str, list[list[float]]]] = []
         read = {name: reader(self.instances[name]) for name in steps}
         for time, kept in zip(times, self._kept, strict=True):
-            found.append({})
+            looks.append({})
             for instance, state in kept:
                 instance.restore_state(state)
                 instance.free_state(state)
-                listed = found[-1][instance.name] = [read[instance.name]()]
+                numbers = looks[-1][instance.name] = [read[instance.name]()]
                 size, instance.line = steps[instance.name], lambda time: None  # inputs hold
                 if size and instance.integrator is None and time + size <= end:
                     instance.run([instance.step_call(c_double(time), c_double(size))])
-                    listed.append(read[instance.name]())
+                    numbers.append(read[instance.name]())
         self._kept.clear()
-        return found
+        return looks
 
     def reset(self) -> None:
         """Return all to their state after loading."""
@@ -169,9 +204,8 @@ class Components:
                 self._stepper.free()
         except CosimError as error:
             failures.append(error)
-        failures += [error for error in [instance.close() for instance in self.instances.values()] if error is not None]
-        for error in failures[1:]:
-            self.box.pending.append(failure_message(error))
+        failures += filter(None, [instance.close() for instance in self.instances.values()])
+        self.box.pending += map(failure_message, failures[1:])
         self.box.flush()
         return failures[0] if failures else None
 

@@ -1,4 +1,4 @@
-"""Steps for continuous coupling: inputs run linearly over a step, steps are repeated until the units agree.
+"""Steps for continuous coupling: inputs ramp linearly over a step, steps are repeated until the units agree.
 
 With or without repetitions and error control; `docs/internals.md` derives them.
 """
@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.broyden import Broyden, not_solved
-from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
+from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit, interface_inverse
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.masters.interface import interface_inverse
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.plan.grid import largest_step
 
@@ -31,7 +29,7 @@ _SHORTEST = 1e-11
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
 """Next step relative to the last: factor to the wanted one, and its bounds, as usual for one-step methods."""
 _BETWEEN_JUMPS = 5
-"""Accepted steps between two jumps of a signal; where there are fewer, steps fail for another reason."""
+"""Accepted steps between two jumps of a signal; with fewer, steps fail for another reason."""
 _BLIND = 0.1
 """Ratio of allowed error to the largest value of a signal above which there is effectively no control."""
 
@@ -39,46 +37,26 @@ _BLIND = 0.1
 class ContinuousStepper(Stepper):
     """Steps the units from one communication point to the next.
 
-    All outputs at the end of the step are predicted from their last two values. The units step in the order of the
-    schedule; each input runs linearly from its value at the start of the step to that at its end, which is the
-    computed output where its source has stepped, else the predicted one; a signal from outside is known.
-    A `solver` repeats that from the saved states, with better guesses, until the outputs come out as they went in.
-    Discrete signals (integers, booleans, discrete reals) do not run: they change at the end of a step, and over the
-    step have the value at its start. Where an output depends on one directly (see `Schedule.fresh`), the unit
-    gets its value at the end of the step.
+    All outputs at the end of the step are predicted from their last two values. Units step in the order of the
+    schedule. Each input ramps linearly from its value at the start of the step to its value at the end: the computed
+    output if its source has stepped, else the predicted one. Signals from outside are known. A `solver` repeats that
+    from saved states, with better guesses, until computed and guessed outputs agree.
+    Discrete signals (integers, booleans, discrete reals) hold over a step and change at its end. If an output depends
+    on one directly (see `Schedule.fresh`), the unit gets its value at the end of the step.
 
-    Parameters
-    ----------
-    exchange : Exchange
-        After the initialization, with the outputs at the start.
-    box : MessageBox
-    solver : callable or None
-        Makes what solves for the guesses of a block, such as `Broyden`. None: nothing is repeated.
-    convergence : float
-        Largest change of a coupled signal, relative to its size and at least to its nominal value, at which the
-        repetitions end.
-    error : float or None
-        Largest error of a coupled signal in a step, relative in the same way; None for steps of the given length.
-    span : float
-        Length of the run [s].
+    `exchange` has the outputs at the start. `solver` makes a solver for the guesses of a block, such as `Broyden`, or
+    is None. Repetitions end at a change by `convergence`, and `error` is the largest of a step, or None for steps of
+    the given length; both of coupled signals, relative to their size or nominal value. `span` [s] is the run's length.
     """
 
     def __init__(
-        self,
-        exchange: Exchange,
-        box: MessageBox,
-        *,
-        solver: Callable[[], Broyden] | None,
-        convergence: float,
-        error: float | None,
+        self, exchange: Exchange, *, solver: Callable[[], Broyden] | None, convergence: float, error: float | None,
         span: float,
-    ) -> None:
-        self.exchange, self.box, repeat = exchange, box, solver is not None
+    ) -> None:  # fmt: skip
+        self.exchange, self.box, repeat = exchange, exchange.box, solver is not None
         self.repeat, self.convergence, self.error = repeat, convergence, error
         self.steps = self.unit_steps = self.rejected = self.jumps = 0
-        self._floor = _SHORTEST * span
-        self._since_jump = _BETWEEN_JUMPS
-        self._tried = 0.0, 0.0
+        self._floor, self._since_jump, self._tried = _SHORTEST * span, _BETWEEN_JUMPS, (0.0, 0.0)
         self.shortest, self.longest = math.inf, 0.0
         coupled = self._coupled = Coupled(exchange)
         self._outputs, self._variables = coupled.outputs, coupled.bank.variables
@@ -90,8 +68,6 @@ class ContinuousStepper(Stepper):
         self._changing = np.zeros(sum(own.size for _, _, own in coupled.switches), bool)
         self._states: dict[str, c_void_p] = {}
         self._previous, self._last, self._h = self._outputs.copy(), 0.0, math.inf
-
-    # ------------------------------------------------------------------ steps
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` by `step` to `stop`, in as many steps as the error control wants."""
@@ -127,30 +103,21 @@ class ContinuousStepper(Stepper):
 
     def facts(self) -> dict[str, Any]:
         """Return the summary's entries on the steps."""
-        return {
-            "communication": {
-                "steps": self.steps,
-                "convergence": self.convergence if self.repeat else None,
-                "rejected": self.rejected,
-                "jumps": self.jumps,
-                "unit_steps": self.unit_steps,
-                # differences of times, rounded to what is more than rounding errors
-                "shortest_step": round(self.shortest, 12),
-                "longest_step": round(self.longest, 12),
-            }
-        }
+        communication = {
+            "steps": self.steps, "convergence": self.convergence if self.repeat else None, "rejected": self.rejected,
+            "jumps": self.jumps, "unit_steps": self.unit_steps,
+            # rounded, since they are differences of times
+            "shortest_step": round(self.shortest, 12), "longest_step": round(self.longest, 12),
+        }  # fmt: skip
+        return {"communication": communication}
 
     def notes(self) -> list[str]:
-        """Return notes on the run: the signals for which the allowed error is none."""
+        """Return notes on the run: signals smaller than the allowed error."""
         allowed = self.convergence if self.error is None else self.error
         if self.error is None and not any(block.torn.size for block in self._coupled.blocks if self.repeat):
             return []
-        small = [
-            f"{unit}.{variable.name}"
-            for i in self._coupled.lines
-            for unit, variable in [self._variables[i]]
-            if variable.nominal is None and 0.0 < self._largest[i] < allowed / _BLIND
-        ]
+        lines = ((self._largest[i], *self._variables[i]) for i in self._coupled.lines)
+        small = [f"{unit}.{v.name}" for y, unit, v in lines if v.nominal is None and 0.0 < y < allowed / _BLIND]
         if not small:
             return []
         more = f" and {len(small) - 3} more" if len(small) > 3 else ""
@@ -184,17 +151,16 @@ class ContinuousStepper(Stepper):
 
     def _done(self, h: float) -> None:
         np.copyto(self._previous, self._coupled.begun[0])
-        self._last = h
         np.maximum(self._largest, np.abs(self._outputs), out=self._largest)
-        self.steps += 1
+        self._last, self.steps = h, self.steps + 1
         self.shortest, self.longest = min(self.shortest, h), max(self.longest, h)
 
     def _attempt(self, time: float, h: float, longest: float) -> bool:
         """Do a step under error control and choose the next; False, with everything restored, if it is too long.
 
-        A unit that refuses the step makes it too long, unless the refusal is fatal: FMI 2.0 lets a unit continue from a
-        restored state after fmi2Discard and fmi2Error. A step in which a discrete signal changes is shortened until the
-        change is found, and one in which a continuous signal jumps or a unit ends the simulation.
+        A step is too long if a unit refuses it, unless fatally: FMI 2.0 lets a unit continue from a restored state
+        after fmi2Discard and fmi2Error. Changes of discrete signals, jumps of continuous ones and the end of a unit
+        shorten the step until they are located.
         """
         assert self.error is not None
         before, failure = len(self.box.pending), None
@@ -210,7 +176,7 @@ class ContinuousStepper(Stepper):
         switched = ratio <= 1.0 and bool(np.any(changed & ~self._changing))
         early = any(at < time + h - self._floor for at in self.box.ended.values())
         if (switched or early) and _LEAST * h >= self._floor:
-            ratio = math.inf  # the others need to know when
+            ratio = math.inf  # locate the change for the other units
         self._h = min(h * min(max(_SAFETY / math.sqrt(max(ratio, 1e-12)), _LEAST), _MOST), longest)
         if ratio <= 1.0:
             self._since_jump += 1
@@ -237,23 +203,16 @@ class ContinuousStepper(Stepper):
         assert self.error is not None
         (unit, variable), (longer, larger) = self._variables[i], self._tried
         if longer > h and ratio <= larger * math.sqrt(h / longer):
-            why = (
-                f"it falls with the step, but none is shorter than {self._floor:.3g} s, {_SHORTEST:g} of the run. "
-                "Simulate the fast part in a run of its own, or allow a larger error"
-            )
+            why = f"it falls with the step, but none is shorter than {self._floor:.3g} s, {_SHORTEST:g} of the run"
+            way = "Simulate the fast part in a separate run, or allow a larger error"
         else:
-            why = (
-                "a shorter step does not lower it: the signal jumps again and again, or that is the error of the "
-                "units' solvers. Allow a larger error, lower their tolerance, or use a master without error control"
-            )
-        return CosimError(
-            unit, "doStep", time,
-            f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed "
-            f"{self.error:g}; {why}",
-        )  # fmt: skip
+            why = "a shorter step does not lower it: the signal jumps repeatedly, or the units' solvers have this error"
+            way = "Allow a larger error, lower their tolerance, or use a master without error control"
+        text = f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed {self.error:g}"
+        return CosimError(unit, "doStep", time, f"{text}; {why}. {way}")
 
     def _accept(self, h: float, longest: float, changed: NDArray[np.bool_], jump: bool) -> None:
-        """Accept a step; after a jump, predictions from earlier signals are worthless."""
+        """Accept a step; discard predictions after a jump."""
         self._done(h)
         self._tried = 0.0, 0.0
         self._changing = changed
@@ -262,17 +221,16 @@ class ContinuousStepper(Stepper):
             self.jumps += 1
 
     def _changed(self) -> NDArray[np.bool_]:
-        """Which discrete signals have another value than at the start of the step."""
+        """Whether each discrete signal differs from its value at the start of the step."""
         return np.concatenate([now[own] != before[own] for now, before, own in self._coupled.switches])
 
     def _errors(self, predicted: Floats, h: float) -> Floats:
-        """Return the errors of the outputs in the step, relative to their sizes; infinite where they are not numbers.
+        """Return the errors of the outputs in the step, relative to their sizes; infinite for NaN.
 
         Predicted and computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to first
-        order, or by h^2 / 2 times that where the component gives the first derivative; the line between its values at
-        the ends of the step departs from it by at most h^2 / 8 times that. In a step far shorter than the last that
-        would make an error of a jump small, which it is not; but an output that passes an input on starts with the
-        error that its prediction had in the last step, which is not a jump.
+        order; by h^2 / 2 times it if the component gives the first derivative. The line between the ends of the step
+        departs from y by at most h^2 / 8 times it. In a step far shorter than the last, this would underestimate the
+        error of a jump. An output with feedthrough starts with the prediction error of the last step, so no jump.
         """
         difference = np.abs(self._outputs - predicted) / self._scale()
         difference[np.isnan(difference)] = math.inf
@@ -288,7 +246,7 @@ class ContinuousStepper(Stepper):
         return np.maximum(np.abs(self._outputs), self._coupled.nominal)
 
     def _solve(self, block: Block, solver: Broyden, time: float, h: float) -> None:
-        """Step the units of a block until the guess of the torn outputs comes out as it went in."""
+        """Step the units of a block until guessed and computed torn outputs agree."""
         torn, outputs = block.torn, self._outputs
         reported = len(self.box.pending)
         first = True
@@ -313,12 +271,9 @@ class ContinuousStepper(Stepper):
             return
         i = int(np.argmax(sizes))
         unit, variable = self._variables[torn[i]]
-        way = "" if self.error is not None else ", or error control (adaptive)"
-        raise CosimError(
-            unit, "doStep", time,
-            f"the coupling does not converge: {variable.name} {not_solved(sizes[i], count, self.convergence)}; "
-            f"choose a shorter step{way}",
-        )  # fmt: skip
+        way = "choose a shorter step" + ("" if self.error is not None else ", or error control (adaptive)")
+        why = f"{variable.name} {not_solved(sizes[i], count, self.convergence)}"
+        raise CosimError(unit, "doStep", time, f"the coupling does not converge: {why}; {way}")
 
     def _sweep(self, block: Block, time: float, h: float) -> None:
         """Step each unit of a block once, with the latest outputs at the end of the step."""
@@ -338,8 +293,6 @@ class ContinuousStepper(Stepper):
                 clock.value = time + i * h / n
                 size.value = largest_step(clock.value, time + h) if i and i == n - 1 else h / n
                 unit.instance.run(calls)
-
-    # ------------------------------------------------------------------ states
 
     def _save(self, instance: Instance) -> None:
         self._free(instance)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.masters.bank import Bank
-from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.masters.exchange import Bank, Exchange
 from vdfmu.engine.plan.conversion import SOURCE
 
 Indices = NDArray[np.intp]
@@ -21,33 +22,31 @@ Indices = NDArray[np.intp]
 
 @dataclass
 class CoupledUnit:
-    """One unit: its calls and its real inputs, which are windows of one array each."""
+    """One unit: its calls, and windows of the arrays of real inputs."""
 
     instance: Instance
     gathers: list[Callable[[], None]]
     parts: list[tuple[Floats, list[Call]]]
-    """The equal parts of a step: where on the line through the whole step each input begins, and the calls. It is 0 for
-    an input that runs; any other stays there."""
+    """The equal parts of a step: the place of each input on the line through the whole step, and the calls. The place
+    is 0 for an input that ramps; other inputs hold their value at it."""
     inputs: Floats
     """Values to set before a part."""
     starts: Floats
     ends: Floats
     slopes: Floats
     runs: bool
-    """Whether inputs run over a step; else they hold over a part of it."""
+    """Whether inputs ramp over a step; else they hold over a part of it."""
     held: Indices
-    """Inputs that keep their value at the start of the step."""
+    """Inputs that hold their value at the start of the step."""
 
 
 @dataclass
 class Block:
-    """Units that depend on each other, in the order of their steps; or a unit alone.
-
-    `torn` are the continuous outputs that a unit of the block reads before they are computed, so they are guessed.
-    """
+    """Units that depend on each other, in the order of their steps; or a unit alone."""
 
     units: list[CoupledUnit]
     torn: Indices
+    """Continuous outputs that a unit of the block reads before they are computed. They are guessed."""
     stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]]
     """For each type: outputs, now and at the start of the step, and which are discrete."""
 
@@ -62,43 +61,43 @@ class Coupled:
         """All real outputs, the latest; all connected real inputs, as they are set."""
         n = len(bank.links)
         self.starts, self.ends, self.slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
-        """Real inputs at the start and the end of the step, and the slopes that the units are told."""
+        """Real inputs at the start and the end of the step, and their slopes."""
         variables = [v for _, v in bank.variables[: bank.outputs.size]]
         self.discrete = np.array([v.variability == "discrete" for v in variables], bool)
-        """Which real outputs change at communication points only."""
+        """Whether a real output changes at communication points only."""
         self.nominal = np.array([v.size for v in variables])
         self.begun = [each.outputs.copy() for each in exchange.banks]
         """Outputs at the start of the step, of each type."""
         self.waiting = {each.kind: np.zeros_like(each.inputs) for each in exchange.banks[1:]}
-        """Inputs at the start of the step, of the other types."""
+        """Inputs of the other types at the start of the step."""
         self._gathers = [each.gather(slice(0, len(each.links))) for each in exchange.banks]
         self.blocks = self._cut([self._unit(name) for name in exchange.checked.schedule.units])
         lines = {bank.position[k.start] for k in bank.links if not k.discrete and k.start[0] != SOURCE}
         self.lines = np.array(sorted(lines), np.intp)
-        """Real outputs of which a step uses the line from start to end."""
+        """Real outputs whose line from start to end a step uses."""
         direct = {bank.position[port] for port in exchange.checked.schedule.direct if port in bank.position}
         self.passing = np.isin(self.lines, list(direct))
-        """Which of them depend directly on an input."""
+        """Whether each of `lines` depends directly on an input."""
         self.derived = np.zeros(self.outputs.size, bool)
-        """Real outputs for which a unit gives the derivatives by time."""
+        """Real outputs whose time derivatives their unit gives."""
         self.rates: list[tuple[Instance, Call, Indices, Floats]] = []
-        """Calls that get these derivatives, for which outputs, and the memory that receives them."""
+        """Calls that get these derivatives, their outputs, and the memory that receives them."""
         for name, instance in exchange.instances.items():
-            own = self.read_of(name)
-            if instance.description.derives_outputs and own.size:
-                rates = np.zeros(own.size)
-                call = instance.slopes([bank.variables[i][1] for i in own], rates)
-                self.rates.append((instance, call, own, rates))
-                self.derived[own] = True
+            places = self.read_of(name)
+            if instance.description.derives_outputs and places.size:
+                rates = np.zeros(places.size)
+                call = instance.slopes([bank.variables[i][1] for i in places], rates)
+                self.rates.append((instance, call, places, rates))
+                self.derived[places] = True
         self.switches: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
-        """For each type: outputs, now and at the start of the step, and which of them are read and discrete."""
+        """For each type: outputs, now and at the start of the step, and places of discrete ones that are read."""
         for each, before in zip(exchange.banks, self.begun, strict=True):
             read = {each.position[k.start] for k in each.links if k.discrete and k.start[0] != SOURCE}
             read -= set() if each is not bank else set(np.flatnonzero(~self.discrete))
             self.switches.append((each.outputs, before, np.array(sorted(read), np.intp)))
 
     def read_of(self, name: str) -> Indices:
-        """Return which real outputs of a component have lines that a step uses."""
+        """Return the places of a component's real outputs in `lines`."""
         window = self.bank.output_windows[name]
         return self.lines[(self.lines >= window.start) & (self.lines < window.stop)]
 
@@ -120,19 +119,21 @@ class Coupled:
         exchange, bank = self.exchange, self.bank
         instance, window, calls = exchange.instances[name], bank.input_windows[name], exchange.calls(name)
         moving = instance.description.interpolates_inputs
-        # An input that cannot run is needed at the end of the step if an output depends on it directly. Any other is
-        # integrated: the middle of a line has the line's integral, and a discrete one stays as it is at the start.
+        # An input that cannot ramp is needed at the end of the step if an output depends on it directly. Any other is
+        # integrated: the middle of a line has the line's integral, and a discrete input holds.
         schedule = exchange.checked.schedule
         gathers = [self._gather_of(each, name) for each in exchange.banks]
         links = bank.links[window]
         through = [not k.discrete and not moving and k.end in schedule.through for k in links]
         # outputs computed last, from an input set within the step, do not belong to the end of the line
         runs = moving or (instance.description.updates_inputs and not any(through))
-        hold = np.array([
-            1.0 if k.discrete or needed else 0.0 if runs else 0.5 for k, needed in zip(links, through, strict=True)
-        ])  # fmt: skip
+        middle = 0.0 if runs else 0.5
+        hold = np.array([1.0 if k.discrete or end else middle for k, end in zip(links, through, strict=True)])
         if runs and links:
-            calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(instance, window))
+            first = bank.outputs.size
+            variables = [v for _, v in bank.variables[first + window.start : first + window.stop]]
+            ramp = instance.rate_call(variables, self.inputs[window], self.slopes[window], exchange.clock)
+            calls.insert([call[-1] for call in calls].index("doStep"), ramp)
         parts = [(hold, calls)]
         if any(through) and instance.description.varies_steps:
             # The unit may integrate such an input, too. Half the step with the value at the start and half with the
@@ -148,10 +149,7 @@ class Coupled:
         )  # fmt: skip
 
     def _gather_of(self, bank: Bank, name: str) -> Callable[[], None] | None:
-        """Return the function that brings a unit's inputs of one type up to date.
-
-        Discrete ones wait for the next step; reals of them in the sweep.
-        """
+        """Return the function that updates a unit's inputs of one type; discrete ones wait, reals in `_sweep`."""
         window = bank.input_windows[name]
         gather = bank.gather(window)
         fresh = self.exchange.checked.schedule.fresh
@@ -165,12 +163,6 @@ class Coupled:
             inputs[held] = starts[held]
 
         return some
-
-    def _rate_call(self, instance: Instance, window: slice) -> Call:
-        """Return the call that lets a unit's inputs run over a step."""
-        first = self.bank.outputs.size
-        variables = [v for _, v in self.bank.variables[first + window.start : first + window.stop]]
-        return instance.rate_call(variables, self.inputs[window], self.slopes[window], self.exchange.clock)
 
     def _cut(self, units: list[CoupledUnit]) -> list[Block]:
         """Put the units of each loop into a block, with the outputs to be guessed."""
@@ -193,3 +185,95 @@ class Coupled:
                     stepwise.append((bank.outputs, before, chosen))
             blocks.append(Block([by_name[name] for name in names], np.array(sorted(torn), np.intp), stepwise))
         return blocks
+
+
+def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None:
+    """Return the inverse interface Jacobian of a loop: of the derivative of its residual by the guess, see `Broyden`.
+
+    A component counts as x' = A x + B u, y = C x + D u, with its directional derivatives at the start of a step of `h`
+    [s]. None if a component gives none, or if no inverse exists.
+    """
+    if not all(unit.instance.description.derives_unknowns for unit in block.units):
+        return None
+    passes = [_sensitivity(unit, coupled, h) for unit in block.units]
+    residual = np.empty((block.torn.size, block.torn.size))
+    for column, torn in enumerate(block.torn):
+        changes = np.zeros(coupled.outputs.size)
+        changes[torn] = 1.0
+        for each in passes:
+            each(changes)
+        residual[:, column] = changes[block.torn]
+    residual -= np.eye(block.torn.size)
+    with suppress(np.linalg.LinAlgError):
+        inverse: Any = np.linalg.inv(residual)
+        return inverse if np.isfinite(inverse).all() else None
+    return None
+
+
+def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Floats], None]:
+    """Return the function that brings changes of outputs at the end of a step through a component."""
+    instance, bank = unit.instance, coupled.bank
+    outputs = coupled.read_of(instance.name)
+    own = bank.links[bank.input_windows[instance.name]]
+    moving = [i for i, k in enumerate(own) if not k.discrete]
+    links = [own[i] for i in moving]
+    sources = [bank.position[k.start] for k in links]
+    factors = np.array([k.conversion.factor for k in links])
+    jacobian = jacobian_of(instance, [k.sink for k in links], [bank.variables[i][1] for i in outputs])()
+    m = len(links)
+    n = jacobian.shape[1] - m
+    motion = np.zeros((n + 2 * m, n + 2 * m))  # x' = A x + B u, u' = w, w' = 0
+    motion[:n, : n + m] = jacobian[:n]
+    motion[n : n + m, n + m :] = np.eye(m)
+    from scipy.linalg import expm  # takes long to import
+
+    part = expm(h / len(unit.parts) * motion)
+    state = np.zeros((n + 2 * m, m))
+    for hold, _ in unit.parts:
+        state[n : n + m] = np.diag(hold[moving])
+        state[n + m :] = np.diag(1.0 - hold[moving]) / h if unit.runs else 0.0
+        state = part @ state
+    gain = jacobian[n:] @ state[: n + m]
+
+    def through(changes: Floats) -> None:
+        changes[outputs] = gain @ (factors * changes[sources])
+
+    return through
+
+
+def jacobian_of(
+    instance: Instance, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable], some: Sequence[int] | None = None
+) -> Callable[[], Floats]:
+    """Return the function that calculates [[A, B], [C, D]] of a component at its current state.
+
+    From directional derivatives of the declared states' rates and of outputs, by states and inputs. With `some`, places
+    of inputs, derivatives by other inputs are left 0.
+    """
+    states = instance.description.states
+    n = sum(length for *_, length in states)
+    # each array with all of its elements, as its directional derivatives are
+    begins: list[tuple[int, int]] = [(x, length) for x, _, length in states]
+    begins += dict.fromkeys((v.reference, v.length) for v in inputs)
+    finals = [(rate, length) for _, rate, length in states]
+    finals += dict.fromkeys((v.reference, v.length) for v in outputs)
+
+    def places(wanted: Sequence[FmuVariable], among: list[tuple[int, int]]) -> list[int]:
+        elements = [(reference, i) for reference, length in among for i in range(length)]
+        at = {element: i for i, element in reversed(list(enumerate(elements)))}
+        return [*range(n), *(n + at[v.reference, v.index] for v in wanted)]
+
+    size = sum(length for _, length in finals)
+    knowns, unknowns = [reference for reference, _ in begins], [reference for reference, _ in finals]
+    rows, columns = places(outputs, finals[len(states) :]), places(inputs, begins[len(states) :])
+    chosen = [*range(n), *(n + i for i in (range(len(inputs)) if some is None else some))]
+    seeds = np.eye(sum(length for _, length in begins))[[columns[i] for i in chosen]]
+    all_at_once = np.random.default_rng(0).uniform(1.0, 2.0, (1, len(chosen))) @ seeds
+
+    def calculate() -> Floats:
+        jacobian = np.zeros((len(rows), len(columns)))
+        # test all directions at once: a mode of a component may read none of its inputs
+        if instance.differentiate(unknowns, size, knowns, all_at_once).any():
+            jacobian[:, chosen] = instance.differentiate(unknowns, size, knowns, seeds).T[rows]
+        return jacobian
+
+    return calculate

@@ -1,16 +1,14 @@
 """Event mode of co-simulation: events at communication points, and clocks (FMI 3.0).
 
-Components with event mode get their discrete and clocked inputs in it only. At a communication point those with a
-clock that ticks, with an event, or with a discrete input that has changed, one after the other in the order of the
-steps: what a clocked component computes at its tick, its readers have from then on. Clocks that components tick
-themselves (triggered) tick those that they are connected to, at the same time; discrete outputs that change are passed
-on until nothing changes any more.
+Components with event mode get their discrete and clocked inputs in it only. A component enters it at a communication
+point if one of its clocks ticks, if it has an event, or if a discrete input has changed. Components follow the order of
+the steps, so readers get the outputs of a tick at once. A triggered clock ticks the clocks connected to it at the same
+time. Changed discrete outputs are passed on until all are constant.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -54,14 +52,14 @@ class _Ticking:
             self.count += 1
 
     def given(self, interval: float, time: float) -> None:
-        """Take an interval that the component states: from now on, or, for a clock with a period, from the start."""
+        """Take an interval from the component: from now on, or, for a clock with a period, from the start."""
         if self.clock.variability in ("countdown", "changing"):
             self.origin, self.count = time, 1
         self.interval = interval
 
 
 class _EventUnit:
-    """A component with event mode: its calls there, by the clock of the variables (None: no clock), and its clocks."""
+    """A component with event mode: its clocks, and its calls by the clock of the variables (None: no clock)."""
 
     def __init__(self, exchange: Exchange, instance: Instance3, start: float) -> None:
         self.instance = instance
@@ -74,23 +72,20 @@ class _EventUnit:
         self.gets: dict[int | None, list[Call]] = {}
         for reference in (None, *(v.reference for v in clocks)):
 
-            def own(v: FmuVariable, reference: int | None = reference) -> bool:
+            def ticks(v: FmuVariable, reference: int | None = reference) -> bool:
                 return reference in v.clocks if reference is not None else not v.clocks
 
             for verb, calls in (("Set", self.sets), ("Get", self.gets)):
-                calls[reference] = [c for bank in exchange.banks for c in bank.calls(instance, verb, own)]
-        self.gathers: list[Callable[[], None]] = []
+                calls[reference] = [c for bank in exchange.banks for c in bank.calls(instance, verb, ticks)]
+        self.gathers = exchange.gathers(lambda bank: bank.input_windows[instance.name])
         self.watched: list[tuple[NDArray[Any], NDArray[np.intp], NDArray[Any]]] = []
+        """Inputs of a type, places of the discrete ones without a clock, and their last values."""
         for bank in exchange.banks:
             window = bank.input_windows[instance.name]
-            gather = bank.gather(window)
-            if gather is not None:
-                self.gathers.append(gather)
-                links = bank.links[window]
-                places = [i for i, k in enumerate(links) if not (k.sink.clocks or instance.between_events(k.sink))]
-                part = bank.inputs[window]
-                where = np.array(places, np.intp)
-                self.watched.append((part, where, part[where]))
+            links, part = bank.links[window], bank.inputs[window]
+            places = [i for i, k in enumerate(links) if not (k.sink.clocks or instance.between_events(k.sink))]
+            where = np.array(places, np.intp)
+            self.watched.append((part, where, part[where]))
 
     def gather(self) -> None:
         """Bring the inputs up to date."""
@@ -109,14 +104,7 @@ class _EventUnit:
 
 
 class Events:
-    """The events of a run.
-
-    Parameters
-    ----------
-    exchange : Exchange
-        After the initialization; components with event mode are in it.
-    start : float [s]
-    """
+    """The events of a run from `start` [s]; components are initialized and in event mode."""
 
     def __init__(self, exchange: Exchange, start: float) -> None:
         self._exchange, self._box = exchange, exchange.box
@@ -170,16 +158,15 @@ class Events:
         raise CosimError(names, "updateDiscreteStates", time, f"events do not end: there were {_ROUNDS} at one time")
 
     def _event(self, unit: _EventUnit, time: float, active: set[int], ticks: dict[str, set[int]]) -> None:
-        """Take a component through an event, with its active clocks; add what it ticks."""
+        """Take a component through an event, with its active clocks; add the clocks that it ticks."""
         instance = unit.instance
         instance.enter_event()
         instance.set_clocks(sorted(active))
         unit.gather()
         self._run(instance, unit.sets, active)
         unit.noted()
-        if unit.triggered:
-            own = [v.reference for v in unit.triggered]
-            for reference in (r for r, ticked in zip(own, instance.clocks(own), strict=True) if ticked):
+        if clocks := [v.reference for v in unit.triggered]:
+            for reference in (r for r, ticked in zip(clocks, instance.clocks(clocks), strict=True) if ticked):
                 active.add(reference)
                 for name, sink in self._sinks.get((instance.name, reference), ()):
                     ticks.setdefault(name, set()).add(sink)
@@ -190,17 +177,16 @@ class Events:
 
     @staticmethod
     def _run(instance: Instance3, calls: dict[int | None, list[Call]], active: set[int]) -> None:
-        for reference, own in calls.items():
+        for reference, each in calls.items():
             if reference is None or reference in active:
-                instance.run(own)
+                instance.run(each)
 
     @staticmethod
     def _intervals(unit: _EventUnit, time: float) -> None:
         """Ask for the intervals of clocks that the component sets."""
-        asked = [tick for tick in unit.ticking if tick.clock.asked]
-        if asked:
-            found = unit.instance.intervals([tick.variable.reference for tick in asked])
-            for tick, interval in zip(asked, found, strict=True):
+        if asked := [tick for tick in unit.ticking if tick.clock.asked]:
+            intervals = unit.instance.intervals([tick.variable.reference for tick in asked])
+            for tick, interval in zip(asked, intervals, strict=True):
                 if interval is not None:
                     tick.given(interval, time)
 
@@ -213,7 +199,7 @@ class EventStepper(SampledStepper):
         self._events, self._ended = events, exchange.box.ended
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Step all units from `time` by `step`, to the next event where that is before `stop`, and so on."""
+        """Step all units from `time` to `stop`, from event to event."""
         start = time
         while time < stop and not self._ended:
             end = self._events.next(time, stop)

@@ -1,10 +1,11 @@
-"""Exchange between units and master: initialization, the calls of a step, recording."""
+"""Values between units and master, in one memory by type: initialization, the calls of a step, recording."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from ctypes import c_double, c_int
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,16 +14,135 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.text import matching
-from vdfmu.engine.fmu.access import KINDS, TEXTS, Call, held
+from vdfmu.engine.fmu.access import DTYPES, KINDS, TEXTS, Call, held
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
-from vdfmu.engine.masters.bank import Bank
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.broyden import Broyden, not_solved
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
-from vdfmu.engine.plan.conversion import SOURCE, Link
+from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.inputs import Course
-from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Signal
+
+Gather = Callable[[], None]
+"""Brings inputs up to date."""
+_RUNS = 6
+"""Most copies of neighbours that are faster than one copy of single values."""
+
+
+class Bank:
+    """All outputs and connected inputs of one kind, in one array: ``[outputs | inputs]``.
+
+    FMI calls of the same type fill it in place, in a window for each unit's outputs and one for its inputs. In a window
+    of inputs the fresh inputs (see `Schedule`) come first.
+    """
+
+    def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
+        self.kind = kind
+        self._fresh = fresh = checked.schedule.fresh
+        links = {link.end: link for link in checked.links if link.stepped}
+        outputs: list[tuple[str, FmuVariable]] = []
+        inputs: list[tuple[str, FmuVariable]] = []
+        self.output_windows: dict[str, slice] = {}
+        self.input_windows: dict[str, slice] = {}
+        self.fresh_windows: dict[str, slice] = {}
+        for unit, description in checked.sources.items():
+            first, start = len(outputs), len(inputs)
+            outputs += [(unit, v) for v in description.named("output") if v.kind == kind]
+            fed = [
+                v for v in description.named("input")
+                if v.kind == kind and (unit, v.name) in links
+            ]  # fmt: skip
+            fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
+            inputs += [(unit, v) for v in fed]
+            self.output_windows[unit], self.input_windows[unit] = slice(first, len(outputs)), slice(start, len(inputs))
+            self.fresh_windows[unit] = slice(start, start + sum((unit, v.name) in fresh for v in fed))
+        self.variables = [*outputs, *inputs]
+        if kind in TEXTS:  # not shared with other processes
+            self.memory: NDArray[Any] = np.full(len(self.variables), b"", DTYPES[kind])
+            self.words = 0
+        else:
+            self.memory = words.view(DTYPES[kind])[: len(self.variables)]
+            self.words = -(-self.memory.nbytes // words.itemsize)
+        self.outputs = self.memory[: len(outputs)]
+        self.inputs = self.memory[len(outputs) :]
+        self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
+        self.names = {f"{u}.{v.name}": i for i, (u, v) in enumerate(self.variables) if u != SOURCE}
+        self.links: list[Link] = [links[u, v.name] for u, v in inputs]
+
+    def is_free(self, place: int) -> bool:
+        """Whether the value at a place is an output, or an input that no component feeds, here or elsewhere."""
+        return place < self.outputs.size or self.links[place - self.outputs.size].is_given
+
+    def gather(self, window: slice, late: bool = False) -> Gather | None:
+        """Return the function that updates the inputs of a window, if it has any; `late` may leave out fresh inputs."""
+        links = self.links[window]
+        if not links:
+            return None
+        copies = self._copies(window, late)
+        if copies is not None:
+
+            def copied() -> None:
+                for target, source in copies:
+                    target[:] = source
+
+            return copied if copies else None
+        sources = np.array([self.position[link.start] for link in links], np.intp)
+        target, take = self.inputs[window], self.outputs.take
+        factor = np.array([link.conversion.factor for link in links])
+        offset = np.array([link.conversion.offset for link in links])
+        tables = [(i, link.conversion.table) for i, link in enumerate(links) if link.conversion.table is not None]
+
+        def plain() -> None:
+            take(sources, None, target, "clip")  # the mode that needs no buffer; the indices are valid
+
+        def scaled() -> None:
+            take(sources, None, target, "clip")
+            np.multiply(target, factor, target)
+            np.add(target, offset, target)
+
+        def mapped() -> None:
+            take(sources, None, target, "clip")
+            for i, table in tables:
+                target[i] = table.get(int(target[i]), int(target[i]))
+
+        if tables:
+            return mapped
+        return plain if all(link.conversion.trivial for link in links) else scaled
+
+    def _copies(self, window: slice, late: bool) -> list[tuple[memoryview, memoryview]] | None:
+        """Return targets and sources of the inputs of a window, run by run; None if one `take` is faster."""
+        if self.kind in TEXTS or not all(link.conversion.trivial for link in self.links[window]):
+            return None
+        pairs = [
+            (self.position[link.end], self.position[link.start])
+            for link in self.links[window]
+            if not (late and link.end in self._fresh)
+        ]
+        begins = [k for k, (i, j) in enumerate(pairs) if k == 0 or (i - 1, j - 1) != pairs[k - 1]]
+        if len(begins) > _RUNS:
+            return None
+        memory = self.memory.data
+        return [
+            (memory[i : i + n], memory[j : j + n])
+            for begin, end in pairwise([*begins, len(pairs)])
+            for (i, j), n in [(pairs[begin], end - begin)]
+        ]
+
+    def calls(self, instance: Instance, verb: str, chosen: Callable[[FmuVariable], bool] | None = None) -> list[Call]:
+        """Return the vectorised calls that ``Get`` or ``Set`` a unit's window, or its `chosen` variables.
+
+        Default: variables that can be called between events.
+        """
+        window = (self.output_windows if verb == "Get" else self.input_windows)[instance.name]
+        shift = 0 if verb == "Get" else self.outputs.size
+        variables = [v for _, v in self.variables[window.start + shift : window.stop + shift]]
+        part = (self.outputs if verb == "Get" else self.inputs)[window]
+        if chosen is None:
+            chosen = instance.between_events
+        return instance.access(verb, variables, part, chosen)
+
 
 _HEAD = 4
 """Words before the values: clock, size, running, pressed."""
@@ -34,16 +154,10 @@ def words_of(checked: Checked) -> int:
 
 
 class Exchange:
-    """Plans the data flow of a run: initialization, the stages of a step and the recording.
+    """The data flow of a run: initialization, the calls of a step, and recording.
 
-    Parameters
-    ----------
-    checked : Checked
-    instances : mapping of str to Instance
-        Empty where only the values are read, of components in another process.
-    box : MessageBox
-    words : (`words_of`,) array, optional
-        The memory for all values, zeros; default one of its own.
+    `instances` are empty if the components are in another process. `words`, (`words_of`,) zeros, is the memory of all
+    values; by default new.
     """
 
     def __init__(
@@ -56,7 +170,7 @@ class Exchange:
         self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
         """Arguments currentCommunicationPoint and communicationStepSize of every doStep."""
         self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
-        """For two processes that share the memory: activity of the components' process, and whether to stop."""
+        """For processes that share the memory: activity of the components' process, and whether to stop."""
         self.banks: list[Bank] = []
         taken = _HEAD
         for kind in KINDS:
@@ -85,8 +199,8 @@ class Exchange:
     def initialize(self, time: float, convergence: float) -> None:
         """Carry the values over the connections in initialization mode, in the order of dependencies.
 
-        Where they depend on themselves, until they agree: to `convergence`, relative to their size and at least to
-        their nominal value. CosimError if they do not.
+        Algebraic loops repeat until values agree to `convergence`, relative to their size or nominal value. CosimError
+        if they do not.
         """
         self.feed(time)
         initial = self.checked.schedule.initial
@@ -149,6 +263,11 @@ class Exchange:
         for instance in self.instances.values():
             instance.run([call for bank in self.banks for call in bank.calls(instance, "Get")])
 
+    def gathers(self, window: Callable[[Bank], slice] = lambda _: slice(None), late: bool = False) -> list[Gather]:
+        """Return the functions that update the inputs in a window of each bank; see `Bank.gather`."""
+        gathers = (bank.gather(window(bank), late) for bank in self.banks)
+        return [gather for gather in gathers if gather is not None]
+
     def calls(self, name: str) -> list[Call]:
         """Return the calls of a unit in a step: set its inputs, step, get its outputs."""
         instance = self.instances[name]
@@ -160,19 +279,25 @@ class Exchange:
     ) -> tuple[list[Signal], dict[str, NDArray[Any]], Callable[[int], None]]:
         """Return the recorded signals, their arrays, and the function that stores row k.
 
-        Names may have ``*`` for any text. Without names they are the outputs, and the inputs that are fed from outside:
-        other inputs follow from outputs. Signals come unit by unit in the order of the SSD, outputs first.
+        Names may have ``*`` for any text. Default: outputs, and inputs from outside; other inputs follow from outputs.
+        Signals come unit by unit in the order of the SSD, outputs first.
         """
-        wanted = None if record is None else self._match(record)
+        banks = [bank for bank in self.banks if bank.kind not in TEXTS]
+        wanted: set[str] = set()
+        for text in record or ():
+            hits = [name for bank in banks for name in matching([*bank.names], [text])]
+            if not hits:
+                raise UsageError(f"record: no output or connected input matches {text!r}")
+            wanted.update(hits)
         order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
-        found: list[tuple[int, Signal]] = []
+        signals: list[tuple[int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
-        for bank in (each for each in self.banks if each.kind not in TEXTS):
+        for bank in banks:
             kind = bank.kind.lower()
             chosen = [
-                i for i, (unit, v) in enumerate(bank.variables)
-                if unit != SOURCE and (bank.is_free(i) if wanted is None else f"{unit}.{v.name}" in wanted)
+                i for name, i in bank.names.items()
+                if (bank.is_free(i) if record is None else name in wanted)
             ]  # fmt: skip
             try:
                 rec = np.empty((rows, len(chosen)), bank.memory.dtype)
@@ -184,67 +309,48 @@ class Exchange:
             for column, i in enumerate(chosen):
                 unit, v = bank.variables[i]
                 signal = Signal(f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", column)
-                found.append((2 * order[unit] + int(i >= bank.outputs.size), signal))
+                signals.append((2 * order[unit] + int(i >= bank.outputs.size), signal))
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
                 self._watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
                 self._all_finite = _finite(bank.outputs, self._watched)
             if chosen:
                 stores.append(_store(rec, bank.memory, chosen))
-        found.sort(key=lambda item: item[0])
+        signals.sort(key=lambda item: item[0])
 
         def store(k: int) -> None:
             for each in stores:
                 each(k)
 
-        return [signal for _, signal in found], data, stores[0] if len(stores) == 1 else store
+        return [signal for _, signal in signals], data, stores[0] if len(stores) == 1 else store
 
     def reals(self, wanted: Iterable[str]) -> tuple[list[str], Floats, list[int]]:
         """Return names of real signals that match, their memory, and the place of each in it."""
         bank = self.banks[0]
-        names = {f"{unit}.{v.name}": i for i, (unit, v) in enumerate(bank.variables) if unit != SOURCE}
-        found = sorted(matching(list(names), list(wanted)), key=names.__getitem__)
-        return found, bank.memory, [names[name] for name in found]
-
-    def finite(self) -> bool:
-        """Whether all real outputs that are read or recorded are finite numbers."""
-        return self._all_finite()
+        names = matching(bank.names, wanted)
+        return names, bank.memory, [bank.names[name] for name in names]
 
     def refuse_not_finite(self, call: str, time: float) -> None:
         """Raise CosimError if an output that is read or recorded is not finite at `time`."""
+        if self._all_finite():
+            return
         bank = self.banks[0]
         order = {unit: i for i, unit in enumerate(self.checked.schedule.units)}
-        found = sorted(
-            (i for i in self._watched if not math.isfinite(bank.outputs[i])), key=lambda i: order[bank.variables[i][0]]
-        )
-        if not found:
-            return
-        unit, variable = bank.variables[found[0]]
-        others = [".".join((owner, v.name)) for owner, v in (bank.variables[i] for i in found[1:])]
-        also = f" (also {', '.join(others[:3])}{', ...' if others[3:] else ''})" if others else ""
+        wrong = [i for i in self._watched if not math.isfinite(bank.outputs[i])]
+        first, *rest = sorted(wrong, key=lambda i: order[bank.variables[i][0]])
+        unit, variable = bank.variables[first]
+        names = [f"{owner}.{v.name}" for owner, v in (bank.variables[i] for i in rest)]
+        also = f" (also {', '.join(names[:3])}{', ...' if names[3:] else ''})" if names else ""
         read = any((unit, variable.name) == link.start for link in bank.links)
-        way = "" if read else ". No component reads it: run on without it by what you record (record, --record)"
+        way = "" if read else ". No component reads it: leave it out of the record (record, --record) to run on"
         raise CosimError(
             unit, call, self.box.time,
-            f"{variable.name} is {bank.outputs[found[0]]} at t = {time:.9g} s, expected a finite number{also}{way}",
+            f"{variable.name} is {bank.outputs[first]} at t = {time:.9g} s, expected a finite number{also}{way}",
         )  # fmt: skip
-
-    def _match(self, record: Iterable[str]) -> set[str]:
-        variables = [
-            each for bank in self.banks if bank.kind not in TEXTS for each in bank.variables if each[0] != SOURCE
-        ]
-        names = [f"{unit}.{v.name}" for unit, v in variables]
-        wanted: set[str] = set()
-        for text in record:
-            hits = matching(names, [text])
-            if not hits:
-                raise UsageError(f"record: no output or connected input matches {text!r}")
-            wanted.update(hits)
-        return wanted
 
 
 def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:
-    """Return a function that tells whether the watched outputs are finite: zero times any other number is NaN."""
+    """Return a function that tests whether the watched outputs are finite: zero times any other number is NaN."""
     whole, zeros, product = watched.size == outputs.size, np.zeros(watched.size), np.zeros(())
     values = outputs if whole else np.zeros(watched.size)
     found = c_double.from_buffer(product)  # pyright: ignore[reportArgumentType]

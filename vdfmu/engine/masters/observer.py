@@ -1,9 +1,14 @@
-"""Taps of a run: what looks at its components at some rows."""
+"""Taps of a run: they read its components at some rows, show rows to an observer, or delay them to real time."""
 
 from __future__ import annotations
 
+import gc
+import os
+import platform
 import time as clock
+from array import array
 from collections.abc import Callable, Container, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -11,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import CosimError
+from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.fmu.access import DTYPES, Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
@@ -21,7 +26,7 @@ from vdfmu.engine.results.results import Results
 
 
 class Observer(Protocol):
-    """Receives rows of a run, which waits for it. A class needs ``row``; the other members are optional."""
+    """Receives rows of a run while the run waits. A class needs ``row``; the other members are optional."""
 
     wanted: Sequence[str]
     """Names of real signals that it receives, with ``*`` for any text; they need not exist. Default: all."""
@@ -37,7 +42,7 @@ class Observer(Protocol):
         ...
 
     def end(self, results: Results) -> None:
-        """Take all rows of the run, which may have failed."""
+        """Take all rows of the run, also of a failed one."""
         ...
 
     def page(self, path: Path) -> None:
@@ -65,9 +70,7 @@ class Finite(Tap):
 
     def take(self, k: int, time: float, components: Any) -> None:
         """Raise CosimError for a number that is not finite."""
-        exchange: Exchange = components.exchange
-        if not exchange.finite():
-            exchange.refuse_not_finite("doStep" if k else "initialization", time)
+        components.exchange.refuse_not_finite("doStep" if k else "initialization", time)
 
 
 class Observed(Tap):
@@ -94,22 +97,6 @@ Numbers = Mapping[int, float]
 """Value reference, plus the index of an element of an array, to value."""
 
 
-class Kept(Protocol):
-    """Components that keep states: `Components` and `Isolated`."""
-
-    exchange: Exchange
-
-    def keep(self, names: Sequence[str]) -> None:
-        """See `Components.keep`."""
-        ...
-
-    def look(
-        self, steps: Mapping[str, float], times: Sequence[float], end: float
-    ) -> list[dict[str, list[list[float]]]]:
-        """See `Components.look`."""
-        ...
-
-
 class Reading(NamedTuple):
     """The numbers of components by their names, at a row and after one more step from there."""
 
@@ -122,33 +109,23 @@ class Reading(NamedTuple):
 class Probe(Tap):
     """Reads all numbers of some components at five rows of a run.
 
-    Their states are kept during the run, and restored and read after it: the run is the same with and without.
-
-    Parameters
-    ----------
-    steps : mapping of str to float
-        Components, and the length [s] of the further step that each does from its kept state, with its inputs held.
-        None is done for 0, or for an end beyond the run's.
-
-    Attributes
-    ----------
-    readings : list of Reading
-    failure : str
-        Why there are fewer; empty if there are all.
+    It keeps their states during the run, and restores and reads them after it, so the run stays the same. From there
+    each component does one more step of its length in `steps` [s], with its inputs held; see `Components.look`.
     """
 
     def __init__(self, steps: Mapping[str, float]) -> None:
         self.steps = steps
         self.readings: list[Reading] = []
         self.failure = ""
+        """Why readings are missing; empty if all are there."""
         self._rows: dict[int, float] = {}
 
     def rows(self, grid: Grid) -> Container[int]:
-        """Begin a run; where all steps end together, its first row tells."""
+        """Begin a run; the first row chooses the others, since multiples of steps are unknown before."""
         self._grid, self.readings, self.failure = grid, [], ""
         return range(grid.n + 1)
 
-    def take(self, k: int, time: float, components: Kept) -> None:
+    def take(self, k: int, time: float, components: Any) -> None:
         """Keep the states if the row is one of the five."""
         exchange, n = components.exchange, self._grid.n
         if k == 0:
@@ -161,23 +138,22 @@ class Probe(Tap):
                 self.failure = str(error)
             self._rows[k] = exchange.clock.value + exchange.size.value if k else time
 
-    def end(self, components: Kept) -> None:
+    def end(self, components: Any) -> None:
         """Read the kept states."""
         if self.failure:
             return
         try:
-            found = components.look(dict(self.steps), list(self._rows.values()), self._grid.end)
+            looks = components.look(dict(self.steps), list(self._rows.values()), self._grid.end)
         except CosimError as error:
             self.failure = str(error)
             return
         descriptions = components.exchange.checked.descriptions
-        of = {name: numeric(descriptions[name].variables) for name in self.steps}
-        for (row, time), each in zip(self._rows.items(), found, strict=True):
+        places = {name: [v.reference + v.index for v in numeric(descriptions[name].variables)] for name in self.steps}
+        for (row, time), look in zip(self._rows.items(), looks, strict=True):
             parts: list[dict[str, Numbers]] = [{}, {}]
-            for name, listed in each.items():
+            for name, listed in look.items():
                 for part, numbers in zip(parts, listed, strict=False):
-                    places = (v.reference + v.index for v in of[name])
-                    part[name] = dict(zip(places, numbers, strict=True))
+                    part[name] = dict(zip(places[name], numbers, strict=True))
             self.readings.append(Reading(row, time, *parts))
 
 
@@ -188,10 +164,9 @@ def numeric(variables: Mapping[str, FmuVariable]) -> list[FmuVariable]:
 
 def reader(instance: Instance) -> Callable[[], list[float]]:
     """Return a function that gets all numbers of a component, in the order of :func:`numeric`."""
-    own = numeric(instance.description.variables)
     parts: list[tuple[NDArray[Any], list[Call]]] = []
-    for kind in dict.fromkeys(v.kind for v in own):
-        variables = [v for v in own if v.kind == kind]
+    for kind, group in groupby(numeric(instance.description.variables), lambda v: v.kind):
+        variables = list(group)
         values = np.zeros(len(variables), DTYPES[kind])
         parts.append((values, instance.access("Get", variables, values)))
 
@@ -201,3 +176,75 @@ def reader(instance: Instance) -> Callable[[], list[float]]:
         return [float(value) for values, _ in parts for value in values.tolist()]
 
     return read
+
+
+_SPIN = 2e-4
+"""Busy wait before a row is due [s]: sleeps rarely end later than this."""
+_NAP = 0.1
+"""Longest sleep [s] before a signal is seen."""
+
+
+class Pace(Tap):
+    """Delays rows until they are due. In its block Python collects no garbage: it would take milliseconds.
+
+    `speed` is time of the run over wall time; 1 is real time. Rows are `step` [s] apart. The clock starts with the
+    second row, since the first step loads code. `pressed` returns whether the user stops the run, and ends the wait.
+    """
+
+    def __init__(self, speed: float, step: float, pressed: Callable[[], bool] = lambda: False) -> None:
+        if not 0.0 < speed < np.inf:
+            raise UsageError(f"pace: expected a positive number of simulated seconds a second, got {speed:g}.")
+        self._speed, self._interval, self._pressed = speed, step / speed, pressed
+        self._began, self._late, self._over = 0.0, array("d"), 0
+        self.waited = 0.0
+        """Wall time of the waiting [s]."""
+
+    def __enter__(self) -> None:
+        self._collects = gc.isenabled()
+        gc.disable()
+
+    def __exit__(self, *_: object) -> None:
+        if self._collects:
+            gc.enable()
+
+    def take(self, k: int, time: float, components: Any) -> None:
+        """Wait until row `k` is due."""
+        now = clock.perf_counter()
+        if k < 2:
+            self._began = now - k * self._interval
+            return
+        due = self._began + k * self._interval
+        ready = now
+        while due - now > _SPIN and not self._pressed():
+            clock.sleep(min(due - now - _SPIN, _NAP))
+            now = clock.perf_counter()
+        while now < due and not self._pressed():
+            now = clock.perf_counter()
+        self.waited += now - ready
+        self._over += ready > due
+        self._late.append(max(now - due, 0.0))
+
+    def facts(self) -> dict[str, Any]:
+        """Return `speed`, the lateness of the rows, and the machine for the summary."""
+        late = np.array(self._late) if self._late else np.zeros(1)
+        p50, p99_9 = np.percentile(late, [50.0, 99.9]).tolist()
+        return {
+            "speed": self._speed, "rows": len(self._late), "overruns": self._over, "late_p50_s": p50,
+            "late_p99_9_s": p99_9, "late_worst_s": late.max().item(), "worst_row": int(late.argmax()) + 2,
+            "machine": machine_name(),
+        }  # fmt: skip
+
+
+def machine_name() -> str:
+    """Processor, number of cores and system."""
+    return f"{processor_name()}, {os.cpu_count()} cores, {platform.platform()}"
+
+
+def processor_name() -> str:
+    """Name of the processor, or of its architecture if unknown."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

@@ -1,12 +1,13 @@
-"""A system that can be run, and everything that can be said about one before it runs: all problems at once."""
+"""Checks of a system before it runs, with all problems at once; the checked system and the steps of its components."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.engine.algorithms import ALGORITHMS, Algorithm, choice
+from vdfmu.engine.algorithms import ALGORITHMS, DELAYED, Algorithm, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import FlatSystem, Value
@@ -26,20 +27,20 @@ class Checked:
     descriptions: Mapping[str, Description]
     """Each component by its name, in the order of the SSD."""
     links: tuple[Link, ...]
-    """Including links from the signals of `feed`."""
+    """With links from the signals of `feed`."""
     algorithm: str
-    """The master algorithm that `schedule` is for."""
+    """The master algorithm of `schedule`."""
     schedule: Schedule
     starts: Mapping[str, Sequence[tuple[FmuVariable, Value]]]
     """Values to set in each component before initialization, in the units of the FMU."""
     notes: tuple[str, ...]
-    """Notes, not errors: inputs that nothing feeds, for example."""
+    """Notes, not errors, such as unconnected inputs."""
     feed: Feed | None = None
     """Signals from outside."""
     clock_links: tuple[tuple[Port, Port], ...] = ()
     """Connections of clocks."""
     multiples: Mapping[str, int] = field(default_factory=dict)
-    """Communication steps that a component's own step takes; empty where all step together."""
+    """Communication steps in a component's own step; empty if all step together."""
 
     @property
     def how(self) -> Algorithm:
@@ -48,9 +49,15 @@ class Checked:
 
     @property
     def held(self) -> list[str]:
-        """Inputs, without indices, that take in each step what their source had at its beginning."""
+        """Inputs, without indices, that hold the value of their source at the begin of each step."""
         late = (k.end for k in self.links if k.stepped and k.start[0] != SOURCE and k.end not in self.schedule.fresh)
         return [*dict.fromkeys(f"{unit}.{name.partition('[')[0]}" for unit, name in late)] if self.how.substeps else []
+
+    @property
+    def early(self) -> set[str]:
+        """Components that step at the begin of their step: in an ordered algorithm sources of fresh inputs."""
+        direct = self.schedule.direct
+        return {k.start[0] for k in self.links if k.start in direct} if self.how.ordered else set()
 
     @property
     def sources(self) -> Mapping[str, Description]:
@@ -74,39 +81,33 @@ def check_system(
     ----------
     system : FlatSystem
     parameters : mapping of str to value, optional
-        Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
-        one value, or a list or array with one for each. They win over the package's values.
+        Values of ``component.variable``, in the unit of the FMU; without an index, of all its elements: one value, or a
+        list or array with one each. They override the package's values.
     inputs : sequence of InputTable
-        Signals for inputs that nothing is connected to.
+        Signals for unconnected inputs.
     algorithm : str, optional
-        One of `vdfmu.engine.run.ALGORITHMS`; default: see `vdfmu.engine.plan.schedule.choose_schedule`.
+        Default: see `vdfmu.engine.plan.schedule.choose_schedule`.
     repeats : bool
         Whether steps may be repeated and vary, so that units must save and restore their state.
     strict : bool
-        Makes an input that has neither a connection nor a bound value a problem instead of a note.
+        Makes an input without connection and bound value a problem instead of a note.
     ignore_unmatched : bool
-        Makes a bound parameter that no variable matches a note, following SSP 1.0. By default it is a
-        problem, because it is nearly always a misspelling.
-
-    Returns
-    -------
-    Checked
+        Makes a bound parameter without a variable a note, as in SSP 1.0. It is nearly always a misspelling.
 
     Raises
     ------
     SspError
         With all problems: of the wiring, connectors, types, units, parameters, FMUs and algebraic loops.
     UsageError
-        An unknown algorithm, `inputs` that fit no free input, or `parameters` that name something unknown, not settable
-        or of another type.
+        For an unknown algorithm, for `inputs` without a free input, and for unknown, fixed or mistyped `parameters`.
     """
     if algorithm is not None and algorithm not in ALGORITHMS:
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS.names())}")
     checker = Checker(system, strict, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
-    known = {c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions}
-    feed, wrong = feed_inputs(inputs, known, links, checker.port_unit, system.units)
+    descriptions = {c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions}
+    feed, wrong = feed_inputs(inputs, descriptions, links, checker.port_unit, system.units)
     if wrong and not checker.problems:
         raise UsageError("\n".join(wrong))
     if feed is not None:
@@ -119,16 +120,15 @@ def check_system(
     for name, values in starts.items():
         notes = _fed(name, values, fixed, "the value of the parameter set")
         checker.notes += [finding("SSP057", note) for note in notes]
-    sources = known if feed is None else {**known, SOURCE: feed.description}
+    sources = descriptions if feed is None else {**descriptions, SOURCE: feed.description}
     algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
     if feed is not None:
         blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
         schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
+    notes += [f"algebraic loop during initialization, solved: {loop}" for loop in dict.fromkeys(schedule.initial.loops)]
     checker.problems += [finding("SSP039", loop) for loop in loops]
     checker.notes += [finding("SSP039", note) for note in notes]
-    for loop in dict.fromkeys(schedule.initial.loops):
-        checker.notes.append(finding("SSP039", f"algebraic loop during initialization, solved: {loop}"))
-    problems, notes = _check_abilities(known, links, schedule, algorithm, repeats)
+    problems, notes = _check_abilities(descriptions, links, schedule, algorithm, repeats)
     checker.problems += [finding("RUN007", problem) for problem in problems]
     checker.notes += [finding("RUN007", note) for note in notes]
     if checker.problems:
@@ -136,21 +136,15 @@ def check_system(
         error.notes = checker.notes
         raise error
     checked = Checked(
-        system=system,
-        descriptions=known,
-        links=tuple(links),
-        algorithm=algorithm,
-        schedule=schedule,
-        starts={name: list(values.values()) for name, values in starts.items()},
-        notes=tuple(checker.notes),
-        feed=feed,
-        clock_links=tuple(checker.clock_links),
-    )
+        system, descriptions, tuple(links), algorithm, schedule,
+        {name: list(values.values()) for name, values in starts.items()}, tuple(checker.notes), feed,
+        tuple(checker.clock_links),
+    )  # fmt: skip
     return with_parameters(checked, parameters or {})
 
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
-    """Return a checked system with other `parameters`, see `check_system`; they win over those that it has."""
+    """Return a checked system with other `parameters`, see `check_system`; they override its own."""
     fed = {link.end: link.start for link in checked.links}
     starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
     notes = [*checked.notes]
@@ -161,9 +155,9 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
 
 
 def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:
-    """Return the notes on values of variables of a component that a connection feeds, by what feeds each."""
+    """Return notes on values of a component whose variables have a connection, from their `sources`."""
     return [
-        f"{name}.{variable}: {what} has no effect; it is that of {'.'.join(sources[name, variable])}, which feeds it"
+        f"{name}.{variable}: {what} has no effect, since {'.'.join(sources[name, variable])} feeds it"
         for variable in values
         if (name, variable) in sources
     ]
@@ -172,21 +166,15 @@ def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: s
 def _check_abilities(
     descriptions: Mapping[str, Description], links: Sequence[Link], schedule: Schedule, algorithm: str, adaptive: bool
 ) -> tuple[list[str], list[str]]:
-    """Return the problems and notes of units that an algorithm cannot step as it has to.
-
-    `adaptive`: steps may be rejected and differ in length.
-    """
+    """Return problems and notes of units that the algorithm cannot step; `adaptive` steps are repeated and vary."""
     problems: list[str] = []
     how = ALGORITHMS[algorithm]
     for name, unit in descriptions.items():
         clocks = [v.name for v in unit.variables.values() if v.clock is not None]
         if clocks and unit.identifier and (how.continuous or not unit.event_mode):
-            way = (
-                f"use {choice(continuous=False)}"
-                if unit.event_mode
-                else "the FMU declares no event mode (hasEventMode)"
-            )
-            problems.append(f"{name}: {unit.source} has clocks, {', '.join(clocks)}, which tick in event mode; {way}")
+            way = f"use {choice(continuous=False)}"
+            way = way if unit.event_mode else "the FMU declares no event mode (hasEventMode)"
+            problems.append(f"{name}: {unit.source} has clocks ({', '.join(clocks)}) that tick in event mode; {way}")
     if not (how.continuous or how.substeps):
         text = f"the algorithm {algorithm} declares neither substeps nor continuous in its Algorithm"
         return problems, [f"{text}: the run records all inputs, and its stability is not judged"]
@@ -197,21 +185,86 @@ def _check_abilities(
     notes: list[str] = []
     for name, unit in descriptions.items():
         if name in repeated and not unit.saves_state:
-            problems.append(
-                f"{name}: {unit.source} cannot save and restore its state (canGetAndSetFMUstate), so its steps cannot "
-                f"be repeated; use {choice(continuous=True, repeats=False)} with a fixed step, "
-                f"{choice(continuous=False)}"
-            )
+            way = f"use {choice(continuous=True, repeats=False)} with a fixed step, {choice(continuous=False)}"
+            text = f"{name}: {unit.source} cannot save and restore its state (canGetAndSetFMUstate)"
+            problems.append(f"{text}, so its steps cannot be repeated; {way}")
         if adaptive and not unit.varies_steps:
-            problems.append(
-                f"{name}: {unit.source} takes steps of one length only (canHandleVariableCommunicationStepSize); use a "
-                "fixed step"
-            )
+            text = f"{name}: {unit.source} takes steps of one length only (canHandleVariableCommunicationStepSize)"
+            problems.append(f"{text}; use a fixed step")
         direct = [k.end[1] for k in links if k.end[0] == name and not k.discrete and k.end in schedule.through]
         if direct and not unit.interpolates_inputs and not unit.varies_steps:
             notes.append(
-                f"{name}: takes no derivatives of its inputs and steps of one length only; {', '.join(direct)} are "
-                "held at their values at the end of a step, as an output depends on them directly. If it integrates "
-                "them, the coupling is of first order"
+                f"{name}: takes no derivatives of its inputs and steps of one length only; {', '.join(direct)} hold "
+                "their values at the end of a step, since an output depends on them directly. If it integrates them, "
+                "the coupling is of first order"
             )
     return problems, notes
+
+
+def with_steps(checked: Checked, step: float) -> Checked:
+    """Return a checked system with the number of communication steps `step` [s] in each component's own step.
+
+    UsageError for steps that are not whole multiples of `step` or that the algorithm cannot make, and for periods of
+    sampled states that are not whole multiples of their component's step.
+    """
+    multiples: dict[str, int] = {}
+    problems: list[str] = []
+    for component in checked.system.components:
+        if component.step is None:
+            continue
+        ratio = component.step / step
+        multiples[component.name] = max(1, round(ratio))
+        if abs(ratio - multiples[component.name]) > 1e-9 * ratio:
+            problems.append(
+                f"{component.name}: its step {component.step:g} s is not a whole multiple of the communication step "
+                f"{step:g} s; choose another one (step, --step)"
+            )
+    slow = [name for name, multiple in multiples.items() if multiple > 1]
+    if slow and checked.how.substeps != 1:
+        text = f"{', '.join(slow)}: have their own steps, but {checked.algorithm} takes one step for all"
+        problems.append(f"{text}; use {choice(substeps=1)}")
+    ticking = [name for name, d in checked.descriptions.items() if any(v.clock for v in d.variables.values())]
+    if multiples and ticking:
+        problems.append(
+            f"{', '.join(ticking)}: have clocks, and {', '.join(multiples)} their own steps; clocks need components "
+            "that step together. Leave out the steps or the clocks"
+        )
+    for name in set(slow) & checked.early:
+        late = [k for k in checked.links if k.stepped and k.start[0] == name and k.start not in checked.schedule.direct]
+        if late:
+            problems.append(
+                f"{name}: has its own step, passes inputs on within it, and its state {'.'.join(late[0].start)} is "
+                f"read; {checked.algorithm} cannot pass on both at their times; use {DELAYED}, or split the unit"
+            )
+    notes: list[str] = []
+    for name, period in periods(checked).items():
+        if wrong := [k for k in checked.links if k.end == (name, checked.descriptions[name].period)]:
+            problems.append(f"{wrong[0]}: expected a value for the time between samples, not a connection")
+        fed = [k for k in checked.links if k.stepped and k.end[0] == name]
+        own = step * multiples.get(name, 1) / max(1, checked.how.substeps)
+        if fed and abs(period / own - max(1, round(period / own))) > 1e-9 * period / own:
+            problems.append(
+                f"{name}: samples every {period:g} s, expected a whole multiple of its step {own:g} s: between "
+                f"communication points it would read inputs of an earlier time. Take a step that divides the period, "
+                f"such as {period / math.ceil(period / own - 1e-9):g} s (step, --step), or another period (--set "
+                f"{name}.{checked.descriptions[name].period}={own * max(1, round(period / own)):g})"
+            )
+        sampled = {k.start for k in checked.links if k.source.variability == "discrete"} | checked.schedule.direct
+        late = {k.start[1] for k in checked.links if k.stepped and k.start[0] == name and k.start in sampled
+                and k.end not in checked.schedule.fresh}  # fmt: skip
+        if late and not checked.how.continuous:
+            groups = ", ".join(dict.fromkeys(output.split("[")[0] for output in late))
+            notes.append(f"{name}: samples every {period:g} s; a sample acts on {groups} a step later, after {own:g} s")
+    if problems:
+        raise UsageError("\n".join(problems))
+    return replace(checked, multiples=multiples if slow else {}, notes=(*checked.notes, *sorted(notes)))
+
+
+def periods(checked: Checked) -> dict[str, float]:
+    """Return the times between samples [s] of the components that have sampled states and name their period."""
+    times: dict[str, float] = {}
+    for name, each in checked.descriptions.items():
+        if each.period in each.variables:
+            values = {v.name: value for v, value in checked.starts.get(name, ())}
+            times[name] = float(values.get(each.period, each.variables[each.period].start))
+    return times

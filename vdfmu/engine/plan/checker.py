@@ -32,7 +32,7 @@ Starts = dict[str, dict[str, tuple[FmuVariable, Value]]]
 
 
 def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, Value]) -> Starts:
-    """Resolve ``component.variable`` names given by the user; one without an index means all elements."""
+    """Resolve ``component.variable`` names of the user; without an index they are all elements."""
     starts: Starts = {}
     problems: list[str] = []
     for full, value in parameters.items():
@@ -50,11 +50,11 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
             problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + close_to(name, whole))
         for owner, named in wanted.items():
             try:
-                for one, element in zip(named, spread(value, named), strict=True):
-                    variable = descriptions[owner].variables[one]
+                for name, element in zip(named, spread(value, named), strict=True):
+                    variable = descriptions[owner].variables[name]
                     if not variable.settable:
                         raise ValueError(why_not(variable))
-                    starts.setdefault(owner, {})[one] = (variable, as_type(element, variable))
+                    starts.setdefault(owner, {})[name] = (variable, as_type(element, variable))
             except ValueError as error:
                 problems.append(f"parameter {full!r}: {error}")
     if problems:
@@ -76,22 +76,17 @@ _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculate
 
 
 class Checker:
-    """Problems and notes of a system, as they are found.
-
-    For parameters see `vdfmu.engine.plan.check.check_system`.
-    """
+    """Collects problems and notes of a system; for parameters see `vdfmu.engine.plan.check.check_system`."""
 
     def __init__(
         self, system: FlatSystem, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
     ) -> None:
-        self.system, self.parameters = system, parameters
-        self.strict = strict
+        self.system, self.strict, self.ignore_unmatched, self.parameters = system, strict, ignore_unmatched, parameters
         self.problems = list(system.problems)
         self.notes: list[str] = [*system.notes]
         self.descriptions: dict[str, Description] = {}
-        self._told: set[Hashable] = set()
-        self.ignore_unmatched = ignore_unmatched
         self.clock_links: list[tuple[Port, Port]] = []
+        self._reported: set[Hashable] = set()
         for text in system.unmatched:
             self._unmatched(text)
 
@@ -105,8 +100,7 @@ class Checker:
     def read(self) -> None:
         """Read the FMUs and check the connectors against their variables."""
         if not self.system.components:
-            text = f"{self.system.path.name}: the system has no components"
-            self.problems.append(finding("SSP023", text))
+            self.problems.append(finding("SSP023", f"{self.system.path.name}: the system has no components"))
         with ExitStack() as stack:
             path = self.system.path
             opened = cache(lambda: stack.enter_context(Archive(path, path.name)))
@@ -145,8 +139,8 @@ class Checker:
             except SspError as error:
                 read[place] = None, error.problems
         description, problems = read[place]
-        if key not in self._told:
-            self._told.add(key)
+        if key not in self._reported:
+            self._reported.add(key)
             self.problems += [problem.within(component.name) for problem in problems]
         return description
 
@@ -162,58 +156,53 @@ class Checker:
         return sizes
 
     def _same_names(self) -> None:
-        """Note variables of two components that have one dotted name; the results show one of them."""
+        """Note variables of two components with one dotted name, since results show only one."""
         for name, description in self.descriptions.items():
             parts = name.split(".")
             for i in range(1, len(parts)):
-                outer = self.descriptions.get(".".join(parts[:i]))
-                for variable in description.variables if outer is not None else ():
-                    full = ".".join((*parts, variable))
-                    if outer is not None and ".".join((*parts[i:], variable)) in outer.variables:
-                        text = f"{full}: two variables have this name, of {'.'.join(parts[:i])} and of {name}; "
-                        text += "rename a component to tell them apart"
-                        self.notes.append(finding("SSP021", text))
+                outer, inner = ".".join(parts[:i]), ".".join(parts[i:])
+                names = self.descriptions[outer].variables if outer in self.descriptions else {}
+                for variable in description.variables:
+                    if f"{inner}.{variable}" in names:
+                        text = f"{name}.{variable}: two variables have this name, of {outer} and of {name}"
+                        self.notes.append(finding("SSP021", f"{text}; rename a component"))
 
     def _connector(self, connector: Connector, description: Description) -> Iterator[tuple[str, str]]:
         """Yield the rules that a connector breaks, compared with the variable of its name."""
         shape = description.shapes.get(connector.name, ())
         variable = next(iter(description.elements(connector.name)), None)
         if variable is None:
-            known = close_to(connector.name, description.names)
-            yield "SSP040", f"{description.source} has no such variable{known}"
+            yield "SSP040", f"{description.source} has no such variable{close_to(connector.name, description.names)}"
             return
         if connector.kind not in (variable.causality, "unspecified"):
-            kinds = f"the SSD declares kind {connector.kind!r}, the FMU causality {variable.causality!r}"
-            yield "SSP041", kinds
+            yield "SSP041", f"the SSD declares kind {connector.kind!r}, the FMU causality {variable.causality!r}"
         if connector.type is not None and not _same_type(connector.type, variable.declared):
             yield "SSP042", f"the SSD declares type {connector.type}, the FMU {variable.declared}"
         elif connector.unit and variable.unit is not None:
             declared = self._unit(connector.unit)
             if not declared.same_as(variable.unit):
-                units = f"the SSD declares {declared.name!r} ({_full(declared)}), "
-                units += f"the FMU {variable.unit.name!r} ({_full(variable.unit)})"
-                yield "SSP043", f"unit mismatch, {units}"
+                units = [f"{unit.name!r} ({_full(unit)})" for unit in (declared, variable.unit)]
+                yield "SSP043", f"unit mismatch, the SSD declares {units[0]}, the FMU {units[1]}"
         if not fits(connector.dimensions, shape):
-            sizes = f"the SSD declares {show_shape(connector.dimensions)}, the FMU {show_shape(shape)}"
-            yield "SSP044", sizes
+            yield "SSP044", f"the SSD declares {show_shape(connector.dimensions)}, the FMU {show_shape(shape)}"
 
     def _unit(self, name: str) -> UnitFactor:
         return self.system.units.get(name, UnitFactor(name))
 
     def port_unit(self, port: Port, variable: FmuVariable) -> UnitFactor | None:
-        """Return the unit of the FMU, else the one that the SSD declares for the connector."""
+        """Return the unit of the FMU, else of the connector in the SSD."""
         if variable.unit is not None:
             return variable.unit
         connector = self.system.component(port[0]).connectors.get(port[1])
         return self._unit(connector.unit) if connector is not None and connector.unit else None
 
     def _as_declared(self, port: Port, variable: FmuVariable) -> bool:
-        """Whether the connector is of a kind that the variable has; mismatches are reported with the connectors."""
+        """Whether the connector's kind fits the variable; mismatches are reported with the connectors."""
         kind = self.system.component(port[0]).connectors[port[1]].kind
         return kind in (variable.causality, "unspecified")
 
     def _elements(self, port: Port, index: Index = ()) -> tuple[list[FmuVariable], Shape]:
-        """Return the variables that are one end of a connection, none if there are none, and their shape."""
+        """Return the variables at an end of a connection, if any, and their shape."""
         description = self.descriptions.get(port[0])
         if description is None:
             return [], ()
@@ -241,22 +230,17 @@ class Checker:
                 continue
             if (source.causality, sink.causality) not in _PAIRS:
                 if self._as_declared(connection.start, source) and self._as_declared(connection.end, sink):
-                    what = f"{source.causality} to {sink.causality}"
-                    fault("RUN007", f"the master carries no values from {what}; set the value in a parameter set")
+                    kinds = f"{source.causality} to {sink.causality}"
+                    fault("RUN007", f"the master carries no values from {kinds}; set the value in a parameter set")
                 continue
             if sink.causality == "parameter" and not (sink.settable and sink.variability != "constant"):
                 fault("SSP053", f"parameter {'.'.join(connection.end)} is not settable")
             conversion = Conversion()
             try:
                 conversion = compose(
-                    connection.hops,
-                    self.port_unit(connection.start, source),
-                    self.port_unit(connection.end, sink),
-                    source.type,
-                    self.system.units,
-                    sink.relative,
-                    (source.items, sink.items),
-                )
+                    connection.hops, self.port_unit(connection.start, source), self.port_unit(connection.end, sink),
+                    source.type, self.system.units, sink.relative, (source.items, sink.items),
+                )  # fmt: skip
             except MisfitError as error:
                 fault(_OF_CONNECTION[error.what], str(error))
             unit, target = self.port_unit(connection.start, source), self.port_unit(connection.end, sink)
@@ -292,10 +276,10 @@ class Checker:
         starts: Starts = {}
         for component in self.system.components:
             description = self.descriptions.get(component.name)
-            given = () if description is None else (*component.overruled, *component.parameters)
-            for parameter in given:
+            if description is None:
+                continue
+            for parameter in (*component.overruled, *component.parameters):
                 where = f"{component.name}: parameter {parameter.name!r} ({parameter.origin})"
-                assert description is not None
                 elements, shape = self._elements((component.name, parameter.name))
                 if not elements:
                     if not any(self._exists(*place) for place in parameter.elsewhere):

@@ -11,7 +11,7 @@ from vdfmu.engine.package.system import Hop, Transformation, UnitFactor, Value
 
 
 class MisfitError(ValueError):
-    """Why values do not pass: `what` does not fit, the type, the unit or the transformation."""
+    """A mismatch of two variables; `what` is type, unit or transformation."""
 
     def __init__(self, what: str, text: str) -> None:
         super().__init__(text)
@@ -20,10 +20,7 @@ class MisfitError(ValueError):
 
 @dataclass(frozen=True)
 class Conversion:
-    """``target = factor * source + offset``, or a table of values for booleans and integers.
-
-    Values that are not in the table pass unchanged.
-    """
+    """``target = factor * source + offset``, or for booleans and integers a table; other values pass unchanged."""
 
     factor: float = 1.0
     offset: float = 0.0
@@ -36,9 +33,9 @@ class Conversion:
 
 
 def between(source: UnitFactor, target: UnitFactor, relative: bool = False) -> tuple[float, float]:
-    """Return factor and offset from one unit to another; MisfitError says why there are none.
+    """Return factor and offset from one unit to another; MisfitError if units do not convert.
 
-    `relative` is the relativeQuantity of FMI: a difference, to which offsets do not apply.
+    `relative` is relativeQuantity of FMI: a difference without offset.
     """
     if source.same_as(target):
         return 1.0, 0.0
@@ -63,14 +60,13 @@ def compose(
     relative: bool = False,
     items: tuple[Mapping[str, int] | None, Mapping[str, int] | None] = (None, None),
 ) -> Conversion:
-    """Compose what lies between two variables of a type, such as ``Real``; MisfitError where type or unit misfit.
+    """Compose the hops between two variables of a type, such as ``Real``; MisfitError if type or unit do not fit.
 
-    At each hop the unit is converted first, unless the hop suppresses it or one side has no unit, then the
-    transformation is applied (SSP 1.0, GTransformationChoice). A connector of a system without a unit takes
-    the unit of what feeds it.
+    Each hop converts the unit first, unless the hop suppresses it or one side lacks a unit. Then it applies the
+    transformation (SSP 1.0, GTransformationChoice). A connector of a system without a unit takes its source's unit.
 
     `source` and `target` are the units of the variables, `units` the definitions of the SSD; `relative` is whether the
-    target is a relative quantity, `items` has name to value of both variables where they are enumerations.
+    target is a relative quantity, `items` has name to value of both variables if they are enumerations.
     """
     factor, offset = 1.0, 0.0
     table: dict[int, int] | None = None
@@ -102,7 +98,7 @@ def compose(
 
 
 def _chain(first: Mapping[int, int] | None, then: Mapping[int, int]) -> dict[int, int]:
-    """Return one table for two in a row; a table leaves values that it does not mention."""
+    """Return one table for two in a row; other values pass unchanged."""
     before = first or {}
     return {**then, **{source: then.get(value, value) for source, value in before.items()}}
 
@@ -116,17 +112,17 @@ def _values_of(
         for which, item, known in (("source", name, source), ("target", meaning, target)):
             if item not in (known or {}):
                 there = ", ".join(known or {}) or "none"
-                text = f"the mapping names {item!r}, which is not an item of the {which}; there are {there}"
+                text = f"the mapping names {item!r}, but items of the {which} are {there}"
                 raise MisfitError("transformation", text)
         table[(source or {})[name]] = (target or {})[meaning]
     return table
 
 
 def as_type(value: Value, variable: FmuVariable, exact: str | None = None) -> Value:
-    """Turn a value into the type of a variable; MisfitError if it does not fit.
+    """Convert a value to the type of a variable; MisfitError if it does not fit.
 
-    With `exact`, the type that a parameter set states, only integers pass to reals and enumerations.
-    Without, text is read as a value of the variable's type, and whole numbers as integers.
+    With `exact`, the type in a parameter set, only integers convert, to reals and enumerations. Without, text is read
+    as a value of the variable's type, and whole numbers as integers.
     """
     allowed = {"Real": {"Real", "Integer"}, "Enumeration": {"Enumeration", "Integer"}}
     kind = variable.type
@@ -169,7 +165,7 @@ def as_type(value: Value, variable: FmuVariable, exact: str | None = None) -> Va
 Port = tuple[str, str]
 """Component and variable."""
 SOURCE = "(inputs)"
-"""Takes the place of a component for signals from outside."""
+"""Stands for a component for signals from outside."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +186,7 @@ class Link:
 
     @property
     def is_given(self) -> bool:
-        """Whether the value is given for this input, by a file or a user. Values of other processes have their name."""
+        """Whether a file or a user gives the value. Values of other processes have the names of their sources."""
         return self.start == (SOURCE, ".".join(self.end))
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Inputs that signals from outside feed, checked: the signals are outputs of a source in addition to the components."""
+"""Signals from outside, checked and connected to inputs: they are outputs of a source beside the components."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vdfmu.engine.plan.inputs import Course, InputTable
 
 
 class Fed(NamedTuple):
-    """Signals of one FMI type, and their names as outputs of the source."""
+    """Signals of one FMI type, with their names as outputs of the source."""
 
     kind: str
     names: tuple[str, ...]
@@ -42,11 +42,10 @@ def feed_inputs(
     unit_of: Callable[[Port, FmuVariable], UnitFactor | None],
     units: Mapping[str, UnitFactor],
 ) -> tuple[Feed | None, list[str]]:
-    """Connect the columns of tables to the inputs that they name; None without tables.
+    """Connect columns of tables to the inputs of their names; None without tables. Also return all problems.
 
-    `links` are the connections of the system, `unit_of` returns the unit of measurement of an input, `units` are the
-    definitions of the SSD. The list has all problems: unknown names, inputs that are connected, units of measurement
-    and values that do not fit.
+    `links` are the connections of the system, `unit_of` returns the unit of an input, `units` are the definitions of
+    the SSD.
     """
     if not tables:
         return None, []
@@ -56,11 +55,7 @@ def feed_inputs(
         for component, description in descriptions.items()
         for variable in description.variables.values()
     }
-    free = [
-        name
-        for name, (component, v) in variables.items()
-        if v.causality == "input" and (component, v.name) not in connected
-    ]
+    free = [name for name, (unit, v) in variables.items() if v.causality == "input" and (unit, v.name) not in connected]
     problems: list[str] = []
     notes: list[str] = []
     made: dict[str, tuple[FmuVariable, Link]] = {}
@@ -105,8 +100,8 @@ def feed_inputs(
         elif left:
             notes.append(f"{table.where}: {len(table.names) - left} columns feed inputs; {left} name no free one")
     sources = {name: source for name, (source, _) in made.items()}
-    nothing: dict[str, frozenset[str] | None] = dict.fromkeys(sources, frozenset())
-    description = Description("", "", "", False, sources, nothing, nothing)
+    none: dict[str, frozenset[str] | None] = dict.fromkeys(sources, frozenset())
+    description = Description("", "", "", False, sources, none, none)
     return Feed(tuple(courses), description, tuple(link for _, link in made.values()), tuple(notes)), problems
 
 

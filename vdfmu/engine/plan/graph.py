@@ -36,21 +36,18 @@ def topological(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[N]:
 
 
 def ranks(nodes: Sequence[N], edges: Iterable[tuple[N, N]], counts: Callable[[N, N], bool]) -> dict[N, int]:
-    """Return for each node of an acyclic graph how many edges that count are on a way to it, at most."""
+    """Return the largest number of counted edges on a path to each node of an acyclic graph."""
     before: dict[N, list[N]] = {}
     for a, b in edges:
         before.setdefault(b, []).append(a)
-    found: dict[N, int] = {}
+    rank: dict[N, int] = {}
     for b in topological(nodes, edges):
-        found[b] = max((found[a] + counts(a, b) for a in before.get(b, ())), default=0)
-    return found
+        rank[b] = max((rank[a] + counts(a, b) for a in before.get(b, ())), default=0)
+    return rank
 
 
 def cycles(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[tuple[list[N], list[N]]]:
-    """Return, for each strongly connected part with a cycle, its nodes and a shortest cycle in it.
-
-    The cycle repeats its first node at its end.
-    """
+    """Return the nodes of each strongly connected part with a cycle, and a shortest cycle that ends with its start."""
     edges = list(edges)
     index = {node: i for i, node in enumerate(nodes)}
     try:

@@ -34,7 +34,7 @@ class Grid(NamedTuple):
 
     @property
     def last(self) -> float:
-        """Length of the last step, which for no rounding leads beyond the end [s]."""
+        """Length of the last step [s]; it never leads beyond the end, for any rounding."""
         time = self.begin + (self.n - 1) * self.step
         return self.step if time + self.step == self.end else largest_step(time, self.end)
 
@@ -46,16 +46,12 @@ def count_steps(step: float, stop: float, start: float = 0.0) -> int:
             raise UsageError(f"{name}: expected a positive finite time, got {value:g} s.")
     ratio, after = (stop - start) / step, f" after start = {start:g} s" if start else ""
     if ratio > _MOST:
-        raise UsageError(
-            f"stop: expected at most {_MOST:g} steps of {step:g} s, got {stop:g} s. Give an earlier end or a longer "
-            "step."
-        )
+        text = f"stop: expected at most {_MOST:g} steps of {step:g} s, got {stop:g} s"
+        raise UsageError(f"{text}. Give an earlier end or a longer step.")
     n = max(1, round(ratio))
     if abs(ratio - n) > _CLOSE * n:
-        raise UsageError(
-            f"stop: expected a multiple of step = {step:.12g} s{after}, got {stop:.12g} s. The nearest is "
-            f"{start + n * step:.12g} s."
-        )
+        text = f"stop: expected a multiple of step = {step:.12g} s{after}, got {stop:.12g} s"
+        raise UsageError(f"{text}. The nearest is {start + n * step:.12g} s.")
     return n
 
 

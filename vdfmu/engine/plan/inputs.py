@@ -22,9 +22,9 @@ from vdfmu.base.files import read_text
 _HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")
 """A name, and a unit of measurement in brackets behind a space."""
 _CLOSE = 1e-12
-"""Part of the largest time within which a time counts as a row's: both are rounded."""
+"""Rounding of a time and of a row's time, relative to the largest time."""
 _STRAIGHT = 1e-9
-"""Part of the largest slope below which a change of it is rounding and not a bend."""
+"""Rounding of slopes, relative to the largest: no bend."""
 _MOST_PROBLEMS = 8
 
 
@@ -43,15 +43,15 @@ class InputTable:
     values: Floats
     """(m, n)."""
     held: bool
-    """Whether a value holds until the next row; else the way between two rows is a line."""
+    """Whether a value holds until the next row; else it is interpolated linearly."""
     chosen: bool = True
-    """Whether every column must name an input; else, in a results file, those that do are taken."""
+    """Whether every column must name an input; of a results file other columns are ignored."""
     group: str = ""
-    """Input whose elements the columns are, all of them; empty for those of a file."""
+    """Input whose elements are the columns, all of them; empty for columns of a file."""
 
     @property
     def digest(self) -> str:
-        """Digest of all that decides a run: names, units, times, values, and what holds between them."""
+        """Digest of all that decides a run: names, units, times, values, interpolation."""
         head = repr((self.names, self.units, self.values.shape, self.held, self.chosen)).encode()
         return sha256(head + self.t.tobytes() + self.values.tobytes()).hexdigest()[:16]
 
@@ -90,36 +90,26 @@ class Course:
 def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[InputTable, ...]:
     """Read signals for inputs.
 
-    The first column of a CSV file is the time in seconds; the others are named by their inputs, with the unit of
-    measurement in brackets where it is to be checked: ``time,plant.F_e[1] [N]``. A second line of units, as
-    ``results.csv`` has it, does the same; of such a file the columns are taken that name an input that nothing feeds.
+    The first column of a CSV file is the time in seconds. Other columns have the names of inputs, and a unit in
+    brackets is checked: ``time,plant.F_e[1] [N]``. A second line of units, as in ``results.csv``, does the same, and
+    columns of such a file that name no free input are ignored.
 
-    Parameters
-    ----------
-    inputs : path, sequence of paths, mapping of str to (t, values), or tables
-        Times (m,) [s], and values (m,) of ``component.variable``, or (m, n) of ``component.variable[1]`` to ``[n]``.
-    hold : bool
-        Whether values hold until the next row; values that are not real do in any case.
-
-    Raises
-    ------
-    UsageError
-        For files or arrays in another form, with every problem and its row.
+    A mapping has times (m,) [s], and values (m,) of ``component.variable``, or (m, n) of ``component.variable[1]`` to
+    ``[n]``. With `hold`, real values hold until the next row; other values always do. UsageError for files or arrays in
+    another form, with every problem and its row.
     """
     problems: list[str] = []
     tables: list[InputTable | None] = []
-    if inputs is None:
-        inputs = ()
     if isinstance(inputs, Mapping):
         tables += [_from_arrays(name, pair, hold, problems) for name, pair in inputs.items()]
     else:
-        several: Any = (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs
-        several = [*several] if isinstance(several, Iterable) else [several]
-        if wrong := [one for one in several if not isinstance(one, (str, os.PathLike, InputTable))]:
-            expected = "expected a path, several, or a mapping of signals to arrays"
-            raise UsageError(f"inputs: {expected}, got {wrong[0]!r:.60}.")
-        for one in several:
-            tables.append(one if isinstance(one, InputTable) else _from_csv(Path(one), hold, problems))
+        several: Any = () if inputs is None else inputs
+        several = [*several] if isinstance(several, Iterable) and not isinstance(several, str) else [several]
+        for each in several:
+            if not isinstance(each, (str, os.PathLike, InputTable)):
+                expected = "expected a path, several, or a mapping of signals to arrays"
+                raise UsageError(f"inputs: {expected}, got {each!r:.60}.")
+            tables.append(each if isinstance(each, InputTable) else _from_csv(Path(each), hold, problems))
     if problems:
         raise UsageError("\n".join(problems))
     return tuple(table for table in tables if table is not None)
@@ -143,7 +133,7 @@ def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[st
 
 
 class Columns(NamedTuple):
-    """A CSV file: names and units of measurement of its columns, values (m, n); whether it holds results."""
+    """A CSV file: names and units of its columns, values (m, n), and whether it holds results."""
 
     names: list[str]
     units: list[str]
@@ -152,11 +142,10 @@ class Columns(NamedTuple):
 
 
 def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Columns | None:
-    """Read a CSV file of named columns of numbers, of which ``time`` increases; None if it has none.
+    """Read a CSV file of named columns of numbers with increasing ``time``, the first column if `timed`.
 
-    What is wrong with a row is noted, and a row that cannot be read left out.
-
-    `timed`: the first column must be the time. A second row of units, as in ``results.csv``, is as good as brackets.
+    Units are in brackets or in a second row, as in ``results.csv``. Faults of rows are added to `problems`, and rows
+    that cannot be read are left out. None for a file in another form.
     """
     try:
         text = read_text(path)
@@ -164,7 +153,7 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Colum
         lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(row)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
-        problems.append(f"{path}: expected a CSV file, got what cannot be read: {why}")
+        problems.append(f"{path}: expected a CSV file, but it cannot be read: {why}")
         return None
     headings = [_heading(cell) for cell in lines[0][1]] if lines else []
     names, units = [name for name, _ in headings], [unit for _, unit in headings]
@@ -188,23 +177,21 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Colum
         problems.append(f"{path}: {fault}")
         return None
     rows: dict[int, list[float]] = {}
-    found: list[str] = []
+    faults: list[str] = []
     for number, cells in body:
-        before = len(found)
         if len(cells) != len(names):
-            found.append(f"row {number}: expected {len(names)} cells, got {len(cells)}")
+            faults.append(f"row {number}: expected {len(names)} cells, got {len(cells)}")
             continue
-        rows[number] = []
+        floats: list[float] = []
         for name, cell in zip(names, cells, strict=True):
             try:
-                rows[number].append(float(cell))
+                floats.append(float(cell))
             except ValueError:
-                found.append(f"row {number}: {name}: expected a number, got {cell!r}")
-        if len(found) > before:
-            del rows[number]
-    if found:
-        more = [f"{len(found) - _MOST_PROBLEMS} more rows like these"] if len(found) > _MOST_PROBLEMS else []
-        problems += [f"{path}: {text}" for text in (*found[:_MOST_PROBLEMS], *more)]
+                faults.append(f"row {number}: {name}: expected a number, got {cell!r}")
+        if len(floats) == len(cells):
+            rows[number] = floats
+    more = [f"{len(faults) - _MOST_PROBLEMS} more rows like these"] if len(faults) > _MOST_PROBLEMS else []
+    problems += [f"{path}: {text}" for text in (*faults[:_MOST_PROBLEMS], *more)]
     table, numbers = np.array([*rows.values()]).reshape(-1, len(names)), [*rows]
     t = table[:, names.index("time")] if "time" in names else np.arange(float(len(rows)))
     others = [i for i, name in enumerate(names) if name != "time"]
@@ -231,7 +218,7 @@ def _heading(cell: str) -> tuple[str, str]:
 def _check_rows(
     where: str, row: Callable[[int], str], names: Sequence[str], t: Floats, values: Floats, problems: list[str]
 ) -> None:
-    """Note the first row of each kind that is not finite or not later than the row before."""
+    """Note the first row of each column that is not finite, and the first with a time that does not increase."""
     for name, column in zip(("time", *names), (t, *values.T), strict=True):
         bad = np.flatnonzero(~np.isfinite(column))
         if bad.size:
@@ -248,7 +235,7 @@ def outside(tables: Sequence[InputTable], begin: float, end: float) -> list[str]
     """Return a note for each table that does not reach over a run from `begin` to `end` [s]."""
     slack = _CLOSE * max(abs(begin), abs(end), math.ulp(0.0))
     return [
-        f"{table.where}: its times are {table.t[0]:g} to {table.t[-1]:g} s, those of the run {begin:g} to {end:g} s; "
+        f"{table.where}: its times are {table.t[0]:g} to {table.t[-1]:g} s, the run's are {begin:g} to {end:g} s; "
         "before the first row and after the last its values hold"
         for table in tables
         if table.t[0] > begin + slack or table.t[-1] < end - slack

@@ -14,33 +14,31 @@ from vdfmu.engine.plan.graph import cycles, topological
 
 @dataclass(frozen=True)
 class Initial:
-    """How values are carried over in initialization mode."""
+    """The order of connections in initialization mode."""
 
     links: tuple[Link, ...]
-    """Connections in their order."""
     torn: tuple[Link, ...]
-    """Connections that close an algebraic loop: what they carry is guessed."""
+    """Connections that close an algebraic loop: their values are guessed."""
     loops: tuple[str, ...]
     """The cycle of each, for messages."""
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """In which order things happen."""
+    """The order of a run."""
 
     initial: Initial
     units: tuple[str, ...]
     """The components in the order of their doStep."""
     fresh: frozenset[Port]
-    """Inputs that get the value their source computed in the same step. The others (the other
-    discrete ones with a continuous algorithm) get the value that their source had at the start of the step."""
+    """Inputs that get the value of the same step from their source. Other inputs (other discrete inputs with a
+    continuous algorithm) get its value at the start of the step."""
     through: frozenset[Port] = frozenset()
-    """Connected inputs on which an output that another unit reads depends directly. If no output is read, any output
-    counts."""
+    """Connected inputs with direct feedthrough to an output that another unit reads; to any output if none is read."""
     direct: frozenset[Port] = frozenset()
     """Outputs that depend directly on a connected input."""
     blocks: tuple[tuple[str, ...], ...] = ()
-    """The components again, those that depend on each other in one block; for continuous algorithms."""
+    """The components in blocks that depend on each other; for continuous algorithms."""
     groups: tuple[tuple[str, ...], ...] = ()
     """Components of model exchange that depend on each other within a step: they are integrated as one."""
 
@@ -48,9 +46,9 @@ class Schedule:
 def choose_schedule(
     descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str | None
 ) -> tuple[str, Schedule, list[str], list[str]]:
-    """Order a system by an algorithm; for None by `DEFAULT`, or `DELAYED` if only undeclared dependencies forbid that.
+    """Order a system by an algorithm; for None by `DEFAULT`, or `DELAYED` if only undeclared dependencies forbid it.
 
-    Returns the algorithm, the schedule, problems, see `make_schedule`, and notes: that it is `DELAYED`, and why.
+    Returns the algorithm, the schedule, problems as `make_schedule`, and notes.
     """
     schedule, problems = make_schedule(descriptions, links, algorithm or DEFAULT)
     if algorithm is not None or not problems:
@@ -67,12 +65,12 @@ def choose_schedule(
 
 
 def _late(descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str) -> list[str]:
-    """Return notes on what `DEFAULT` would integrate as one, and this algorithm does not."""
+    """Return notes on components that only `DEFAULT` integrates as one."""
     if ALGORITHMS[algorithm].ordered or ALGORITHMS[algorithm].repeats:
         return []
     return [
-        f"{', '.join(group)}: depend on each other within a step; {algorithm} passes on what they give a step late, or "
-        f"as predicted, by which they may be far off or unstable; {DEFAULT} integrates them as one"
+        f"{', '.join(group)}: depend on each other within a step; {algorithm} passes their outputs on a step late or "
+        f"as predicted, so they may be far off or unstable; {DEFAULT} integrates them as one"
         for group in make_schedule(descriptions, links, DEFAULT)[0].groups
     ]
 
@@ -80,41 +78,26 @@ def _late(descriptions: Mapping[str, Description], links: Sequence[Link], algori
 def make_schedule(
     descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str
 ) -> tuple[Schedule, list[str]]:
-    """Order a system.
+    """Order a system; `descriptions` are in the order of the SSD.
 
-    FMI 2.0 lets no output be read between setting an input and doStep, so the output of a controller for
-    [t_k, t_k+1] is what its own doStep from t_k computes with the inputs at t_k. Hence:
+    FMI 2.0 forbids to read outputs between setting an input and doStep, so a controller computes its output for
+    [t_k, t_k+1] in its own doStep from t_k, with the inputs at t_k. Hence:
 
     ordered algorithms
-        An output that depends on a connected input (feed-through) is passed on *fresh*: its readers get
-        the value of this very step. An output that depends on none (the state of a plant, a trajectory)
-        is passed on as it was at t_k, to every reader, whichever unit steps first. Feed-through units
-        come first, each after those whose fresh outputs it reads, then the others, both else in the order
-        of the SSD. Components of model exchange that read each other's fresh outputs are integrated as one. Sampled
-        control has no delay beyond its zero-order hold. Units without feed-through that read each other do so with
-        values at t_k.
+        An output that depends on a connected input (feedthrough) is passed on *fresh*: readers get its value of the
+        same step. Any other output (the state of a plant, a trajectory) is passed on as at t_k, to all readers. Units
+        with feedthrough come first, each after the sources of its fresh inputs, then the other units, all else in the
+        order of the SSD. Components of model exchange that read each other's fresh outputs are integrated as one.
+        Sampled control is delayed by its zero-order hold only.
     other algorithms
-        Every input is the output at t_k. Feed-through costs one more step of delay.
+        Every input is the output at t_k. Feedthrough costs one more step of delay.
     continuous algorithms
-        Every continuous input runs over the step to the value of its source at t_k+1, computed or predicted (see
-        `vdfmu.engine.masters.continuous`). A discrete one keeps its value at t_k, unless it feeds through and comes
-        from a component. Units step after those that they read; where units read each other, in the
-        order of an ordered algorithm within their block.
+        Every continuous input ramps over the step to the value of its source at t_k+1, computed or predicted (see
+        `vdfmu.engine.masters.continuous`). A discrete input holds its value at t_k, unless it feeds through and comes
+        from a component. Units step after their sources; blocks of units that read each other are ordered as above.
 
-    Parameters
-    ----------
-    descriptions : mapping of str to Description
-        Description of each component, in the order of the SSD.
-    links : sequence of Link
-    algorithm : str
-        One of `ALGORITHMS`.
-
-    Returns
-    -------
-    Schedule
-    list of str
-        One problem for each algebraic loop in the steps of an ordered algorithm, with its cycle. Other algorithms
-        break it by their delay or prediction, or solve it. Loops of the initialization are solved.
+    Returns the schedule, and a problem for each algebraic loop in the steps of an ordered algorithm, with its cycle.
+    Other algorithms break it by their delay or prediction, or solve it. Loops of the initialization are solved.
     """
     problems: list[str] = []
     ports, edges = variable_graph(descriptions, links, initial=True)
@@ -163,8 +146,8 @@ def make_schedule(
                 groups |= dict.fromkeys(group, group)
                 inner = (k for k in links if k.stepped and {k.start[0], k.end[0]} <= set(group))
                 problems += [
-                    f"{k}: is of type {k.sink.type}; {', '.join(group)} depend on each other within a step and are "
-                    f"integrated together, and such components pass reals to each other; use {others}"
+                    f"{k}: is of type {k.sink.type}, but must be real, since {', '.join(group)} depend on each other "
+                    f"within a step and are integrated together; use {others}"
                     for k in inner
                     if {k.source.kind, k.sink.kind} != {"Real"}
                 ]
@@ -178,9 +161,10 @@ def make_schedule(
     listed = list(dict.fromkeys(blocks.values()))
     between = {(blocks[a], blocks[b]) for a, b in unit_edges if blocks[a] != blocks[b]}
     for _, cycle in () if problems else cycles(listed, between):
+        listed_blocks = " and ".join(", ".join(block) for block in cycle[:-1])
         problems.append(
-            f"{algorithm} cannot order {' and '.join(', '.join(block) for block in cycle[:-1])}: the components that "
-            f"are integrated together read within a step what depends on them; use {others}"
+            f"{algorithm} cannot order {listed_blocks}: components that are integrated together read outputs within a "
+            f"step that depend on them; use {others}"
         )
     units = tuple(name for block in (listed if problems else topological(listed, between)) for name in block)
     ends = {k.end for k in fresh} | {k.end for k in links if k.stepped and k.end[0] in groups.get(k.start[0], ())}
@@ -189,9 +173,9 @@ def make_schedule(
 
 
 def _joined(descriptions: Mapping[str, Description], links: Sequence[Link]) -> dict[str, list[str]]:
-    """Return the components of model exchange that read each other, each with all that it would be integrated with.
+    """Return the components of model exchange that read each other, each with its group.
 
-    Also those whose outputs are states: between components of a group nothing holds over a step.
+    Outputs that are states count too: in a group, no value holds over a step.
     """
     names = [name for name, description in descriptions.items() if description.exchange]
     edges = {(k.start[0], k.end[0]) for k in links if k.stepped and {k.start[0], k.end[0]} <= set(names)}
@@ -199,9 +183,9 @@ def _joined(descriptions: Mapping[str, Description], links: Sequence[Link]) -> d
 
 
 def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset[Port]:
-    """Return the inputs on which an output that another unit reads (or any output if none is read) depends directly.
+    """Return inputs with feedthrough to an output that another unit reads, or to any output if none is read.
 
-    An output that nobody reads must not decide how the others are computed.
+    Outputs without a reader must not decide how other outputs are computed.
     """
     coupled = {unit for unit, _ in starts}
     return frozenset(
@@ -213,28 +197,22 @@ def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset
 
 
 def _fresh_discrete(names: Sequence[str], links: Sequence[Link], through: frozenset[Port]) -> frozenset[Port]:
-    """Return the discrete inputs that outputs depend on directly: these get the value at the end of the step.
+    """Return the discrete inputs with feedthrough: they get the value at the end of the step.
 
-    Except inputs through which, within the step, the value depends on itself: a switch in such a loop would have no
-    value to settle on.
+    Inputs in a loop within the step are left out: a switch in a loop might not settle.
     """
     edges = {(k.start[0], k.end[0]) for k in links if not k.discrete or k.end in through}
     loop_of = {name: i for i, (part, _) in enumerate(cycles(names, edges)) for name in part}
-    return frozenset(
-        k.end
-        for k in links
-        if k.discrete
-        and k.end in through
-        and (k.start[0] not in loop_of or loop_of[k.start[0]] != loop_of.get(k.end[0]))
-    )
+    apart = [k for k in links if k.start[0] not in loop_of or loop_of[k.start[0]] != loop_of.get(k.end[0])]
+    return frozenset(k.end for k in apart if k.discrete and k.end in through)
 
 
 def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> tuple[tuple[str, ...], ...]:
     """Group units that read each other, blocks in the order of the data.
 
-    Within a block, the `feeding` units, whose connected outputs depend on inputs directly, come first, each after the
-    units whose feed-through it reads; so only outputs of units without feed-through are guessed. Where that order has a
-    cycle (an algebraic loop), the order of the SSD stays.
+    Within a block the `feeding` units, with feedthrough to connected outputs, come first, each after its sources with
+    feedthrough. So only outputs of units without feedthrough are guessed. If this order has a cycle (an algebraic
+    loop), the order of the SSD stays.
     """
     edges = {(k.start[0], k.end[0]) for k in links}
     loops = {name: tuple(part) for part, _ in cycles(names, edges) for name in part}
@@ -253,26 +231,19 @@ def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> t
 
 def _dependencies(description: Description, output: str, initial: bool, connected: set[Port], unit: str) -> list[str]:
     """Return the connected inputs (initially also parameters) of a unit that an output depends on."""
-    everything = [name for owner, name in connected if owner == unit]
-    if initial:
-        variable = description.variables[output]
-        if output in description.initial_dependencies:
-            known = description.initial_dependencies[output]
-        elif variable.initial == "exact":
-            known = frozenset()
-        else:
-            known = description.step_dependencies.get(output)
-    else:
-        known = description.step_dependencies.get(output)
-        if description.variables[output].causality != "output":
-            known = frozenset()
-    return everything if known is None else [name for name in everything if name in known]
+    inputs, variable = [name for owner, name in connected if owner == unit], description.variables[output]
+    declared = description.step_dependencies.get(output)
+    if initial and output in description.initial_dependencies:
+        declared = description.initial_dependencies[output]
+    elif variable.initial == "exact" if initial else variable.causality != "output":
+        declared = frozenset()
+    return inputs if declared is None else [name for name in inputs if name in declared]
 
 
 def variable_graph(
     descriptions: Mapping[str, Description], links: Sequence[Link], *, initial: bool
 ) -> tuple[list[Port], set[tuple[Port, Port]]]:
-    """Return the connected variables, and the pairs of which the second depends on the first directly."""
+    """Return the connected variables, and the pairs whose second variable depends on the first directly."""
     used = [link for link in links if initial or link.stepped]
     connected = {link.end for link in used}
     ports = list(dict.fromkeys(port for link in used for port in (link.start, link.end)))
@@ -286,10 +257,10 @@ def variable_graph(
 def _tear(
     ports: Sequence[Port], edges: set[tuple[Port, Port]], links: Sequence[Link]
 ) -> dict[Port, tuple[Link, Sequence[Port]]]:
-    """Take connections away until the edges have no cycle; return them by their ends, with a cycle of their loop.
+    """Remove connections until all cycles are open; return them by their ends, with a cycle of their loop.
 
-    In a loop, all connections into one unit are removed: the unit with the fewest discrete ones, which no guess
-    improves, and then with the fewest in all.
+    In a loop, all connections into one unit are removed: the unit with the fewest discrete connections, since no guess
+    improves them, and then with the fewest in all.
     """
     torn: dict[Port, tuple[Link, Sequence[Port]]] = {}
     loop_of: dict[Port, Sequence[Port]] = {}

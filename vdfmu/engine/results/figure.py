@@ -49,8 +49,8 @@ class Figure(NamedTuple):
 def signal_figures(results: Recorded, hidden: Collection[str] = (), joints: int | None = None) -> Iterator[Figure]:
     """Yield a figure for each recorded variable except the signals that are `hidden`.
 
-    Elements of an array are curves of one figure, elements with another unit of another figure. Their numbers are
-    those of joints in arrays of `joints` elements, by default in all arrays.
+    Elements of an array are curves of one figure, elements with another unit of another figure. In arrays of `joints`
+    elements, by default in all arrays, they have the numbers of joints.
     """
     for group, members in results.groups.items():
         listed = [(k, name) for k, (_, name) in enumerate(sorted(members.items()), 1) if name not in hidden]

@@ -21,13 +21,13 @@ from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, Check, verdict_of
 from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES), "summary.json")
-"""Files that a run of a package writes and replaces, beside figures; packages are not among them."""
+"""Result files of a package's run beside figures; they replace the files of an earlier run."""
 PARTIAL = "partial"
-"""Folder, in that of the results, of a run that failed or was stopped."""
+"""Folder of a failed or stopped run in the folder of the results."""
 _TEMPORARY = re.compile(r"[0-9a-f]{16}\.tmp")
-"""Names of files that were being written, see `vdfmu.base.files.replacing`."""
+"""Names of unfinished files, see `vdfmu.base.files.replacing`."""
 DRAWN = 20_000
-"""Rows that a picture shows at most: 8 for each of its pixels."""
+"""Most rows in a picture: 8 for each pixel."""
 
 
 def known_formats(formats: Sequence[str]) -> None:
@@ -48,16 +48,13 @@ def known_pictures(pictures: Sequence[str], width: str) -> float:
 
 @contextmanager
 def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> Generator[Path]:
-    """Give a run a folder in `folder` to write to; what it holds in the end replaces an earlier run.
+    """Give a run a folder in `folder` to write to; on success its files replace an earlier run.
 
-    A run that fails or is stopped leaves its rows in ``partial``, which its error says, and the earlier run as it was.
-    Without rows it leaves nothing. One that is killed leaves ``partial_PID``, which the next run removes. Several at
+    A failed or stopped run leaves its rows in ``partial``, with a note in its error, and the earlier run unchanged.
+    Without rows it leaves nothing. A killed run leaves ``partial_PID``, and the next run removes it. Several runs at
     once, in threads or processes, do not interfere: the last to complete stays.
 
-    Raises
-    ------
-    UsageError
-        If the folder cannot be written to, or has files of these names that no run wrote, without `overwrite`.
+    UsageError if the folder cannot be written to, or, without `overwrite`, has files of these names that no run wrote.
     """
     names = (f"partial_{os.getpid()}" + (f"_{k}" if k > 1 else "") for k in count(1))
     with _LOCK:
@@ -72,7 +69,7 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
 
 
 _TAKEN: set[Path] = set()
-"""Folders of the runs of this process that are under way."""
+"""Folders of current runs of this process."""
 _LOCK = Lock()
 
 
@@ -87,10 +84,10 @@ def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: b
             _publish(partial, folder, outputs)
     except BaseException as error:
         if rows := [name for name in result_files() if _has_rows(partial / name)]:
-            others = f"; {folder} is as it was" if written(folder, outputs) else ""
+            earlier = f"; {folder} is unchanged" if written(folder, outputs) else ""
             time = getattr(error, "time", None)
             until = "The rows so far" if time is None else f"Rows up to {time:.9g} s"
-            error.add_note(f"{until} are in {_set_aside(partial, outputs) / rows[0]}{others}.")
+            error.add_note(f"{until} are in {_set_aside(partial, outputs) / rows[0]}{earlier}.")
         else:
             with suppress(OSError):
                 _remove(partial, outputs)
@@ -105,7 +102,7 @@ def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: b
 
 @contextmanager
 def _one_process(folder: Path) -> Generator[None]:
-    """Keep other processes from publishing in a folder meanwhile, where the system has such locks."""
+    """Lock a folder against other processes, if the system has such locks."""
     handle = _locked(folder, wait=True)
     try:
         yield
@@ -115,7 +112,7 @@ def _one_process(folder: Path) -> Generator[None]:
 
 
 def _locked(folder: Path, wait: bool = False) -> int | None:
-    """Return the handle of a lock on a folder, which ends with its process; None if another has it or none can."""
+    """Return the handle of a lock on a folder until the end of this process; None if it cannot be locked."""
     if os.name != "posix":
         return None
     import fcntl
@@ -130,13 +127,13 @@ def _locked(folder: Path, wait: bool = False) -> int | None:
 
 
 def _remove_orphans(folder: Path, outputs: Sequence[str]) -> None:
-    """Remove what killed runs left: folders that no process has locked, with nothing but files of a run in them."""
+    """Remove folders of killed runs: without a lock, and with result files only."""
     for orphan in folder.glob(f"{PARTIAL}_*"):
         ours = re.fullmatch(rf"{PARTIAL}_\d+(_\d+)?", orphan.name) and not orphan.is_symlink()
         handle = _locked(orphan) if ours and orphan.is_dir() else None
         if handle is not None:
-            known = {*outputs, *result_files(orphan), *figure_files(orphan)}
-            if all(path.name in known or _TEMPORARY.fullmatch(path.name) for path in orphan.iterdir()):
+            names = {*outputs, *result_files(orphan), *figure_files(orphan)}
+            if all(path.name in names or _TEMPORARY.fullmatch(path.name) for path in orphan.iterdir()):
                 with suppress(OSError):
                     for path in orphan.iterdir():
                         path.unlink()
@@ -147,21 +144,19 @@ def _remove_orphans(folder: Path, outputs: Sequence[str]) -> None:
 def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> int | None:
     """Make the folder of a run; return the handle of its lock."""
     try:
-        found = written(folder, outputs)
-        folders = [name for name in found if (folder / name).is_dir()]
-        if folders:
+        names = written(folder, outputs)
+        if folders := [name for name in names if (folder / name).is_dir()]:
             raise UsageError(
-                f"{folder}: has folders of the names {', '.join(folders)}; expected files, or nothing of these names. "
-                "Choose another folder with --out."
+                f"{folder}: {', '.join(folders)} must be files, got folders. Choose another folder with --out."
             )
-        foreign = sorted(set(found) - _ours(folder))
+        foreign = sorted(set(names) - _ours(folder))
         if foreign and not overwrite:
             raise UsageError(
-                f"{folder}: has {', '.join(foreign)}, which no run wrote there; expected a new folder, or one of an "
-                "earlier run. Choose another one with --out, or let them be replaced with --overwrite."
+                f"{folder}: expected a new folder, or results of an earlier run, got {', '.join(foreign)} that no run "
+                "wrote. Choose another folder with --out, or replace them with --overwrite."
             )
         folder.mkdir(parents=True, exist_ok=True)
-        with _one_process(folder):  # none is made and not locked yet
+        with _one_process(folder):  # until the new folder is locked
             _remove_orphans(folder, outputs)
             partial.mkdir(exist_ok=True)
             owned = _locked(partial)
@@ -182,7 +177,7 @@ def _has_rows(path: Path) -> bool:
 
 
 def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
-    """Give the folder of a failed run its name; it replaces the previous one."""
+    """Rename the folder of a failed run to `PARTIAL`, and replace an earlier one."""
     target = partial.with_name(PARTIAL)
     with suppress(OSError):
         if target.exists():
@@ -193,7 +188,7 @@ def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
 
 
 def _ours(folder: Path) -> set[str]:
-    """Return the names of the files that the last run wrote."""
+    """Return the names of the files of the last run."""
     try:
         names = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["files"]
         return {name for name in names if name == os.path.basename(name)}
@@ -207,9 +202,9 @@ def _remove(folder: Path, names: Iterable[str]) -> None:
 
 
 def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
-    """Move the files of a complete run to their place, the summary, which lists our files, last.
+    """Move the files of a complete run to their place, the summary with the list of files last.
 
-    Those of the earlier run are kept until all are there, and come back if one cannot be moved.
+    Files of the earlier run are kept until then, and restored if a move fails.
     """
     new = [name for name in written(partial, outputs) if name != "summary.json"] + ["summary.json"]
     ours, before = _ours(folder), partial / "before"
@@ -234,13 +229,13 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
 
 
 def written(folder: Path, outputs: Sequence[str]) -> list[str]:
-    """Return the names of the files that a run has written, with figures and formats of other packages."""
+    """Return the names of existing files of a run, with figures and results in formats of plugins."""
     names = {*outputs, *result_files(folder), *figure_files(folder)}
     return sorted(name for name in names if os.path.lexists(folder / name))
 
 
 def write_summary(summary: dict[str, Any], folder: Path) -> None:
-    """Write ``summary.json``, with the names of the files of the run, by which a later one knows them as ours."""
+    """Write ``summary.json`` with a list of the files, so that a later run may replace them."""
     path = folder / "summary.json"
     summary["files"] = sorted({*(file.name for file in folder.iterdir()), path.name})
     try:
@@ -250,7 +245,7 @@ def write_summary(summary: dict[str, Any], folder: Path) -> None:
 
 
 def keep(error: CosimError | Interrupted, folder: Path, checks: Iterable[Check] = ()) -> None:
-    """Write the summary of a failed run, with why it ended and what else was checked; the rows are there."""
+    """Write the summary of a failed run, with its error and other checks, next to its rows."""
     results = error.results
     if results is not None:
         results.summary["error"] = str(error)

@@ -61,28 +61,23 @@ def _of(module: str) -> Callable[[], Format]:
 _SHIPPED = {".csv": _of("csv_file"), ".parquet": _of("parquet"), ".mat": _of("mat_file")}
 PLUGINS = Plugins("formats", "format of results", "a function that returns a Format", callable)
 FORMATS: PluginTable[Callable[[], Format]] = PluginTable(PLUGINS, _SHIPPED, prefix=".")
-"""Formats by suffix; where a folder has several, the last is read. Each is imported when used."""
-
-
-def suffix_of(path: Path) -> str:
-    """Return the suffix of the format of a file: CSV for all that have none of `FORMATS`."""
-    suffix = path.suffix.lower()
-    return suffix if suffix in FORMATS else ".csv"
+"""Formats by suffix, imported on use. Of several in a folder the last is read."""
 
 
 def format_of(path: Path) -> Format:
-    """Return the format of a file."""
-    return FORMATS[suffix_of(path)]()
+    """Return the format of a file by its suffix; by default CSV."""
+    suffix = path.suffix.lower()
+    return FORMATS[suffix if suffix in FORMATS else ".csv"]()
 
 
 def result_files(folder: Path | None = None) -> tuple[str, ...]:
-    """Return the names of the files of results in the folder of a run, of added formats if they are there."""
+    """Return the names of result files in the folder of a run; in formats of plugins only if they exist."""
     there = () if folder is None else sorted(path.suffix for path in folder.glob("results.*"))
     suffixes = dict.fromkeys((*FORMATS, *(suffix for suffix in there if suffix in FORMATS)))
     return tuple(f"results{suffix}" for suffix in suffixes)
 
 
 def choice_of_formats(suffixes: Iterable[str] | None = None) -> str:
-    """Return the formats in words; by default with all formats of other packages, which are loaded."""
+    """Return the formats in words; by default all, and plugins are loaded."""
     names = [suffix[1:] for suffix in (FORMATS.names() if suffixes is None else suffixes)]
     return f"{', '.join(names)}, or {','.join(names)} for all"

@@ -7,6 +7,8 @@ The text ``vdfmu``, for ``jsondecode``, has the names, kinds and units of the si
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +16,11 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
+from vdfmu.base.text import to_json
 from vdfmu.base.unpack import mat_variables
+from vdfmu.engine.results.arrays import grouped, no_rows, placed_arrays
 from vdfmu.engine.results.formats import Format
-from vdfmu.engine.results.recorded import Recorded, from_arrays, from_facts, grouped, legal_names, no_rows, to_facts
+from vdfmu.engine.results.results import Recorded, Signal
 
 _HEAD = b"MATLAB 5.0 MAT-file, written by vdfmu"
 """Takes the place of a head with the time of the day, so that the same run has the same bytes."""
@@ -35,19 +39,20 @@ def write_mat(results: Recorded, path: Path) -> None:
     from scipy.io import savemat
 
     groups = grouped(results.signals)
-    names = legal_names([name for name, _ in groups], _TAKEN, _LONGEST)
+    names = _legal_names(groups)
     content: dict[str, Any] = {"time": results.time[:, None], "units": {"time": "s"}}
     for name, ((_, kind), members) in zip(names, groups.items(), strict=True):
         array = results.data[kind][:, [s.column for s in members]]
         if array.nbytes > _MOST:
             raise VdfmuError(
                 f"{path}: {name}: expected at most 2 GB, as MATLAB's version 5 has it, got {array.nbytes / 1e9:.3g} GB."
-                " Write Parquet, which MATLAB reads by parquetread: --format parquet."
+                " Write Parquet and read it by MATLAB's parquetread: --format parquet."
             )
         content[name] = array.astype(bool) if kind == "boolean" else array
         units = list(dict.fromkeys(s.unit for s in members))
         content["units"][name] = units[0] if len(units) == 1 else np.array([s.unit for s in members], object)
-    content["vdfmu"] = json.dumps(json.loads(to_facts(results)))  # letters beyond ASCII as \u, which every reader has
+    facts = to_json({"signals": [s[:3] for s in results.signals], "summary": results.summary})
+    content["vdfmu"] = json.dumps(json.loads(facts))  # letters beyond ASCII as \u, for every reader
     try:
         with replacing(path) as file:
             savemat(file, content, long_field_names=True)
@@ -61,18 +66,35 @@ def read_mat(path: Path) -> Recorded:
     """Read what `write_mat` wrote."""
     found = mat_variables(path)
     try:
-        signals, summary = from_facts(str(found["vdfmu"]))
+        facts = json.loads(str(found["vdfmu"]))
+        signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
+        summary = facts["summary"]
     except (KeyError, TypeError, ValueError):
         raise UsageError(
             f"{path}: expected results that vdfmu wrote, with the variable vdfmu; there are {', '.join(found)}."
         ) from None
     groups = grouped(signals)
-    names = legal_names([name for name, _ in groups], _TAKEN, _LONGEST)
+    names = _legal_names(groups)
     try:
         arrays = [found[name].reshape(-1, len(each)) for name, each in zip(names, groups.values(), strict=True)]
-        return from_arrays(found["time"].reshape(-1), signals, arrays, summary)
+        return Recorded(found["time"].reshape(-1), *placed_arrays(signals, arrays), summary)
     except (KeyError, ValueError) as error:
         raise UsageError(f"{path}: expected an array for each signal of the variable vdfmu: {error}.") from None
+
+
+def _legal_names(groups: Iterable[tuple[str, str]]) -> list[str]:
+    """Return a unique name that is legal in MATLAB for each group."""
+    used, names = {name.lower() for name in _TAKEN}, list[str]()
+    for name, _ in groups:
+        legal = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        legal = (legal if re.match("[A-Za-z]", legal) else f"x{legal}")[: _LONGEST - 4]
+        k, base = 1, legal
+        while legal.lower() in used:
+            k += 1
+            legal = f"{base}_{k}"
+        used.add(legal.lower())
+        names.append(legal)
+    return names
 
 
 FORMAT = Format(lambda: None, write_mat, read_mat)

@@ -1,8 +1,7 @@
-"""Results in Parquet: the same numbers as in CSV, in a third of the room, with what the run was in the same file.
+"""Results in Parquet: the numbers of CSV in a third of the room, with the summary of the run in the same file.
 
 Columns are ``time`` and the signals. The metadata of a column has its ``unit``, the file's metadata has ``vdfmu``, the
-summary as JSON. Columns are compressed, with the bytes of reals taken apart before (BYTE_STREAM_SPLIT). The package
-pyarrow is imported when it is needed.
+summary as JSON. Columns are compressed, reals as split bytes (BYTE_STREAM_SPLIT). pyarrow is imported on use.
 """
 
 from __future__ import annotations
@@ -21,15 +20,15 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
 from vdfmu.base.text import to_json
 from vdfmu.base.unpack import UnpackBudget, imported
+from vdfmu.engine.results.arrays import grouped, joined, no_rows, placed_arrays
 from vdfmu.engine.results.formats import Format
-from vdfmu.engine.results.joined import joined
-from vdfmu.engine.results.recorded import Recorded, Signal, grouped, no_rows, placed_arrays
+from vdfmu.engine.results.results import Recorded, Signal
 
 _GROUP = 2**16
-"""Rows that are compressed at a time: the part of a long run held in memory."""
+"""Rows of a compressed group, the part of a long run in memory."""
 _KEY = b"vdfmu"
 _WIDTHS = {"BOOLEAN": 1, "INT32": 4, "INT64": 8, "INT96": 12, "FLOAT": 4, "DOUBLE": 8}
-"""Bytes of a number in memory, by its type in the file; of texts and lists the file says how many there are."""
+"""Bytes of a number in memory, by its type in the file; the file states the size of texts and lists."""
 
 
 def needed() -> tuple[ModuleType, ...]:
@@ -57,14 +56,14 @@ def write_parquet(results: Recorded, path: Path) -> None:
 
 
 def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
-    """Return a column of pyarrow; pyarrow's own conversion would import pandas, which takes long."""
+    """Return a column of pyarrow, without the slow import of pandas by its own conversion."""
     kinds = {"f": pa.float64(), "i": pa.int32(), "b": pa.bool_()}
     values = np.packbits(column, bitorder="little") if column.dtype.kind == "b" else np.ascontiguousarray(column)
     return pa.Array.from_buffers(kinds[column.dtype.kind], len(column), [None, pa.py_buffer(values)])
 
 
 def checked(path: Path, file: Any) -> Any:
-    """Return a ``ParquetFile``; UsageError before it is read, if its columns unpack to more than a budget."""
+    """Return a ``ParquetFile``; UsageError, before it is read, if its columns unpack to more than a budget."""
     budget, facts = UnpackBudget(path), file.metadata
     for group in map(facts.row_group, range(facts.num_row_groups)):
         for column in map(group.column, range(facts.num_columns)):

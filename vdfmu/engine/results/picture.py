@@ -29,14 +29,14 @@ _LEAST, _LARGEST = 1e-290, 1e290
 """Values that matplotlib can draw."""
 _DASHED: dict[str, Any] = {"linestyle": (0, (5, 3)), "linewidth": 0.7}
 _ON_TOP = _DASHED | {"color": "black"}
-"""Looks of dashed curves; the second of one that may lie on another of its joint."""
+"""Looks of dashed curves; the second of a curve that may lie on another of its joint."""
 
 
 def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], path: str | Path | None) -> Picture:
     """Draw chosen signals, and write the picture if there is a path; see `Results.plot`."""
     runs: list[Any] = list(over.values()) if hasattr(over, "values") else [None]
     if not all(isinstance(run, Recorded) for run in runs):
-        raise UsageError(f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}.")
+        raise UsageError(f"plot: expected results by label, over={{'soft': other}}, got {over!r:.60}.")
     wanted = [signal for name in names or results.names for signal in results.members(name)]
     place = {signal: k for k, signal in reversed([*enumerate(wanted)])}
     figures = signal_figures(results, {*results.names} - {*wanted})

@@ -1,27 +1,31 @@
-"""Recorded signals of a co-simulation."""
+"""Recorded signals of a co-simulation, in memory."""
 
 from __future__ import annotations
 
-import json
 import math
 import mmap
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.text import close_to, to_json
+from vdfmu.base.errors import UsageError
+from vdfmu.base.text import close_to
 
 TYPES = {"real": np.float64, "integer": np.int32, "boolean": np.int32}
 KINDS = (*TYPES,)
 _BLOCK = 512
 _ELEMENT = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
+
+
+def group_of(name: str) -> tuple[str, tuple[int, ...]]:
+    """Return the name of a signal without indices, and its indices."""
+    match = _ELEMENT.fullmatch(name)
+    return (match[1], tuple(map(int, match[2].split(",")))) if match else (name, ())
 
 
 class Signal(NamedTuple):
@@ -37,13 +41,9 @@ class Recorded:
     """Recorded signals on the communication points, without files and pictures; see :class:`vdfmu.Results`."""
 
     def __init__(
-        self,
-        time: Floats,
-        signals: Sequence[Signal],
-        data: Mapping[str, NDArray[Any]],
-        summary: dict[str, Any] | None = None,
-        messages: Sequence[Any] = (),
-    ) -> None:
+        self, time: Floats, signals: Sequence[Signal], data: Mapping[str, NDArray[Any]],
+        summary: dict[str, Any] | None = None, messages: Sequence[Any] = (),
+    ) -> None:  # fmt: skip
         self.time = time
         self.summary: dict[str, Any] = {} if summary is None else summary
         self.messages = list(messages)
@@ -62,7 +62,7 @@ class Recorded:
 
     @property
     def units(self) -> dict[str, str]:
-        """The unit of each signal; empty where it has none."""
+        """The unit of each signal; may be empty."""
         return {s.name: s.unit for s in self._signals.values()}
 
     @property
@@ -83,22 +83,16 @@ class Recorded:
     def groups(self) -> dict[str, dict[tuple[int, ...], str]]:
         """Names without indices, to the signals of each index: ``{"plant.q": {(1,): "plant.q[1]", ...}, ...}``.
 
-        A signal without indices is a group of its own, with the index ``()``.
+        A signal without indices is a group with the index ``()``.
         """
-        found: dict[str, dict[tuple[int, ...], str]] = {}
+        groups: dict[str, dict[tuple[int, ...], str]] = {}
         for name in self._signals:
-            match = _ELEMENT.fullmatch(name)
-            index = tuple(map(int, match[2].split(","))) if match else ()
-            found.setdefault(match[1] if match else name, {})[index] = name
-        return found
+            group, index = group_of(name)
+            groups.setdefault(group, {})[index] = name
+        return groups
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a signal, or the elements of an array in the order of their indices.
-
-        Parameters
-        ----------
-        name : str
-            Name of a signal; or of an array, without indices.
+        """Return a signal, or, without indices, the elements of an array in the order of their indices.
 
         Returns
         -------
@@ -107,7 +101,7 @@ class Recorded:
         Raises
         ------
         UsageError
-            There are no such signals, or they do not fill an array.
+            For an unknown name, or signals that do not fill an array.
         """
         signal = self._signals.get(name) if isinstance(name, str) else None  # pyright: ignore[reportUnnecessaryIsInstance]
         if signal is not None:
@@ -127,7 +121,7 @@ class Recorded:
         return columns.reshape(-1, *shape)
 
     def members(self, name: str) -> list[str]:
-        """Return the signals of a name, of one or of an array; UsageError when there are none."""
+        """Return the signals of a name, of a signal or an array; UsageError for an unknown name."""
         if not isinstance(name, str):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise UsageError(
                 f"expected the name of a signal, got {name!r:.60}. Give several names one after the other."
@@ -151,7 +145,7 @@ class Recorded:
         return type(self)(self.time, signals, self.data, self.summary, self.messages)
 
     def thinned(self, most: int) -> Self:
-        """Return at most `most` rows at equal distances, with the first; the same results if there are no more."""
+        """Return at most `most` rows at equal distances, with the first; the same results if they are few enough."""
         stride = -(-len(self) // most)
         if stride <= 1:
             return self
@@ -161,7 +155,7 @@ class Recorded:
         return type(self)(self.time[::stride], list(self._signals.values()), data, self.summary, self.messages)
 
     def blocks(self, rows: int) -> Iterator[Self]:
-        """Yield stretches of at most `rows` rows; of an array that is on disk no page stays in memory."""
+        """Yield stretches of at most `rows` rows; pages of arrays on disk leave memory."""
         signals = list(self._signals.values())
         for first in range(0, len(self), rows):
             part = slice(first, first + rows)
@@ -169,70 +163,3 @@ class Recorded:
             for array in self.data.values():
                 if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
                     array.base.madvise(mmap.MADV_DONTNEED)
-
-
-def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:
-    """Return the signals of each array, by its name and kind: those whose names differ in their indices."""
-    found: dict[tuple[str, str], list[Signal]] = {}
-    for signal in signals:
-        match = _ELEMENT.fullmatch(signal.name)
-        found.setdefault((match[1] if match else signal.name, signal.kind), []).append(signal)
-    return found
-
-
-def placed_arrays(
-    signals: Sequence[Signal], arrays: Sequence[NDArray[Any]]
-) -> tuple[list[Signal], dict[str, NDArray[Any]]]:
-    """Return signals in their places, and data, of an array (m, n) for each of `grouped`."""
-    columns = {
-        signal.name: array[:, i]
-        for members, array in zip(grouped(signals).values(), arrays, strict=True)
-        for i, signal in enumerate(members)
-    }
-    placed: list[Signal] = []
-    chosen: dict[str, list[NDArray[Any]]] = {kind: [] for kind in KINDS}
-    for signal in signals:
-        placed.append(signal._replace(column=len(chosen[signal.kind])))
-        chosen[signal.kind].append(columns[signal.name])
-    empty = np.empty((len(arrays[0]) if arrays else 0, 0))
-    return placed, {kind: np.column_stack([empty, *each]).astype(TYPES[kind]) for kind, each in chosen.items()}
-
-
-def from_arrays(time: Floats, signals: Sequence[Signal], arrays: Sequence[NDArray[Any]], summary: Any) -> Recorded:
-    """Return results of signals and an array (m, n) for each of `grouped`."""
-    return Recorded(time, *placed_arrays(signals, arrays), summary)
-
-
-def to_facts(results: Recorded) -> str:
-    """Return lines of JSON of the names, kinds and units of the signals and the summary."""
-    signals = [(s.name, s.kind, s.unit) for s in results.signals]
-    return to_json({"signals": signals, "summary": results.summary})
-
-
-def from_facts(text: str) -> tuple[list[Signal], Any]:
-    """Return the signals, without places, and the summary of `to_facts`; KeyError, TypeError, ValueError for others."""
-    facts = json.loads(text)
-    return [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]], facts["summary"]
-
-
-def legal_names(names: Sequence[str], taken: Sequence[str], most: int) -> list[str]:
-    """Return a name for each that is legal in MATLAB, of at most `most` letters; each differs."""
-    used, found = {name.lower() for name in taken}, list[str]()
-    for name in names:
-        legal = re.sub(r"[^A-Za-z0-9_]", "_", name)
-        legal = (legal if re.match("[A-Za-z]", legal) else f"x{legal}")[: most - 4]
-        k, base = 1, legal
-        while legal.lower() in used:
-            k += 1
-            legal = f"{base}_{k}"
-        used.add(legal.lower())
-        found.append(legal)
-    return found
-
-
-def no_rows(path: Path, error: OSError) -> VdfmuError:
-    """Return the error of rows that cannot be written."""
-    return VdfmuError(
-        f"{path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another folder with "
-        "--out."
-    )

@@ -1,4 +1,4 @@
-"""Results of a co-simulation: signals, their files, tables and pictures."""
+"""Results of a co-simulation: recorded signals, their files, tables and pictures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.formats import format_of
-from vdfmu.engine.results.recorded import Recorded
+from vdfmu.engine.results.recorded import KINDS, TYPES, Recorded, Signal, group_of
+
+__all__ = ["KINDS", "TYPES", "Listing", "Recorded", "Results", "Signal", "group_of"]
 
 
 class Listing(NamedTuple):
@@ -27,14 +29,8 @@ class Listing(NamedTuple):
         cells = [self.head, *(tuple(map(_cell, row)) for row in self.rows)]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         right = [bool(self.rows) and isinstance(value, float) for value in (self.rows or [self.head])[0]]
-        lines = [
-            "  ".join(
-                cell.rjust(width) if end else cell.ljust(width)
-                for cell, width, end in zip(row, widths, right, strict=True)
-            ).rstrip()
-            for row in cells
-        ]
-        return "\n".join([self.title, *lines, *self.notes])
+        form = "  ".join(f"{{:{'>' if end else '<'}{width}}}" for end, width in zip(right, widths, strict=True))
+        return "\n".join([self.title, *(form.format(*row).rstrip() for row in cells), *self.notes])
 
     def to_html(self) -> str:
         """Return the table for a notebook."""
@@ -67,8 +63,7 @@ def _needed(package: str) -> Any:
         return importlib.import_module(package)
     except ImportError as error:
         raise UsageError(
-            f"this needs the package {package}, which cannot be imported: {error}. Install it with "
-            "'pip install vdfmu[notebook]'."
+            f"the package {package} cannot be imported: {error}. Install it with 'pip install vdfmu[notebook]'."
         ) from None
 
 
@@ -82,7 +77,7 @@ class Results(Recorded):
     ----------
     time : (m,) array [s]
     signals : sequence of Signal
-        In the order in which they are shown and written.
+        In their order in tables and files.
     data : mapping of str to (m, columns) array
         Columns by kind: ``real`` float64, ``integer`` and ``boolean`` int32.
     summary : dict, optional
@@ -121,10 +116,7 @@ class Results(Recorded):
     def to_pandas(self) -> Any:
         """Return a DataFrame with a column for each signal and the time as index; ``attrs["units"]`` has the units.
 
-        Raises
-        ------
-        UsageError
-            pandas is not installed, ``pip install vdfmu[notebook]``.
+        UsageError without pandas: ``pip install vdfmu[notebook]``.
         """
         pandas = _needed("pandas")
         columns = {name: self[name] for name in self.names}
@@ -136,11 +128,7 @@ class Results(Recorded):
         """Return a Dataset with a variable for each group, its unit as the attribute ``units``.
 
         The dimensions are ``time`` and, with indices from 1, ``plant.q_1``, or ``plant.R_O_1`` and ``plant.R_O_2``.
-
-        Raises
-        ------
-        UsageError
-            xarray is not installed, ``pip install vdfmu[notebook]``.
+        UsageError without xarray: ``pip install vdfmu[notebook]``.
         """
         xarray = _needed("xarray")
         dataset = xarray.Dataset(coords={"time": ("time", self.time, {"units": "s"})})
@@ -156,30 +144,23 @@ class Results(Recorded):
         return dataset
 
     def compare(self, other: Results) -> Listing:
-        """Return the differences to other results, group by group, the largest in its unit first.
+        """Return the differences to other results in their common time, group by group, the largest of a unit first.
 
-        Values of `other` between its rows are interpolated; integers and booleans hold. Only the time common to both
-        counts.
-
-        Raises
-        ------
-        UsageError
-            They have no time or no signals in common.
+        Values of `other` between its rows are interpolated; integers and booleans hold. UsageError for results without
+        common signals or time.
         """
         common = [name for name in self.names if other.kinds.get(name) == self.kinds[name]]
         if not common:
-            raise UsageError("the results have no signals of the same names and kinds, so there is nothing to compare")
+            raise UsageError("compare: expected results with signals of the same names and kinds.")
         begin, end = max(self.time[0], other.time[0]), min(self.time[-1], other.time[-1])
         rows_of_both = np.flatnonzero((self.time >= begin) & (self.time <= end))
         if not len(rows_of_both):
-            raise UsageError(
-                f"the results have no time in common: {self.time[0]:g} to {self.time[-1]:g} s, "
-                f"{other.time[0]:g} to {other.time[-1]:g} s"
-            )
+            times = (f"{t[0]:g} to {t[-1]:g} s" for t in (self.time, other.time))
+            raise UsageError(f"compare: expected results of a common time, got {' and '.join(times)}.")
         time = self.time[rows_of_both]
         same = np.array_equal(time, other.time)
         before = np.searchsorted(other.time, time, side="right") - 1
-        found: dict[str, tuple[Any, ...]] = {}
+        worst: dict[str, tuple[Any, ...]] = {}
         squares: dict[str, list[float]] = {}
         groups = {name: group for group, names in self.groups.items() for name in names.values()}
         for name in common:
@@ -192,23 +173,20 @@ class Results(Recorded):
             place = int(np.argmax(difference))
             largest, group = float(difference[place]), groups[name]
             squares.setdefault(group, []).append(float(np.mean(difference**2)))
-            if group not in found or not largest <= found[group][2]:
-                found[group] = (group, self.units[name], largest, 0.0, name, float(time[place]))
+            if group not in worst or not largest <= worst[group][1]:
+                worst[group] = (self.units[name], largest, name, float(time[place]))
         rows = [
             (group, unit, largest, float(np.sqrt(np.mean(squares[group]))), name, at)
-            for group, unit, largest, _, name, at in found.values()
+            for group, (unit, largest, name, at) in worst.items()
         ]
         rows.sort(key=lambda row: (row[1], -row[2]))
-        apart = [
-            f"only in {whose}: {', '.join(names)}"
-            for whose, names in (
-                ("the first", [name for name in self.names if name not in common]),
-                ("the other", [name for name in other.names if name not in common]),
-            )
-            if names
-        ]
+        both = (
+            ("the first", [name for name in self.names if name not in common]),
+            ("the other", [name for name in other.names if name not in common]),
+        )
+        apart = tuple(f"only in {whose}: {', '.join(names)}" for whose, names in both if names)
         title = f"Differences from {begin:g} to {end:g} s, {len(time)} rows"
-        return Listing(title, ("signal", "unit", "largest", "RMS", "of", "at [s]"), rows, tuple(apart))
+        return Listing(title, ("signal", "unit", "largest", "RMS", "of", "at [s]"), rows, apart)
 
     def plot(self, *names: str, over: Mapping[str, Results] | None = None, path: str | Path | None = None) -> Any:
         """Draw signals over time, a panel for each group.
@@ -218,7 +196,7 @@ class Results(Recorded):
         *names : str
             Signals or groups; default as many of all as a picture holds.
         over : mapping of str to Results, optional
-            Other runs to draw over this one, by what they are called.
+            Other runs to draw over this run, by their labels.
         path : path, optional
             File to write: PNG, SVG or PDF by its suffix.
 
@@ -229,39 +207,30 @@ class Results(Recorded):
         Raises
         ------
         UsageError
-            There is no such signal, or the file cannot be written.
+            For an unknown signal, or a file that cannot be written.
         """
         from vdfmu.engine.results.picture import plot  # takes long to import
 
         return plot(self, names, over or {}, path)
 
     def write(self, path: str | Path) -> None:
-        """Write a file of results in the format of its suffix: those of ``--format``, else CSV.
+        """Write a file of results in the format of its suffix, as ``--format``; by default CSV.
 
         The first line of CSV has the names, the second the units (``integer`` and ``boolean`` for these kinds), then
-        follows a line a communication point. Numbers have the shortest form that reads back to the same bits. The file
-        appears under its name only when it is complete. Parquet and MATLAB files have the same bits in a third of
-        the room, the units and the summary; see `vdfmu.engine.results.parquet` and `mat_file`.
+        follows a line a communication point. Numbers have the shortest form that reads back to the same bits. The write
+        is atomic. Parquet and MATLAB files have the same bits in a third of the room, the units and the summary; see
+        `vdfmu.engine.results.parquet` and `mat_file`.
 
-        Raises
-        ------
-        UsageError
-            A package is missing: ``pip install vdfmu[parquet]``.
-        VdfmuError
-            The file cannot be written.
+        UsageError if a package is missing, ``pip install vdfmu[parquet]``; VdfmuError if the file cannot be written.
         """
         format_of(Path(path)).write(self, Path(path))
 
     @classmethod
     def read(cls, path: str | Path) -> Results:
-        """Read what `write` or a run wrote.
+        """Read a file of `write` or a run.
 
-        Other files than CSV have their summary too; that of a CSV file is the ``summary.json`` next to it.
-
-        Raises
-        ------
-        UsageError
-            The file is missing or of another form, or a package is missing.
+        Files contain their summary, except CSV: its summary is the ``summary.json`` next to it. UsageError if the file
+        or a package is missing, or for another form.
         """
-        found = format_of(Path(path)).read(Path(path))
-        return cls(found.time, found.signals, found.data, found.summary)
+        recorded = format_of(Path(path)).read(Path(path))
+        return cls(recorded.time, recorded.signals, recorded.data, recorded.summary)

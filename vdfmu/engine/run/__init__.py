@@ -3,9 +3,12 @@
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
-from vdfmu.engine.run.one_run import Interrupted
-from vdfmu.engine.run.simulator import Simulator, simulate
+from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.run.isolated import mapped
+from vdfmu.engine.run.session import Interrupted
+from vdfmu.engine.run.simulator import Simulator, check_coupling, simulate
 
-__all__ = ["ALGORITHMS", "Interrupted", "LogMessage", "Results", "Signal", "Simulator", "check_system", "simulate"]
+__all__ = [
+    "ALGORITHMS", "Interrupted", "LogMessage", "Results", "Signal", "Simulator", "check_coupling", "check_system",
+    "mapped", "simulate",
+]  # fmt: skip

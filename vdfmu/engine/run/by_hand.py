@@ -1,4 +1,4 @@
-"""A run whose steps the user makes, as the loop of a controller or of reinforcement learning wants it."""
+"""A run by hand: the user makes its steps, for a controller or reinforcement learning."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from vdfmu.engine.package.system import Value, spread
 from vdfmu.engine.plan.checker import overrides
 from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.results.results import group_of
 from vdfmu.engine.run.session import Session
 
 
@@ -94,7 +95,7 @@ class ByHand:
     def _sinks_of(self, name: str, value: Value) -> list[tuple[Instance, FmuVariable]]:
         checked = self._session.checked
         fed = {link.end: link.start for link in checked.links}
-        found: list[tuple[Instance, FmuVariable]] = []
+        sinks: list[tuple[Instance, FmuVariable]] = []
         for owner, named in overrides(checked.descriptions, {name: value}).items():
             instance = self._instances[owner]
             for variable, _ in named.values():
@@ -105,15 +106,14 @@ class ByHand:
                 if not (variable.causality == "input" or tunable) or not instance.between_events(variable):
                     raise UsageError(
                         f"{name!r}: expected an input or a tunable parameter, got a {variable.variability} "
-                        f"{variable.causality}, which is set before the run: reset(parameters={{{name!r}: ..}})."
+                        f"{variable.causality}. Set it before the run: reset(parameters={{{name!r}: ..}})."
                     )
-                found.append((instance, variable))
-        return found
+                sinks.append((instance, variable))
+        return sinks
 
     def get(self, name: str) -> Any:
         """Return a number, or the array of all numbers whose names begin with it."""
-        source = self._sources.get(name) or self._sources.setdefault(name, self._source_of(name))
-        return source()
+        return (self._sources.get(name) or self._sources.setdefault(name, self._source_of(name)))()
 
     def _source_of(self, name: str) -> Callable[[], Any]:
         for owner, description in self._session.checked.descriptions.items():
@@ -132,21 +132,19 @@ class ByHand:
         return (lambda: instance.get(variable)) if place is None else lambda: place[0][place[1]].item()
 
     def _array(self, instance: Instance, variables: list[FmuVariable]) -> Callable[[], Any]:
-        indices = [tuple(map(int, v.name.rstrip("]").partition("[")[2].split(","))) for v in variables]
-        shape = [max(axis) for axis in zip(*indices, strict=True)]
-        numbers = [self._number(instance, v) for v in variables]
-        places = [self._place(instance, v) for v in variables]
-        order = [np.ravel_multi_index([i - 1 for i in index], shape) for index in indices]
-        if order != list(range(len(order))) or len(order) != np.prod(shape):
+        indices = [group_of(v.name)[1] for v in variables]
+        shape = tuple(map(max, zip(*indices, strict=True)))
+        if indices != [tuple(i + 1 for i in index) for index in np.ndindex(shape)]:
             raise UsageError(f"{instance.name}: {variables[0].name} and the others of its name do not fill an array.")
-        if all(place is not None for place in places):
-            memory = places[0][0]  # pyright: ignore[reportOptionalSubscript]
-            columns = np.array([place[1] for place in places if place is not None], np.intp)
+        places = [place for v in variables if (place := self._place(instance, v)) is not None]
+        if len(places) == len(variables):
+            memory, columns = places[0][0], np.array([place for _, place in places], np.intp)
             return lambda: memory.take(columns).reshape(shape)
+        numbers = [self._number(instance, v) for v in variables]
         return lambda: np.array([number() for number in numbers]).reshape(shape)
 
     def _place(self, instance: Instance, variable: FmuVariable) -> tuple[NDArray[Any], int] | None:
-        """Return the place of a number in the master; None if only the component has it."""
+        """Return the memory and place of a number in the master; None if only the component has it."""
         if variable.kind in TEXTS:
             return None
         bank = self._session.exchange.banks[KINDS.index(variable.kind)]

@@ -1,8 +1,8 @@
-"""The components of one run in a process of their own, or several: they may crash, end, or never return there.
+"""The components of one run in a separate process, where they may crash, end, or never return.
 
-Master and process share the memory of the `Exchange`: a step is one message to the process and one back, whatever the
-number of components. In that memory the process also notes which component it calls, so that the master can name it.
-What the FMUs print is shown on the error output, with control characters written out.
+Master and process share the memory of the `Exchange`: a step is one message to the process and one back, for any
+number of components. There the process also marks the component that it calls, so that the master can name it. Prints
+of FMUs go to the error output, with control characters escaped.
 """
 
 from __future__ import annotations
@@ -31,57 +31,37 @@ from vdfmu.engine.plan.check import Checked
 
 
 class Limits:
-    """Limits of components: `time` [s] for a step, and for loading and so on each, and `memory` [MB].
-
-    Default: 300 s, and half of the machine's memory.
-    """
+    """Limits of components: `time` of each call, default 300 s, and `memory` [MB], default half of the machine's."""
 
     def __init__(self, time: float | None = None, memory: float | None = None) -> None:
         self.time = 300.0 if time is None else time
-        self.memory = _half_of_memory() if memory is None else memory
+        self.memory = math.inf if memory is None else memory
+        if memory is None:
+            with suppress(AttributeError, ValueError, OSError):  # unknown
+                self.memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
         for name, value, unit in (("wait_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
             if not value > 0.0:
                 raise UsageError(f"{name} must be positive, got {value:g} {unit}")
 
 
-def _half_of_memory() -> float:
-    """Return half of the machine's memory [MB]; infinite where it is unknown."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
-    except (AttributeError, ValueError, OSError):
-        return math.inf
-
-
 class Elsewhere(Stepper):
-    """Components of a run and their stepper in one; `exchange` reads the values that they have there."""
+    """Components of a run in other processes, and their stepper in one; `exchange` reads their values."""
 
     exchange: Exchange
-
-    def load(self) -> None:
-        """Load the libraries and create the instances."""
-        raise NotImplementedError
-
-    def initialize(self, *arguments: Any) -> None:
-        """See `vdfmu.engine.masters.components.Components.initialize`."""
-        raise NotImplementedError
-
-    def couple(self, *arguments: Any) -> Self:
-        """Prepare the steps, see `Components.couple`."""
-        raise NotImplementedError
-
-    def close(self) -> CosimError | None:
-        """Terminate and free all; return the first failure."""
-        raise NotImplementedError
+    load: Callable[[], None]
+    initialize: Callable[..., None]
+    couple: Callable[..., Stepper]
+    close: Callable[[], CosimError | None]
 
 
 Making = Callable[[Checked, Mapping[str, Path], MessageBox, Path, Limits], Elsewhere]
-"""Makes them from a checked system, the folders of its FMUs, the box for messages, a temporary folder and limits."""
+"""Makes them from a checked system, the folders of its FMUs, the box for messages, a temporary folder, and limits."""
 
 
 class Division(Protocol):
-    """Chooses the algorithm, given the wanted one, the components that run here, and what makes them.
+    """Chooses the algorithm from the wanted one, the components that run here, and their maker.
 
-    It is what `simulate`, `run_system` and `Simulator` take as `federation`: all that they know of running elsewhere.
+    `simulate`, `run_system` and `Simulator` take it as `federation`.
     """
 
     def algorithm(self, wanted: str | None) -> str: ...  # noqa: D102
@@ -92,19 +72,18 @@ STEP = struct.Struct("<ddd")
 """Time, step and stop of `advance`, after a length of 0: 1.1 us on both sides; a pickled message takes 6.7 us."""
 _STEPS = SIZE.pack(0)
 CALLS = "calls"
-"""File next to the memory: a line for each function of a component, from before its first call on. While the function
-runs, the word `running` of the exchange is the number of the line, from 1, and after it has returned minus that."""
+"""File next to the memory: a line for each function of a component, written before its first call. The word `running`
+of the exchange is the number of the line, from 1, during a call, and its negative afterwards."""
 _START = 60.0
-"""Time that the process has to start, beyond the limit [s]."""
+"""Additional time for the start of the process [s]."""
 _PATIENCE = 0.5
-"""Time that a step has to end after Ctrl-C [s]."""
+"""Longest time of a step after Ctrl-C [s]."""
 
 
 class Isolated(Elsewhere):
-    """`Components` and their stepper, in a process of their own."""
+    """`Components` and their stepper, in a process that runs the module `server`."""
 
     server = "vdfmu.engine.run.isolated_server"
-    """The module that runs there."""
 
     def __init__(
         self, checked: Checked, folders: Mapping[str, Path], box: MessageBox, folder: Path, limits: Limits
@@ -125,11 +104,9 @@ class Isolated(Elsewhere):
         self.ask("load", self.content)
 
     def start(self) -> None:
-        """Start the process; that it has started is its first answer."""
-        limit, most = self.limits.time, self.limits.memory
-        self._child = Child(
-            self.server, str(self._memory), str(most), limit=limit, show=True, stop=self._stop, gone=self.gone
-        )
+        """Start the process; its first answer says so."""
+        arguments = str(self._memory), str(self.limits.memory)
+        self._child = Child(self.server, *arguments, limit=self.limits.time, show=True, stop=self._stop, gone=self.gone)
         self._child.since += _START
 
     def initialize(self, *arguments: Any) -> None:
@@ -149,7 +126,7 @@ class Isolated(Elsewhere):
         self.take()
 
     def facts(self) -> dict[str, Any]:
-        """Return the summary's entries on the steps; none if the process is gone."""
+        """Return the summary's entries on the steps, if the process lives."""
         return {} if self._child is None else self.ask("facts")
 
     def notes(self) -> list[str]:
@@ -238,7 +215,7 @@ class Isolated(Elsewhere):
         return "", ""
 
     def lost(self) -> CosimError:
-        """Return the error of a process that has ended, or sends what is not an answer."""
+        """Return the error of a process that has ended, or sends an invalid answer."""
         code, peak = self._end()
         unit, call = self._called()
         time = self.exchange.clock.value if self._stepping else self.box.time
@@ -257,15 +234,15 @@ class Isolated(Elsewhere):
         else:
             why = f"the component ended the process (exit code {code})"
         if peak > 0.5 * self.limits.memory:
-            why += f", of which the memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
+            why += f"; its memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
         return CosimError(unit, call, time, why)
 
     def idle(self, time: float, code: int | str) -> CosimError:
-        """Return the error of a process that has ended while it called no component; `code` may name a signal."""
+        """Return the error of a process that has ended between calls; `code` may name a signal."""
         return CosimError("components", "start of their process", time, f"it ended with code {code}")
 
     def _stop(self) -> bool:
-        """Pass Ctrl-C on; return whether a step takes so long that it is cut off."""
+        """Pass Ctrl-C on; return whether to cut off a long step."""
         if self.pressed():
             self.exchange.pressed.value = 1
             self._pressed_at = min(self._pressed_at, monotonic())
@@ -277,7 +254,7 @@ class Isolated(Elsewhere):
         """Note in another thread that the process ended before its time."""
 
     def _end(self) -> tuple[Any, float]:
-        """End the process and those that it started; return its exit code and the largest memory that it had [MB]."""
+        """End the process and its children; return its exit code and its peak memory [MB]."""
         child = self._child
         if child is None:
             return 0, 0.0

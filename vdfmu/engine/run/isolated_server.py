@@ -23,10 +23,9 @@ from vdfmu.engine.run.isolated import CALLS, STEP, mapped
 
 
 class Server:
-    """Runs in the process: what `Isolated` asks for is a method here, of the stepper or of the components."""
+    """Serves requests of `Isolated` in the process, by methods of itself, the stepper or the components."""
 
     components = Components
-    """Their class."""
 
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
@@ -35,7 +34,7 @@ class Server:
         self._calls, self._lines = open(Path(memory).with_name(CALLS), "w", encoding="utf-8"), 0
 
     def load(self, start: bytes) -> None:
-        """Load what `start`, pickled, holds: a Checked, and where its FMUs are unpacked."""
+        """Load the pickled `start`: a Checked, and the folders of its unpacked FMUs."""
         checked, folders = pickle.loads(start)
         positions = {name: i for i, name in enumerate(checked.descriptions)}
         running = Exchange(checked, {}, self._box, self._words).running
@@ -77,7 +76,7 @@ class Server:
         return None if failure is None else list(failure.args[:4])
 
     def method(self, name: str) -> Callable[..., Any]:
-        """Return a method of this object, else of the stepper for what it tells of the run, else of the components."""
+        """Return a method of this object, of the stepper for facts and notes, else of the components."""
         owner = self if hasattr(self, name) else self._stepper if name in ("facts", "notes") else self._components
         return getattr(owner, name)
 
@@ -109,14 +108,14 @@ class Server:
 def _fault(error: Exception) -> str:
     """Return the message of an error that no component has raised."""
     if isinstance(error, MemoryError):
-        return "the process of the components has no more memory: memory_limit (--memory-limit) gives it more"
+        return "the memory of the components' process is full: memory_limit (--memory-limit) gives it more"
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{Path(frame.filename).name}, line {frame.lineno}"
     return f"{kind_text(error)} ({place}). This is a fault of vdfmu, not of a component; please report it"
 
 
 def serve(make: Callable[[str], Server], memory: str, most: str) -> None:
-    """Serve requests until there are no more; `memory` is a file, `most` in MB."""
+    """Serve requests until their end; `memory` is a file, `most` in MB."""
     parent = Parent()
     if math.isfinite(float(most)):
         limit("DATA", int(float(most) * 2**20))

@@ -15,28 +15,26 @@ from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
-from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
-from vdfmu.engine.plan.check import Checked, check_system, with_parameters
+from vdfmu.engine.plan.check import Checked, check_system, with_parameters, with_steps
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
 from vdfmu.engine.run.isolated import Limits
-from vdfmu.engine.run.one_run import Run
-from vdfmu.engine.run.session import Session
+from vdfmu.engine.run.session import Run, Session
 
 
 @with_options
 def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]) -> Results:
-    """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
+    """Co-simulate a system of FMUs of FMI 2.0 and 3.0; integrate FMUs for model exchange.
 
-    Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. How the algorithms pass values on
-    is described in `vdfmu.engine.plan.schedule.make_schedule`.
+    Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. For the order of values in each
+    algorithm see `vdfmu.engine.plan.schedule.make_schedule`.
 
     Parameters
     ----------
@@ -48,18 +46,17 @@ def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]
     Returns
     -------
     Results
-        Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps;
-        continuous algorithms add ``communication``: the numbers of steps, of rejected steps and of the
-        units' steps, and the shortest and the longest step. A unit that ends the simulation (fmi2Discard with
-        fmi2Terminated) ends the run as if its stop were there; ``ended`` has the component and the time.
+        Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps. Continuous
+        algorithms add ``communication``: numbers of steps, of rejected steps and of the units' steps, and the shortest
+        and the longest step. A unit may end the run before its stop (fmi2Discard with fmi2Terminated); ``ended`` has
+        the component and the time.
 
     Raises
     ------
     SspError, UsageError
         Before the run; see `load_ssp` and `check_system`.
     CosimError
-        A unit failed, or an output that is read or recorded is not finite. `results` of the
-        error holds the rows so far, or None before the first row.
+        A unit failed, or an output that is read or recorded is not finite. Its `results` are the rows so far, or None.
     Interrupted
         The user pressed Ctrl-C. It is a KeyboardInterrupt with `results`.
     VdfmuError
@@ -76,8 +73,7 @@ def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]
 class Simulator:
     """A system whose components are loaded once for many runs, and reset between them.
 
-    A run then costs its steps, and next to nothing else. Isolated components are loaded anew for each run, as are
-    all components after a failed run.
+    Isolated components are loaded again for each run, and all components after a failed run.
 
     Parameters
     ----------
@@ -144,14 +140,14 @@ class Simulator:
     def run(
         self, *, parameters: Mapping[str, Value] | None = None, taps: Sequence[Tap] = (), **options: Unpack[RowOptions]
     ) -> Results:
-        """Run the system, from its start.
+        """Run the system from its start.
 
         Parameters
         ----------
         parameters : mapping of str to value, optional
-            For this run, before the simulator's.
+            For this run; they override the simulator's.
         taps : sequence of Tap
-            Look at the components at some rows, see `vdfmu.engine.masters.observer.Tap`.
+            Read the components at some rows, see `vdfmu.engine.masters.observer.Tap`.
         **options
             :class:`vdfmu.engine.options.RowOptions`.
 
@@ -184,26 +180,17 @@ class Simulator:
         return session.results
 
     def reset(
-        self,
-        *,
-        start: float | None = None,
-        stop: float | None = None,
-        step: float | None = None,
+        self, *, start: float | None = None, stop: float | None = None, step: float | None = None,
         parameters: Mapping[str, Value] | None = None,
-    ) -> None:
-        """Begin a run whose steps are made by :meth:`step`; for arguments see :meth:`run`.
+    ) -> None:  # fmt: skip
+        """Begin a run by hand, with steps by :meth:`step`; for arguments see :meth:`run`.
 
-        With the same arguments as before, components of FMI 2.0 that save their state go back to it, if inputs hold
-        over each step; others are initialized anew.
-
-        Raises
-        ------
-        UsageError, CosimError
-            See :meth:`run`; UsageError for components that are isolated, too.
+        With the same arguments as before, components of FMI 2.0 restore their saved state if inputs hold over each
+        step. All others are initialized again. For errors see :meth:`run`; UsageError for isolated components, too.
         """
-        given = {key: np.asarray(value).tolist() for key, value in _mapping(parameters).items()}
+        values = {key: np.asarray(value).tolist() for key, value in _mapping(parameters).items()}
         grid = self.grid(start, stop, step)
-        wanted = grid, given
+        wanted = grid, values
         if self._by_hand is not None and self._begun == wanted:
             with self._freeing():
                 if self._by_hand.restart():
@@ -224,18 +211,14 @@ class Simulator:
             steps.step(count)
 
     def set(self, name: str, value: Any) -> None:
-        """Set an input that nothing feeds, or a tunable parameter, for the steps that follow.
+        """Set an unconnected input, or a tunable parameter, ``component.variable``, for the next steps.
 
-        Parameters
-        ----------
-        name : str
-            ``component.variable``; without an index all elements.
-        value : number, or list or array with one for each element
+        Without an index `value` is for all elements: a number, or a list or array with one each.
         """
         self._stepped.set(name, value)
 
     def get(self, name: str) -> Any:
-        """Return the value of ``component.variable`` now; of an array, without an index, all elements."""
+        """Return the current value of ``component.variable``; without an index all elements of an array."""
         return self._stepped.get(name)
 
     @property
@@ -267,9 +250,7 @@ class Simulator:
         checked = with_steps(with_parameters(self._checked, _mapping(parameters)), step)
         if changed := _sizes(checked).items() - _sizes(self._checked).items():
             names = ", ".join(sorted(name for name, _ in changed))
-            raise UsageError(
-                f"parameters: {names}: sizes of arrays are the same in all runs; give them to the Simulator."
-            )
+            raise UsageError(f"parameters: {names}: sizes of arrays must be constant; give them to the Simulator.")
         return checked
 
     @property
@@ -279,14 +260,10 @@ class Simulator:
         return self._checked
 
     def stand(self, time: float | None = None, step: float | None = None) -> Components:
-        """Run the system to a time, by default its start; return its components, with their inputs at that time.
+        """Run the system to a time, by default its start; return its components, with their inputs at this time.
 
-        They stay until the next run or the end of the block. The simulator must not isolate them.
-
-        Raises
-        ------
-        UsageError, CosimError, Interrupted, VdfmuError
-            See :meth:`run`.
+        They stay until the next run or the end of the block. The simulator must not isolate them. For errors see
+        :meth:`run`.
         """
         grid = self.grid(None, None, step)
         time = grid.begin if time is None else time
@@ -295,7 +272,7 @@ class Simulator:
         elif grid.begin < time < np.inf:
             self.run(stop=time, step=grid.step, record=())
         else:
-            raise UsageError(f"at: expected a time of the run, which starts at {grid.begin:g} s; got {time:g} s.")
+            raise UsageError(f"at: expected a time of the run from {grid.begin:g} s, got {time:g} s.")
         assert self._session is not None
         components = self._session.components
         assert isinstance(components, Components)
@@ -304,7 +281,7 @@ class Simulator:
         return components
 
     def _ready(self, checked: Checked) -> Session:
-        """Return the components as they are after loading."""
+        """Return the components in their state after loading."""
         self._end_by_hand()
         session = self._session
         if session is not None and session.isolated:
@@ -338,9 +315,9 @@ class Simulator:
         end = stop if stop is not None else experiment.stop
         step = step if step is not None else experiment.step
         if end is None:
-            raise UsageError("no stop time: the system's default experiment has none, give stop")
+            raise UsageError("stop: expected a time, since the system's default experiment has no stop time.")
         if step is None:
-            raise UsageError("no communication step: the system's default experiment has none, give step")
+            raise UsageError("step: expected a communication step, since the system's default experiment has no step.")
         return Grid(float(begin), float(end), float(step), count_steps(step, end, begin))
 
 

@@ -19,7 +19,7 @@ from vdfmu.base.option import with_options
 from vdfmu.engine.linear.growth import Along, Growth, Poses
 from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run.simulator import Simulator
+from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.system import packaged
 from vdfmu.study.options import LoopOptions

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from vdfmu.base.files import temporary_folder
-from vdfmu.engine.linear.linearise import linear_system
-from vdfmu.engine.linear.system import LinearSystem
+from vdfmu.engine.linear.linearise import LinearSystem, linear_system
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario

@@ -14,8 +14,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import matching
 from vdfmu.compiler.c.loaded import load_library
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 
 LANES = 8
 """Most lanes that a processor has."""

@@ -15,7 +15,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_text
 from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.base.unpack import mat_variables
-from vdfmu.engine.results import parquet
+from vdfmu.engine.results.parquet import read_table
 from vdfmu.engine.results.results import Results
 
 _HEADING = re.compile(r"(.*?)(?:\s+[\[(](.+)[\])])?\s*")
@@ -131,7 +131,7 @@ def _mat(path: Path) -> Results | _Found:
 
 
 def _parquet(path: Path) -> Results | _Found:
-    schema, table = parquet.read_table(path)
+    schema, table = read_table(path)
     if b"vdfmu" in (schema.metadata or {}):
         return Results.read(path)
     found: dict[str, tuple[Any, str]] = {}

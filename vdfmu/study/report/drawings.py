@@ -19,7 +19,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import Shown, shown_as
 from vdfmu.engine.results.figure import Curve, Figure
 from vdfmu.engine.results.picture import draw
-from vdfmu.engine.results.recorded import Recorded, Signal
+from vdfmu.engine.results.results import Recorded, Signal
 
 if TYPE_CHECKING:
     from vdfmu.study.identify.score import LogScore

@@ -10,8 +10,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.measure import Shown
 from vdfmu.engine.results.figure import Curve, Figure
 from vdfmu.engine.results.folder import DRAWN
-from vdfmu.engine.results.recorded import Recorded, Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Recorded, Results, Signal
 from vdfmu.study.report.content import run_figures
 
 

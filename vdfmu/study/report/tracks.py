@@ -33,7 +33,7 @@ from vdfmu.engine.linear.loops import Loop
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked, check_system
-from vdfmu.engine.run.simulator import Simulator
+from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
 from vdfmu.study.report.causes import Names

@@ -11,8 +11,7 @@ from vdfmu.base.progress import counted
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.engine.algorithms import DEFAULT, DELAYED
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.run import Results
-from vdfmu.engine.run.simulator import simulate
+from vdfmu.engine.run import Results, simulate
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
 

@@ -25,8 +25,8 @@ from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.folder import keep, write_summary
-from vdfmu.engine.run import Interrupted, LogMessage, Results
-from vdfmu.engine.run.simulator import check_coupling
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run import Interrupted, LogMessage, check_coupling
 from vdfmu.study.analysis.loops import poses_of
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions

@@ -11,8 +11,9 @@ from vdfmu.base.errors import CosimError
 from vdfmu.base.progress import doing
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.options import SimulatorOptions
+from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import DOUBTFUL, GOOD, Check
-from vdfmu.engine.run import Interrupted, Results, Simulator
+from vdfmu.engine.run import Interrupted, Simulator
 from vdfmu.study.analysis.loops import Judged, judged, place_of, told, words_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario

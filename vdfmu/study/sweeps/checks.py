@@ -12,8 +12,7 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.base.text import close_to, matching
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.sweeps.axes import Axis
 from vdfmu.study.sweeps.job import WiredSystem
 from vdfmu.study.sweeps.measures import Measure, read_measures

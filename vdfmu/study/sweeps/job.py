@@ -17,7 +17,8 @@ from vdfmu.base.errors import CosimError, StorageError, UsageError, VdfmuError, 
 from vdfmu.base.text import error_text, matching
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.plan.inputs import InputTable
-from vdfmu.engine.run import Results, Simulator
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.loops import TIED
 from vdfmu.study.batch.engine import LANES, BatchProgram, Engine
 from vdfmu.study.sweeps.measures import Measure, measured

@@ -20,9 +20,8 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.page import page
 from vdfmu.base.process import Parent
-from vdfmu.engine.results.recorded import Signal
-from vdfmu.engine.results.results import Results
-from vdfmu.engine.run.isolated import mapped
+from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.run import mapped
 from vdfmu.study.report.page import report_page
 from vdfmu.study.report.scripts import WORDS, look, scripts_of
 from vdfmu.study.report.shapes import Chain
