@@ -16,9 +16,9 @@ import numpy as np
 
 from benchmarks.system import quiet
 from benchmarks.timing import Case, measure
+from vdfmu.base.compile import compile_library
 from vdfmu.base.files import pack_zip
-from vdfmu.compiler.c.compile import compile_library
-from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
+from vdfmu.base.platforms import PLATFORMS, this_platform
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.exchange import Call, Exchange
 from vdfmu.engine.masters.sampled import SampledStepper

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from vdfmu.base.compile import compile_library
 from vdfmu.base.files import pack_zip
-from vdfmu.compiler.c.compile import compile_library
-from vdfmu.compiler.c.platforms import this_platform
+from vdfmu.base.platforms import this_platform
 from vdfmu.engine.package.system import Component, FlatSystem
 from vdfmu.engine.run import LogMessage, Results, simulate
 from vdfmu.system.package.write import build_parts, write_ssp

@@ -16,7 +16,7 @@ from benchmarks.report import Report, Table
 from benchmarks.system import Clock, least, median
 from benchmarks.timing import Case, measure
 from vdfmu.arm.robot import check_robot, load_robot
-from vdfmu.compiler.c.platforms import native_available
+from vdfmu.base.platforms import native_available
 from vdfmu.system.scenario import load_scenario
 
 needs_compiler = pytest.mark.skipif(not native_available(), reason="the compiler of native FMUs is not installed")
