@@ -20,6 +20,7 @@ from vdfmu.base.errors import FmuError
 from vdfmu.engine.fmu.access import TEXTS, Ends, Transfer
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.versions import Instance3
+from vdfmu.engine.masters.events import EventStepper
 from vdfmu.engine.masters.exchange import Bank, Exchange
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
 from vdfmu.engine.plan.conversion import Link
@@ -47,7 +48,7 @@ class _Action(Structure):
     )  # fmt: skip
 
 
-class _Rows(Structure):
+class _RowBlock(Structure):
     _fields_ = _fields(p="block memory columns", n="n size")
 
 
@@ -74,8 +75,10 @@ def _library() -> CDLL | None:
 
 def obstacle(stepper: Stepper, exchange: Exchange) -> str:
     """Return why the steps of a run are made in Python; empty if compiled code can make them."""
-    if type(stepper) not in (SampledStepper, MultirateStepper) or type(exchange) is not Exchange:
-        return "events, another algorithm, or components in other processes"
+    if not exchange.instances or type(exchange) is not Exchange:
+        return "components in other processes"
+    if type(stepper) not in (SampledStepper, MultirateStepper):
+        return "events" if isinstance(stepper, EventStepper) else f"the algorithm {exchange.checked.algorithm}"
     if exchange.checked.feed is not None:
         return "inputs from outside"
     for bank in exchange.banks:
@@ -104,16 +107,16 @@ class CompiledSteps:
         self._judges: list[tuple[Instance, Callable[[Any], None]]] = []
         """The component of each action, and the function that judges its status."""
         self._make(exchange)
-        rows: list[_Rows] = []
+        rows: list[_RowBlock] = []
         for each in exchange.banks:
             if columns := exchange.columns.get(kind := each.kind.lower()):
                 parts = data[kind], each.memory, np.array(columns, np.intp)
-                rows.append(_Rows(*map(self._address, parts), len(columns), each.memory.itemsize))
+                rows.append(_RowBlock(*map(self._address, parts), len(columns), each.memory.itemsize))
         box, watched = exchange.box, exchange.watched
         self._master = _Master(
             outputs=self._address(bank.outputs), watched=self._address(watched), n_watched=watched.size,
             actions=self._array(_Action, self._actions), n_actions=len(self._actions),
-            rows=self._array(_Rows, rows), n_rows=len(rows),
+            rows=self._array(_RowBlock, rows), n_rows=len(rows),
             clock=addressof(exchange.clock), size=addressof(exchange.size), time=addressof(box.clock),
             waiting=addressof(box.waiting), begin=grid.begin, step=grid.step, rest=grid.last, n=grid.n,
         )  # fmt: skip

@@ -133,6 +133,7 @@ KEYS: Mapping[str, Key] = {
     "algorithm": Key(TEXT, "Master algorithm of the run."),
     "order": Key(_LINES, "Components in the order of their steps."),
     "isolated": Key(FLAG, "Whether each component had a process of its own."),
+    "stepper": Key(TEXT, "Language of the loop over the steps, with the reason if it is Python."),
     "federates": Key(Keyed(ANY), "Components of each process of a distributed run, and how long it waited."),
     "core": Key(TEXT, "How the processes of a distributed run exchanged values."),
     "ended": Key(
