@@ -111,7 +111,7 @@ def _simulator(report: Report, name: str, stop: float, rounds: int) -> None:
                 took = time.perf_counter() - began
                 runs.append((time.process_time() - processor, took, results.summary["wall_s"]))
     table = Table(
-        "simulate",
+        "run",
         f"A run of {stop:g} s from Python, {name}",
         [
             ("call", ""),

@@ -143,7 +143,7 @@ standard error.
 | `--quiet`, `-q` | a line `Written to` | errors |
 | `--verbose`, `-v` | also the tables of a run | also stages, times, places of errors |
 
-With `--quiet`, `run`, `simulate`, `federate`, `sweep` and `tune` print that one line. `sweep` adds its failed points.
+With `--quiet`, `run`, `federate`, `sweep` and `tune` print that one line. `sweep` adds its failed points.
 Bars appear on a terminal only. They are ASCII without UTF-8, and have no colours under `NO_COLOR`.
 """
 

@@ -1,7 +1,5 @@
 """Robots, random states and a kernel cache that several folders use."""
 
-from __future__ import annotations
-
 import cProfile
 import os
 import signal
@@ -84,10 +82,8 @@ def heavy(*values: object) -> list[Any]:
 
 @pytest.fixture(scope="session", autouse=True)
 def kernel_cache(tmp_path_factory):
-    """Cache of this test session, shared by its processes; the user's own is neither read nor written.
-
-    Except for what the compiler makes for itself of its own sources, once for each platform: minutes for Windows.
-    """
+    """Cache of this test session, shared by its processes; the user's own is neither read nor written."""
+    # Except for what the compiler makes for itself of its own sources, once for each platform: minutes for Windows.
     support = os.environ.get("ZIG_GLOBAL_CACHE_DIR") or str(cache_folder() / "zig")
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "vdfmu_cache"
@@ -125,11 +121,9 @@ def random_inertia(random: np.random.Generator, size: float) -> np.ndarray:
 
 
 def make_general_chain() -> Robot:
-    """Return a chain with everything that the shipped robots leave out.
-
-    Revolute and prismatic joints in any order, skewed axes, offsets and centres of mass in all directions,
-    full inertias, gravity in no axis, tool offset, payload, kinematic error, split friction.
-    """
+    """Return a chain with everything that the shipped robots leave out."""
+    # Revolute and prismatic joints in any order, skewed axes, offsets and centres of mass in all directions, full
+    # inertias, gravity in no axis, tool offset, payload, kinematic error, split friction.
     random = np.random.default_rng(20240501)
     types = ("revolute", "prismatic", "revolute", "revolute", "prismatic")
     n = len(types)
@@ -140,41 +134,22 @@ def make_general_chain() -> Robot:
 
     return check_robot(
         Robot(
-            name="general",
-            description="random chain",
-            joint_types=types,
+            name="general", description="random chain", joint_types=types,
             rotation=np.array([random_rotation(random) for _ in range(n)]),
-            offset=random.normal(scale=0.2, size=(n, 3)),
-            mass=random.uniform(0.5, 3.0, n),
+            offset=random.normal(scale=0.2, size=(n, 3)), mass=random.uniform(0.5, 3.0, n),
             centroid=random.normal(scale=0.1, size=(n, 3)),
-            inertia=np.array([random_inertia(random, 0.1) for _ in range(n)]),
-            gravity=np.array([1.0, -2.0, 9.5]),
-            tool_offset=np.array([0.05, -0.1, 0.2]),
-            tool_rotation=random_rotation(np.random.default_rng(20240503)),
-            ell=per_joint(100.0, 600.0),
-            I_m=per_joint(1e-3, 1e-2),
-            K_f0=per_joint(15e3, 2e6),
-            c_f=per_joint(4e-3, 1e-3),
-            K_w0=per_joint(2.0, 5.0),
-            c_w=per_joint(20.0, 15.0),
-            theta_err_amplitude=per_joint(2e-4, 1e-5),
-            theta_err_phase=random.uniform(-3.0, 3.0, n),
-            f_c=per_joint(0.3, 8.0),
-            f_s=per_joint(0.8, 14.0),
-            f_v=per_joint(0.1, 60.0),
-            v_s=per_joint(0.15, 0.05),
-            f_ck=per_joint(0.03, 0.02),
-            eps=per_joint(1e-2, 1e-2),
-            friction="split",
-            rotor_coupling=True,
-            sources={},
-            payload=True,
-            **{row.name: np.zeros(n) for option in JOINT_OPTIONS for row in section(option)},
-            payload_mass=np.array(1.7),
-            payload_centroid=np.array([-0.04, 0.07, 0.1]),
+            inertia=np.array([random_inertia(random, 0.1) for _ in range(n)]), gravity=np.array([1.0, -2.0, 9.5]),
+            tool_offset=np.array([0.05, -0.1, 0.2]), tool_rotation=random_rotation(np.random.default_rng(20240503)),
+            ell=per_joint(100.0, 600.0), I_m=per_joint(1e-3, 1e-2), K_f0=per_joint(15e3, 2e6),
+            c_f=per_joint(4e-3, 1e-3), K_w0=per_joint(2.0, 5.0), c_w=per_joint(20.0, 15.0),
+            theta_err_amplitude=per_joint(2e-4, 1e-5), theta_err_phase=random.uniform(-3.0, 3.0, n),
+            f_c=per_joint(0.3, 8.0), f_s=per_joint(0.8, 14.0), f_v=per_joint(0.1, 60.0), v_s=per_joint(0.15, 0.05),
+            f_ck=per_joint(0.03, 0.02), eps=per_joint(1e-2, 1e-2), friction="split", rotor_coupling=True, sources={},
+            payload=True, **{row.name: np.zeros(n) for option in JOINT_OPTIONS for row in section(option)},
+            payload_mass=np.array(1.7), payload_centroid=np.array([-0.04, 0.07, 0.1]),
             payload_inertia=1.7 * random_inertia(np.random.default_rng(20240502), 0.1),
         )
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -251,16 +226,13 @@ def draw_states(robot: Robot, count: int, seed: int) -> list[Draw]:
     n = robot.n
     return [
         Draw(
-            q=random.uniform(-np.pi, np.pi, n),
-            q_dot=random.uniform(-2.0, 2.0, n),
-            q_ddot=random.uniform(-5.0, 5.0, n),
-            kappa_dot=random.uniform(-2.0, 2.0, n),
-            tau_s=random.uniform(-30.0, 30.0, n),
-            tau=random.uniform(-0.5, 0.5, n),
+            q=random.uniform(-np.pi, np.pi, n), q_dot=random.uniform(-2.0, 2.0, n),
+            q_ddot=random.uniform(-5.0, 5.0, n), kappa_dot=random.uniform(-2.0, 2.0, n),
+            tau_s=random.uniform(-30.0, 30.0, n), tau=random.uniform(-0.5, 0.5, n),
             F_e=random.uniform(-20.0, 20.0, 6),
         )
         for _ in range(count)
-    ]
+    ]  # fmt: skip
 
 
 @pytest.fixture(scope="session")

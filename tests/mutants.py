@@ -35,7 +35,6 @@ class Fault(NamedTuple):
 
 
 def faults() -> list[Fault]:
-    """Return the faults of the list; ValueError for one whose line is not in its file exactly once."""
     found: list[Fault] = []
     for block in _LIST.read_text(encoding="utf-8").strip().split("\n\n"):
         head, line, changed = block.split("\n")

@@ -52,7 +52,6 @@ def without(folder: Path, left_out: Sequence[str]) -> None:
 
 
 def python(folder: Path, *arguments: str) -> str:
-    """Run Python in the folder of a copy, which it imports, and return its output."""
     env = {**os.environ, "PYTHONPATH": str(folder)}
     done = subprocess.run([sys.executable, *arguments], cwd=folder, env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -86,11 +85,8 @@ def test_tracking_runs_without_the_features_beside_it(tmp_path):
     assert "5 of 5 checks pass" in said
 
 
-def test_no_build_imports_efmi():
+def test_no_build_imports_efmi_and_the_digest_of_an_own_fmu_knows_no_arm():
     code = "import sys, vdfmu.arm.fmus, vdfmu.study.run.scenario_run; print([m for m in sys.modules if 'efmi' in m])"
     assert python(ROOT, "-c", code).strip() == "[]"
-
-
-def test_the_digest_of_an_own_fmu_knows_no_arm():
-    """Else a comment in a motion changes the GUID of a filter."""
+    # Else a comment in a motion changes the GUID of a filter.
     assert not [name for name in imported("compiler") if name.startswith(("arm", "system", "study", "cli"))]

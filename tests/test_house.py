@@ -1,7 +1,5 @@
 """Imports between the rooms of the package go down, and no file imports itself through others."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import cache
@@ -19,7 +17,6 @@ EQUATIONS = ("vdfmu.arm.equations", "vdfmu.arm.drive", "vdfmu.arm.world")
 
 @cache
 def _trees() -> dict[Path, ast.Module]:
-    """Return the files of the package, parsed."""
     return {path: ast.parse(path.read_text(encoding="utf-8")) for path in ROOT.rglob("*.py")}
 
 

@@ -27,7 +27,6 @@ PAGE = ROOT / "docs" / "plugins.md"
 
 @pytest.fixture(scope="module")
 def acme(tmp_path_factory):
-    """Return the folder in which the package of the page is installed."""
     folder = tmp_path_factory.mktemp("acme")
     files = {options.split('"')[1]: body for _, options, body, _, _ in read_blocks(PAGE) if "title=" in options}
     project = tomllib.loads(files.pop("pyproject.toml"))["project"]

@@ -48,10 +48,8 @@ class Server:
     ) -> tuple[int, bytes, bytes]:
         """Run a command; return its exit code and what it wrote. After `timeout` seconds it is killed: raises."""
         asked = {
-            "arguments": arguments,
-            "folder": str(cwd or Path.cwd()),
-            "environment": _environment(env or os.environ),
-        }
+            "arguments": arguments, "folder": str(cwd or Path.cwd()), "environment": _environment(env or os.environ),
+        }  # fmt: skip
         content = json.dumps(asked).encode()
         with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as failed, tempfile.TemporaryFile() as source:
             source.write(given or b"")

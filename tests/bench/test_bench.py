@@ -27,7 +27,7 @@ def report(tmp_path):
     return Report("sample", "Sample", tmp_path, Console(file=io.StringIO(), width=120))
 
 
-def test_every_case_gets_samples():
+def test_every_case_gets_samples_and_a_slow_one_one():
     calls = {"a": 0, "b": 0}
 
     def run(name: str) -> None:
@@ -39,15 +39,12 @@ def test_every_case_gets_samples():
         assert case.samples >= 3
         assert calls[case.name] >= case.calls * 3
         assert 0.0 < case.best < np.inf
-
-
-def test_slow_case_gets_one_sample():
     slow = Case("slow", lambda: sum(range(10_000)))
     measure([slow], 5, batch=0.0, limit=0.0)
     assert slow.samples == 1
 
 
-def test_table_in_all_forms(tmp_path):
+def test_table_in_all_forms_without_rows_of_wrong_length(tmp_path):
     table = Table("t", "Title [us]", [("name", ""), ("time [us]", ".1f")], notes=["a note"])
     table.add("x", 1.25)
     table.add("y", None)
@@ -61,9 +58,6 @@ def test_table_in_all_forms(tmp_path):
     Console(file=stream, width=80).print(table.to_rich())
     assert "Title [us]" in stream.getvalue()
     assert "time [us]" in stream.getvalue()
-
-
-def test_row_of_wrong_length():
     with pytest.raises(ValueError, match="t: expected 1 values, got 2"):
         Table("t", "", [("a", "")]).add(1, 2)
 
@@ -76,7 +70,7 @@ def test_repeated_link_is_a_valid_chain_of_equal_links():
 
 
 @pytest.mark.heavy
-def test_arms_are_measured_and_run_by_their_names(report, monkeypatch):
+def test_arms_are_measured_by_their_names_and_the_growth_of_the_fmus(report, monkeypatch):
     asked = []
     ran = {"build": 1.0, "second": 0.1, "largest": 1e-5, "final": 1e-6}
     monkeypatch.setattr(arms, "_child", lambda name: asked.append(name) or ran)
@@ -85,10 +79,6 @@ def test_arms_are_measured_and_run_by_their_names(report, monkeypatch):
     assert [row[0] for row in table.rows] == asked == ["planar_2dof", "scara_4dof"]
     assert [row[1] for row in table.rows] == [2, 4]
     assert table.rows[0][3] == pytest.approx(0.9)  # m, links of 0.5 and 0.4 m
-
-
-@pytest.mark.heavy
-def test_growth_of_the_fmus(report, monkeypatch):
     monkeypatch.setattr(fmu_growth, "_JOINTS", (1, 2, 7))
     fmu_growth.run(report, quick=True)
     table, sizes = report.tables
@@ -98,13 +88,10 @@ def test_growth_of_the_fmus(report, monkeypatch):
     assert table.rows[0][5] < table.rows[1][5]
 
 
-def test_least_of_blocks_leaves_out_what_disturbed_a_round():
+def test_least_of_blocks_leaves_out_what_disturbed_a_round_and_the_clock_divides_by_the_steps():
     rounds = [np.array([1.0, 9.0, 2.0]), np.array([5.0, 1.0, 2.0]), np.array([1.0, 1.0, 3.0])]
     assert least(rounds) == 4.0
     assert median(rounds) == 8.0
-
-
-def test_clock_divides_by_the_steps():
     clock = Clock()
     for done in (0, 50, 100):
         clock.progress(done, 100)
@@ -131,7 +118,7 @@ def test_native(report):
 
 @needs_compiler
 @pytest.mark.heavy
-def test_work_precision(report):
+def test_work_precision_engines_and_the_whole(report):
     found = work_precision.study(load_robot("planar_2dof"), 0.02, [1e-5, 1e-7], 1)
     for method in (work_precision.COSIM, work_precision.CVODE):
         loose, tight = found.of(method)
@@ -139,22 +126,12 @@ def test_work_precision(report):
         assert tight.error < 1e-5
         assert tight.error < loose.error
     work_precision.tabulate(found, report)
-
-
-@needs_compiler
-@pytest.mark.heavy
-def test_engines(report):
     found = engines.study(load_robot("planar_2dof"), 0.02, 1, report.say)
     for integrator, order in (("RK4", 4), ("implicit", 1)):
         first, *_, last = found.of(f"mujoco {integrator}")
         # its own order between the steps: the models are the same, for the error of another one would stay
         assert last.error < 10.0 * first.error * (last.level / first.level) ** order + 1e-10
     work_precision.tabulate(found, report)
-
-
-@needs_compiler
-@pytest.mark.heavy
-def test_whole(report):
     whole.run(report, quick=True)
     commands = report.facts["commands_s"]
     assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0

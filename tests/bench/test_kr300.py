@@ -51,7 +51,7 @@ def at_rest(model, q):
     return data.qfrc_inverse.copy()
 
 
-def test_mujoco_has_the_same_rigid_arm(kr):
+def test_mujoco_has_the_same_rigid_arm_and_the_spring_near_dead_centre(kr):
     log = rigid_log(kr.with_parameters(f_c=0.0), 1)
     moved = kr300.Motion(log, None, log.kappa, np.gradient(log.kappa, H, axis=0), None, None)
     moved = moved._replace(q_ddot=np.gradient(moved.q_dot, H, axis=0))
@@ -61,9 +61,6 @@ def test_mujoco_has_the_same_rigid_arm(kr):
     tau = log.tau * kr.ell
     off = np.abs(kr300.inverse_dynamics(spec.compile(), moved) - tau)[inner].max(axis=0)
     assert np.all(off < 1e-3 * np.abs(tau).max(axis=0))
-
-
-def test_the_spring_is_the_gas_spring_near_dead_centre(kr):
     q = np.array([0.3, 0.1 - kr.delta_cb[1], 0.2, 0.1, -0.4, 0.5])
     none, spring = (at_rest(kr300.rigid_spec(kr, each).compile(), q) for each in kr300.COUNTERBALANCES[:2])
     # its force is the first two terms of F / (1 - s): s = 0.0023 of the gas's length at 0.1 rad, s^2 = 5e-6

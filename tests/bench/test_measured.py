@@ -40,11 +40,9 @@ def _write(folder: Path, model: str, signals: dict[str, Floats]) -> None:
 
 
 def _lossy_gear() -> dict[str, Floats]:
-    """LossyGearDemo1 worked out by hand: the equation of each mode between the times at which these change.
-
-    With the efficiency e, ratio 2, and inertias 1 and 1.5: driving (1.5 + 4 e) a = load + 2 e tau, driven back
-    (1.5 + 4 / e) a = load + 2 tau / e.
-    """
+    """LossyGearDemo1 worked out by hand: the equation of each mode between the times at which these change."""
+    # With the efficiency e, ratio 2, and inertias 1 and 1.5: driving (1.5 + 4 e) a = load + 2 e tau, driven back (1.5
+    # + 4 / e) a = load + 2 tau / e.
     t = np.linspace(0.0, 0.5, 20001)
     tau, load = 10.0 * np.sin(2.0 * np.pi * t), -10.0 + 2.5 * t
     back, drive = (load + 4.0 * tau) / 9.5, (load + tau) / 3.5

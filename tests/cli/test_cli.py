@@ -13,6 +13,7 @@ import pytest
 from tests.conftest import TYPICAL
 from tests.engine.files import edited
 from tests.warm import command
+from vdfmu.base.files import data_path
 
 
 def vdfmu(*arguments, cwd, **options):
@@ -38,10 +39,8 @@ def test_build_efmus_of_a_scenario_and_of_a_unit_by_name(tmp_path):
     assert built.returncode == 0, built.stderr
     assert "plant: not for efmi: it has continuous states" in " ".join(built.stderr.split())
     assert sorted(p.name for p in (tmp_path / "efmus").iterdir()) == [
-        "Feedforward.fmu",
-        "PDController.fmu",
-        "Trajectory.fmu",
-    ]
+        "Feedforward.fmu", "PDController.fmu", "Trajectory.fmu",
+    ]  # fmt: skip
     with zipfile.ZipFile(tmp_path / "efmus" / "PDController.fmu") as archive:
         source = archive.read("eFMU/ProductionCode/PDController.c").decode()
         program = archive.read("eFMU/AlgorithmCode/PDController.alg").decode()
@@ -70,7 +69,7 @@ def test_build_ssp_check_models_work_together(tmp_path):
     with zipfile.ZipFile(tmp_path / "planar.ssp") as archive:
         assert "SystemStructure.ssd" in archive.namelist()
     # the package runs as the scenario does, its step, master and stop time taken from it
-    done = vdfmu("simulate", "planar.ssp", "--stop", "0.2", "--set", "controller.K_p=900", cwd=tmp_path)
+    done = vdfmu("run", "planar.ssp", "--stop", "0.2", "--set", "controller.K_p=900", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "planar.ssp" in done.stdout
     ran = vdfmu(
@@ -85,14 +84,14 @@ def test_build_ssp_check_models_work_together(tmp_path):
     assert summary["settings"] == {"controller.K_p": "900"}
     # a package in the folder of the results stays, whatever its name
     (tmp_path / "planar.ssp").rename(tmp_path / "system.ssp")
-    done = vdfmu("simulate", "system.ssp", "--stop", "0.01", "--out", ".", cwd=tmp_path)
+    done = vdfmu("run", "system.ssp", "--stop", "0.01", "--out", ".", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "Written to .: results.csv, summary.json"
     (tmp_path / "system.ssp").rename(tmp_path / "planar.ssp")
     # what is there is kept by a wrong option and by a run that fails
-    assert vdfmu("simulate", "planar.ssp", "--step", "0.003", "--stop", "0.2", cwd=tmp_path).returncode == 2
+    assert vdfmu("run", "planar.ssp", "--step", "0.003", "--stop", "0.2", cwd=tmp_path).returncode == 2
     assert (ours / "results.csv").exists()
-    failed = vdfmu("simulate", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path)
+    failed = vdfmu("run", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert failed.returncode == 1
     assert "plant failed at t =" in failed.stderr
     assert " s are in results/planar_ssp/partial/results.csv; results/planar_ssp is unchanged." in failed.stderr
@@ -100,7 +99,7 @@ def test_build_ssp_check_models_work_together(tmp_path):
     assert len((ours / "partial" / "results.csv").read_text().splitlines()) > 3
     assert failed.stdout.splitlines()[-1] == "Open results/planar_ssp/partial/report.html"
     # the next one that fails takes its place, with the page
-    assert vdfmu("simulate", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path).returncode == 1
+    assert vdfmu("run", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path).returncode == 1
     assert sorted(path.name for path in ours.iterdir() if path.is_dir()) == ["partial"]
     assert (ours / "results.csv").read_text() == (theirs / "results.csv").read_text()
 
@@ -131,13 +130,9 @@ def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
 
 
 @pytest.mark.heavy
-def test_a_scenario_is_shown_as_its_file(tmp_path):
+def test_a_scenario_is_shown_as_its_file_and_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     shown = vdfmu("scenario", "show", "tracking", cwd=tmp_path, env={**os.environ, "COLUMNS": "40"})
     assert tomllib.loads(shown.stdout)["name"] == "tracking"
-
-
-@pytest.mark.heavy
-def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
     bad = tmp_path / "bad.fmu"
     bad.write_bytes(edited(tmp_path / "fmus" / "Plant.fmu", [(b'unit="rad/s"', b'unit="rad/h"')]))
@@ -151,26 +146,34 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["run", "trackng"], "trackng"),
-        (["run", "planar_tracking", "--set", "controller.K_p"], "expected COMPONENT.VARIABLE=VALUE"),
-        (
-            ["run", "planar_tracking", "--unit", "controller"],
-            "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
-        ),
-        (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
-        (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel, jacobi, extrapolated or iterative"),
-        (["run", "planar_tracking", "--adaptive", "1e-6"], "use extrapolated or iterative"),
-        (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
-        (["run", "system.ssp"], "'vdfmu simulate' runs it"),
-        (["simulate", "tracking"], "expected a system package, NAME.ssp"),
-        (["simulate", "system.ssp"], "there is no such file"),
-        (["check", "missing.fmu"], "there is no such file"),
-        (["robot", "show", "robot.toml"], "robot.toml"),
-    ],
-)
+def test_fmus_and_units_run_connected(tmp_path):
+    low_pass = str(data_path("examples") / "units" / "low_pass.py")
+    vdfmu("build", low_pass, "--out", ".", cwd=tmp_path)
+    done = vdfmu("run", "a=LowPass.fmu", f"b={low_pass}", "--connect", "a.y=b.u", "--set", "a.u=1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    ends = [float(cell) for cell in (tmp_path / "results/system/results.csv").read_text().splitlines()[-1].split(",")]
+    assert ends == pytest.approx([10.0, 1.0, 1.0])  # after a hundred time constants: the stop time of the FMU
+    assert vdfmu("run", "LowPass.fmu", "--stop", "0.5", cwd=tmp_path).returncode == 0
+    assert json.loads((tmp_path / "results/LowPass/summary.json").read_text())["package"] == "LowPass.fmu"
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["run", "trackng"], "trackng"),
+    (["run", "planar_tracking", "--set", "controller.K_p"], "expected COMPONENT.VARIABLE=VALUE"),
+    (
+        ["run", "planar_tracking", "--unit", "controller"],
+        "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
+    ),
+    (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
+    (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel, jacobi, extrapolated or iterative"),
+    (["run", "planar_tracking", "--adaptive", "1e-6"], "use extrapolated or iterative"),
+    (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
+    (["run", "system.ssp"], "there is no such file"),
+    (["run", "a.fmu", "b.fmu"], "a.fmu: must be NAME=FILE if there are several. Write a=a.fmu."),
+    (["run", "a=a.fmu", "--connect", "a.y"], "--connect a.y: must be OUTPUT=INPUT, such as a.y=b.u."),
+    (["check", "missing.fmu"], "there is no such file"),
+    (["robot", "show", "robot.toml"], "robot.toml"),
+])  # fmt: skip
 def test_wrong_usage_ends_with_code_2_and_the_way_out(tmp_path, arguments, words):
     done = vdfmu(*arguments, cwd=tmp_path)
     assert done.returncode == 2
@@ -187,7 +190,7 @@ def test_check_says_that_it_runs_code_only_of_a_file_that_there_is(tmp_path, nam
 
 
 @pytest.mark.heavy
-def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
+def test_a_broken_robot_file_reports_every_problem_and_a_unit_that_fails_its_words(tmp_path):
     import vdfmu as package
     from vdfmu.base.files import data_path
 
@@ -200,30 +203,16 @@ def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
     assert "joints[1].link.mass" in message
     assert "epsilon" in message
     assert package.__version__
-
-
-@pytest.mark.heavy
-def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
     done = vdfmu("run", "planar_tracking", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert done.returncode == 1
     assert "plant failed at t =" in done.stderr
     assert (tmp_path / "results" / "planar_tracking" / "partial" / "results.csv").exists()
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["run"],
-        ["simulate"],
-        ["build"],
-        ["ssp"],
-        ["check"],
-        ["robot", "list"],
-        ["scenario", "show"],
-        ["cache"],
-        ["cache", "clear"],
-    ],
-)
+@pytest.mark.parametrize("command", [
+    ["run"], ["judge"], ["build"], ["ssp"], ["check"], ["robot", "list"], ["scenario", "show"], ["cache"],
+    ["cache", "clear"],
+])  # fmt: skip
 def test_help_of_every_command_has_an_example(tmp_path, command):
     done = vdfmu(*command, "--help", cwd=tmp_path)
     assert done.returncode == 0

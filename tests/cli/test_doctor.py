@@ -1,7 +1,5 @@
 """What ``vdfmu doctor`` says, with and without packages."""
 
-from __future__ import annotations
-
 import logging
 import tomllib
 from importlib.metadata import PackageNotFoundError
@@ -23,11 +21,8 @@ def declared(_: str) -> list[str]:
     return [*PROJECT["dependencies"], *(f'{text}; extra == "{name}"' for name in extras for text in extras[name])]
 
 
-def test_every_extra_of_a_user_has_what_is_not_there_without_it():
+def test_what_is_missing_is_said_with_its_price_and_the_way_to_it_for_every_extra(monkeypatch, tmp_path):
     assert set(doctor.WITHOUT) == set(PROJECT["optional-dependencies"]) - OURS
-
-
-def test_what_is_missing_is_said_with_its_price_and_the_way_to_it(monkeypatch, tmp_path):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(extras, "requires", declared)
     whole = CliRunner().invoke(app, ["doctor"])
@@ -59,8 +54,7 @@ def test_the_shell_completes_names(monkeypatch):
     assert completed("vdfmu run tracking --master j") == ["jacobi"]
     assert completed("vdfmu run tracking --mas") == ["--master"]
     assert completed("vdfmu doc") == ["doctor"]
-    assert completed("vdfmu simulate trac") == ["file,trac"]  # the shell lists files
-    assert completed("vdfmu run ./tr") == ["file,./tr"]
+    assert completed("vdfmu run ./tr") == ["file,./tr"]  # the shell lists files
     assert "_VDFMU_COMPLETE=bash_complete" in CliRunner().invoke(app, ["--completion", "bash"]).output
 
 

@@ -1,7 +1,5 @@
 """The folder of packages and results for users of other tools, and its script, in a Python with nothing else."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys
@@ -73,14 +71,11 @@ def test_a_perturbed_signal_is_found_with_its_time(folder, tmp_path):
     assert compare(folder, tmp_path / "mine.csv", "--tolerance", "0.1")[0] == 0
 
 
-def test_results_that_are_a_row_late_and_of_another_master_differ(folder, tmp_path):
+def test_results_that_are_a_row_late_differ_and_names_of_other_tools_are_understood(folder, tmp_path):
     rows = rows_of(folder)
     late = [*rows[:3], *([now[0], *before[1:]] for before, now in zip(rows[2:], rows[3:], strict=False))]
     assert compare(folder, written(tmp_path / "late.csv", late))[0] == 1
     assert compare(folder, folder / "planar_tracking_gauss-seidel.csv")[0] == 1
-
-
-def test_names_of_other_tools_are_understood(folder, tmp_path):
     rows = rows_of(folder)
     head = ["Time [s]", *(f"root::{name.replace('.', '::', 1)} [rad]" for name in rows[0][1:])]
     code, said = compare(folder, written(tmp_path / "mine.csv", [head, *rows[2:]], ";"))
@@ -91,7 +86,7 @@ def test_names_of_other_tools_are_understood(folder, tmp_path):
     assert "no number" not in said
 
 
-def test_what_is_missing_or_ends_early_counts(folder, tmp_path):
+def test_what_is_missing_ends_early_or_cannot_be_read_counts(folder, tmp_path):
     rows = [[row[0], *row[2:]] for row in rows_of(folder)]
     mine = written(tmp_path / "mine.csv", rows)
     code, said = compare(folder, mine)
@@ -100,9 +95,6 @@ def test_what_is_missing_or_ends_early_counts(folder, tmp_path):
     code, said = compare(folder, written(tmp_path / "short.csv", rows_of(folder)[:-10]))
     assert code == 1
     assert "got no number" in said
-
-
-def test_a_file_that_cannot_be_read(folder, tmp_path):
     for text in ("", "a,b\n1,2\n", "time,a\n", "time,a\n1\n"):
         (tmp_path / "mine.csv").write_text(text)
         code, said = compare(folder, tmp_path / "mine.csv")

@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and SIGHUP end every command within a second, in each of its phases, and leave nothing behind."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -168,16 +166,10 @@ main()
 """While Python frees its modules, when it has given the handlers of signals back."""
 
 
-@pytest.mark.parametrize(
-    ("code", "ended", "said"),
-    [
-        (DROPPED, 130, "stopped\n"),
-        (SLOW + DROPPED, 130, "stopped\n"),
-        (FREED, 130, "stopped\n"),
-        (ENDING, 0, ""),
-        (LATE, 0, ""),
-    ],
-)
+@pytest.mark.parametrize(("code", "ended", "said"), [
+    (DROPPED, 130, "stopped\n"), (SLOW + DROPPED, 130, "stopped\n"), (FREED, 130, "stopped\n"), (ENDING, 0, ""),
+    (LATE, 0, ""),
+])  # fmt: skip
 def test_a_signal_that_a_library_drops_comes_again_and_one_at_the_end_adds_nothing(code, ended, said):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
     assert (done.returncode, done.stderr) == (ended, said)
@@ -201,11 +193,16 @@ def test_a_signal_acts_while_equations_are_traced(start, number):
 
 
 @pytest.mark.heavy
-def test_a_signal_ends_the_compilers(start):
+def test_a_signal_ends_the_compilers_and_acts_while_references_are_solved(start):
     command = start("build", "planar_tracking", cache="empty")
     command.wait_for(lambda: command.files("tmp/vdfmu_native_*/*/*.o*"))
     command.stop(signal.SIGTERM)
     assert not [p for p in Path("/proc").glob("[0-9]*/cwd") if str(command.temporary) in _link(p)]
+    command = start("run", "planar_tracking", "--stop", "2")
+    command.wait_for(lambda: command.files("results/*/*/summary.json"))
+    errors = command.stop(signal.SIGHUP)
+    assert " are in results/planar_tracking/partial/results.csv." in errors
+    assert len((command.folder / "results/planar_tracking/partial/results.csv").read_text().splitlines()) == 2003
 
 
 def _link(path: Path) -> str:
@@ -213,15 +210,6 @@ def _link(path: Path) -> str:
         return os.readlink(path)
     except OSError:
         return ""
-
-
-@pytest.mark.heavy
-def test_a_signal_acts_while_references_are_solved(start):
-    command = start("run", "planar_tracking", "--stop", "2")
-    command.wait_for(lambda: command.files("results/*/*/summary.json"))
-    errors = command.stop(signal.SIGHUP)
-    assert " are in results/planar_tracking/partial/results.csv." in errors
-    assert len((command.folder / "results/planar_tracking/partial/results.csv").read_text().splitlines()) == 2003
 
 
 def test_a_signal_acts_while_modules_are_imported(start):

@@ -1,7 +1,5 @@
 """What a command shows of its work: a line that moves, and what --quiet and --verbose leave and add."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -46,7 +44,6 @@ main()
 
 
 def plain(text):
-    """Lines without what moves the cursor and colours them."""
     return [line for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "\n", text).splitlines() if line.strip()]
 
 
@@ -54,7 +51,7 @@ def works(*words, **options):
     return on_terminal([sys.executable, "-c", WORKS, "works", *words], **options)
 
 
-def test_a_line_and_a_bar_move_while_a_command_works():
+def test_a_line_and_a_bar_move_while_a_command_works_and_not_while_it_waits_for_the_user():
     shown = works("prints")
     frames = {line for line in re.split(r"\x1b\[2K|\r|\n", shown.text) if "━" in line}
     assert len([frame for frame in frames if "works" in frame]) > 5  # ten in a second
@@ -62,15 +59,10 @@ def test_a_line_and_a_bar_move_while_a_command_works():
     # from half a second on, and never a second without anything: imports and the waiting of one line add some 0.5 s
     assert shown.silent < 2.0
     assert [line for line in plain(shown.text) if line in ("first", "note: a note", "last")] == [
-        "first",
-        "note: a note",
-        "last",
-    ]
+        "first", "note: a note", "last",
+    ]  # fmt: skip
     assert shown.text.rstrip().endswith("last")
     assert shown.text.count("\x1b[?25h") == shown.text.count("\x1b[?25l") > 0  # the cursor is back
-
-
-def test_nothing_moves_while_a_command_waits_for_the_user():
     shown = works("waits")
     assert shown.code == 0
     assert "━" not in shown.text.partition("waiting")[2]
@@ -122,7 +114,6 @@ def test_every_command_takes_quiet_and_verbose():
 
 @pytest.fixture
 def told(tmp_path, monkeypatch):
-    """Run a command in a folder: lines of standard output and of standard error."""
     monkeypatch.chdir(tmp_path)
 
     def run(*words):
@@ -162,7 +153,7 @@ def test_quiet_leaves_the_result_of_a_command_that_prints_it(told, tmp_path, wor
 
 
 @pytest.mark.heavy
-def test_verbose_says_where_an_error_is_from_and_quiet_keeps_the_error(tmp_path):
+def test_verbose_says_where_an_error_is_from_and_no_command_is_silent_for_long(tmp_path):
     def said(*words):
         command = [sys.executable, "-m", "vdfmu.cli", "run", "nope", *words]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
@@ -173,19 +164,6 @@ def test_verbose_says_where_an_error_is_from_and_quiet_keeps_the_error(tmp_path)
     assert short.startswith("error: no scenario 'nope'")
     assert long.splitlines()[1].startswith("Traceback")
     assert long.endswith(short)
-
-
-LONG = (
-    "build planar_tracking --out fmus", "run planar_tracking --stop 0.5", "ssp planar_tracking",
-    "simulate planar_tracking.ssp --pictures png", "check planar_tracking.ssp", "margins tracking",
-    "modes planar_2dof --scenario planar_tracking", "robot reach panda_7dof",
-    "sweep planar_tracking --vary plant.K_f0=*lin(0.5,2,4) --stop 0.2", "sweep report results/sweep_planar_tracking",
-)  # fmt: skip
-"""From a cold cache on, each of more than 1 s on two cores."""
-
-
-@pytest.mark.heavy
-def test_no_command_is_silent_for_long(tmp_path):
     for words in LONG:
         command = [sys.executable, "-m", "vdfmu.cli", *words.split()]
         shown = on_terminal(command, cwd=tmp_path, VDFMU_CACHE_DIR=str(tmp_path / "cache"))
@@ -195,3 +173,12 @@ def test_no_command_is_silent_for_long(tmp_path):
         assert any(line.startswith(word) for line in plain(shown.text)), words
         # measured: 1 s at most, the start of Python and C that keeps the interpreter; others may use the processors
         assert shown.silent < 3.0, words
+
+
+LONG = (
+    "build planar_tracking --out fmus", "run planar_tracking --stop 0.5", "ssp planar_tracking",
+    "run planar_tracking.ssp --pictures png", "check planar_tracking.ssp", "margins tracking",
+    "modes planar_2dof --scenario planar_tracking", "robot reach panda_7dof",
+    "sweep planar_tracking --vary plant.K_f0=*lin(0.5,2,4) --stop 0.2", "sweep report results/sweep_planar_tracking",
+)  # fmt: skip
+"""From a cold cache on, each of more than 1 s on two cores."""

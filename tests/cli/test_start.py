@@ -52,6 +52,6 @@ def test_a_wrong_name_is_told_before_anything_heavy(arguments):
 
 
 def test_a_file_of_another_kind_is_told_before_anything_but_numpy():
-    code, *imported = end("run", "x.ssp")
+    code, *imported = end("run", "x.py")
     assert code == "2"
     assert set(imported) <= {"numpy"}

@@ -8,7 +8,7 @@ from vdfmu.base.text import FEW, elided, error_text, first_few
 from vdfmu.cli import commands
 
 
-def test_a_long_name_a_long_line_and_many_lines_lose_their_middle():
+def test_long_names_and_lines_lose_their_middle_and_of_many_messages_the_first_of_each_rule_are_kept():
     name = "a" * 100 + "b" * 9_000_000 + "c" * 100
     text = error_text(UsageError(f"expected x, got {name}. Remove it."))
     assert text.startswith("expected x, got aaaa")
@@ -19,9 +19,6 @@ def test_a_long_name_a_long_line_and_many_lines_lose_their_middle():
     lines = elided("\n".join(f"line {i}" for i in range(9_000))).splitlines()
     assert (lines[0], lines[50], lines[-1]) == ("line 0", "... (8,900 lines) ...", "line 8999")
     assert elided("short\nas it is ") == "short\nas it is "
-
-
-def test_of_many_messages_the_first_of_each_rule_are_kept():
     texts = [f"A {i}" for i in range(9_000)] + ["B 1"]
     kept = first_few(texts, lambda text: text[0])
     assert kept == [*texts[:FEW], "B 1", "and 8,980 more [A]"]
@@ -29,15 +26,12 @@ def test_of_many_messages_the_first_of_each_rule_are_kept():
 
 
 @pytest.mark.usefixtures("main_in_this_process")
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (MemoryError(), "the memory does not hold it (MemoryError)"),
-        (MemoryError("Unable to allocate 2 GiB"), "the memory does not hold it (Unable to allocate 2 GiB)"),
-        (RuntimeError("can't start new thread"), "the memory does not hold it (can't start new thread)"),
-        (ImportError("x.so: failed to map segment from shared object"), "(x.so: failed to map segment"),
-    ],
-)
+@pytest.mark.parametrize(("error", "said"), [
+    (MemoryError(), "the memory does not hold it (MemoryError)"),
+    (MemoryError("Unable to allocate 2 GiB"), "the memory does not hold it (Unable to allocate 2 GiB)"),
+    (RuntimeError("can't start new thread"), "the memory does not hold it (can't start new thread)"),
+    (ImportError("x.so: failed to map segment from shared object"), "(x.so: failed to map segment"),
+])  # fmt: skip
 def test_a_lack_of_memory_is_a_sentence_for_every_command(monkeypatch, capsys, error, said):
     def command():
         raise error
@@ -50,7 +44,7 @@ def test_a_lack_of_memory_is_a_sentence_for_every_command(monkeypatch, capsys, e
 
 
 @pytest.mark.usefixtures("main_in_this_process")
-def test_an_error_that_was_said_is_not_said_again(monkeypatch, capsys):
+def test_an_error_is_said_once_and_stays_the_error_if_its_message_cannot_be_printed(monkeypatch, capsys):
     def command():
         try:
             raise MemoryError
@@ -62,9 +56,6 @@ def test_an_error_that_was_said_is_not_said_again(monkeypatch, capsys):
         cli.main()
     assert (end.value.code, capsys.readouterr().err) == (2, "")
 
-
-@pytest.mark.usefixtures("main_in_this_process")
-def test_an_error_whose_message_cannot_be_printed_stays_the_error(monkeypatch):
     class MuteError(Exception):
         def __str__(self):
             raise ValueError

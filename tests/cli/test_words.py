@@ -18,7 +18,6 @@ from vdfmu.cli.parameters import parameter, rows_by_task
 
 
 def commands(name="", found=None):
-    """Yield each command with its name, those in groups too."""
     found = found or app
     inner = getattr(found, "commands", {})
     if not inner:
@@ -38,12 +37,12 @@ def options(found):
 
 def test_every_command_that_writes_takes_out_and_its_letter():
     writes = {name for name, found in ALL.items() if "--out" in options(found)}
-    assert {"run", "simulate", "report", "ssp", "build", "sweep plot", "unit new", "tune"} <= writes
+    assert {"run", "report", "ssp", "build", "sweep plot", "unit new", "tune"} <= writes
     assert all(options(ALL[name])["-o"] is options(ALL[name])["--out"] for name in writes)
 
 
 @pytest.mark.parametrize("name", [
-    "build", "container", "ssp", "reference", "run", "simulate", "report", "sweep report", "modes", "motion",
+    "build", "container", "ssp", "reference", "run", "report", "sweep report", "modes", "motion",
 ])  # fmt: skip
 def test_commands_that_write_files_replace_others_on_request(name):
     assert "--overwrite" in options(ALL[name])
@@ -76,20 +75,17 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
         assert options(ALL[name])[word].metavar == values
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (
-            "sweep tracking --varry x=1",
-            "No such option '--varry'. (Did you mean one of: '--retry', '--vary'?) See 'vdfmu sweep run --help'.",
-        ),
-        ("run --mastre jacobi", "No such option '--mastre'. (Did you mean one of: '--master', '--step'?) See"),
-        ("rum", "No such command 'rum'. Did you mean 'run'?"),
-        ("run --step fast", "Invalid value for '--step'"),
-        ("margins --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
-        ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (
+        "sweep tracking --varry x=1",
+        "No such option '--varry'. (Did you mean one of: '--retry', '--vary'?) See 'vdfmu sweep run --help'.",
+    ),
+    ("run --mastre jacobi", "No such option '--mastre'. (Did you mean one of: '--master', '--step'?) See"),
+    ("rum", "No such command 'rum'. Did you mean 'run'?"),
+    ("run --step fast", "Invalid value for '--step'"),
+    ("margins --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
+    ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),
+])  # fmt: skip
 def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
     done = command(*words.split(), cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
@@ -98,23 +94,20 @@ def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
     assert "--help'." in done.stderr
 
 
-def test_a_module_that_is_run_answers_as_the_command():
+def test_a_module_that_is_run_answers_as_the_command_and_a_wrong_word_has_a_close_one():
     for words, said in (
         ("rum", "No such command 'rum'. Did you mean 'run'? See 'vdfmu --help'."),
-        ("simulate x.ssp --wait-limmit 3", "'--unpack-limit', '--wait-limit'?) See 'vdfmu simulate --help'."),
+        ("run x.ssp --wait-limmit 3", "'--unpack-limit', '--wait-limit'?) See 'vdfmu run --help'."),
     ):
         done = subprocess.run([sys.executable, "-m", "vdfmu.cli", *words.split()], capture_output=True, text=True)
         assert said in " ".join(done.stderr.split()) and done.returncode == 2
-
-
-def test_a_wrong_word_of_a_function_is_answered_with_a_close_one():
     with pytest.raises(
         TypeError, match=r"simulate\(\) got .* keyword argument 'wait_limmit'; did you mean wait_limit\?"
     ):
         vdfmu.simulate("x.ssp", wait_limmit=1.0)
 
 
-def test_the_bare_command_names_eight_commands_and_all_others(tmp_path):
+def test_the_bare_command_names_eight_commands_and_help_has_all_in_groups(tmp_path):
     done = command(cwd=tmp_path)
     assert done.returncode == 0
     words = set(re.findall(r"[a-z]+", done.stdout))
@@ -122,9 +115,6 @@ def test_the_bare_command_names_eight_commands_and_all_others(tmp_path):
     assert {name.split()[0] for name in ALL} <= words
     assert "vdfmu --help lists all commands" in done.stdout
     assert not re.search(" +$", done.stdout, re.MULTILINE)  # in a pipe; rich fills the cells of tables
-
-
-def test_help_has_all_commands_in_groups(tmp_path):
     done = command("--help", cwd=tmp_path)
     assert all(f"\n{group}:\n" in done.stdout for group in COMMANDS)
     assert "\nCommands:\n" not in done.stdout
@@ -145,13 +135,10 @@ def test_every_command_has_help_in_80_columns_a_line_an_option_with_an_example(n
     assert shlex.split(example) == shlex.split(ALL[name].example) and example.startswith("vdfmu ")
 
 
-def test_an_option_that_no_task_names_has_a_place():
-    command = FunctionCommand("added", callback=lambda: None, example="vdfmu added")
-    command.params.append(parameter("remark", str | None, Option("Toy.")))
-    assert [row[0] for row in rows_by_task(command.params)["Options"]][-1] == "--remark TEXT"
-
-
-def test_a_package_of_another_tool_is_replaced_on_request_only(tmp_path):
+def test_an_option_that_no_task_names_has_a_place_and_other_packages_are_replaced_on_request(tmp_path):
+    added = FunctionCommand("added", callback=lambda: None, example="vdfmu added")
+    added.params.append(parameter("remark", str | None, Option("Toy.")))
+    assert [row[0] for row in rows_by_task(added.params)["Options"]][-1] == "--remark TEXT"
     (tmp_path / "mine.ssp").write_text("not of vdfmu")
     words = ("ssp", "planar_tracking", "--backend", "python", "-o", "mine.ssp")
     refused = command(*words, cwd=tmp_path)
@@ -162,16 +149,13 @@ def test_a_package_of_another_tool_is_replaced_on_request_only(tmp_path):
     assert (done.returncode, done.stdout) == (0, "Written to mine.ssp\n")
 
 
-def test_margins_and_modes_as_json(tmp_path):
+def test_margins_and_modes_as_json_and_the_motion_of_a_shipped_scenario_by_its_name(tmp_path):
     found = json.loads(command("margins", "planar_tracking", "--at", "0.5", "--json", cwd=tmp_path).stdout)
     assert [row["opened_at"] for row in found["margins"]] == ["plant.tau[1]", "plant.tau[2]"]
     assert found["state"] == "good" and all(0.0 < row["modulus"] < 1.0 for row in found["margins"])
     found = json.loads(command("modes", "planar_2dof", "--json", cwd=tmp_path).stdout)
     assert found["pose"] == [0.0, 0.0]
     assert len(found["motors_free"]["frequency"]) == len(found["motors_held"]["frequency"]) == 2
-
-
-def test_the_motion_of_a_shipped_scenario_by_its_name(tmp_path):
     done = command("motion", "planar_tracking", "--json", cwd=tmp_path)
     joint = json.loads(done.stdout)["joints"][1]
     # (57): the peak of the speed is 2 (q_end - q_start) / T, at T/2, which is a row; printed with 16 digits

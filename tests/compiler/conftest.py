@@ -67,11 +67,9 @@ class Unit:
         callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
         callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
         self.fmu = FMU2Slave(
-            guid=self.description.guid,
-            modelIdentifier=self.description.coSimulation.modelIdentifier,
-            unzipDirectory=str(folder),
-            instanceName=instance,
-        )
+            guid=self.description.guid, modelIdentifier=self.description.coSimulation.modelIdentifier,
+            unzipDirectory=str(folder), instanceName=instance,
+        )  # fmt: skip
         self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
         self.time = 0.0
 
@@ -146,13 +144,11 @@ class Unit:
 
 @pytest.fixture(scope="session")
 def robots():
-    """Return the shipped robots by name."""
     return {name: load_robot(name) for name in TYPICAL}
 
 
 @pytest.fixture(scope="session")
 def planar(robots):
-    """Return the small robot that most tests use."""
     return robots["planar_2dof"]
 
 
@@ -196,13 +192,11 @@ def backend():
 
 @pytest.fixture
 def fmus(built, backend):
-    """FMUs by robot and unit."""
     return Lazy(lambda robot: built(backend, robot))
 
 
 @pytest.fixture
 def folders(unpacked, backend):
-    """Return them unpacked."""
     return Lazy(lambda robot: Lazy(lambda unit: unpacked(backend, robot, unit)))
 
 
@@ -235,8 +229,6 @@ def words_of_refusal():
 
 @pytest.fixture
 def copy_of(folders, tmp_path):
-    """Copy the unpacked FMU of a unit of the planar robot, free to change."""
-
     def copy(unit: str) -> Path:
         return Path(shutil.copytree(folders["planar_2dof"][unit], tmp_path / unit))
 
@@ -245,17 +237,10 @@ def copy_of(folders, tmp_path):
 
 @pytest.fixture
 def run_python():
-    """Run a script in a Python of its own; return what it prints. Fails if the process crashes."""
-
     def run(script: str, *arguments: Any, cwd: Path | None = None, **environment: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-X", "faulthandler", "-c", script, *map(str, arguments)],
-            capture_output=True,
-            text=True,
-            cwd=cwd,
-            env={**os.environ, **environment},
-            timeout=120,
-        )
+        words = [sys.executable, "-X", "faulthandler", "-c", script, *map(str, arguments)]
+        env = {**os.environ, **environment}
+        done = subprocess.run(words, capture_output=True, text=True, cwd=cwd, env=env, timeout=120)
         assert done.returncode == 0, f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done.stdout
 
@@ -264,11 +249,9 @@ def run_python():
 
 @pytest.fixture(params=shipped_units())
 def unit_name(request):
-    """Each of the units."""
     return request.param
 
 
 @pytest.fixture(params=[*heavy(*TYPICAL[:1]), *TYPICAL[1:]])
 def robot_name(request):
-    """Each of the typical robots."""
     return request.param

@@ -7,7 +7,6 @@ REFERENCE = "extra/org.fmi-standard.fmi-ls-ref/"
 
 
 def elf_exports(data: bytes) -> set[str]:
-    """Names of defined dynamic symbols of a 64-bit library."""
     (table,) = struct.unpack_from("<Q", data, 0x28)
     size, count = struct.unpack_from("<HH", data, 0x3A)
     sections = [struct.unpack_from("<IIQQQQIIQQ", data, table + i * size) for i in range(count)]
@@ -22,7 +21,6 @@ def elf_exports(data: bytes) -> set[str]:
 
 
 def pe_exports(data: bytes) -> set[str]:
-    """Names that a 64-bit DLL exports."""
     (header,) = struct.unpack_from("<I", data, 0x3C)
     count, _, _, _, optional = struct.unpack_from("<HIIIH", data, header + 6)
     (exports,) = struct.unpack_from("<I", data, header + 24 + 112)
@@ -40,12 +38,10 @@ def pe_exports(data: bytes) -> set[str]:
 
 
 def text_at(data: bytes, start: int) -> str:
-    """Return a text that ends with a zero."""
     return data[start : data.index(b"\0", start)].decode()
 
 
 def macho_parts(data: bytes) -> dict[int, bytes]:
-    """Processor to library; a universal binary of macOS has several."""
     if data[:4] != b"\xca\xfe\xba\xbe":
         return {struct.unpack_from("<I", data, 4)[0]: data}
     (count,) = struct.unpack_from(">I", data, 4)
@@ -55,7 +51,6 @@ def macho_parts(data: bytes) -> dict[int, bytes]:
 
 
 def macho_exports(data: bytes) -> set[str]:
-    """Names that a Mach-O library defines for others."""
     magic, _, _, filetype, n_commands = struct.unpack_from("<5I", data, 0)
     assert (magic, filetype) == (0xFEEDFACF, 6)  # 64 bits, shared library
     place, found = 32, set()

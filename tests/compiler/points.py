@@ -11,12 +11,9 @@ VISIBLE = {
 }  # fmt: skip
 # The values of each parameter that chooses, and points that together show all that a unit can do.
 SWITCHES: dict[str, dict[str, tuple[Any, Any]]] = {
-    "trajectory": {},
-    "feedforward": {"mode": (0, 1)},
-    "controller": {"velocity": (0, 1)},
-    "plant": {"equilibrium": (True, False)},
-    "estimator": {},
-}
+    "trajectory": {}, "feedforward": {"mode": (0, 1)}, "controller": {"velocity": (0, 1)},
+    "plant": {"equilibrium": (True, False)}, "estimator": {},
+}  # fmt: skip
 POINTS: dict[str, list[dict[str, Any]]] = {
     "trajectory": [{}],
     "feedforward": [{"mode": 0}, {"mode": 1}],
@@ -28,7 +25,6 @@ POINTS: dict[str, list[dict[str, Any]]] = {
 
 
 def random_value(group: str, causality: str, start: float, positive: bool, rng: np.random.Generator) -> float:
-    """Value of a variable at which nothing is hidden."""
     start = VISIBLE.get(group, start)
     if group == "tolerance":
         return start

@@ -89,7 +89,6 @@ class Claim:
 
 
 def _split(figure: str) -> tuple[str, int]:
-    """Return mantissa and power of ten."""
     if figure.lower() in WORDS:
         return str(WORDS[figure.lower()]), 0
     number = re.sub(rf"·10(?=[{_RAISED[1]}])", "e", re.sub(rf"^(?={_POWER}$)10", "1e", figure))
@@ -98,7 +97,6 @@ def _split(figure: str) -> tuple[str, int]:
 
 
 def value(figure: str) -> float:
-    """Return the number that a figure shows."""
     return float("{}e{}".format(*_split(figure)))
 
 
@@ -116,17 +114,14 @@ def rendered(figure: str, number: float) -> str:
 
 
 def _search(expression: str, text: str) -> np.ndarray:
-    """Return the groups of an expression as numbers, a row for each match."""
     return np.array([[*map(value, match.groups())] for match in re.finditer(expression, text, re.MULTILINE)])
 
 
 def said(path: str, expression: str) -> np.ndarray:
-    """Return the numbers that an expression finds in a file of the project."""
     return _search(expression, (ROOT / path).read_text(encoding="utf-8"))
 
 
 def numbers(command: str, expression: str) -> np.ndarray:
-    """Return the numbers that an expression finds in the output of a command."""
     return _search(expression, _output(command))
 
 
@@ -143,7 +138,6 @@ def _output(command: str) -> str:
 
 
 def claims() -> list[Claim]:
-    """Return all claims."""
     return [Claim(**row) for row in tomllib.loads((ROOT / "docs/claims.toml").read_text(encoding="utf-8"))["claim"]]
 
 

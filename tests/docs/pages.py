@@ -19,7 +19,6 @@ SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
 
 
 def read_blocks(path, section=""):
-    """Return the blocks of a page, or of a section of it."""
     text = path.read_text(encoding="utf-8")
     if section:
         text = re.split(r"^## ", text.partition(f"\n## {section}\n")[2], maxsplit=1, flags=re.MULTILINE)[0]
@@ -33,13 +32,11 @@ def read_blocks(path, section=""):
 
 
 def environment():
-    """Return the variables of a command's environment."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     return os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "COLUMNS": "80", "TERM": "dumb"}
 
 
 def run_process(kind, body, cwd=None, **further):
-    """Run a block in a process of its own; return what it ends with and what it prints."""
     program = [sys.executable, "-c"] if kind == "python" else ["bash", "-c"]
     return subprocess.run(
         [*program, body], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, cwd=cwd,
@@ -61,7 +58,6 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def loaded():
-    """Return the module of ``docs``, which is no package."""
     sys.path.insert(0, str(DOCS))
     try:
         return importlib.import_module("versions")

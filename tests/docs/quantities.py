@@ -19,7 +19,6 @@ END = np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
 
 
 def plant_jacobian(robot):
-    """Return the Jacobian (24, 24) of the plant's derivatives as a function of the state, without torques."""
     call = Interface(shipped_units()["plant"], robot).functions.function("plant_jacobian")
     call.args["p"][:] = robot.values()
 

@@ -26,7 +26,6 @@ PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglo
 
 
 def name_of(page):
-    """Return the path of a page from the root."""
     return page.relative_to(ROOT).as_posix()
 
 
@@ -166,10 +165,8 @@ NOT_MEASURED = (
 
 
 def unclaimed(path, text):
-    """Return the numbers on a page's first screen, of README and index on the whole page, that nothing holds.
-
-    Claims hold them, or `test_tutorials`, where they are the output of code that runs there.
-    """
+    """Return the numbers on a page's first screen, of README and index on the whole page, that nothing holds."""
+    # Claims hold them, or `test_tutorials`, where they are the output of code that runs there.
     for claim in claims.claims():
         if claim.page == path:
             place = claim.place(text)

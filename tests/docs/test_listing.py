@@ -23,12 +23,9 @@ ROOT = Path(__file__).resolve().parents[2]
 LISTING = ROOT / "docs" / "listing"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EMPTY = {
-    "fmi-standard.org.json": '"url": ""|"vendorURL": ""|"examplesURL": ""',
-    "ssp-standard.org.html": 'href=""',
-    "efmi-standard.org.md": r"\]\(\)",
-    "awesome-fmi.md": r"\]\(\)",
-    "awesome-robotics-libraries.yaml": 'github: ""',
-}
+    "fmi-standard.org.json": '"url": ""|"vendorURL": ""|"examplesURL": ""', "ssp-standard.org.html": 'href=""',
+    "efmi-standard.org.md": r"\]\(\)", "awesome-fmi.md": r"\]\(\)", "awesome-robotics-libraries.yaml": 'github: ""',
+}  # fmt: skip
 """Addresses that the project does not have yet, in each entry."""
 
 
@@ -36,15 +33,12 @@ def text(name):
     return (LISTING / name).read_text(encoding="utf-8")
 
 
-def test_each_entry_is_in_the_list_with_its_empty_addresses():
+def test_each_entry_is_in_the_lists_of_fmi_ssp_efmi_and_awesome_things():
     listed = text("README.md")
     assert {path.name for path in LISTING.iterdir()} == {"README.md", *EMPTY}
     for name, empty in EMPTY.items():
         assert f"| `{name}` |" in listed and re.search(empty, text(name)), name
     assert "urls" not in PROJECT  # once there is an address, it goes into the entries
-
-
-def test_the_fmi_list():
     entry = json.loads(text("fmi-standard.org.json"))
     assert [*entry] == [  # the columns of its CONTRIBUTING.md; a logo is optional
         "name", "license", "url", "vendor", "vendorURL", "examplesURL", "description", "features", "platforms",
@@ -65,25 +59,16 @@ def test_the_fmi_list():
     # what runs: tests/engine/test_model_exchange.py, with the refusal of what is for scheduled execution alone
     assert entry["fmuImport"] == ["CS", "ME"] and ModelExchangeIntegrator
     assert FOLDER.endswith("fmi-ls-ref") and entry["layeredStandards"] == ["REF"]
-
-
-def test_the_ssp_list():
     row = html.fromstring(f"<table>{text('ssp-standard.org.html')}</table>")
     cells = [" ".join(cell.text_content().split()) for cell in row.iter("td")]
     versions = "/".join(SSP_FORMATS)
     assert (cells[0], cells[1], *cells[3:]) == ("vdfmu", PROJECT["authors"][0]["name"], "free", versions, versions)
     assert len(cells) == 6
-
-
-def test_the_efmi_list():
     rows = text("efmi-standard.org.md").splitlines()
     assert all(row.startswith("| ") and row.endswith(" |") and row.count("|") == 3 for row in rows)
     containers = re.findall(r"\*\*([A-Z]C|BM):\*\*", "".join(rows))
     assert containers == ["".join(re.findall("[A-Z]", name)) for name in (ALGORITHM, PRODUCTION)]
     assert f"**Since version:** {vdfmu.__version__.rpartition('.')[0]} " in rows[0]
-
-
-def test_the_awesome_lists():
     assert re.fullmatch(r"- \[vdfmu\]\(\) - Python package .*\. \[MIT\]\n", text("awesome-fmi.md"))
     (entry,) = yaml.safe_load(text("awesome-robotics-libraries.yaml"))
     assert entry.keys() == {"name", "github", "description", "license", "languages", "models", "features"}

@@ -10,7 +10,6 @@ NAMES = sorted(path.stem for path in (DOCS / "notebooks").glob("*.ipynb"))
 
 
 def printed(notebook):
-    """Text that each cell printed; it may come in parts."""
     return ["".join("".join(output.get("text", "")) for output in cell.get("outputs", [])) for cell in notebook.cells]
 
 

@@ -27,7 +27,6 @@ VERSIONS = loaded_versions()
 
 
 def pages_of(site):
-    """Return the pages of one version of the documentation."""
     return [site / page for page in VERSIONS.pages_of(site)]
 
 
@@ -62,7 +61,6 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def api(site):
-    """Return the pages of the API as HTML."""
     return "".join(page.read_text(encoding="utf-8") for page in sorted(site.glob("reference/api_*.html")))
 
 
@@ -70,7 +68,7 @@ def words(text):
     return " ".join(html.unescape(text).split())
 
 
-def test_units_are_shown_as_the_docstrings_have_them(api):
+def test_units_and_formulas_are_shown_as_the_docstrings_have_them(api):
     shown = words(re.sub(r"<[^>]+>", "", api))
     found = 0
     for documented in DOCUMENTED:
@@ -80,16 +78,12 @@ def test_units_are_shown_as_the_docstrings_have_them(api):
                 what = words(kind).replace(", optional", "")
                 assert re.search(rf"{name} \( ?{re.escape(what)}", shown), (documented.__name__, name, what)
     assert found > 40
-
-
-def test_formulas_in_docstrings_are_no_emphasis(api):
     assert "<code>A*sin(2*ell*kappa + phase)</code>" in api
     assert re.findall(r"<em>.*?</em>", api) == []
     assert re.findall(r":(?:func|class|mod|meth|data):", api) == []
 
 
 def documented(function):
-    """Return the names and types below Parameters of a docstring."""
     text = (inspect.getdoc(function) or "").partition("Parameters\n---")[2]
     text = re.split(r"\n\w+\n---", text)[0]
     found = {}
@@ -231,7 +225,6 @@ QUESTIONS = {
 
 
 def links_of(page):
-    """Return the pages that a page links to."""
     urls = re.findall(r'href="([^"#:]+\.html)', page.read_text(encoding="utf-8"))
     return {(page.parent / url).resolve() for url in urls}
 

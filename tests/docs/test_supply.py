@@ -26,7 +26,6 @@ def locked(name: str) -> list[str]:
 
 
 def names(entries: list[str]) -> set[str]:
-    """Return the packages of requirements, as an index writes them."""
     return {re.split(r"[\[<>=; ]", entry)[0].lower().replace("_", "-") for entry in entries} - {"vdfmu"}
 
 
@@ -52,7 +51,7 @@ def test_every_package_has_the_tested_version_and_hashes_and_no_place(name):
         assert found[1] in constraints
 
 
-def test_the_files_have_all_that_the_project_and_its_extras_name():
+def test_the_files_have_all_that_the_project_names_and_the_backend_is_the_tested_one():
     base = names([*PROJECT["build-system"]["requires"], *PROJECT["project"]["dependencies"]])
     extras = PROJECT["project"]["optional-dependencies"]
     assert {"base", "native", "docs", "dev", "test", "supply"} == set(FILES)
@@ -61,10 +60,7 @@ def test_the_files_have_all_that_the_project_and_its_extras_name():
     assert names(PROJECT["dependency-groups"]["supply"]) <= names(locked("supply"))
     constraints = names((ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:])
     assert set().union(names(extras["notebook"]), *(names(locked(name)) for name in FILES)) <= constraints
-
-
-def test_the_backend_that_builds_the_project_is_the_tested_one():
-    """Of an install without make, whose build environment knows neither constraints nor hashes."""
+    # Of an install without make, whose build environment knows neither constraints nor hashes.
     constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:]
     assert {*PROJECT["build-system"]["requires"]} <= {*constraints}
     # make test-lowest reads it from this line
@@ -74,16 +70,13 @@ def test_the_backend_that_builds_the_project_is_the_tested_one():
     )
 
 
-def test_make_installs_nothing_without_a_hash_but_the_project():
+def test_make_installs_nothing_without_a_hash_and_others_the_tested_versions():
     make = (ROOT / "Makefile").read_text(encoding="utf-8")
     installs = re.findall(r"\$\(PIP_INSTALL\) (.*)", make)
     assert len(installs) == make.count("pip install") + make.count("$(PIP_INSTALL)") - 1  # its definition
     project = "--no-deps --no-build-isolation -e ."
     assert project in installs
     assert all(line.startswith("--require-hashes -r ") for line in installs if line != project)
-
-
-def test_the_install_without_make_takes_the_tested_versions():
     for page in ("README.md", "docs/index.md", "docs/native.md"):
         lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
         installs = [line for line in lines if re.match(r"(\.venv/bin/)?pip install", line)]
@@ -92,7 +85,6 @@ def test_the_install_without_make_takes_the_tested_versions():
 
 
 def built(target: str, folder: Path) -> Path:
-    """Build the sdist or the wheel; return its file."""
     command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     (file,) = folder.iterdir()

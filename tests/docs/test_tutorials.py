@@ -33,7 +33,6 @@ def run_python(body, namespace):
 
 
 def plain_commands(body):
-    """Return the arguments of each command of a block that has those of vdfmu alone, and nothing for a shell."""
     lines = [line for line in body.replace("\\\n", " ").splitlines() if line and not line.startswith("#")]
     plain = all(re.fullmatch(r"""vdfmu( +([\w.,=:/@\[\]-]|'[^']*'|"[^"$`]*")+)*( *|  +#.*)""", line) for line in lines)
     return [shlex.split(line, comments=True)[1:] for line in lines] if plain else []
@@ -140,12 +139,9 @@ def test_section_of_a_tool_runs_and_shows_its_output(tool, tmp_path):
     assert int(done.stdout.splitlines()[-1]) >= 3  # blocks run or compared
 
 
-def test_there_is_a_section_for_each_tool():
+def test_there_are_these_tutorials_and_a_section_for_each_tool():
     tools = re.findall(r"^## (.+)$", TOOLS.read_text(encoding="utf-8"), re.MULTILINE)
     assert tools[1:] == ["FMPy", "ecos", "libcosim", "OMSimulator", "Modelica tools", "Simulink"]
-
-
-def test_there_are_these_tutorials():
     names = ["own-controller", "own_arm", "python-to-fmu", "ten_minutes"]
     assert [page.stem for page in TUTORIALS] == names
 

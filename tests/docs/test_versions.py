@@ -13,7 +13,6 @@ PAGE = """<title>Native FMUs - vdfmu</title>
 
 
 def listed(folder):
-    """Return the versions and pages that the pages of a folder read."""
     return json.loads((folder / "versions.js").read_text(encoding="utf-8").removeprefix("var vdfmuVersions = "))
 
 

@@ -1,7 +1,5 @@
 """Zip files with other contents, and results that are the same."""
 
-from __future__ import annotations
-
 import io
 import re
 import zipfile
@@ -16,12 +14,10 @@ from vdfmu.engine.results.results import Results, Signal
 
 
 def check_file(path: str | Path, run: bool = True) -> list[str]:
-    """Return the problems that the check of a file finds."""
     return inspect_file(path, run).problems
 
 
 def zipped(members: Mapping[str, str | bytes]) -> bytes:
-    """Return a zip file."""
     box = io.BytesIO()
     with zipfile.ZipFile(box, "w") as file:
         for name, content in members.items():
@@ -66,16 +62,10 @@ def hard_results() -> Results:
     real, numbers = hard_numbers(m, 4, 2)
     real[1, 2] = np.inf
     signals = [
-        Signal("a.q[1]", "real", "rad", 3),
-        Signal("a.q[2]", "real", "m", 1),
-        Signal("a.q", "integer", "", 1),
-        Signal('b"\u00e4,\n', "real", "", 0),
-        Signal("end", "real", "N.m", 2),
-        Signal("a.K_p__", "integer", "", 0),
-        Signal("a.on", "boolean", "", 0),
-        Signal("b_1.x", "real", "m", 0),
-        Signal("b1.x", "boolean", "", 0),
-    ]
+        Signal("a.q[1]", "real", "rad", 3), Signal("a.q[2]", "real", "m", 1), Signal("a.q", "integer", "", 1),
+        Signal('b"\u00e4,\n', "real", "", 0), Signal("end", "real", "N.m", 2), Signal("a.K_p__", "integer", "", 0),
+        Signal("a.on", "boolean", "", 0), Signal("b_1.x", "real", "m", 0), Signal("b1.x", "boolean", "", 0),
+    ]  # fmt: skip
     data = {"real": real, "integer": numbers, "boolean": numbers[:, :1] % 2}
     summary = {"limit": np.inf, "path": "\u00e4"}
     return Results(0.001 * np.arange(m) - 0.5, signals, data, summary)

@@ -1,7 +1,5 @@
 """Each algorithm against the sampled recursion computed by hand, exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -53,19 +51,16 @@ def test_jacobi_passes_every_value_on_one_step_late(loop):
     np.testing.assert_array_equal(results["plant.u"], np.r_[tau[0], tau[:-1]])
 
 
-def test_order_follows_dependencies_not_the_ssd(loop):
+def test_order_follows_dependencies_and_row_0_has_the_start_values_through_the_whole_chain(loop):
     order = simulate_loop(loop, "gauss-seidel").summary["order"]
     assert order == ["error", "feedforward", "controller", "plant", "trajectory"]
-
-
-def test_row_0_has_the_start_values_through_the_whole_chain(loop):
     results = simulate_loop(loop, "gauss-seidel")
     assert results.time[0] == 0.0
     assert results["controller.y"][0] == results["plant.u"][0] == K * -0.1
     assert len(results) == 17
 
 
-def test_states_that_read_each_other_see_values_at_the_start_of_the_step(pack):
+def test_states_are_read_as_at_the_start_of_the_step_whatever_feeds_through(pack):
     path = pack(["a Plant u:input y:output", "b Plant u:input y:output"], ["a.y -> b.u", "b.y -> a.u"])
     results = simulate(path, stop=1.0, step=0.25, parameters={"a.x0": 1.0})
     a, b = [1.0], [0.0]
@@ -74,9 +69,6 @@ def test_states_that_read_each_other_see_values_at_the_start_of_the_step(pack):
         b.append(b[k] + 0.25 * a[k])
     np.testing.assert_array_equal(results["a.y"], a)
     np.testing.assert_array_equal(results["b.y"], b)
-
-
-def test_a_state_output_of_a_feed_through_unit_is_read_as_at_the_start_of_the_step(pack):
     path = pack(
         ["source Ramp y:output", "m Mixed u:input y:output z:output", "sum Adder a:input b:input y:output"],
         ["source.y -> m.u", "m.y -> sum.a", "m.z -> sum.b"],
@@ -87,14 +79,11 @@ def test_a_state_output_of_a_feed_through_unit_is_read_as_at_the_start_of_the_st
     np.testing.assert_array_equal(results["sum.a"], [0, 0, 1, 2, 3])
 
 
-def test_time_is_not_accumulated(pack):
+def test_time_is_not_accumulated_and_booleans_and_integers_are_passed(pack):
     path = pack(["source Ramp y:output"])
     results = simulate(path, start=0.3, stop=100.3, step=0.1)
     np.testing.assert_array_equal(results.time, 0.3 + 0.1 * np.arange(1001.0))
     assert results["source.y"][-1] == (0.3 + 0.1 * 999) + 0.1
-
-
-def test_booleans_and_integers(pack):
     path = pack(
         ["count Counter n:output:Integer odd:output:Boolean",
          "logic Logic bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer",
@@ -123,18 +112,15 @@ def test_mapping_transformations_of_booleans_and_integers(pack, xml):
     assert results["logic.bi"].tolist() == [True, True, False]
 
 
-def test_progress_is_called_a_hundred_times_at_most(pack):
+def test_progress_is_called_a_hundred_times_at_most_and_record_chooses_signals(pack, loop):
+    results = simulate(loop, stop=1.0, step=H, record=["plant.*", "controller.y"])
+    assert results.names == ["plant.y", "plant.u", "controller.y"]
     calls = []
     path = pack(["source Ramp y:output"])
     simulate(path, stop=10.01, step=0.01, progress=lambda k, n: calls.append((k, n)))
     assert calls[0] == (0, 1001)
     assert calls[-1] == (1001, 1001)
     assert len(calls) <= 101
-
-
-def test_record_chooses_signals(loop):
-    results = simulate(loop, stop=1.0, step=H, record=["plant.*", "controller.y"])
-    assert results.names == ["plant.y", "plant.u", "controller.y"]
 
 
 @pytest.mark.parametrize("seed", range(50))

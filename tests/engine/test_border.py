@@ -14,15 +14,11 @@ ARM = ("casadi", "matplotlib", "vdfmu.arm", "vdfmu.compiler", "vdfmu.system")
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import vdfmu\nvdfmu.simulate(PATH, stop=0.2, step=0.1)",
-        "sys.argv[1:] = ['simulate', PATH, '--stop', '0.2', '--step', '0.1', '--out', OUT]\nrun()",
-        "sys.argv[1:] = ['check', PATH]\nrun()",
-    ],
-    ids=["simulate", "vdfmu simulate", "vdfmu check"],
-)
+@pytest.mark.parametrize("code", [
+    "import vdfmu\nvdfmu.simulate(PATH, stop=0.2, step=0.1)",
+    "sys.argv[1:] = ['run', PATH, '--stop', '0.2', '--step', '0.1', '--out', OUT]\nrun()",
+    "sys.argv[1:] = ['check', PATH]\nrun()",
+], ids=["run", "vdfmu run", "vdfmu check"])  # fmt: skip
 def test_a_foreign_package_loads_neither_the_arm_nor_its_libraries(pack, tmp_path, code):
     path = pack(["r Ramp y:output", "g Gain u:input"], ["r.y -> g.u"])
     script = (

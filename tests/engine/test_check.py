@@ -1,7 +1,5 @@
 """Faults of a system are reported before the run, all at once."""
 
-from __future__ import annotations
-
 import math
 import re
 
@@ -75,7 +73,7 @@ def test_a_missing_fmu_hides_no_other_fault(pack, xml):
     )
 
 
-def test_a_loop_of_units_without_declared_dependencies_says_so(pack):
+def test_loops_of_units_without_declared_dependencies_or_that_must_step_first_are_named(pack):
     path = pack(["a Stock u:input y:output", "b Stock u:input y:output"], ["a.y -> b.u", "b.y -> a.u"])
     loop = r"a\.y -> b\.u -> b\.y -> a\.u -> a\.y\. Note: no dependencies are declared by a, b"
     expect(problems(path, algorithm="gauss-seidel"), loop)
@@ -84,9 +82,6 @@ def test_a_loop_of_units_without_declared_dependencies_says_so(pack):
     assert results.summary["algorithm"] == "jacobi"
     (note,) = [n for n in results.summary["notes"] if "jacobi" in n]
     assert re.match(rf"the master is jacobi: gauss-seidel, the default, has no order for this system\. .*{loop}", note)
-
-
-def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack):
     path = pack(
         ["one Crossed a:input b:input y:output z:output",
          "two Crossed a:input b:input y:output z:output", "source Ramp y:output"],
@@ -95,17 +90,6 @@ def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack):
     expect(problems(path), r"gauss-seidel cannot order one, two: .*one\.y -> two\.a; two\.y -> one\.b\); use jacobi")
     results = simulate(path, stop=4.0, step=1.0, algorithm="jacobi")
     assert results["one.z"].tolist() == [2, 2, 2, 2, 3]
-
-
-def test_connectors_are_held_against_the_fmu(pack):
-    unit = '<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>'
-    path = pack(["g Gain u:output:Real y:output:Integer", "r Radians m:input:Real:mm"], units=unit)
-    expect(
-        problems(path),
-        r"g\.u: the SSD declares kind 'output', the FMU causality 'input'",
-        r"g\.y: the SSD declares type Integer, the FMU Real",
-        r"r\.m: unit mismatch, the SSD declares 'mm' \(m, factor 0\.001, offset 0\), the FMU 'm' \(m\)",
-    )
 
 
 def test_kinds_that_ssp_does_not_connect(pack):
@@ -139,7 +123,7 @@ def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
     path = pack(
         [xml.component("a", "Gain", "", xml.values(xml.real("other", 1.0)))], bindings=xml.values(xml.real("b.k", 1.0))
     )
-    out = "; correct the name, or have it ignored: ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
+    out = "; correct the name, or have it ignored: ignore_unmatched, 'vdfmu run --ignore-unmatched'"
     no_other, no_b = "a: parameter 'other' .* has no such variable", "parameter 'b.k' .* matches no element"
     expect(problems(path), f"{no_other}{out}", f"{no_b} or connector{out}")
     notes = check_system(load_ssp(path), ignore_unmatched=True).notes
@@ -156,7 +140,7 @@ def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
     assert check_file(path) == []
 
 
-def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus):
+def test_variables_of_one_dotted_name_are_set_together_and_units_that_hardly_differ_the_same(pack, xml, fmus):
     dotted = edited(fmus["Gain"], replace=[(b'name="k"', b'name="C.k"')])
     outer = xml.component("B", "Gain").replace("Gain.fmu", "dotted.fmu")
     path = pack([outer, "B.C Gain"], extra={"resources/dotted.fmu": dotted})
@@ -168,9 +152,6 @@ def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus
     assert [note for note in checked.notes if "two variables" in note] == [
         "B.C.k: two variables have this name, of B and of B.C; rename a component"
     ]
-
-
-def test_units_that_differ_in_the_last_digits_are_the_same(pack):
     units = '<ssc:Unit name="deg"><ssc:BaseUnit rad="1" factor="{}"/></ssc:Unit>'
     elements = ["d Degrees y:output:Real:deg", "g Gain u:input:Real:deg"]
     path = pack(elements, ["d.y -> g.u"], units=units.format("0.0174533"))
@@ -183,46 +164,34 @@ def test_units_that_differ_in_the_last_digits_are_the_same(pack):
     )
 
 
-def test_parameters_of_a_wrong_type(pack, xml):
-    text = '<ssv:Parameter name="k"><ssv:String value="big"/></ssv:Parameter>'
-    path = pack([xml.component("a", "Gain", "", xml.values(text))])
-    expect(problems(path), "type mismatch, String for a Real variable")
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"replace": [(b'fmiVersion="2.0"', b'fmiVersion="1.0"')]}, "is an FMU of FMI 1.0; the master runs"),
-        ({"drop": "binaries/"}, "has no binary for this platform .*; it has none"),
-        ({"replace": [(b"<fmiModelDescription", b'<!DOCTYPE x [<!ENTITY e "x">]><fmiModelDescription')]},
-         "document type declaration"),
-        ({"replace": [(b'causality="output"', b'causality="outputs"')]}, "faulty model description"),
-        ({"replace": [(b"<CoSimulation ", b"<ModelExchange "),
-                      (b'canHandleVariableCommunicationStepSize="true" canInterpolateInputs="false" ', b"")]},
-         "the SSD asks for CoSimulation, resources/changed.fmu has ModelExchange"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"replace": [(b'fmiVersion="2.0"', b'fmiVersion="1.0"')]}, "is an FMU of FMI 1.0; the master runs"),
+    ({"drop": "binaries/"}, "has no binary for this platform .*; it has none"),
+    ({"replace": [(b"<fmiModelDescription", b'<!DOCTYPE x [<!ENTITY e "x">]><fmiModelDescription')]},
+     "document type declaration"),
+    ({"replace": [(b'causality="output"', b'causality="outputs"')]}, "faulty model description"),
+    ({"replace": [(b"<CoSimulation ", b"<ModelExchange "),
+                  (b'canHandleVariableCommunicationStepSize="true" canInterpolateInputs="false" ', b"")]},
+     "the SSD asks for CoSimulation, resources/changed.fmu has ModelExchange"),
+])  # fmt: skip
 def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
     element = xml.component("a", "changed", "", attributes='implementation="CoSimulation"')
     path = pack([element], extra={"resources/changed.fmu": edited(fmus["Gain"], **changes)})
     expect(problems(path), message)
 
 
-def test_an_fmu_that_can_be_there_only_once(pack, xml, fmus):
+def test_an_fmu_that_can_be_there_only_once_and_a_linear_transformation_of_an_integer(pack, xml, fmus):
     old = b'canBeInstantiatedOnlyOncePerProcess="false"'
     data = edited(fmus["Gain"], replace=[(old, old.replace(b"false", b"true"))])
     elements = [xml.component(n, "Gain").replace("Gain.fmu", "once.fmu") for n in ("a", "b")]
     path = pack(elements, extra={"resources/once.fmu": data})
     expect(problems(path), "a, b: resources/once.fmu can be instantiated only once per process")
-
-
-def test_a_linear_transformation_of_an_integer(pack, xml):
     twice = '<ssc:LinearTransformation factor="2"/>'
     path = pack(["count Counter n:output", "logic Logic ii:input"], [xml.connection("count.n -> logic.ii", twice)])
     expect(problems(path), "a linear transformation does not apply to Integer")
 
 
-def test_a_package_that_changes_in_a_job_is_read_again(pack):
+def test_a_package_that_changes_is_read_again_and_its_descriptions_once(pack):
     with one_job():
         first = load_ssp(pack(["a Ramp y:output"]))
         assert load_ssp(first.path) is first
@@ -230,9 +199,6 @@ def test_a_package_that_changes_in_a_job_is_read_again(pack):
         pack(["b Ramp y:output", "c Gain y:output"])
         assert [c.name for c in load_ssp(first.path).components] == ["b", "c"]
     assert load_ssp(first.path) is not load_ssp(first.path)
-
-
-def test_descriptions_are_read_once_for_a_system_and_again_when_its_package_changes(pack):
     system = load_ssp(pack(["a Ramp y:output"]))
     found = [check_system(system).descriptions["a"] for _ in range(2)]
     assert found[0] is found[1]

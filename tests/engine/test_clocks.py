@@ -1,7 +1,5 @@
 """Events and clocks of FMI 3.0."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import fmpy
@@ -74,11 +72,9 @@ def test_the_controller_in_plain_fmpy(built, tmp_path):
     assert validate_fmu(str(path)) == []
     description = fmpy.read_model_description(str(path))
     unit = FMU3Slave(
-        guid=description.guid,
-        unzipDirectory=fmpy.extract(str(path)),
-        modelIdentifier="SampledController",
+        guid=description.guid, unzipDirectory=fmpy.extract(str(path)), modelIdentifier="SampledController",
         instanceName="c",
-    )
+    )  # fmt: skip
     unit.instantiate(eventModeUsed=True)
     unit.enterInitializationMode()
     unit.exitInitializationMode()
@@ -98,7 +94,7 @@ def test_the_controller_in_plain_fmpy(built, tmp_path):
     np.testing.assert_allclose(found, u[:20], rtol=1e-14, atol=0)
 
 
-def test_periodic_countdown_and_triggered_clocks(system):
+def test_periodic_countdown_and_triggered_clocks_tick_between_communication_points_too(system):
     """The table of the Reference FMU: inClock1 every second, inClock3 at 4 s, outClock at every fifth tick of both."""
     path = system({"clocks": (models.CLOCKS, "3.0"), "n": (models.COUNTER, "3.0")}, ["clocks.outClock -> n.c"])
     results = simulate(path, stop=9.0, step=1.0)
@@ -106,26 +102,17 @@ def test_periodic_countdown_and_triggered_clocks(system):
     assert results["clocks.inClock3Ticks"].tolist() == [0] * 4 + [1] * 6
     assert results["clocks.totalInClockTicks"].tolist() == [1, 2, 3, 4, 6, 7, 8, 9, 10, 11]
     assert results["n.n"].tolist() == [0, 0, 0, 0, 1, 1, 1, 1, 2, 2]
-
-
-def test_a_countdown_ends_between_communication_points(system):
     path = system({"clocks": (models.CLOCKS, "3.0")})
     results = simulate(path, stop=9.1, step=0.7, parameters={"clocks.delay": 0.4})
     assert results["clocks.inClock1Ticks"].tolist() == (np.floor(results.time + 1e-9) + 1).tolist()
     assert results["clocks.inClock3Ticks"].tolist() == (results.time > 4.4).tolist()
 
 
-def test_clocks_need_event_mode_and_sampling(system):
+def test_clocks_need_event_mode_and_sampling_and_ticks(system):
     with pytest.raises(SspError, match=r"c: .* has clocks \(r\) that tick in event mode; use gauss-seidel or jacobi"):
         simulate(system(LOOP, WIRES), stop=1.0, step=0.1, algorithm="extrapolated")
-
-
-def test_a_triggered_clock_that_nothing_ticks_is_noted(system):
     notes = simulate(system({"n": (models.COUNTER, "3.0")}), stop=1.0, step=1.0).summary["notes"]
     assert "n.c: input is not connected and keeps its start value" in notes
-
-
-# ---------------------------------------------------------------- events
 
 
 @pytest.mark.heavy

@@ -1,7 +1,5 @@
 """Algorithms for continuous coupling: by hand on small systems, and their order on the manipulator."""
 
-from __future__ import annotations
-
 import tempfile
 
 import numpy as np
@@ -52,7 +50,7 @@ def test_extrapolated_predicts_what_is_not_computed_yet_and_runs_on_a_line(loop)
     }  # fmt: skip
 
 
-def test_iterative_is_the_trapezoidal_rule(loop):
+def test_iterative_is_the_trapezoidal_rule_and_units_outside_a_loop_step_once(loop):
     convergence = 1e-12
     results = run(loop, "iterative", convergence=convergence)
     n = 16
@@ -66,13 +64,8 @@ def test_iterative_is_the_trapezoidal_rule(loop):
     np.testing.assert_allclose(results["plant.y"], x, rtol=0, atol=16 * 0.1 * convergence + ROUNDING)
     feedback = (G + K) * r - K * results["plant.y"]
     np.testing.assert_allclose(results["controller.y"], feedback, rtol=0, atol=K * convergence + ROUNDING)
-
-
-def test_units_outside_a_loop_step_once(loop):
-    """Trajectory and feedforward feed the loop and are not in it; the others are linear, which takes 3 sweeps.
-
-    Units with feed-through step in two halves: the feedforward, and the two in the loop beside the plant.
-    """
+    # Trajectory and feedforward feed the loop and are not in it; the others are linear, which takes 3 sweeps.
+    # Units with feed-through step in two halves: the feedforward, and the two in the loop beside the plant.
     summary = run(loop, "iterative").summary
     assert summary["order"][:2] == ["trajectory", "feedforward"]
     assert set(summary["order"][2:4]) == {"error", "controller"}
@@ -120,11 +113,7 @@ def test_a_system_without_connections(pack):
         np.testing.assert_allclose(results["source.y"], results.time, rtol=0, atol=ROUNDING)
 
 
-# ---------------------------------------------------------------- error control
-
-
 def exact(t):
-    """Solution of x' = (G + K) 0.3 t - K x, x(0) = 0.1."""
     a = 0.3 * (G + K) / K
     return a * (t - 1 / K) + (0.1 + a / K) * np.exp(-K * t)
 
@@ -147,7 +136,7 @@ def test_the_error_follows_the_one_that_is_asked_for(loop, algorithm):
 
 
 @pytest.mark.heavy
-def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack):
+def test_a_unit_that_refuses_long_steps_gets_shorter_ones_without_any_real_output_too(pack):
     path = pack(["source Ramp y:output", "plant Choosy u:input y:output"], ["source.y -> plant.u"])
     # pythonfmu calls a refusal the end of the simulation
     assert simulate(path, stop=1.0, step=0.5, algorithm="iterative").summary["ended"]["time"] == 0.0
@@ -159,10 +148,6 @@ def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack):
     # u = t runs on a line: its integral is exact
     np.testing.assert_allclose(results["plant.y"], 0.5 * results.time**2, rtol=0, atol=100 * ROUNDING)
     assert not [m for m in seen if "too long" in m.text]  # it was no trouble
-
-
-@pytest.mark.heavy
-def test_a_refusal_counts_without_any_real_output(pack):
     path = pack(["counter Refuser n:output:Integer"])
     results = simulate(path, stop=1.0, step=0.5, algorithm="iterative", adaptive=1e-3)
     assert results.summary["communication"]["longest_step"] <= 0.1
@@ -185,7 +170,7 @@ def test_saved_states_are_freed(loop, monkeypatch):
     assert calls.count("fmi2FreeFMUstate") == calls.count("fmi2GetFMUstate") > 0
 
 
-def test_a_repeated_step_says_things_once(pack):
+def test_a_repeated_step_says_things_once_and_a_fatal_refusal_is_final(pack):
     path = pack(
         ["plant Talker u:input y:output", "gain Gain u:input y:output"], ["plant.y -> gain.u", "gain.y -> plant.u"]
     )
@@ -193,9 +178,6 @@ def test_a_repeated_step_says_things_once(pack):
     results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", log=seen.append)
     assert results.summary["communication"]["unit_steps"] > 2 * 4
     assert [m.time for m in seen if m.text == "a step"] == [0.0, 0.25, 0.5, 0.75]
-
-
-def test_a_fatal_refusal_is_final(pack):
     path = pack(["source Ramp y:output", "arm Fragile y:output"])
     with pytest.raises(CosimError, match="status fatal") as info:
         simulate(path, stop=1.0, step=0.25, algorithm="iterative", adaptive=0.1, parameters={"arm.at": 0.5})
@@ -203,10 +185,8 @@ def test_a_fatal_refusal_is_final(pack):
 
 
 def slider(pack, options, k=4.0):
-    """Return the errors of a mass whose spring is pulled at its other end, and of what that end does with the force.
-
-    The end moves with p' = cos(t) - f / 4, the mass with x'' = f, f = k (p - x); x is neither read nor passed on.
-    """
+    """Return the errors of a mass whose spring is pulled at its other end, and of what that end does with the force."""
+    # The end moves with p' = cos(t) - f / 4, the mass with x'' = f, f = k (p - x); x is neither read nor passed on.
     path = pack(
         ["mass Sprung p:input f:output x:output v:output", "end Carrier f:input p:output"],
         ["end.p -> mass.p", "mass.f -> end.f"],
@@ -253,20 +233,14 @@ def test_a_stiff_spring_passes_its_input_on_and_does_not_jump(pack, algorithm):
     assert error < 50 * adaptive
 
 
-# ---------------------------------------------------------------- wrong use
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"algorithm": "jacobi", "adaptive": 1e-3}, "jacobi samples the signals .* use extrapolated or iterative"),
-        ({"algorithm": "iterative", "adaptive": 2.0}, "adaptive: expected a relative error between 0 and 1, got 2"),
-        ({"algorithm": "iterative", "adaptive": float("nan")}, "adaptive: .* got nan"),
-        ({"algorithm": "extrapolated", "convergence": 1e-9}, "convergence: extrapolated repeats nothing"),
-        ({"algorithm": "iterative", "convergence": 0.0}, "convergence: .* got 0"),
-        ({"algorithm": "implicit"}, "unknown algorithm 'implicit'; there are .*extrapolated, iterative"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "words"), [
+    ({"algorithm": "jacobi", "adaptive": 1e-3}, "jacobi samples the signals .* use extrapolated or iterative"),
+    ({"algorithm": "iterative", "adaptive": 2.0}, "adaptive: expected a relative error between 0 and 1, got 2"),
+    ({"algorithm": "iterative", "adaptive": float("nan")}, "adaptive: .* got nan"),
+    ({"algorithm": "extrapolated", "convergence": 1e-9}, "convergence: extrapolated repeats nothing"),
+    ({"algorithm": "iterative", "convergence": 0.0}, "convergence: .* got 0"),
+    ({"algorithm": "implicit"}, "unknown algorithm 'implicit'; there are .*extrapolated, iterative"),
+])  # fmt: skip
 def test_options_that_do_not_fit(loop, options, words):
     with pytest.raises(UsageError, match=words):
         simulate(loop, step=H, **options)
@@ -281,7 +255,9 @@ def test_units_that_cannot_repeat_a_step_are_named_before_the_run(pack):
     assert len(simulate(path, stop=1.0, step=0.25, algorithm="extrapolated")) == 5
 
 
-def test_units_of_one_step_length_are_named_before_the_run(pack, fmus):
+def test_units_of_one_step_length_and_steps_below_the_resolution_of_time_are_named_before_the_run(pack, fmus, loop):
+    with pytest.raises(CosimError, match=r"below the resolution of time at 1e\+09 s"):
+        simulate(loop, start=1e9, stop=1e9 + 2**-8, step=2**-10, algorithm="iterative", adaptive=1e-3)
     path = pack(["a Plant u:input y:output"])
     rigid = path.with_name("rigid.ssp")
     key = b'canHandleVariableCommunicationStepSize="'
@@ -290,11 +266,6 @@ def test_units_of_one_step_length_are_named_before_the_run(pack, fmus):
     with pytest.raises(SspError, match="a: .* takes steps of one length only"):
         simulate(rigid, stop=1.0, step=0.25, algorithm="iterative", adaptive=1e-3)
     assert len(simulate(rigid, stop=1.0, step=0.25, algorithm="iterative")) == 5
-
-
-def test_steps_below_the_resolution_of_time_are_refused(loop):
-    with pytest.raises(CosimError, match=r"below the resolution of time at 1e\+09 s"):
-        simulate(loop, start=1e9, stop=1e9 + 2**-8, step=2**-10, algorithm="iterative", adaptive=1e-3)
 
 
 def test_a_coupling_that_does_not_converge_says_so(pack, xml):
@@ -311,15 +282,10 @@ def test_a_coupling_that_does_not_converge_says_so(pack, xml):
     assert "adaptive" in str(info.value)
 
 
-# ---------------------------------------------------------------- the manipulator
-
-
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """Return a function that runs a scenario for 0.256 s at solver tolerance 1e-10.
-
-    It returns the largest error of q against the continuous solution and the relative energy residual.
-    """
+    """Return a function that runs a scenario for 0.256 s at solver tolerance 1e-10."""
+    # It returns the largest error of q against the continuous solution and the relative energy residual.
     folder = tmp_path_factory.mktemp("study")
     known = {}
 
@@ -342,35 +308,27 @@ def study(tmp_path_factory):
 # Halving the step divides an error of order p by 2^p (1 + O(h)); the bounds leave 10 % for the next order. The units in
 # Python take no derivatives of inputs: their means are as good.
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("name", "algorithm", "backend", "step", "order"),
-    [
-        ("tracking", "gauss-seidel", "native", 1e-3, 1),
-        ("tracking", "extrapolated", "native", 1e-3, 2),
-        ("tracking", "iterative", "native", 4e-3, 2),
-        ("planar_tracking", "extrapolated", "python", 2e-3, 2),
-        ("planar_tracking", "iterative", "python", 2e-3, 2),
-    ],
-)
+@pytest.mark.parametrize(("name", "algorithm", "backend", "step", "order"), [
+    ("tracking", "gauss-seidel", "native", 1e-3, 1),
+    ("tracking", "extrapolated", "native", 1e-3, 2),
+    ("tracking", "iterative", "native", 4e-3, 2),
+    ("planar_tracking", "extrapolated", "python", 2e-3, 2),
+    ("planar_tracking", "iterative", "python", 2e-3, 2),
+])  # fmt: skip
 def test_order_in_the_communication_step(study, name, algorithm, backend, step, order):
     coarse, _ = study(name, algorithm, step, backend)
     fine, _ = study(name, algorithm, step / 2, backend)
     assert np.log2(coarse / fine) == pytest.approx(order, rel=0.1)
 
 
-def test_the_energy_residual_has_the_order_of_the_coupling(study):
+def test_the_energy_residual_has_the_order_of_the_coupling_and_is_the_integral_over_the_steps(study):
     for algorithm, order in (("gauss-seidel", 1), ("extrapolated", 2)):
         shares = [study("planar_tracking", algorithm, step, "python")[1] for step in (1e-3, 5e-4)]
         assert np.log2(shares[0] / shares[1]) == pytest.approx(order, rel=0.1)
     # iterative ends where torque and velocity agree to the bound of convergence
     assert study("planar_tracking", "iterative", 1e-3, "python")[1] < shares[1] / 100
-
-
-def test_the_energy_residual_is_the_integral_over_the_steps():
-    """With torque and velocity held over a step, the integrals are exact: torque times way, less torque times velocity.
-
-    The trapezoidal rule takes the velocity as linear in the step, which is right to the size of its second derivative.
-    """
+    # With torque and velocity held over a step, the integrals are exact: torque times way, less torque times velocity.
+    # The trapezoidal rule takes the velocity as linear in the step: right to the size of its second derivative.
     scenario = load_scenario("planar_tracking")
     robot = scenario.robot
     with tempfile.TemporaryDirectory() as folder:

@@ -50,7 +50,6 @@ STRONG = {"m": 1.0, "k": 4.0, "b": 0.1, "c": 90.0, "d": 5.0}
 
 
 def solution(values, t):
-    """Positions and speeds (a.x, a.v, b.x, b.v) by the exponential of the matrix, from rest at x = 1 of a."""
     A = np.zeros((4, 4))
     for own, other, p in ((0, 2, values["a"]), (2, 0, values["b"])):
         A[own, own + 1] = 1.0

@@ -35,9 +35,6 @@ def package(pack, strict):
     )
 
 
-# ---------------------------------------------------------------- the stop time
-
-
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
 @pytest.mark.parametrize(
     ("start", "stop", "step"), [*heavy((0.0, 0.01, 0.001), (0.0, 0.3, 0.1)), (0.1, 0.4, 0.1), (-0.3, 0.3, 0.6)]
@@ -59,26 +56,17 @@ def test_check_finds_no_fault_in_a_unit_that_keeps_its_stop_time(package, strict
         assert check_run.run_apart(path, kind).problems == []
 
 
-# ---------------------------------------------------------------- the reason
-
-
-@pytest.mark.parametrize(
-    ("way", "reason"),
-    [
-        ("refuse", "the oil is too cold (status error)"),  # and no debug text
-        ("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
-        ("discard", "too long"),  # a step that is discarded and does not end the simulation
-    ],
-)
+@pytest.mark.parametrize(("way", "reason"), [
+    ("refuse", "the oil is too cold (status error)"),  # and no debug text
+    ("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
+    ("discard", "too long"),  # a step that is discarded and does not end the simulation
+])  # fmt: skip
 def test_the_reason_of_a_failure_is_the_units_own(package, way, reason):
     with pytest.raises(CosimError) as info:
         simulate(package, stop=1.0, step=0.25, parameters={f"unit.{way}": 0.5})
     assert str(info.value).startswith(f"unit failed at t = 0.5 s in doStep: {reason}")
     assert ("discard)" in info.value.reason) == (way == "discard")
     assert info.value.results.time.tolist() == [0.0, 0.25, 0.5]
-
-
-# ---------------------------------------------------------------- what is not a number
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
@@ -101,7 +89,7 @@ def test_an_output_that_nobody_reads_may_be_left_out(pack, strict):
 
 def simulated(package: Path, setting: str, out: Path) -> tuple[int, str]:
     """Run a package as a user does; return the exit code and what was shown, in one line."""
-    done = command("simulate", package, "--step", "0.25", "--stop", "1", "--set", setting, "--out", out)
+    done = command("run", package, "--step", "0.25", "--stop", "1", "--set", setting, "--out", out)
     return done.returncode, " ".join((done.stdout + done.stderr).split())
 
 
@@ -118,9 +106,6 @@ def test_check_notes_what_is_no_number(fmus):
     findings = check_run.run_apart(fmus["Dividing"])
     assert findings.problems == []
     assert any(note.startswith("y is inf at t = 0 s, inputs at their start values") for note in findings.notes)
-
-
-# ---------------------------------------------------------------- the end that a unit makes
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))

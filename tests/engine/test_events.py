@@ -1,7 +1,5 @@
 """What is not smooth under the algorithms for continuous coupling: discrete signals, jumps, tiny signals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -29,17 +27,13 @@ def test_what_is_discrete_is_read_as_at_the_start_of_the_step_by_units_before_it
 
 
 @pytest.mark.heavy
-def test_a_discrete_real_acts_from_its_change_on(pack):
+def test_a_discrete_real_acts_from_its_change_on_and_a_discrete_controller_holds_it(pack):
     path = pack(["jump Jump y:output", "plant Plant u:input y:output"], ["jump.y -> plant.u"])
     for options in ({"algorithm": "extrapolated"}, {"algorithm": "iterative"}, {"adaptive": 1e-3}):
         results = simulate(path, stop=1.0, step=0.25, **{"algorithm": "iterative", **options})
         assert results["jump.y"].tolist() == [0, 0, 1, 1, 1]  # jumps at 0.5 s
         np.testing.assert_allclose(results["plant.y"], [0, 0, 0, 0.25, 0.5], rtol=0, atol=ROUNDING)
-
-
-@pytest.mark.heavy
-def test_a_discrete_controller_holds_its_output(pack):
-    """It is the zero-order hold that `gauss-seidel` is, whatever the order of the units: x' = -3 x(t_k)."""
+    # It is the zero-order hold that `gauss-seidel` is, whatever the order of the units: x' = -3 x(t_k).
     units = ["plant Plant u:input y:output", "digital Digital x:input u:output"]
     for elements in (units, units[::-1]):
         path = pack(elements, ["plant.y -> digital.x", "digital.u -> plant.u"])

@@ -1,7 +1,5 @@
 """What is not given to `simulate` is taken from the default experiment of the system."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -21,7 +19,6 @@ EXPERIMENT = (
 
 @pytest.fixture
 def packed(pack, xml):
-    """Return a function that packs a loop of an integrator and a gain of -1, with an annotation."""
     c = xml.component
     elements = [
         c("plant", "Plant", "u:input y:output", xml.values(xml.real("x0", 1.0))),
@@ -37,16 +34,13 @@ def packed(pack, xml):
     return write
 
 
-def test_the_annotation_says_how_it_is_run(packed):
+def test_the_annotation_says_how_it_is_run_and_what_is_given_wins(packed):
     path = packed('communicationStepSize="0.25" algorithm="jacobi"')
     results = simulate(path)
     assert results.time.tolist() == [1.0, 1.25, 1.5, 1.75, 2.0]
     assert results.summary["algorithm"] == "jacobi"
     # one step late: y[k+1] = y[k] - h y[k-1], from y = 1 with the input of the start
     assert results["plant.y"].tolist() == [1.0, 0.75, 0.5, 0.3125, 0.1875]
-
-
-def test_what_is_given_wins(packed):
     path = packed('communicationStepSize="0.25" algorithm="iterative" adaptive="0.1"')
     results = simulate(path, start=0.0, stop=1.0, step=0.5, algorithm="gauss-seidel")  # and adaptive is not for it
     assert results.time.tolist() == [0.0, 0.5, 1.0]
@@ -72,7 +66,7 @@ def test_without_annotation_a_step_is_needed(packed):
     assert simulate(path, step=0.5).summary["algorithm"] == "gauss-seidel"
 
 
-def test_a_parameter_without_index_is_that_of_all_elements(pack):
+def test_a_parameter_without_index_is_that_of_all_elements_and_one_that_is_overruled_noted(pack):
     path = pack(["a Array"])
     results = simulate(path, step=1.0, parameters={"a.k": 3.0, "a.k[2]": "4"})
     assert results["a.y"][-1] == 34.0
@@ -82,9 +76,6 @@ def test_a_parameter_without_index_is_that_of_all_elements(pack):
         "parameter 'a.k': expected a value of type Real, got 'x'",
         "parameter 'a.kk': a has no variable 'kk'; did you mean k?",
     ]
-
-
-def test_a_value_that_a_connection_overrules_is_noted(pack):
     path = pack(
         ["d Derived twice:calculatedParameter", "g Gain k:parameter u:input y:output", "r Ramp y:output"],
         ["d.twice -> g.k", "r.y -> g.u"],

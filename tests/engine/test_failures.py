@@ -1,7 +1,5 @@
 """A unit that fails: what the error says, and what is kept."""
 
-from __future__ import annotations
-
 import os
 import signal
 import tempfile
@@ -62,13 +60,10 @@ def test_an_exception_names_unit_call_time_and_the_units_own_words_and_keeps_the
     assert results.summary["wall_s"] > 0.0
 
 
-@pytest.mark.parametrize(
-    ("mode", "raised", "logged"),
-    [
-        (0, "ValueError: q[3] is not finite: 100 %s", ""),
-        (4, "IndexError: list index out of range", "the table %s ends"),
-    ],
-)
+@pytest.mark.parametrize(("mode", "raised", "logged"), [
+    (0, "ValueError: q[3] is not finite: 100 %s", ""),
+    (4, "IndexError: list index out of range", "the table %s ends"),
+])  # fmt: skip
 def test_an_exception_has_its_type_and_its_line(fragile, fmus, mode, raised, logged):
     """Its library gives its text alone, and if the unit has logged something in this call, not even that."""
     lines = (fmus["Fragile"].parent / "vdfmu_test_fragile.py").read_text().splitlines()
@@ -105,7 +100,7 @@ def test_a_step_that_pythonfmu_refuses_ends_the_simulation(fragile):
     assert str(results.messages[-1]) == "arm ended the simulation at t = 0.5 s"
 
 
-def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
+def test_a_warning_is_logged_and_the_run_goes_on_and_a_failure_during_initialization_has_no_rows(fragile):
     seen = []
     results = run(fragile, 2, log=seen.append)
     assert len(results) == 11
@@ -114,9 +109,6 @@ def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
     assert str(warnings[0]) == "arm: the load is 50 %s of nominal"
     assert warnings[0].time == 0.5
     assert results.messages == seen
-
-
-def test_a_failure_during_initialization_has_no_rows(fragile):
     with pytest.raises(CosimError, match="arm failed at t = 0 s in exitInit.*: .*no start possible") as info:
         run(fragile, 3)
     assert info.value.results is None
@@ -165,35 +157,31 @@ def test_an_integer_outside_the_mapping_is_kept(pack, xml):
     assert results["logic.ii"].tolist() == [5, 5, 6, 2, 3]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"step": 0.3}, r"stop: expected a multiple of step = 0\.3 s, got 1 s\. The nearest is 0\.9 s"),
-        ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
-        ({"step": float("nan")}, "step: expected a positive finite time, got nan s"),
-        ({"step": 0.1, "start": 2.0}, "stop - start: expected a positive finite time, got -1 s"),
-        ({"step": 0.1, "tolerance": -1.0}, "tolerance must be positive"),
-        ({"step": 0.1, "algorithm": "euler"}, "unknown algorithm 'euler'; there are gauss-seidel, jacobi"),
-        ({"step": 0.1, "parameters": {"arm.att": 1.0}}, "arm has no variable 'att'; did you mean at"),
-        ({"step": 0.1, "parameters": {"leg.at": 1.0}}, "no component of that name; there are source, arm"),
-        ({"step": 0.1, "parameters": {"arm.y": 1.0}}, "is not settable: causality output"),
-        ({"step": 0.1, "parameters": {"arm.mode": 0.5}}, "expected a value of type Integer, got 0.5"),
-        ({"step": 0.1, "parameters": {"arm.at": "soon"}}, "expected a value of type Real, got 'soon'"),
-        ({"step": 0.1, "record": ["leg.*"]}, r"no output or connected input matches 'leg\.\*'"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"step": 0.3}, r"stop: expected a multiple of step = 0\.3 s, got 1 s\. The nearest is 0\.9 s"),
+    ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
+    ({"step": float("nan")}, "step: expected a positive finite time, got nan s"),
+    ({"step": 0.1, "start": 2.0}, "stop - start: expected a positive finite time, got -1 s"),
+    ({"step": 0.1, "tolerance": -1.0}, "tolerance must be positive"),
+    ({"step": 0.1, "algorithm": "euler"}, "unknown algorithm 'euler'; there are gauss-seidel, jacobi"),
+    ({"step": 0.1, "parameters": {"arm.att": 1.0}}, "arm has no variable 'att'; did you mean at"),
+    ({"step": 0.1, "parameters": {"leg.at": 1.0}}, "no component of that name; there are source, arm"),
+    ({"step": 0.1, "parameters": {"arm.y": 1.0}}, "is not settable: causality output"),
+    ({"step": 0.1, "parameters": {"arm.mode": 0.5}}, "expected a value of type Integer, got 0.5"),
+    ({"step": 0.1, "parameters": {"arm.at": "soon"}}, "expected a value of type Real, got 'soon'"),
+    ({"step": 0.1, "record": ["leg.*"]}, r"no output or connected input matches 'leg\.\*'"),
+])  # fmt: skip
 def test_wrong_options_are_usage_errors(fragile, options, message):
     with pytest.raises(UsageError, match=message):
         simulate(fragile, **options)
 
 
-def test_text_is_read_as_a_value(fragile):
+def test_text_is_read_as_a_value_and_messages_of_plain_fmpy_are_still_printed_after_a_run(
+    fragile, arm_package, tmp_path, capfd
+):
     results = simulate(fragile, step=0.1, parameters={"source.slope": "2.5", "arm.mode": "2"})
     assert results["source.y"][-1] == 2.5 * (0.9 + 0.1)
-
-
-def test_messages_of_plain_fmpy_are_still_printed_after_a_run(arm_package, tmp_path, capfd):
-    """Fmpy's proxy for messages of native units has one receiver in a process, and our runs take it."""
+    # Fmpy's proxy for messages of native units has one receiver in a process, and our runs take it.
     fmus = cached_fmus(load_scenario("planar_tracking"), tmp_path, "native")
     simulate(arm_package(), stop=0.002)
     with pytest.raises(FMICallException):

@@ -16,9 +16,6 @@ from vdfmu.engine.run import ALGORITHMS, simulate
 LARGEST = {name: np.iinfo(name.lower()).max for name in models.INTEGERS} | {"UInt64": 2**63 - 1}
 
 
-# ---------------------------------------------------------------- types
-
-
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_all_scalar_types_pass_through(system, algorithm, isolate):
@@ -82,7 +79,7 @@ def test_units_of_both_versions_in_one_system(system):
         simulate(path, stop=0.2, step=0.1, parameters=values | {"two.Int32_input": 128}, isolate=False)
 
 
-def test_what_does_not_fit_is_refused(system):
+def test_elements_of_arrays_that_fit_are_connected_one_by_one(system):
     path = system({"a": (models.FEEDTHROUGH, "3.0")})
     with pytest.raises(UsageError, match=r"'a.UInt8_input': expected a value of type Integer, got 256"):
         simulate(path, stop=0.1, step=0.1, parameters={"a.UInt8_input": 256})
@@ -92,13 +89,7 @@ def test_what_does_not_fit_is_refused(system):
     path = system(mixed, ["a.Int8_output -> b.Float64_input", "a.String_output -> b.Binary_input"])
     with pytest.raises(SspError, match=r"type mismatch, Int8 to Float64\n?(.|\n)*type mismatch, String to Binary"):
         check_system(load_ssp(path))
-
-
-# ---------------------------------------------------------------- arrays
-
-
-def test_elements_of_arrays_are_connected_one_by_one(system):
-    """One element fed, the others as set: the array is set as a whole all the same."""
+    # One element fed, the others as set: the array is set as a whole all the same.
     path = system(
         {"k": (models.FEEDTHROUGH_2, "2.0"), "s": (models.STATE_SPACE, "3.0"), "t": (models.STATE_SPACE, "3.0")},
         ["k.Float64_output -> s.u[2]", "s.y[3] -> t.u[1]", "s.y[1] -> t.u[3]"],

@@ -18,7 +18,7 @@ def write(folder, text, files=("results.csv",)):
     write_summary({"text": text}, folder)
 
 
-def test_two_runs_of_a_process_into_one_folder_keep_apart(tmp_path):
+def test_two_runs_of_a_process_into_one_folder_keep_apart_and_what_a_killed_one_left_is_not_kept(tmp_path):
     """The second ends within the first, whose files then take the place of all of its."""
     with replacing_results(tmp_path, OUTPUTS, False) as first:
         write(first, "first")
@@ -28,9 +28,6 @@ def test_two_runs_of_a_process_into_one_folder_keep_apart(tmp_path):
         assert (tmp_path / "figure.png").read_text() == "second"
     assert (tmp_path / "results.csv").read_text() == "first"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["results.csv", "summary.json"]
-
-
-def test_what_a_killed_run_of_this_number_left_is_not_kept(tmp_path):
     left = tmp_path / f"partial_{os.getpid()}"
     left.mkdir()
     (left / "figure.png").write_text("old")

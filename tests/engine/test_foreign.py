@@ -1,7 +1,5 @@
 """Packages like those in the test folders of other tools run, or are refused by the rule that the docs name."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -85,8 +83,7 @@ def packages(pack, xml, fmus, tmp_path):
         "OMSimulator: toplevelparameter": lambda: pack(chain, linked, bindings=xml.values(xml.real("g.k", 3.0))),
         "OMSimulator: import_export_parameters": lambda: pack(
             chain, linked, bindings=xml.values(
-                xml.real("gain", 3.0),
-                mapping='<ssm:MappingEntry source="gain" target="g.k"/>',
+                xml.real("gain", 3.0), mapping='<ssm:MappingEntry source="gain" target="g.k"/>',
             ),
         ),
         "OMSimulator: importStartValues": lambda: whole(

@@ -1,7 +1,5 @@
 """A format of results is a file of its own and a row of the registry: commands and runs know it then."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys
@@ -36,8 +34,8 @@ def ramp(pack):
     return pack(["r Ramp y:output"], [])
 
 
-def test_a_new_format_is_one_row_of_the_registry(ramp, tmp_path):
-    command = [sys.executable, "-c", TOY + RUN, "simulate", str(ramp), "--step", "0.1", "--stop", "1"]
+def test_a_new_format_is_one_row_of_the_registry_and_one_that_streams_is_written_beside(ramp, tmp_path, monkeypatch):
+    command = [sys.executable, "-c", TOY + RUN, "run", str(ramp), "--step", "0.1", "--stop", "1"]
     done = subprocess.run(
         [*command, "--out", str(tmp_path / "out"), "--format", "csv,toy"], capture_output=True, text=True
     )
@@ -48,9 +46,6 @@ def test_a_new_format_is_one_row_of_the_registry(ramp, tmp_path):
     assert Results(*toy)["r.y"].tobytes() == csv["r.y"].tobytes()
     done = subprocess.run([*command, "--format", "tay"], capture_output=True, text=True)
     assert "expected csv, parquet, mat, toy, or csv,parquet,mat,toy for all, got tay." in done.stdout + done.stderr
-
-
-def test_a_format_that_streams_is_written_beside_another(ramp, tmp_path, monkeypatch):
     monkeypatch.setitem(FORMATS, ".txt", FORMATS[".csv"])
     files = [tmp_path / "rows.txt", tmp_path / "rows.csv"]
     simulate(ramp, step=0.1, stop=1.0, stream=files)

@@ -1,7 +1,5 @@
 """Signals from CSV files and arrays for inputs that nothing is connected to."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -87,16 +85,13 @@ def test_a_held_value_changes_at_its_row(lone, file, algorithm):
     np.testing.assert_allclose(results["plant.y"], expected, atol=ROUNDING)
 
 
-def test_a_fed_input_that_passes_through_is_fresh_for_its_readers(pack):
+def test_a_fed_input_is_fresh_for_its_readers_and_whole_numbers_and_booleans_are_held(pack, file):
     """As with a source in its place: gauss-seidel gives the plant the gain's output of the same step."""
     path = pack(["gain Gain u:input y:output", "plant Plant u:input y:output"], ["gain.y -> plant.u"])
     t = H * np.arange(9)
     given = {"gain.u": (t, t)}
     results = simulate(path, stop=1.0, step=H, algorithm="gauss-seidel", inputs=given, record=["*"])
     np.testing.assert_array_equal(results["plant.u"][1:], 2.0 * t[:-1])
-
-
-def test_whole_numbers_and_booleans_are_held(pack, file):
     path = pack(["logic Logic bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer"], [])
     signals = file("time,logic.bi,logic.ii\ns,boolean,integer\n0,0,3\n0.5,1,8\n")
     results = simulate(path, stop=1.0, step=0.25, algorithm="jacobi", inputs=signals)
@@ -140,7 +135,7 @@ def test_columns_that_name_no_free_input_are_all_refused(pack, file):
         assert words in line
 
 
-def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, tmp_path, lone, file):
+def test_of_a_results_file_the_columns_of_free_inputs_are_taken_and_hold_at_the_ends(pack, tmp_path, lone, file):
     wave = np.sin(np.arange(9))
     first = simulate(lone, stop=1.0, step=H, algorithm="iterative", inputs={"plant.u": (H * np.arange(9), wave)})
     assert first.names == ["plant.y", "plant.u"]
@@ -151,9 +146,6 @@ def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, tmp_path, 
     other = pack(["ramp Ramp y:output"], [], name="other.ssp")
     with pytest.raises(UsageError, match="no column names an input that nothing is connected to"):
         simulate(other, stop=1.0, step=H, inputs=tmp_path / "results.csv")
-
-
-def test_rows_that_do_not_reach_over_the_run_hold_at_the_ends_with_a_note(lone, file):
     results = simulate(lone, stop=1.0, step=0.25, inputs=file("time,plant.u\n0.25,1\n0.5,2\n"), algorithm="jacobi")
     assert results["plant.u"].tolist() == [1.0, 1.0, 1.0, 2.0, 2.0]
     assert any("its times are 0.25 to 0.5 s" in note for note in results.summary["notes"])
@@ -161,22 +153,19 @@ def test_rows_that_do_not_reach_over_the_run_hold_at_the_ends_with_a_note(lone, 
     assert not any("its times" in note for note in whole.summary["notes"])
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "row 1: expected 'time' as the first column, in s, got an empty file"),
-        ("t,plant.u\n0,1\n", "row 1: expected 'time' as the first column, in s, got 't'"),
-        ("time [ms],plant.u\n0,1\n", "got 'time [ms]'"),
-        ("time\n0\n", "row 1: expected an input in each column"),
-        ("time,plant.u,plant.u\n0,1,1\n", "row 1: plant.u: more than one column has this name"),
-        ("time,plant.u\n", "expected rows of numbers below the names, got none"),
-        ("time,plant.u\ns\n0,1\n", "row 2: expected 2 units of measurement, got 1"),
-        ("time,plant.u\n0,1\n1\n", "row 3: expected 2 cells, got 1"),
-        ("time,plant.u\n0,1\n\n1,fast\n", "row 4: plant.u: expected a number, got 'fast'"),
-        ("time,plant.u\n0,1\n1,nan\n", "row 3: plant.u: expected a finite number, got nan"),
-        ("time,plant.u\n0,1\n1,1\n1,2\n", "row 4: time: expected more than the 1 s of the row before, got 1 s"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "row 1: expected 'time' as the first column, in s, got an empty file"),
+    ("t,plant.u\n0,1\n", "row 1: expected 'time' as the first column, in s, got 't'"),
+    ("time [ms],plant.u\n0,1\n", "got 'time [ms]'"),
+    ("time\n0\n", "row 1: expected an input in each column"),
+    ("time,plant.u,plant.u\n0,1,1\n", "row 1: plant.u: more than one column has this name"),
+    ("time,plant.u\n", "expected rows of numbers below the names, got none"),
+    ("time,plant.u\ns\n0,1\n", "row 2: expected 2 units of measurement, got 1"),
+    ("time,plant.u\n0,1\n1\n", "row 3: expected 2 cells, got 1"),
+    ("time,plant.u\n0,1\n\n1,fast\n", "row 4: plant.u: expected a number, got 'fast'"),
+    ("time,plant.u\n0,1\n1,nan\n", "row 3: plant.u: expected a finite number, got nan"),
+    ("time,plant.u\n0,1\n1,1\n1,2\n", "row 4: time: expected more than the 1 s of the row before, got 1 s"),
+])  # fmt: skip
 def test_a_file_of_another_form_is_refused_with_its_row(lone, file, text, words):
     path = file(text)
     with pytest.raises(UsageError) as error:
@@ -191,16 +180,13 @@ def test_a_device_is_no_file_of_inputs():
         read_inputs("/dev/null")
 
 
-@pytest.mark.parametrize(
-    ("pair", "words"),
-    [
-        ((0.0, 1.0), "expected times (m,) and values (m,) or (m, n), got () and ()"),
-        (([0.0, 1.0], [1.0]), "got (2,) and (1,)"),
-        (([0.0, 0.0], [1.0, 2.0]), "element 1: time: expected more than the 0 s"),
-        (([0.0, 1.0], [1.0, np.inf]), "element 1: plant.u: expected a finite number, got inf"),
-        (3.0, "expected a pair of arrays of numbers"),
-    ],
-)
+@pytest.mark.parametrize(("pair", "words"), [
+    ((0.0, 1.0), "expected times (m,) and values (m,) or (m, n), got () and ()"),
+    (([0.0, 1.0], [1.0]), "got (2,) and (1,)"),
+    (([0.0, 0.0], [1.0, 2.0]), "element 1: time: expected more than the 0 s"),
+    (([0.0, 1.0], [1.0, np.inf]), "element 1: plant.u: expected a finite number, got inf"),
+    (3.0, "expected a pair of arrays of numbers"),
+])  # fmt: skip
 def test_arrays_of_another_form_are_refused(lone, pair, words):
     with pytest.raises(UsageError) as error:
         simulate(lone, stop=1.0, step=H, inputs={"plant.u": pair})
@@ -208,19 +194,13 @@ def test_arrays_of_another_form_are_refused(lone, pair, words):
     assert words in str(error.value)
 
 
-def test_an_array_has_a_column_for_each_element():
+def test_an_array_has_a_column_for_each_element_and_a_line_breaks_where_it_bends(arm_package):
     (table,) = read_inputs({"arm.R": ([0.0, 1.0], np.arange(8.0).reshape(2, 2, 2))})
     assert table.names == ("arm.R[1,1]", "arm.R[1,2]", "arm.R[2,1]", "arm.R[2,2]")
     np.testing.assert_array_equal(table.values[1], [4.0, 5.0, 6.0, 7.0])
-
-
-def test_an_array_without_some_elements_is_refused(arm_package):
     words = r"^inputs\['plant.F_e'\]: expected 6 columns, a value for each of plant.F_e\[1\] to plant.F_e\[6\], got 5$"
     with pytest.raises(UsageError, match=words):
         simulate(arm_package("python"), stop=0.01, step=1e-3, inputs={"plant.F_e": ([0.0, 1.0], np.zeros((2, 5)))})
-
-
-def test_a_line_breaks_where_it_bends_and_a_held_value_where_it_jumps():
     t = np.arange(5.0)
     values = np.array([[0.0, 1.0, 2.0, 2.0, 2.0]]).T
     assert Course(t, values, held=False).breaks.tolist() == [0.0, 2.0]

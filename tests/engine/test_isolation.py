@@ -29,7 +29,6 @@ WAYS = (
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    """Return the library of wild.c."""
     return build(tmp_path_factory.mktemp("wild"))
 
 
@@ -45,13 +44,11 @@ def wild(library, tmp_path):
 
 @pytest.fixture
 def alone(pack, wild):
-    """Return a function that packs the wild unit by itself."""
     return lambda *how: pack(["unit W y:output"], extra={"resources/W.fmu": wild(*how).read_bytes()})
 
 
 @pytest.fixture
 def package(pack, wild):
-    """Return a package of the wild unit, behind an integrator of it."""
     return pack(
         ["plant Plant u:input y:output", "unit Wild y:output"],
         ["unit.y -> plant.u"],
@@ -66,20 +63,14 @@ def fails(package: Path, way: str, **options) -> CosimError:
     return info.value
 
 
-# ---------------------------------------------------------------- in a step
-
-
-@pytest.mark.parametrize(
-    ("way", "options", "said"),
-    [
-        ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
-        ("leave", {}, r"the component ended the process \(exit code 0\)"),
-        *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(simulate --wait-limit\)")),
-        ("eat", {"memory_limit": 400.0}, r"SIGSEGV\); its memory had reached \d+ MB of 400 MB"),
-        ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
-        ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
-    ],
-)
+@pytest.mark.parametrize(("way", "options", "said"), [
+    ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
+    ("leave", {}, r"the component ended the process \(exit code 0\)"),
+    *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(run --wait-limit\)")),
+    ("eat", {"memory_limit": 400.0}, r"SIGSEGV\); its memory had reached \d+ MB of 400 MB"),
+    ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
+    ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
+])  # fmt: skip
 def test_what_ends_a_step_names_component_call_and_time_and_keeps_the_rows(package, way, options, said):
     error = fails(package, way, **options)
     assert (error.unit, error.call, error.time) == ("unit", "doStep", 0.5)
@@ -87,15 +78,12 @@ def test_what_ends_a_step_names_component_call_and_time_and_keeps_the_rows(packa
     assert re.search(said, str(error))
 
 
-def test_an_adaptive_step_that_ends_the_process_has_its_own_time(package):
+def test_an_adaptive_step_or_a_start_that_ends_the_process_has_its_own_time(package):
     error = fails(package, "leave", algorithm="extrapolated", adaptive=1e-4)
     assert (error.unit, error.call) == ("unit", "doStep")
     # the step in which it ended began at 0.5 s or later, between two rows
     assert 0.5 <= error.time < 0.75
     assert error.results.time.tolist() == [0.0, 0.25, 0.5]
-
-
-def test_an_end_before_the_first_row(package):
     error = fails(package, "leave_early")
     assert str(error) == (
         "unit failed at t = 0 s in exitInitializationMode: the component ended the process (exit code 3)"
@@ -121,22 +109,16 @@ def test_this_process_outlives_them(package):
     assert children() <= before
 
 
-# ---------------------------------------------------------------- at the end
-
-
-@pytest.mark.parametrize(
-    ("way", "call", "said", "options"),
-    [
-        *((*end, {"isolate": isolate}) for isolate in (False, True) for end in (
-            ("error_end", "terminate", r"the brake does not close \(status error\)"),
-            ("fatal_end", "terminate", r"the unit gave no reason.* \(status fatal\)"),
-            ("strange_end", "terminate", r"status 17, not of FMI 2\.0\)"),
-            ("error_free", "freeInstance", "the file is still open"),
-        )),
-        ("crash_free", "freeInstance", "crashed the process", {}),
-        *heavy(("hang_end", "terminate", "no return within 5 s", {"wait_limit": 5.0})),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("way", "call", "said", "options"), [
+    *((*end, {"isolate": isolate}) for isolate in (False, True) for end in (
+        ("error_end", "terminate", r"the brake does not close \(status error\)"),
+        ("fatal_end", "terminate", r"the unit gave no reason.* \(status fatal\)"),
+        ("strange_end", "terminate", r"status 17, not of FMI 2\.0\)"),
+        ("error_free", "freeInstance", "the file is still open"),
+    )),
+    ("crash_free", "freeInstance", "crashed the process", {}),
+    *heavy(("hang_end", "terminate", "no return within 5 s", {"wait_limit": 5.0})),
+])  # fmt: skip
 def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, call, said, options):
     error = fails(package, way, **options)
     assert (error.unit, error.call, error.time) == ("unit", call, 1.0)
@@ -166,9 +148,6 @@ def test_check_of_a_package_names_the_component_that_does_not_return(wild, alone
     (problem,) = check_run.run_apart(alone(way, 0.5e-3), "SSP").problems
     # a second is the least time that a call has, also where a busy machine took longer to start
     assert re.search(rf"unit failed at t = 0\.\d+ s in {call}: no return within [1-8](\.\d)? s; ", problem), problem
-
-
-# ---------------------------------------------------------------- processes of the components
 
 
 @pytest.fixture
@@ -223,15 +202,15 @@ def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, alone, 
     assert silent()
 
 
-# ---------------------------------------------------------------- what they print
-
-
-def test_what_a_component_prints_is_shown_and_not_executed(package, monkeypatch, capsys):
+def test_what_a_component_prints_is_shown_and_not_executed_and_its_last_words_too(package, monkeypatch, capsys):
     monkeypatch.setenv("WORDS", "\x1b[2J\x1b]0;owned\x07 \xe9")
     simulate(package, step=0.25)
     said = capsys.readouterr()
     assert said.err == 4 * "\\x1b[2J\\x1b]0;owned\\x07 \xe9\n"
     assert said.out == ""
+    monkeypatch.setenv("WORDS", "assertion failed: \x1b[31mq > 0")
+    fails(package, "crash")
+    assert capsys.readouterr().err.endswith("assertion failed: \\x1b[31mq > 0\n")
 
 
 def test_a_flood_of_a_component_is_shown_in_part_and_holds_nothing_up(package, monkeypatch, capsys):
@@ -243,15 +222,6 @@ def test_a_flood_of_a_component_is_shown_in_part_and_holds_nothing_up(package, m
     left_out = 64 * 100_000 - SHOWN - KEPT
     assert f"\n... ({left_out} bytes left out)\n" in said
     assert len(said) < SHOWN + KEPT + 100  # the sentence between them
-
-
-def test_the_last_words_of_a_component_that_crashes_are_shown(package, monkeypatch, capsys):
-    monkeypatch.setenv("WORDS", "assertion failed: \x1b[31mq > 0")
-    fails(package, "crash")
-    assert capsys.readouterr().err.endswith("assertion failed: \\x1b[31mq > 0\n")
-
-
-# ---------------------------------------------------------------- the same otherwise
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -272,7 +242,7 @@ def test_only_foreign_components_are_isolated_by_default(package, arm_package):
     assert simulate(package, step=0.25).summary["isolated"]
 
 
-def test_ctrl_c_keeps_the_rows_of_another_process(package):
+def test_ctrl_c_keeps_the_rows_of_another_process_and_ends_a_step_that_hangs(package):
     def press(k: int, n: int) -> None:
         if k == 2:
             os.kill(os.getpid(), signal.SIGINT)
@@ -280,9 +250,6 @@ def test_ctrl_c_keeps_the_rows_of_another_process(package):
     with pytest.raises(Interrupted) as info:
         simulate(package, step=0.25, isolate=True, progress=press)
     assert len(info.value.results) in (3, 4)  # pressed after row 2; the step under way is completed
-
-
-def test_ctrl_c_ends_a_step_that_hangs(package):
     pressed = []
 
     def press(k: int, n: int) -> None:
@@ -308,7 +275,7 @@ def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_a
     """It calls C's exit, of which Python learns nothing."""
     (tmp_path / "tmp").mkdir()
     done = subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--set", "unit.way=2",
+        [sys.executable, "-m", "vdfmu.cli", "run", package, "--step", "0.25", "--set", "unit.way=2",
          "--set", "unit.at=0.5", "--no-isolate", "--out", tmp_path / "out"],
         capture_output=True, text=True, timeout=300, check=False, env=os.environ | {"TMPDIR": str(tmp_path / "tmp")},
     )  # fmt: skip
@@ -358,16 +325,13 @@ def fleeing(package, monkeypatch, tmp_path):
     return start
 
 
-@pytest.mark.parametrize(
-    ("rest", "said"),
-    [
-        ("os._exit(3)", r"ended \(3\) after this call had returned"),
-        ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
-        ("time.sleep(60)", "did not continue within 3 s after this call had returned"),
-        ("raise ZeroDivisionError('ours')", "ZeroDivisionError: ours .* a fault of vdfmu, not of a component"),
-        ("raise MemoryError", r"process is full: memory_limit \(--memory-limit\)"),
-    ],
-)
+@pytest.mark.parametrize(("rest", "said"), [
+    ("os._exit(3)", r"ended \(3\) after this call had returned"),
+    ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
+    ("time.sleep(60)", "did not continue within 3 s after this call had returned"),
+    ("raise ZeroDivisionError('ours')", "ZeroDivisionError: ours .* a fault of vdfmu, not of a component"),
+    ("raise MemoryError", r"process is full: memory_limit \(--memory-limit\)"),
+])  # fmt: skip
 def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_component(package, fleeing, rest, said):
     fleeing(rest)
     began = time.monotonic()

@@ -45,7 +45,7 @@ def test_two_lags_that_follow_each_other_have_their_closed_form(system, at):
     assert "without directional derivatives, by differences" in continuous.notes[0]
 
 
-def test_an_opened_loop_is_what_comes_back(system):
+def test_an_opened_loop_is_what_comes_back_and_what_gives_no_derivatives_is_refused(system):
     """Through both lags, 1 / (s + 1)^2; opened at both, one each."""
     found = linear_system(system({"a": (LAG, "2.0"), "b": (LAG, "2.0")}, RING), step=STEP)
     w = np.array([0.1, 1.0, 10.0])
@@ -57,9 +57,6 @@ def test_an_opened_loop_is_what_comes_back(system):
     np.testing.assert_allclose(both[:, 2:, 0], np.array([1 / (1j * w + 1), 0 * w]).T, atol=1e-9)
     with pytest.raises(UsageError, match=r"a\.x: expected connected continuous inputs. There are: a\.u, b\.u"):
         found.continuous(["a.x"])
-
-
-def test_what_gives_no_derivatives_is_refused_and_what_is_sampled_noted(system):
     with pytest.raises(UsageError, match="b: expected FMUs with directional derivatives, or for model exchange"):
         linear_system(system({"a": (LAG, "2.0"), "b": (models.LAG, "2.0")}, RING), step=STEP)
     derives = models.CONTROLLER.simulation | {"providesDirectionalDerivatives": "true"}

@@ -14,7 +14,6 @@ ROWS, COLUMNS = 3000, 4
 
 @pytest.fixture
 def long(monkeypatch):
-    """Return results of several blocks, of which few may stay in memory."""
     for place, name, value in ((csv_file, "_NUMBERS", 1), (parquet, "_GROUP", 700), (arrays, "_MOST", 50_000)):
         monkeypatch.setattr(place, name, value)
     rng = np.random.default_rng(5)
@@ -39,7 +38,7 @@ def test_rows_that_are_read_block_by_block_are_the_same(long, tmp_path, suffix):
         np.testing.assert_array_equal(found[name], long[name], strict=True)
 
 
-def test_memory_does_not_grow_with_the_rows_that_are_read(tmp_path, monkeypatch):
+def test_memory_does_not_grow_with_the_rows_and_that_of_a_fault_counts_from_the_first(tmp_path, monkeypatch):
     monkeypatch.setattr(csv_file, "_NUMBERS", 2**14)
     monkeypatch.setattr(arrays, "_MOST", 2**18)
     peaks = []
@@ -55,9 +54,6 @@ def test_memory_does_not_grow_with_the_rows_that_are_read(tmp_path, monkeypatch)
         tracemalloc.stop()
     # what a block takes, not the 60,000 rows more: 32 bytes each, and some 100 as text
     assert peaks[1] - peaks[0] < 0.1 * 60_000 * 32
-
-
-def test_the_row_of_a_fault_counts_from_the_first(tmp_path, monkeypatch):
     monkeypatch.setattr(csv_file, "_NUMBERS", 1)
     lines = ["time,a", "s,m", *(f"{k},1" for k in range(1500)), "1500,x"]
     (tmp_path / "r.csv").write_text("\n".join(lines))

@@ -1,7 +1,5 @@
 """The example of a plugin for MCAP: results of runs, and logs of ROS 2 and JSON, as other tools read and write them."""
 
-from __future__ import annotations
-
 import json
 import logging
 import tomllib
@@ -41,7 +39,7 @@ def plugin(added: Callable[[Path], None], tmp_path_factory: pytest.TempPathFacto
     added(EXAMPLE)
 
 
-def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path):
+def test_numbers_of_all_kinds_or_none_read_back_to_the_same_bits(results, tmp_path):
     path = tmp_path / "r.mcap"
     results.write(path)
     again = Results.read(path)
@@ -50,9 +48,6 @@ def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path):
     text = path.read_bytes()
     results.write(path)
     assert path.read_bytes() == text and list(tmp_path.iterdir()) == [path]
-
-
-def test_results_without_rows_or_signals_read_back(tmp_path):
     empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
     bare = Results(np.arange(3.0), [], {"real": np.empty((3, 0))})
     for some in (empty, bare):
@@ -103,9 +98,6 @@ def test_files_of_another_form_and_damaged_ones_are_named(results, tmp_path):
             Results.read(path)
     with pytest.raises(vdfmu.VdfmuError, match="No such file"):
         Results.read(tmp_path / "none.mcap")
-
-
-# ------------------------------------------------------------------ logs
 
 
 @pytest.fixture(scope="module")

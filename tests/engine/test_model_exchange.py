@@ -16,7 +16,6 @@ VERSIONS = ["2.0", "3.0"]
 
 
 def exchange(model: models.Model) -> models.Model:
-    """Return a model without co-simulation."""
     return replace(model, name=f"{model.name}ME", kinds=("ModelExchange",))
 
 
@@ -83,12 +82,9 @@ def test_time_events(system, version, step):
     assert results["s.counter"].tolist() == (np.floor(results.time + 1e-9) + 1).tolist()
 
 
-def test_the_end_that_a_component_makes(system):
+def test_the_end_that_a_component_makes_and_a_failure_in_its_step_leave_the_rows(system):
     results = simulate(system({"s": (STAIR, "3.0")}), stop=10.0, step=1.0)
     assert results.summary["ended"] == {"component": "s", "time": pytest.approx(9.0)}
-
-
-def test_a_failure_in_the_step_of_an_end_leaves_the_times_of_the_rows(system):
     burst = models.Model(
         "Burst", [models.V("y", "output", start=0.0)],
         "static void outputs(Instance *I) { I->d.y = I->time > 8.5 ? NAN : 0; }\n", step=1.0,

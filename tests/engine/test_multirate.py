@@ -51,14 +51,11 @@ def test_a_slow_unit_does_at_its_points_what_it_does_by_itself(system, slow, alg
     assert np.all(np.diff(beside["r.y"]) == 0.125)
 
 
-def test_a_sampled_controller_holds_its_output_for_its_own_step(system):
+def test_a_sampled_controller_holds_its_output_for_its_own_step_cut_at_the_stop(system):
     """Gain gives 2 t at its points; the plant sums it over 0.5 s each: 0.5 (0 + 1 + 2 + 3)."""
     results = simulate(system(), stop=2.0, step=0.125, algorithm="gauss-seidel")
     assert results["p.y"][-1] == 3.0
-
-
-def test_the_last_step_is_cut_at_the_stop(system):
-    """Lag takes any step: with the input of 1.5 s it goes on for 0.25 s."""
+    # Lag takes any step: with the input of 1.5 s it goes on for 0.25 s.
     results = simulate(system("Lag"), stop=1.75, step=0.125, algorithm="jacobi")
     before, after = results["s.y"][12], results["s.y"][14]
     assert results["s.y"][13] == before

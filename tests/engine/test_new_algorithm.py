@@ -1,7 +1,5 @@
 """A master algorithm is a file of its own and a row of the registry: commands, packages and runs know it then."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -80,7 +78,7 @@ def run_of(package: Path, folder: Path, **options) -> tuple[Results, Results]:
     return simulate(package, **options), Results.read(folder / "results.csv")
 
 
-def test_a_new_algorithm_is_one_row_of_the_registry(toy, chain):
+def test_a_new_algorithm_is_one_row_of_the_registry_with_one_kind_of_inputs(toy, chain):
     with pytest.raises(UsageError, match="unknown algorithm 'halving'; there are gauss-seidel, "):
         simulate(chain, step=0.1, stop=1.0, algorithm="halving")
     toy(SILENT)
@@ -91,9 +89,6 @@ def test_a_new_algorithm_is_one_row_of_the_registry(toy, chain):
     for name in ("r.y", "g.y"):
         np.testing.assert_allclose(halved[name][1:], fine[name][2::2], rtol=1e-14)
     assert np.abs(halved["g.y"] - coarse["g.y"]).max() > 0.01
-
-
-def test_a_row_declares_one_kind_of_inputs():
     for row in ({"substeps": -1}, {"substeps": 1, "continuous": True}):
         with pytest.raises(UsageError, match="substeps must be 0 or more, and 0 if continuous, got"):
             Algorithm("toy_algorithm:halving", **row)

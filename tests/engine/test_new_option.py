@@ -1,7 +1,5 @@
 """An option of a run is declared in one file: Python, commands, help and the master know it then."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import shutil
@@ -57,11 +55,11 @@ def test_a_new_option_is_declared_in_one_file(python, pack):
     shown = python(code=f"import vdfmu\nfor f in ({functions}): help(f)")
     assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 5
     assert len(re.findall(r"label: '?str \| None'? = None", shown)) == 5  # without quotes from Python 3.14 on
-    for command in (["run"], ["simulate"], ["federate"], ["sweep", "run"], ["tune"], ["margins"]):
+    for command in (["run"], ["run", "x.ssp"], ["federate"], ["sweep", "run"], ["tune"], ["margins"]):
         assert re.search("--label .* Toy: name", python(*command, "--help"))
     code = f"import vdfmu\nprint(vdfmu.simulate({str(package)!r}, step=0.1, stop=1.0, label='mine').summary['label'])"
     assert python(code=code) == "mine\n"
-    python("simulate", str(package), "--step", "0.1", "--stop", "1", "--label", "typed", "--out", "out")
+    python("run", str(package), "--step", "0.1", "--stop", "1", "--label", "typed", "--out", "out")
     assert '"label": "typed"' in python(code="print(open('out/summary.json').read())")
 
 
@@ -75,15 +73,10 @@ def test_the_run_of_a_scenario_and_its_sweep_pass_it_to_the_master(python):
     ) == "mine\nkept\n"  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("function", "options"),
-    [
-        (vdfmu.run, ScenarioRunOptions),
-        (vdfmu.simulate, SimulateOptions),
-        (vdfmu.sweep, SweepOptions),
-        (vdfmu.tune, TuneOptions),
-    ],
-)
+@pytest.mark.parametrize(("function", "options"), [
+    (vdfmu.run, ScenarioRunOptions), (vdfmu.simulate, SimulateOptions), (vdfmu.sweep, SweepOptions),
+    (vdfmu.tune, TuneOptions),
+])  # fmt: skip
 def test_help_names_each_option_with_type_default_and_sentence(function, options):
     text, parameters = inspect.getdoc(function), inspect.signature(function).parameters
     assert text is not None and "**options" not in text and "options" not in parameters

@@ -1,7 +1,5 @@
 """Who looks at a run is given its rows, all or now and then, and never changes it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -53,21 +51,16 @@ def test_every_row_is_seen_with_the_values_that_are_recorded(fragile, tmp_path, 
     assert len(watcher.results) == 11
 
 
-def test_a_period_leaves_rows_out_and_names_may_be_missing(fragile):
+def test_an_observer_needs_nothing_but_row_and_sees_those_of_its_period_until_a_run_fails(fragile):
     watcher = Watcher(wanted=["source.*", "nobody.q[*]"], period=3600.0)
     simulate(fragile, stop=1.0, step=0.1, parameters={"arm.at": 9.0}, observer=watcher)
     assert watcher.names == ["source.y"]
     assert [time for time, _ in watcher.rows] == [0.0]
-
-
-def test_of_a_run_that_fails_the_rows_so_far_are_seen(fragile):
     watcher = Watcher()
     with pytest.raises(CosimError):
         simulate(fragile, stop=1.0, step=0.1, parameters={"arm.at": 0.5, "arm.mode": 0}, observer=watcher)
     assert len(watcher.rows) == len(watcher.results) == 6
 
-
-def test_an_observer_needs_nothing_but_row(fragile):
     class Rows:
         def __init__(self):
             self.sizes = []

@@ -1,7 +1,5 @@
 """Results in Parquet: the bits of the CSV, units and provenance in the file, and what is said when it cannot be."""
 
-from __future__ import annotations
-
 import csv
 import json
 import resource
@@ -31,11 +29,9 @@ def test_numbers_of_all_kinds_read_back_to_the_same_bits(tmp_path, monkeypatch):
     m = 1300  # more than two blocks of lines
     real, numbers = hard_numbers(m, 2, 1)
     signals = [
-        Signal("a.q[1]", "real", "rad", 1),
-        Signal('b"\u00e4,\n', "real", "", 0),
-        Signal("a.n", "integer", "", 0),
+        Signal("a.q[1]", "real", "rad", 1), Signal('b"\u00e4,\n', "real", "", 0), Signal("a.n", "integer", "", 0),
         Signal("a.on", "boolean", "", 0),
-    ]
+    ]  # fmt: skip
     data = {"real": real, "integer": numbers, "boolean": numbers % 2}
     results = Results(0.001 * np.arange(m), signals, data, {"limit": np.inf})
     for name in ("r.parquet", "r.csv"):
@@ -91,10 +87,10 @@ WITHOUT = "import sys; sys.modules['pyarrow'] = None; import vdfmu.cli; vdfmu.cl
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("command", ["simulate", "run"])
-def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(package, tmp_path, command):
-    name = str(package) if command == "simulate" else "planar_tracking"
-    options = [command, name, "--stop", "0.01", "--format", "csv,parquet", "--out", str(tmp_path / "out")]
+@pytest.mark.parametrize("kind", ["package", "scenario"])
+def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(package, tmp_path, kind):
+    name = str(package) if kind == "package" else "planar_tracking"
+    options = ["run", name, "--stop", "0.01", "--format", "csv,parquet", "--out", str(tmp_path / "out")]
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT, *options], check=False, capture_output=True, text=True, timeout=120
     )
@@ -107,7 +103,7 @@ def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(
 
 @pytest.mark.heavy
 def test_csv_needs_no_pyarrow(package, tmp_path):
-    options = ["simulate", str(package), "--stop", "0.01", "--out", str(tmp_path)]
+    options = ["run", str(package), "--stop", "0.01", "--out", str(tmp_path)]
     subprocess.run([sys.executable, "-c", WITHOUT, *options], check=True, capture_output=True, timeout=120)
     assert len(Results.read(tmp_path / "results.csv")) == 11
 
@@ -143,29 +139,23 @@ def written(path: Path, table: pa.Table) -> None:
     pa.parquet.write_table(table, path)
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ({"t": [0.0]}, "expected 'time' as the first column, .*; got 't'"),
-        ({"time": [0.0], "name": ["x"], "n": [2**40]}, "got 'name', 'n'"),
-        ({"time": [0.0, 1.0], "gap": [0.5, None]}, "got 'gap'"),
-    ],
-)
+@pytest.mark.parametrize(("table", "message"), [
+    ({"t": [0.0]}, "expected 'time' as the first column, .*; got 't'"),
+    ({"time": [0.0], "name": ["x"], "n": [2**40]}, "got 'name', 'n'"),
+    ({"time": [0.0, 1.0], "gap": [0.5, None]}, "got 'gap'"),
+])  # fmt: skip
 def test_parquet_of_another_form(tmp_path, table, message):
     written(tmp_path / "r.parquet", pa.table(table))
     with pytest.raises(UsageError, match=message):
         Results.read(tmp_path / "r.parquet")
 
 
-def test_a_file_that_is_no_parquet_or_not_there(tmp_path):
+def test_parquet_of_another_tool_is_read_and_a_file_that_is_none_refused(tmp_path):
     (tmp_path / "r.parquet").write_text("time,a\n")
     with pytest.raises(UsageError, match=r"cannot read .*r\.parquet: "):
         Results.read(tmp_path / "r.parquet")
     with pytest.raises(UsageError, match="cannot read .*none.parquet: No such file"):
         Results.read(tmp_path / "none.parquet")
-
-
-def test_parquet_of_another_tool_is_read(tmp_path):
     table = pa.table({"time": [0.0, 1.0], "a": [0.5, 0.25], "on": [True, False]})
     written(tmp_path / "r.parquet", table.replace_schema_metadata({"vdfmu": "{"}))
     results = Results.read(tmp_path / "r.parquet")

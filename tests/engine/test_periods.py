@@ -101,7 +101,7 @@ def test_margins_of_a_slow_controller_are_those_at_its_period(n):
         np.testing.assert_allclose(one, other, rtol=1e-9)  # of the same matrices: rounding, as of eigenvalues
 
 
-def test_a_signal_that_acts_a_step_later_has_less_margin_than_one_that_acts_at_once():
+def test_a_signal_that_acts_later_has_less_margin_and_one_that_changes_within_the_period_none():
     """Under jacobi the same loop has a delay of one step more: that much less of it is left."""
     short = H / 10.0
     at_once, later = (
@@ -110,9 +110,6 @@ def test_a_signal_that_acts_a_step_later_has_less_margin_than_one_that_acts_at_o
     assert later.modulus[0] < at_once.modulus[0] and later.rate < 0.0
     # the sample of the loop's crossing is read off straight lines between frequencies 4 % apart: to 1 % of the delay
     assert at_once.delay[0] - later.delay[0] == pytest.approx(short, abs=0.01 * at_once.delay[0])
-
-
-def test_an_input_whose_signal_changes_within_the_period_has_growth_and_no_margins():
     system = loop({"c": 2}, fresh=False, sets=True)
     assert math.isfinite(fastest_mode(system)[0])
     with pytest.raises(UsageError, match=r"p\.c: expected a signal that changes once in 0\.02 s"):
@@ -122,9 +119,6 @@ def test_an_input_whose_signal_changes_within_the_period_has_growth_and_no_margi
     two = loop({"c": 2, "d": 3}, fresh=True)
     with pytest.raises(UsageError, match=r"p\.c: expected a signal that changes once in 0\.06 s"):
         system_loop(two, ["p.c"]).margins()
-
-
-def test_a_slow_component_beside_the_loop_does_not_count():
     two = loop({"c": 1, "d": 3}, fresh=True)
     alone = two.around(["p.c"])
     assert alone.period == 3 * H  # d is in the loop

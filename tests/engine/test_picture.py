@@ -35,7 +35,7 @@ def titles(figure):
     return [axes.get_title(loc="left") for axes in figure.axes]
 
 
-def test_elements_of_an_array_share_a_panel_unless_their_units_differ():
+def test_elements_of_an_array_share_a_panel_of_one_unit_and_what_is_not_continuous_is_drawn_in_steps():
     results = make(
         ("a.q[1]", "real", "rad"), ("a.q[2]", "real", "m"), ("a.q[3]", "real", "rad"), ("a.R[1,2]", "real", "")
     )  # fmt: skip
@@ -50,9 +50,6 @@ def test_elements_of_an_array_share_a_panel_unless_their_units_differ():
         np.testing.assert_array_equal(line.get_ydata(), results[name])
     assert [text.get_text() for text in first.get_legend().get_texts()] == ["[1]", "[3]"]
     assert figure.axes[2].get_legend() is None
-
-
-def test_what_is_not_continuous_is_drawn_in_steps():
     figure = draw_signals(make(("a.n", "integer", ""), ("a.on", "boolean", ""), ("a.x", "real", "")))
     assert [axes.lines[0].get_drawstyle() for axes in figure.axes] == ["steps-post", "steps-post", "default"]
 
@@ -65,9 +62,6 @@ def test_each_component_gets_its_share_of_the_panels():
     assert [t for t in shown if not t.startswith("a.")] == ["b.y", *(f"sub.c.z{i}" for i in range(3))]
     assert shown[:3] == ["a.x0", "a.x1", "a.x2"]
     assert len(names) - len(shown) == 12 and not figure.texts  # no caption
-
-
-def test_more_components_than_panels():
     figure = draw_signals(make(*((f"c{i}.x", "real", "") for i in range(PANELS + 3))))
     assert titles(figure) == [f"c{i}.x" for i in range(PANELS)]
 
@@ -84,13 +78,10 @@ def test_the_time_is_below_the_lowest_panel_of_every_column(count):
         assert bool(one.get_xlabel()) == (not below)
 
 
-def test_panels_come_in_the_order_asked_for():
+def test_panels_come_in_the_order_asked_for_hidden_signals_have_none_and_no_signals_no_picture(tmp_path):
     results = make(("a.u", "real", ""), ("a.y", "real", ""), ("b.x[1]", "real", ""), ("b.x[2]", "real", ""))
     assert titles(plot(results, ["b.x", "a.y", "a.u"], {}, None)) == ["b.x", "a.y", "a.u"]
     assert titles(plot(results, [], {}, None)) == ["a.u", "a.y", "b.x"]
-
-
-def test_hidden_signals_have_no_panel_and_no_signals_no_picture(tmp_path):
     results = make(("a.u", "real", ""), ("a.y", "real", ""))
     assert [axes.get_ylabel() for axes in draw_signals(results, {"a.u"}).axes] == ["a.y"]
     assert write_signals(Results(results.time, [], {}), tmp_path, ["png"], 6.0) == [] == [*tmp_path.iterdir()]

@@ -28,7 +28,7 @@ def test_components_whose_libraries_warn_run_without_a_word(pack, xml, tmp_path,
     # the font of the picture has none of these letters
     package = pack([xml.component("\u4e2d\u6587" * 20, "Loud", "y:output")])
     done = vdfmu(
-        tmp_path, "simulate", str(package), "--step", "0.1", "--stop", "1", way, "--pictures", "png", "--out", "out"
+        tmp_path, "run", str(package), "--step", "0.1", "--stop", "1", way, "--pictures", "png", "--out", "out"
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
@@ -48,7 +48,7 @@ def test_a_component_that_fails_says_so_once(tmp_path, way):
     overflow = ["--set", "controller.K_p=1e300"]
     packed = vdfmu(tmp_path, "ssp", "planar_tracking", "--backend", "python", *overflow, "--out", "p.ssp")
     assert packed.returncode == 0, packed.stderr
-    done = vdfmu(tmp_path, "simulate", "p.ssp", "--stop", "0.01", way, "--out", "out")
+    done = vdfmu(tmp_path, "run", "p.ssp", "--stop", "0.01", way, "--out", "out")
     assert done.returncode == 1
     assert done.stderr.count("plant failed at t = ") == 1, done.stderr
     assert not LEAKS.search(done.stderr)

@@ -1,7 +1,5 @@
 """Rows that go to a file as they come: the same numbers, in memory that does not grow, and kept by what fails."""
 
-from __future__ import annotations
-
 import csv
 import json
 import resource
@@ -88,7 +86,7 @@ def test_a_row_is_in_the_file_after_two_seconds(tmp_path, monkeypatch):
 def test_a_full_disk_leaves_the_results_before_and_whole_rows_of_csv(package, tmp_path, form, stop):
     """The limit on the size of a file makes a write fail as a full disk does, part of it written."""
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "vdfmu.cli", "simulate", str(package), "--out", str(out), "--format", form]
+    command = [sys.executable, "-m", "vdfmu.cli", "run", str(package), "--out", str(out), "--format", form]
     subprocess.run([*command, "--stop", "0.1"], check=True, capture_output=True, timeout=120)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     limit = 2_000_000  # more than each file of the FMUs; a row takes some 1,400 bytes of CSV, 600 of numbers
@@ -135,22 +133,16 @@ def test_recorded_are_the_outputs_and_inputs_on_request(package, tmp_path, algor
         np.testing.assert_array_equal(whole[name], np.r_[of[:1], of[:-1]] if name in held else of)
 
 
-def test_only_the_signals_that_are_named_are_written(package, tmp_path):
+def test_the_signals_that_are_named_are_written_and_inputs_can_be_replayed(package, tmp_path):
     simulate(package, stop=0.01, record=["plant.tau[*]", "controller.q[1]"], stream=tmp_path / "rows.csv")
     head = (tmp_path / "rows.csv").read_text().partition("\n")[0]
     assert head == "time,controller.q[1],plant.tau[1],plant.tau[2]"
-
-
-def test_inputs_that_were_recorded_can_be_replayed(package, tmp_path):
     out = tmp_path / "results.csv"
     run = simulate(package, stop=0.05, stream=out, record=["plant.tau[*]", "controller.*"])
     (table,) = read_inputs(out)
     for name in ("plant.tau[2]", "controller.kappa_dot[1]"):
         np.testing.assert_array_equal(table.values[:, table.names.index(name)], run[name])
         assert table.units[table.names.index(name)] == run.units[name]
-
-
-def test_inputs_from_outside_are_recorded(package, tmp_path):
     given = {"plant.F_e[1]": (np.array([0.0, 0.05]), np.array([0.0, 5.0]))}
     run = simulate(package, stop=0.05, inputs=given)
     assert run["plant.F_e[1]"][-1] == pytest.approx(4.9, rel=1e-12) and "plant.F_e[2]" not in run

@@ -52,8 +52,6 @@ def sine(amplitude: float, f: float, offset: float = 0.0) -> Floats:
 
 
 def fixtures(xml) -> dict[str, Fixture]:
-    """Return the fixtures by their names there."""
-
     def c(name, values=""):
         unit = name.partition("_")[0].capitalize()
         return xml.component(name, f"blocks/{unit}", PORTS[unit], inline(values), 'implementation="CoSimulation"')
@@ -174,7 +172,6 @@ def fixtures(xml) -> dict[str, Fixture]:
 
 @pytest.fixture(scope="session")
 def blocks(tmp_path_factory):
-    """Return the function of a version of FMI to the members of a package that are the blocks' FMUs."""
     units = [getattr(signal_units, name) for name in (*PORTS, "Machine", "Mass", "Stimuli")]
 
     @cache
@@ -199,8 +196,6 @@ ROUNDING = 1e-14
 
 @pytest.fixture
 def packed(pack, xml, blocks):
-    """Return a function that packs a fixture, and returns its signals too."""
-
     def make(name, version="2.0", more=()):
         elements, connections, signals, options = fixtures(xml)[name]
         extra = {**blocks(version), **options.get("extra", {})}
@@ -316,8 +311,7 @@ def test_a_mapped_parameter_of_a_reference_fmu(built, pack, xml):
     path = pack(
         [xml.component("fmu", "VanDerPol", "mu:parameter:Real x0:output:Real x1:output:Real")],
         bindings=xml.values(
-            xml.real("mu", 2.0),
-            mapping='<ssm:MappingEntry source="mu" target="fmu.mu"/>',
+            xml.real("mu", 2.0), mapping='<ssm:MappingEntry source="mu" target="fmu.mu"/>',
         ),
         extra={"resources/VanDerPol.fmu": built(models.VAN_DER_POL, "2.0")},
     )  # fmt: skip

@@ -50,25 +50,19 @@ def test_components_are_loaded_once(package, monkeypatch):
     assert sorted(made) == ["controller", "feedforward", "plant", "trajectory"]
 
 
-def test_results_of_a_run_stay(package):
+def test_results_of_a_run_stay_and_each_run_has_its_own_times_and_signals(package):
     with vdfmu.Simulator(package) as simulator:
         first = simulator.run(**OPTIONS)
         before = {name: first[name].copy() for name in first}
         simulator.run(parameters=CHANGED, **OPTIONS)
     for name, values in before.items():
         np.testing.assert_array_equal(first[name], values)
-
-
-def test_other_times_and_signals_of_each_run(package):
     with vdfmu.Simulator(package) as simulator:
         short = simulator.run(stop=0.01, step=2e-3, record=["plant.q[*]"])
         long = simulator.run(start=0.5, stop=0.53, step=1e-3)
     assert short.names == ["plant.q[1]", "plant.q[2]"] and len(short) == 6
     alone = vdfmu.simulate(package, start=0.5, stop=0.53, step=1e-3)
     assert same(long, alone) and long.time[0] == 0.5
-
-
-def test_a_run_that_fails_leaves_the_next_as_it_is(package):
     with vdfmu.Simulator(package) as simulator:
         alone = simulator.run(**OPTIONS)
         before = list(alone.messages)
@@ -103,9 +97,6 @@ def test_what_is_wrong_is_told_where_it_is_said(package):
         vdfmu.Simulator(package, tolerance=0.0)
     with pytest.raises((SspError, UsageError)), vdfmu.Simulator(package, parameters={"plant.mess": 1.0}):
         pass
-
-
-# ------------------------------------------------------------------ by hand
 
 
 def pushed(simulator, force, steps=50):
@@ -154,7 +145,7 @@ def test_by_hand_runs_and_other_values_take_turns(package):
     assert np.any(changed != plain["plant.q"][-1])
 
 
-def test_what_is_wrong_by_hand_is_said(package):
+def test_what_is_wrong_by_hand_is_said_and_a_reset_is_cheap(package, calls):
     with vdfmu.Simulator(package) as simulator:
         simulator.reset(**OPTIONS)
         for name, text in (
@@ -172,9 +163,6 @@ def test_what_is_wrong_by_hand_is_said(package):
             with pytest.raises(UsageError, match="expected a number of steps"):
                 simulator.step(count)
         simulator.step(50)
-
-
-def test_a_reset_is_cheap(package, calls):
     with vdfmu.Simulator(package) as simulator:
         first = calls(lambda: simulator.reset(**OPTIONS))
         again = calls(lambda: simulator.reset(**OPTIONS))

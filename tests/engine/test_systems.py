@@ -1,7 +1,5 @@
 """Units, transformations, parameter bindings and nested systems, run to their numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -27,7 +25,30 @@ def bind(*bindings: str) -> str:
     return f"<ssd:ParameterBindings>{''.join(bindings)}</ssd:ParameterBindings>"
 
 
-def test_units_are_converted(pack):
+def signal_dictionary(entries: str, version: str = "1.0") -> str:
+    return (
+        f'<ssb:SignalDictionary version="{version}" '
+        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
+        f'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">{entries}</ssb:SignalDictionary>'
+    )
+
+
+def dictionaries(inner: str, attributes: str = "") -> str:
+    inside = f'<ssd:SignalDictionary name="D"{attributes}>{inner}</ssd:SignalDictionary>'
+    return f"<ssd:SignalDictionaries>{inside}</ssd:SignalDictionaries>"
+
+
+def reference(name: str, *connectors: str) -> str:
+    """Return a reference to the dictionary; a connector is the inside of its element after the name."""
+    inside = "".join(f'<ssd:Connector name="{each}</ssd:Connector>' for each in connectors or ('bus" kind="inout">',))
+    head = f'<ssd:SignalDictionaryReference name="{name}" dictionary="D"><ssd:Connectors>'
+    return f"{head}{inside}</ssd:Connectors></ssd:SignalDictionaryReference>"
+
+
+BUS = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>'
+
+
+def test_units_are_converted_before_a_transformation_unless_that_is_suppressed(pack, xml):
     path = pack(
         ["deg Degrees y:output:Real mm:output degC:output", "rad Radians u:input m:input K:input"],
         ["deg.y -> rad.u", "deg.mm -> rad.m", "deg.degC -> rad.K"],
@@ -38,9 +59,6 @@ def test_units_are_converted(pack):
     np.testing.assert_array_equal(results["rad.K"], [273.15, 273.15, 283.15])
     assert results.units["rad.u"] == "rad"
     assert results.units["deg.y"] == "deg"
-
-
-def test_a_transformation_applies_after_the_unit_conversion_unless_that_is_suppressed(pack, xml):
     linear = '<ssc:LinearTransformation factor="2" offset="0.25"/>'
     path = pack(
         ["deg Degrees mm:output y:output", "rad Radians m:input u:input"],
@@ -52,20 +70,17 @@ def test_a_transformation_applies_after_the_unit_conversion_unless_that_is_suppr
     assert results["rad.u"].tolist() == [0.25, 0.25, 2 * 90 + 0.25]
 
 
-def test_a_unit_of_a_parameter_is_converted(pack, xml):
+def test_a_unit_of_a_parameter_is_converted_if_its_dimension_is_the_same(pack, xml):
     binding = xml.values(xml.real("width", 250.0, "mm"))
     path = pack([xml.component("r", "Radians", "", binding)], units=MM)
     assert simulate(path, stop=1.0, step=1.0)["r.y"].tolist() == [0.25, 0.25]
-
-
-def test_a_parameter_of_another_dimension_is_a_problem(pack, xml):
     unit = '<ssc:Unit name="kg"><ssc:BaseUnit kg="1"/></ssc:Unit>'
     path = pack([xml.component("r", "Radians", "", xml.values(xml.real("width", 1.0, "kg")))], units=unit)
     with pytest.raises(SspError, match=r"parameter 'width' .*: unit mismatch, 'kg' \(kg\) to 'm' \(m\)"):
         check_system(load_ssp(path))
 
 
-def test_external_values_and_mapping(pack, xml):
+def test_external_values_and_a_mapping_that_drops_what_it_does_not_mention(pack, xml):
     twice = '<ssc:LinearTransformation factor="2"/>'
     mapping = f'<ssm:MappingEntry source="w" target="width">{twice}</ssm:MappingEntry>'
     binding = bind(
@@ -78,9 +93,6 @@ def test_external_values_and_mapping(pack, xml):
     }
     path = pack([xml.component("r", "Radians", "", binding)], extra=files)
     assert simulate(path, stop=1.0, step=1.0)["r.y"][-1] == 2 * (300.0 * 0.001)
-
-
-def test_a_mapping_drops_the_values_that_it_does_not_mention(pack, xml):
     mapping = (
         "<ssd:ParameterMapping>" + SSM.format('<ssm:MappingEntry source="gain" target="k"/>')
         + "</ssd:ParameterMapping>"
@@ -153,21 +165,15 @@ def nested(pack, xml):
     )
 
 
-def test_nested_systems_are_flattened(nested):
+def test_nested_systems_are_flattened_and_run_and_pass_parameters_on(nested):
     system = load_ssp(nested)
     assert [c.name for c in system.components] == ["sub.gain", "ramp", "last"]
     assert sorted(map(str, system.connections)) == ["ramp.y -> sub.gain.u", "sub.gain.y -> last.u"]
     assert system.problems == ()
-
-
-def test_nested_systems_run(nested):
     results = simulate(nested, stop=2.0, step=1.0, parameters={"sub.gain.k": 0.25}, record=["*"])
     u = np.array([0.0, 0.0, 1.0]) * 30.0 + 1.0
     np.testing.assert_array_equal(results["sub.gain.u"], u)
     np.testing.assert_array_equal(results["last.y"], u * 0.25 * 4.0)
-
-
-def test_a_system_connector_passes_a_parameter_on(nested):
     assert simulate(nested, stop=1.0, step=1.0)["sub.gain.y"][0] == 0.5
 
 
@@ -213,21 +219,8 @@ def test_a_unit_of_a_system_connector_is_converted_on_the_way(pack, xml):
 
 
 def test_a_signal_dictionary_joins_what_refers_to_it(pack):
-    entries = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>'
-    dictionary = (
-        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D"><ssb:SignalDictionary version="1.0" '
-        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary">'
-        f"{entries}</ssb:SignalDictionary></ssd:SignalDictionary></ssd:SignalDictionaries>"
-    )
-
-    def reference(name: str) -> str:
-        return (
-            f'<ssd:SignalDictionaryReference name="{name}" dictionary="D"><ssd:Connectors>'
-            '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
-        )
-
     elements = [reference("d1"), reference("d2"), "r Ramp y:output", "g Gain u:input"]
-    path = pack(elements, ["r.y -> d1.bus", "d2.bus -> g.u"], dictionaries=dictionary)
+    path = pack(elements, ["r.y -> d1.bus", "d2.bus -> g.u"], dictionaries=dictionaries(signal_dictionary(BUS)))
     system = load_ssp(path)
     assert [str(c) for c in system.connections] == ["r.y -> g.u"]
     assert simulate(path, stop=2.0, step=1.0, record=["g.u"])["g.u"].tolist() == [0.0, 0.0, 1.0]
@@ -236,25 +229,15 @@ def test_a_signal_dictionary_joins_what_refers_to_it(pack):
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
     """The entry is in its own mm, the SSD's are others; conversion is done on both sides of it."""
-    dictionary = '<ssd:SignalDictionaries><ssd:SignalDictionary name="D" source="bus.ssb"/></ssd:SignalDictionaries>'
-    file = (
-        f'<ssb:SignalDictionary version="{version}" '
-        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
-        'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">'
-        '<ssb:DictionaryEntry name="bus"><ssc:Real unit="mm"/></ssb:DictionaryEntry>'
-        f"<ssb:Units>{MM}</ssb:Units></ssb:SignalDictionary>"
-    )
-    reference = (
-        '<ssd:SignalDictionaryReference name="d" dictionary="D"><ssd:Connectors>'
-        '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
-    )
-    inner = f'<ssd:System name="s"><ssd:Elements>{reference}{xml.component("g", "Radians", "m:input:Real:m")}' + (
+    entry = BUS.replace("<ssc:Real/>", '<ssc:Real unit="mm"/>')
+    inner = f'<ssd:System name="s"><ssd:Elements>{reference("d")}{xml.component("g", "Radians", "m:input:Real:m")}' + (
         '</ssd:Elements><ssd:Connections><ssd:Connection startElement="d" startConnector="bus" endElement="g" '
         'endConnector="m"/></ssd:Connections></ssd:System>'
     )
     path = pack(
-        ["r Radians y:output:Real:m", reference, inner], ["r.y -> d.bus"],
-        dictionaries=dictionary, extra={"bus.ssb": file},
+        ["r Radians y:output:Real:m", reference("d"), inner], ["r.y -> d.bus"],
+        dictionaries=dictionaries("", ' source="bus.ssb"'),
+        extra={"bus.ssb": signal_dictionary(f"{entry}<ssb:Units>{MM}</ssb:Units>", version)},
         units='<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="2"/></ssc:Unit>'
         '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>',
     )  # fmt: skip
@@ -270,19 +253,9 @@ def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
 
 
 def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack):
-    entries = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>' * 2
-    dictionary = (
-        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D"><ssb:SignalDictionary version="1.0" '
-        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary">'
-        f"{entries}</ssb:SignalDictionary></ssd:SignalDictionary></ssd:SignalDictionaries>"
-    )
-    reference = (
-        '<ssd:SignalDictionaryReference name="d" dictionary="D"><ssd:Connectors>'
-        '<ssd:Connector name="bus" kind="inout"><ssc:Integer/></ssd:Connector><ssd:Connector name="no" kind="inout"/>'
-        "</ssd:Connectors></ssd:SignalDictionaryReference>"
-    )
+    other = reference("d", 'bus" kind="inout"><ssc:Integer/>', 'no" kind="inout">')
     with pytest.raises(SspError) as info:
-        load_ssp(pack([reference, "r Ramp y:output"], dictionaries=dictionary))
+        load_ssp(pack([other, "r Ramp y:output"], dictionaries=dictionaries(signal_dictionary(2 * BUS))))
     assert info.value.problems == [
         "test.ssp: signal dictionary 'D': two entries are named 'bus'",
         "test.ssp: signal dictionary of 'd' has an entry 'bus' of another type or size than the connector",

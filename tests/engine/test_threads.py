@@ -14,7 +14,6 @@ THREADS, RUNS = 8, 5
 
 
 def together(run):
-    """Call `run` in eight threads that begin at once, several times each; return all results."""
     ready = threading.Barrier(THREADS)
 
     def several(_: int) -> list:

@@ -1,7 +1,5 @@
 """Components of model exchange that depend on each other within a step: the master integrates them as one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +27,6 @@ CHAIN = ["a.s_out -> b.s", "b.s_out -> c.s", "c.r -> b.f", "b.r -> a.f"]
 
 
 def chain(version):
-    """Return the components of the chain, in an order that is none of its."""
     return {name: (PIECE, version) for name in "bca"}
 
 
@@ -50,12 +47,9 @@ def test_a_chain_is_integrated_as_one(system, version, isolate):
     np.testing.assert_allclose(results["c.s"], results["a.x"] + results["b.x"], rtol=0, atol=1e-15)
 
 
-def test_events_of_co_simulation_beside_them_are_refused(system):
+def test_events_of_co_simulation_beside_them_are_refused_and_a_container_does_not_take_them(system, tmp_path):
     with pytest.raises(UsageError, match="b, c, a: depend on each other within a step and are integrated together"):
         simulate(system(chain("2.0") | {"events": (models.STAIR, "3.0")}, CHAIN), stop=1.0, step=0.5, isolate=False)
-
-
-def test_a_container_and_co_simulation_do_not_take_them(system, tmp_path):
     path = system(chain("2.0"), CHAIN)
     with pytest.raises(UsageError, match="a container FMU steps co-simulation"):
         write_container(path, tmp_path / "c.fmu", step=0.5)
@@ -90,7 +84,7 @@ def test_an_event_passes_through_all_at_its_time(system, xml, version):
         np.testing.assert_allclose(results[f"{name}.x"], np.maximum(results.time - 0.75, 0.0), rtol=0, atol=1e-8)
 
 
-def test_an_event_that_does_not_settle_is_an_error(system, xml):
+def test_an_event_that_does_not_settle_and_values_that_are_no_reals_are_refused(system, xml):
     """Each of two counts on with what the other has counted."""
     code = RELAY.code.replace("        I->d.up = 1;", "        I->d.up = 1 + I->d.u + I->d.f;").replace(
         "I->d.r = I->d.f + I->d.x + 0 * I->d.u;", "I->d.r = I->d.up;")  # fmt: skip
@@ -98,9 +92,6 @@ def test_an_event_that_does_not_settle_is_an_error(system, xml):
     path = system({name: (restless, "2.0") for name in "bca"}, WIRES, {"a": xml.values(xml.real("at", 0.75))})
     with pytest.raises(CosimError, match="an event does not settle: values between b, c, a still change"):
         simulate(path, stop=2.0, step=0.5, isolate=False)
-
-
-def test_values_that_are_no_reals_are_refused_between_them(system):
     path = system({name: (RELAY, "2.0") for name in "bca"}, [*WIRES, "a.on -> b.go"])
     with pytest.raises(
         SspError, match=r"a\.on -> b\.go: is of type Boolean, but must be real, since b, c, a depend on"

@@ -14,7 +14,6 @@ FILES = ("results.csv", "summary.json")
 
 
 def write(folder, text):
-    """Write a run of two files into a folder of results."""
     with replacing_results(folder, SYSTEM_OUTPUTS, overwrite=False) as partial:
         (partial / "results.csv").write_text(f"time\ns\n{text}\n")
         (partial / "summary.json").write_text(json.dumps({"files": FILES, "text": text}))
@@ -48,16 +47,15 @@ def test_a_run_that_cannot_take_its_place_leaves_the_earlier_one(tmp_path, monke
     assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == ["partial"]
 
 
-def test_a_folder_of_the_name_of_a_result_is_refused(tmp_path):
+def test_a_folder_of_the_name_of_a_result_is_refused_and_a_passing_error_leaves_none(tmp_path, monkeypatch):
     write(tmp_path, "old")
     (tmp_path / "results.csv").unlink()
     (tmp_path / "results.csv").mkdir()
     with pytest.raises(UsageError, match=r"results\.csv must be files, got folders"):
         write(tmp_path, "new")
-
-
-def test_a_passing_error_leaves_no_temporary_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    place = tmp_path / "temporary"
+    place.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(place))
     rmdir, failed = os.rmdir, []
 
     def failing(*arguments, **options):
@@ -69,4 +67,4 @@ def test_a_passing_error_leaves_no_temporary_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "rmdir", failing)
     with temporary_folder("vdfmu_") as folder:
         os.mkdir(os.path.join(folder, "inside"))
-    assert failed and list(tmp_path.iterdir()) == []
+    assert failed and list(place.iterdir()) == []

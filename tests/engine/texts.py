@@ -6,7 +6,6 @@ SPACES = " ".join(f'xmlns:{prefix}="{space}"' for prefix, space in NAMESPACES.it
 
 
 def ssd(inside: str = "", rest: str = "", attributes: str = "", version: str = "1.0", name: str = "t") -> str:
-    """Return an SSD with the inside of its system, and what follows that."""
     return (
         f'<ssd:SystemStructureDescription {SPACES} version="{version}" name="{name}">'
         f'<ssd:System name="s" {attributes}>{inside}</ssd:System>{rest}</ssd:SystemStructureDescription>'
@@ -73,7 +72,6 @@ def values(*parameters: str, mapping: str = "", attributes: str = "", version: s
 
 
 def binding(source: str, mapping: str = "") -> str:
-    """Return a binding of the parameter set of a file."""
     inner = f'<ssd:ParameterMapping source="{mapping}"/>' if mapping else ""
     return (
         f'<ssd:ParameterBindings><ssd:ParameterBinding source="{source}">{inner}</ssd:ParameterBinding>'

@@ -142,11 +142,9 @@ def bomb(number: int, folder: Path) -> None:
     path = folder / "x.ssp"
     path.write_bytes(MAKERS[number % len(MAKERS)]())
     done = subprocess.run(
-        [sys.executable, "-c", _CHECK, str(MEMORY), "check", str(path), "--no-run"],
-        capture_output=True,
-        text=True,
+        [sys.executable, "-c", _CHECK, str(MEMORY), "check", str(path), "--no-run"], capture_output=True, text=True,
         timeout=300,
-    )
+    )  # fmt: skip
     if done.returncode != 1 or "problem: " not in done.stdout or "Traceback" in done.stderr:
         raise AssertionError(f"exit code {done.returncode}: {(done.stdout + done.stderr)[-500:]}")
     raise SspError(done.stdout)

@@ -22,7 +22,7 @@ PATIENCE = 300.0
 """Time [s] after which a command is ended that does not end."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RUN = ("run", "planar_tracking", "--out", "out", "--stop")
-SIMULATE = ("simulate", "arm.ssp", "--out", "out", "--stop")
+SIMULATE = ("run", "arm.ssp", "--out", "out", "--stop")
 BUILD = ("build", "planar_tracking", "--out", "out")
 SSP = ("ssp", "planar_tracking", "--out")
 OTHER = ("--set", "controller.K_p=1500")
@@ -63,10 +63,8 @@ class Process:
         return bool(caught >> (signal.SIGTERM - 1) & 1)
 
     def end(self) -> tuple[float, float]:
-        """Wait for its end; return how long that took, and how long it may take.
-
-        Where more processes are ready to run than there are processors, each gets its share of one only.
-        """
+        """Wait for its end; return how long that took, and how long it may take."""
+        # Where more processes are ready to run than there are processors, each gets its share of one only.
         begin, ready = time.monotonic(), [_ready()]
         while self.process.poll() is None:
             if time.monotonic() > begin + PATIENCE:

@@ -1,37 +1,9 @@
 """All corpora: each module of this folder that has some is named here."""
 
-from tests.hostile import (
-    bombs,
-    calls,
-    disk,
-    faults,
-    foreign,
-    models,
-    packages,
-    results,
-    runs,
-    signals,
-    studies,
-    surroundings,
-    unpacked,
-)
+from importlib import import_module
 
-CORPORA = [
-    corpus
-    for module in (
-        packages,
-        bombs,
-        unpacked,
-        models,
-        results,
-        studies,
-        foreign,
-        signals,
-        surroundings,
-        faults,
-        disk,
-        calls,
-        runs,
-    )  # fmt: skip
-    for corpus in module.CORPORA
-]
+_NAMES = (
+    "packages", "bombs", "unpacked", "models", "results", "studies", "foreign", "signals", "surroundings", "faults",
+    "disk", "calls", "runs",
+)  # fmt: skip
+CORPORA = [corpus for name in _NAMES for corpus in import_module(f"tests.hostile.{name}").CORPORA]

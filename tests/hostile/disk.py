@@ -59,10 +59,8 @@ class Disk:
     def command(
         self, words: tuple[str, ...], fault: tuple[int, int] | None = None, logging: bool = False
     ) -> tuple[int, str]:
-        """Run a command and return its exit code and what it said; `fault` is an error and the operation it is of.
-
-        Where there is no room, there is none for what comes later; the other errors pass.
-        """
+        """Run a command and return its exit code and what it said; `fault` is an error and the operation it is of."""
+        # Where there is no room, there is none for what comes later; the other errors pass.
         error, number = fault or (0, 0)
         last = 2**62 if error == errno.ENOSPC else number
         kinds = ERRORS.get(error, 0)
@@ -109,7 +107,6 @@ class Known:
 
 @cache
 def known(name: str) -> Known:
-    """Run a job to its end, with what comes before it, until all that it needs is in the cache."""
     job, server = JOBS[name], disk()
     warm, folder, place = server.home / "warm", server.home / name, server.place
     shutil.rmtree(place, ignore_errors=True)
@@ -140,17 +137,14 @@ def _succeeds(words: tuple[str, ...], logging: bool = False) -> None:
 
 
 def _begin_again(folder: Path) -> dict[str, Any]:
-    """Put what is there before a job in its place, and return it."""
     shutil.rmtree(disk().place)
     shutil.copytree(folder, disk().place)
     return files(disk().place)
 
 
 def _faults(operations: list[tuple[int, str]]) -> Iterator[tuple[int, int, str]]:
-    """Yield each error with the operations that get it: of those alike the first and the last.
-
-    Of temporary files, and of those of the cache, all with the same suffix are alike.
-    """
+    """Yield each error with the operations that get it: of those alike the first and the last."""
+    # Of temporary files, and of those of the cache, all with the same suffix are alike.
     for error, kinds in ERRORS.items():
         ends: dict[str, list[int]] = {}
         for number, what in enumerate((what for kind, what in operations if kind & kinds), 1):

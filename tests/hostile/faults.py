@@ -18,10 +18,8 @@ LONG = "n" * 300
 
 
 def _small(folder: str, room: int) -> tuple[str, ...]:
-    """Return a program that starts another with a disk for a folder that has little room [kB] left.
-
-    What it holds then is copied out of it.
-    """
+    """Return a program that starts another with a disk for a folder that has little room [kB] left."""
+    # What it holds then is copied out of it.
     script = (
         f"mkdir -p {folder} && cp -a {folder} kept && "
         f"mount -t tmpfs -o size=$(($(du -sk kept | cut -f1) + {room}))k none {folder} && "
@@ -84,11 +82,9 @@ def _link(name: str, target: str) -> Callable[[Path], object]:
 
 
 _COMMANDS = {
-    "ssp": (_SSP, (*_SSP, *OTHER)),
-    "build": (BUILD, (*BUILD, *OTHER)),
-    "simulate": ((*SIMULATE, "2"), (*SIMULATE, "0.1")),
-    "run": ((*RUN, "2", "--no-reference"), (*RUN, "0.1")),
-}
+    "ssp": (_SSP, (*_SSP, *OTHER)), "build": (BUILD, (*BUILD, *OTHER)),
+    "simulate": ((*SIMULATE, "2"), (*SIMULATE, "0.1")), "run": ((*RUN, "2", "--no-reference"), (*RUN, "0.1")),
+}  # fmt: skip
 """Each command, and the one that wrote the results before."""
 _WRITTEN = {"ssp": 200_000, "build": 50_000, "simulate": 200_000, "run": 200_000}
 """Bytes of which each command writes more into one file."""

@@ -27,13 +27,11 @@ Look = Callable[[], object]
 
 
 def _command(*words: object) -> None:
-    """Run a command in this process, and raise its error."""
     if error := CliRunner().invoke(app, [str(word) for word in words]).exception:
         raise error
 
 
 def _packed(place: Path, change: Callable[[str, bytes], bytes]) -> Look:
-    """Copy a run, and change members of its FMUs."""
     shutil.copytree(arm_run(), place)
     with zipfile.ZipFile(place / "system.ssp") as package:
         members = {name: package.read(name) for name in package.namelist()}
@@ -175,7 +173,6 @@ LOOKS = (
 
 
 def files(folder: Path) -> dict[Path, bytes]:
-    """Return the files in a folder, except for those looked at."""
     given = folder / "given"
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and given not in path.parents}
 

@@ -23,7 +23,6 @@ class Job:
 
 
 def _half(folder: Path) -> None:
-    """Leave the first of two points of a study, as a part."""
     table = parquet.read_table(folder / "out/sweep.parquet")
     (folder / "out/parts").mkdir()
     parquet.write_table(
@@ -104,7 +103,6 @@ JOBS = {
 
 
 def files(place: Path) -> dict[str, Any]:
-    """Return the files of a folder with what tells whether they are the same; see `same`."""
     found: dict[str, Any] = {}
     for path in sorted(place.rglob("*")):
         name = str(path.relative_to(place))

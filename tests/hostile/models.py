@@ -41,7 +41,6 @@ _LINES = (
 
 
 def _changed(text: str, dice: random.Random) -> str:
-    """Return the text of a file with one change."""
     kind = dice.choice(("number", "number", "number", "scale", "scale", "text", "line", "lines", "cut"))
     if kind in ("number", "scale", "text"):
         places = list((_TEXT if kind == "text" else _NUMBER).finditer(text))
@@ -115,13 +114,9 @@ def _run(scenario: Scenario, folder: Path) -> None:
     scenario = dataclasses.replace(scenario, stop=5 * scenario.step)
     package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "s.ssp", system_values(scenario))
     results = simulate(
-        package,
-        start=0.0,
-        stop=scenario.stop,
-        step=scenario.step,
-        algorithm=scenario.master,
+        package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
         adaptive=scenario.adaptive,
-    )
+    )  # fmt: skip
     _finite("a signal", *(results[name] for name in results.names))
 
 

@@ -73,7 +73,6 @@ _TEXTS = {"SystemStructure.ssd": _SSD, "values.ssv": _SSV, "modelDescription.xml
 
 
 def pack(members: dict[str, str | bytes]) -> bytes:
-    """Return a zip file."""
     box = io.BytesIO()
     with zipfile.ZipFile(box, "w", zipfile.ZIP_DEFLATED) as file:
         for name, data in members.items():
@@ -82,7 +81,6 @@ def pack(members: dict[str, str | bytes]) -> bytes:
 
 
 def package(texts: dict[str, str]) -> bytes:
-    """Return a system of two components of one FMU, which has no binary."""
     fmu = pack({"modelDescription.xml": texts["modelDescription.xml"]})
     return pack(
         {

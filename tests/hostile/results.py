@@ -29,7 +29,6 @@ _VALUES: tuple[Any, ...] = (
 
 @cache
 def _runs() -> list[Path]:
-    """Return folders of a run with an arm and of one of a package."""
     home = Path(mkdtemp(dir=workshop()))
     vdfmu.run("planar_tracking", stop=0.02, out=home / "arm")
     run_system(home / "arm" / "system.ssp", stop=0.02, out=home / "package")
@@ -37,7 +36,6 @@ def _runs() -> list[Path]:
 
 
 def arm_run() -> Path:
-    """Return the folder of a run with an arm."""
     return _runs()[0]
 
 
@@ -84,7 +82,6 @@ def summaries(number: int, folder: Path) -> None:
 
 @cache
 def _log() -> str:
-    """Return a log of 600 rows of the planar arm."""
     t = 1e-3 * np.arange(600)
     columns = {"time": t}
     for name in ("plant.q", "plant.kappa", "controller.tau"):
@@ -99,7 +96,6 @@ _WORDS = ("", "nan", "inf", "1e999", "x", "-1", '"', "\0", "\u202e", ",", ";", "
 
 @cache
 def planar() -> vdfmu.Robot:
-    """Return the robot of the logs."""
     return vdfmu.load_robot("planar_2dof")
 
 

@@ -22,7 +22,7 @@ COMMANDS = (
     Job((*RUN, "0.2"), ((*RUN, "0.1"),), together=True, cold=True),
     Job((*RUN, "0.05", "--backend", "python"), ((*RUN, "0.1"),), together=True),
     Job(
-        ("simulate", "arm.ssp", "--out", "out", "--stop", "1.0", "--isolate"), (_PACKAGE, (*RUN, "0.1")), together=True
+        ("run", "arm.ssp", "--out", "out", "--stop", "1.0", "--isolate"), (_PACKAGE, (*RUN, "0.1")), together=True
     ),
     Job(("cache", "clear"), cold=True),
     *(
@@ -48,7 +48,6 @@ class Known:
 
 @cache
 def known(job: Job) -> Known:
-    """Run a command to its end, after those before it."""
     folder = Path(tempfile.mkdtemp(dir=workshop()))
     begin(folder)
     for step in job.before:

@@ -26,7 +26,6 @@ def _sweep(folder: Path) -> Sweep:
 
 @cache
 def _study() -> tuple[Path, Path, Any]:
-    """Return folders of a study that is done and of one that was stopped after two points, and the rows."""
     home = Path(mkdtemp(dir=workshop()))
     done, half = home / "done", home / "half"
     rows = _rows(_sweep(done))
@@ -43,12 +42,10 @@ def _study() -> tuple[Path, Path, Any]:
 
 
 def done_study() -> Path:
-    """Return the folder of a study that is done."""
     return _study()[0]
 
 
 def _rows(study: Sweep) -> Any:
-    """Return the rows without the times that they took."""
     return study.table().sort_by("point").drop_columns("wall_s").replace_schema_metadata()
 
 

@@ -97,7 +97,7 @@ _WAYS = (
 def fled(number: int, folder: Path) -> None:
     """Simulate a component that leaves a process in a session of its own, and then ends, hangs, stops or goes on."""
     way = _WAYS[number % len(_WAYS)]
-    job = Job(("simulate", "arm.ssp", "--out", "out", "--stop", "0.05", "--isolate"), JOBS["simulate"].before, True)
+    job = Job(("run", "arm.ssp", "--out", "out", "--stop", "0.05", "--isolate"), JOBS["simulate"].before, True)
     start = known(job)
     place, site = folder / "place", folder / "site"
     shutil.copytree(start.folder, place)

@@ -81,7 +81,6 @@ def tried(corpus: Corpus, numbers: Iterable[int], row: Row | None = None) -> Row
 
 
 def table(rows: Iterable[Row]) -> str:
-    """Return the rows as a table of Markdown."""
     head = (
         "| corpus | tries | refused or stopped in words | failures | slowest [s] |\n| --- | ---: | ---: | ---: | ---: |"
     )

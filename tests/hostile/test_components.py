@@ -108,14 +108,11 @@ def test_children_end_with_the_process(unit, tmp_path):
     assert beats.stat().st_size == count
 
 
-def test_a_unit_that_never_answers_is_ended(unit, monkeypatch):
+def test_a_unit_that_never_answers_is_ended_and_findings_that_it_wrote_are_bounded(unit, monkeypatch):
     monkeypatch.setattr(check_run, "SECONDS", 3.0)
     (problem,) = check_run.run_apart(unit(CODE["hang"])).problems
     assert problem == "a run of 10 steps did not end within 3 s"
-
-
-def test_findings_that_a_unit_wrote_are_bounded(unit, monkeypatch):
-    """The process is the unit's: it may write any findings."""
+    # The process is the unit's: it may write any findings.
     monkeypatch.setattr(check_run, "_ANSWER_LIMIT", 10)
 
     def answer(*arguments):
@@ -145,7 +142,7 @@ def test_a_unit_that_may_have_one_instance_gets_one(controller, monkeypatch):
 
 
 @pytest.mark.heavy
-def test_check_says_that_it_runs_code(unit):
+def test_check_says_that_it_runs_code_and_escapes_are_shown_and_not_executed(unit):
     path = unit("_exit(0);")
 
     def said(*options: str) -> tuple[str, str]:
@@ -156,11 +153,7 @@ def test_check_says_that_it_runs_code(unit):
 
     assert "note: runs code of" in said()[1]
     assert "note: runs code of" not in said("--no-run")[1]
-
-
-@pytest.mark.heavy
-def test_escapes_are_shown_and_not_executed(unit):
-    """Those of a component's output, and of a name of a file."""
+    # Those of a component's output, and of a name of a file.
     path = unit(CODE["flood"])
     hostile = path.with_name("a\x1b[2Jb.fmu")
     path.rename(hostile)
@@ -172,12 +165,9 @@ def test_escapes_are_shown_and_not_executed(unit):
     assert b"a\\x1b[2Jb.fmu" in done.stdout
 
 
-def test_what_a_terminal_acts_on_is_written_out():
+def test_messages_of_components_are_bounded_and_what_a_terminal_acts_on_is_written_out(monkeypatch):
     assert shown("a\x1b[2J\tb\nc\r\x7f\x9b\u202e\udcff é 中") == "a\\x1b[2J\tb\nc\\r\\x7f\\x9b\\u202e\\udcff é 中"
     assert shown(shown("\x1b")) == shown("\x1b")
-
-
-def test_messages_of_components_are_bounded_and_shown(monkeypatch):
     box = MessageBox(lambda message: None, limit=100)
     monkeypatch.setitem(boxes, 7, ("a", box))
     for _ in range(1000):

@@ -9,12 +9,8 @@ from tests.hostile import runs
 
 
 @pytest.mark.heavy
-def test_a_few_runs_in_eight_threads_are_the_same(tmp_path):
+def test_a_few_runs_in_eight_threads_are_the_same_and_leave_nothing_behind(tmp_path):
     runs.threads(2, 0, tmp_path)
-
-
-@pytest.mark.heavy
-def test_a_few_runs_leave_nothing_behind(tmp_path):
     runs.in_a_row(24, 0, tmp_path)
 
 

@@ -15,7 +15,6 @@ WHEELS = {("Linux", "x86_64"), ("Windows", "AMD64")}  # platforms that ecospy, t
 
 @pytest.fixture(scope="session")
 def tracking(tmp_path_factory):
-    """Return the whole tracking scenario, prepared by the process that comes first; the others wait for it."""
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "vdfmu_interop"
     done, failed = folder / "done", folder / "failed"

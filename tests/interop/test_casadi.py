@@ -1,7 +1,5 @@
 """CasADi's importer of FMUs: the plant's right-hand side, its derivatives, the shortest motion by IPOPT."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import casadi as ca
@@ -33,7 +31,6 @@ class Swing(Unit):
 
 @pytest.fixture(scope="module")
 def rates(tmp_path_factory):
-    """Return the plant's derivatives of its states, from the trace and from the FMU."""
     robot = load_robot(ROBOT)
     fmu = build_fmus(robot, tmp_path_factory.mktemp("casadi"), units=["plant"], backend="native")["plant"]
     return traced_rate(robot), imported_rate(fmu)

@@ -116,7 +116,6 @@ def test_the_exact_step_is_exact(tracking):
 
 @pytest.fixture(scope="module")
 def bare(tracking, tmp_path_factory):
-    """Return FMUs without the scenario's start values."""
     return build_fmus(tracking.scenario.robot, tmp_path_factory.mktemp("bare"), backend="native")
 
 
@@ -134,15 +133,11 @@ def error_of(tracking, path, **more):
 
 
 @pytest.mark.heavy
-def test_ecos_applies_the_set_that_it_is_told(tracking, require, package):
+def test_ecos_and_libcosim_apply_the_sets_that_they_are_told_or_find_first(tracking, require, package):
     require("ecos")
     assert error_of(tracking, package, importer="ecos", parameter_set="scenario") < TO_REFERENCE
     # without it the arm goes elsewhere: the start values alone would not do
     assert error_of(tracking, package, importer="ecos") > 1000 * TO_REFERENCE
-
-
-@pytest.mark.heavy
-def test_libcosim_applies_the_first_set_of_each_component(tracking, require, package):
     require("libcosim")
     assert error_of(tracking, package, importer="libcosim") < TO_REFERENCE
 

@@ -36,7 +36,6 @@ LAW = {
 
 @pytest.fixture
 def example(monkeypatch):
-    """Return the names of the example's script."""
     monkeypatch.syspath_prepend(str(FOLDER))
     for name in ("laws", "cells"):
         monkeypatch.delitem(sys.modules, name, raising=False)

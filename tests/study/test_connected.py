@@ -90,7 +90,7 @@ def test_vectors_connect_by_name_and_a_plain_signal_connects_to_a_torque():
     assert not [note for note in results.summary["notes"] if "arm.tau" in note and "not connected" in note]
 
 
-def test_all_faults_of_names_come_at_once():
+def test_all_faults_of_names_come_at_once_and_misfits_name_both_ends():
     with pytest.raises(UsageError) as error:
         vdfmu.connect({"a": Lag, "b": Lag}, {"a.z": "c.u", "b.u": "a.u", "a.y": "b.v"}, values={"a.w": 1.0})
     assert str(error.value).splitlines() == [
@@ -104,9 +104,6 @@ def test_all_faults_of_names_come_at_once():
         vdfmu.connect({"a b": Lag})
     with pytest.raises(UsageError, match="components must be at least one"):
         vdfmu.connect({})
-
-
-def test_misfits_name_both_ends():
     with pytest.raises(UsageError, match=r"f.y -> arm.tau: lengths must be equal, got 1 and 2\. Connect elements"):
         vdfmu.connect({"f": Lag, "arm": "plant"}, {"f.y": "arm.tau"}, robot="planar_2dof")
     with pytest.raises(SspError, match=r"arm\.q\[1\] -> arm\.tau\[1\]: unit mismatch, 'rad'"):

@@ -109,14 +109,11 @@ def test_the_rule():
     assert estimate(runs, 1, ["v", "v"])[0][1] == pytest.approx(2e-3)
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        ({"wanted": 1.0}, "wanted must be an error between 0 and 1"),
-        ({"meant": "both"}, "meant must be sampled or continuous"),
-        ({"adaptive": 1e-3, "algorithm": "iterative"}, "judge compares fixed steps"),
-    ],
-)
+@pytest.mark.parametrize(("options", "text"), [
+    ({"wanted": 1.0}, "wanted must be an error between 0 and 1"),
+    ({"meant": "both"}, "meant must be sampled or continuous"),
+    ({"adaptive": 1e-3, "algorithm": "iterative"}, "judge compares fixed steps"),
+])  # fmt: skip
 def test_wrong_calls(lags, options, text):
     with pytest.raises(UsageError, match=text):
         lags.judge(step=0.01, **options)

@@ -1,7 +1,5 @@
 """Arms that are wired from their links and joints: the same as those in one piece."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -61,7 +59,6 @@ class Wired:
 
 
 def wired(robot: Robot, settings: Mapping[str, Any] | None = None) -> tuple[Wired, SystemFile]:
-    """Return the decomposed components of a robot in the tracking scenario."""
     apart, values = decomposed(scenario_of(robot), settings)
     names = [name for name in apart.system.parts if name not in ("trajectory", "controller")]
     units = {name: apart.resolved.units[name] for name in names}
@@ -74,12 +71,10 @@ def wired(robot: Robot, settings: Mapping[str, Any] | None = None) -> tuple[Wire
 
 
 def robot_of(name: str) -> Robot:
-    """Return a shipped robot, or the general chain."""
     return make_general_chain() if name == "general" else load_robot(name)
 
 
 def random_desired(n: int, seed: int) -> Desired:
-    """Return a desired motion at an instant, of some rad, rad/s, .. each."""
     return Desired(*np.random.default_rng(seed).normal(size=(5, n)))
 
 
@@ -193,7 +188,7 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
     np.testing.assert_allclose(body.p_B, p, rtol=0, atol=1e-11 * np.abs(p).max())
 
 
-def test_a_seventh_joint_is_two_more_components(planar):
+def test_a_seventh_joint_is_two_more_components_and_what_they_do_not_know_is_refused(planar):
     """The wiring of a longer arm has that of the shorter one, but for its tool, and two components more."""
     longer = replace(planar, joint_types=(*planar.joint_types, "revolute"), **{
         name: np.concatenate([array, array[-1:]])
@@ -209,9 +204,6 @@ def test_a_seventh_joint_is_two_more_components(planar):
         return {pair for pair in pairs if not any(word in "".join(pair) for word in ("tool", "_3"))}
 
     assert {pair for pair in edges(long) if "[3]" not in "".join(pair)} == edges(short)
-
-
-def test_what_joints_and_links_do_not_know_is_refused(planar):
     with pytest.raises(UsageError, match="plant: the robot planar_2dof has moving_base, but units of links and"):
         decomposed(scenario_of(replace(planar, moving_base=True)))
     with pytest.raises(UsageError, match="feedforward: the robot planar_2dof has hysteresis"):

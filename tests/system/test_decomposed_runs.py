@@ -28,7 +28,6 @@ pytestmark = pytest.mark.heavy  # the FMUs are compiled
 
 
 def package(scenario: Scenario, folder: Path, settings: dict[str, Any] | None = None) -> Path:
-    """Return the package of a decomposed scenario."""
     apart, values = decomposed(scenario, settings)
     return write_ssp(apart, build_parts(apart, folder, values), folder / "apart.ssp", values)
 
@@ -46,7 +45,6 @@ def test_nothing_is_wrong_with_the_fmus(unit, version, tmp_path):
 
 
 def compare(found: Any, whole: Any, n: int, tolerance: float) -> None:
-    """Compare a run with that of the arm in one piece."""
     for i in range(1, n + 1):
         for name in ("tau_m", "tau_s", "kappa_dot_d"):
             both = found[f"feedforward_joint_{i}.{name}"], whole[f"feedforward.{name}[{i}]"]
@@ -70,14 +68,11 @@ def test_the_papers_arm_runs_as_in_one_piece(tmp_path):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("robot", "settings"),
-    [
-        ("iiwa_7dof", {"feedforward.mode": "vdc"}),  # seven joints, rotors that push the links, end stops
-        ("slider_3dof", {"plant.q_dot_0[1]": 0.2, "plant.F_e[2]": 3.0}),  # a prismatic one; it starts in motion
-        ("kr300_6dof", {}),  # a counterbalance
-    ],
-)
+@pytest.mark.parametrize(("robot", "settings"), [
+    ("iiwa_7dof", {"feedforward.mode": "vdc"}),  # seven joints, rotors that push the links, end stops
+    ("slider_3dof", {"plant.q_dot_0[1]": 0.2, "plant.F_e[2]": 3.0}),  # a prismatic one; it starts in motion
+    ("kr300_6dof", {}),  # a counterbalance
+])  # fmt: skip
 def test_other_arms_run_as_in_one_piece(tmp_path, robot, settings):
     scenario = replace(load_scenario("tracking"), robot=load_robot(robot), sections={})
     moved = {f"trajectory.q_end[{i + 1}]": 0.02 for i in range(scenario.arm.n)} | settings
@@ -126,11 +121,9 @@ def as_co_simulation(path: Path) -> Path:
 
 @pytest.mark.parametrize(("name", "steps"), [("tracking", (1e-3,)), ("planar_tracking", (1e-3, 5e-4, 2.5e-4))])
 def test_as_co_simulation_it_takes_the_master_that_repeats_steps(tmp_path, name, steps):
-    """A link answers an acceleration that is held with a larger one: without repeated steps it is unstable.
-
-    Apparent masses and accelerations run on lines over a step, so the error is of second order; in one piece they are
-    what they are.
-    """
+    """A link answers an acceleration that is held with a larger one: without repeated steps it is unstable."""
+    # Apparent masses and accelerations run on lines over a step, so the error is of second order; in one piece they
+    # are what they are.
     scenario = load_scenario(name)
     path = as_co_simulation(package(scenario, tmp_path))
     whole = write_ssp(scenario, build_parts(scenario, tmp_path / "whole"), tmp_path / "whole.ssp")
@@ -151,7 +144,7 @@ def test_as_co_simulation_it_takes_the_master_that_repeats_steps(tmp_path, name,
 
 def test_the_command_writes_it_and_its_page_shows_power_and_force(tmp_path):
     assert command("ssp", "planar_tracking", "--decomposed", cwd=tmp_path).returncode == 0
-    out = command("simulate", "planar_tracking_decomposed.ssp", "--stop", "0.05", "--out", "run", cwd=tmp_path)
+    out = command("run", "planar_tracking_decomposed.ssp", "--stop", "0.05", "--out", "run", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
     assert command("report", "run", cwd=tmp_path).returncode == 0
     page = (tmp_path / "run" / "report.html").read_text()

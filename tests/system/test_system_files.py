@@ -11,29 +11,26 @@ HEAD = 'name = "x"\nsystem = "mine.toml"\nrobot = "planar_2dof"\nstop = 0.01\nst
 NAME = "expected a name of letters, digits, spaces and _ [+] -, a letter, digit or _ first"
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("[shared]\na = 3", r"shared\.a: expected a table such as .*, got 3\. Name a group of each component"),
-        ("[shared.a]\nplant = 3", r"shared\.a: expected a table such as .*, got a table"),
-        ("[shared.a]", r"shared\.a: expected a table such as .*, got a table"),
-        ('[shared.a]\nplnt = "q_0"', r"shared\.a: expected components in \[units\], got plnt. Did you mean .plant"),
-        ('[shared."../a"]\nplant = "q_0"', rf"shared\.\.\./a: {NAME}, got .\.\./a"),
-        ('[shared.robot]\nplant = "q_0"', r"shared\.robot: expected another name, got robot\. The parameter set of"),
-        ("shared = [1]", r"shared: expected a table, got \[1\]\.$"),
-        ("units = 3", "units: expected a table, got 3"),
-        ('connections = "x"', "connections: expected a table, got .x"),
-        ('[units]\n"../x" = "wall"', rf"units\.\.\./x: {NAME}, got .\.\./x"),
-        ('[units]\n"a.b" = "wall"', rf"units\.a\.b: {NAME}, got .a\.b"),
-        ('[units]\n"" = "wall"', rf"units\.: {NAME}, got"),
-        (
-            "[units]\nplant = [0, 0, inf, 1]",
-            "units.plant: expected corners .*, got .0, 0, inf, 1.. Or leave the box out",
-        ),
-        ("[units]\nplant = [false, false, true, true]", "units.plant: expected corners"),
-        (f"[units]\nplant = [0, 0, 1{'0' * 400}, 1]", "units.plant: expected corners"),
-    ],
-)
+@pytest.mark.parametrize(("text", "said"), [
+    ("[shared]\na = 3", r"shared\.a: expected a table such as .*, got 3\. Name a group of each component"),
+    ("[shared.a]\nplant = 3", r"shared\.a: expected a table such as .*, got a table"),
+    ("[shared.a]", r"shared\.a: expected a table such as .*, got a table"),
+    ('[shared.a]\nplnt = "q_0"', r"shared\.a: expected components in \[units\], got plnt. Did you mean .plant"),
+    ('[shared."../a"]\nplant = "q_0"', rf"shared\.\.\./a: {NAME}, got .\.\./a"),
+    ('[shared.robot]\nplant = "q_0"', r"shared\.robot: expected another name, got robot\. The parameter set of"),
+    ("shared = [1]", r"shared: expected a table, got \[1\]\.$"),
+    ("units = 3", "units: expected a table, got 3"),
+    ('connections = "x"', "connections: expected a table, got .x"),
+    ('[units]\n"../x" = "wall"', rf"units\.\.\./x: {NAME}, got .\.\./x"),
+    ('[units]\n"a.b" = "wall"', rf"units\.a\.b: {NAME}, got .a\.b"),
+    ('[units]\n"" = "wall"', rf"units\.: {NAME}, got"),
+    (
+        "[units]\nplant = [0, 0, inf, 1]",
+        "units.plant: expected corners .*, got .0, 0, inf, 1.. Or leave the box out",
+    ),
+    ("[units]\nplant = [false, false, true, true]", "units.plant: expected corners"),
+    (f"[units]\nplant = [0, 0, 1{'0' * 400}, 1]", "units.plant: expected corners"),
+])  # fmt: skip
 def test_what_a_system_file_cannot_have_is_named(tmp_path, text, said):
     path = tmp_path / "mine.toml"
     path.write_text(f'extends = "system"\n{text}\n' if "[" in text[:1] else f'{text}\nextends = "system"\n')

@@ -10,7 +10,6 @@ from vdfmu.system.scenario.decomposed import cutting_point, decomposed
 
 
 def torso(robot: Robot) -> tuple[dict[str, str], dict[str, list[str]], dict[str, Any]]:
-    """Return units, connections and values of a body on a joint, with a planar arm at each of its cutting points."""
     units = package_units()
     parts = {"base": "arm_base", "torso_joint": "plant_joint", "torso": "plant_link"}
     connections: dict[str, list[str]] = {}
@@ -28,5 +27,4 @@ def torso(robot: Robot) -> tuple[dict[str, str], dict[str, list[str]], dict[str,
 
 
 def scenario_of(robot: Robot) -> Scenario:
-    """Return the tracking scenario for another robot."""
     return replace(load_scenario("tracking"), robot=robot, sections={})

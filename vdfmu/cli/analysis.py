@@ -245,7 +245,7 @@ def judge(
     meant: Annotated[
         str | None,
         Option(
-            "Meaning of discrete outputs without a declared period.",
+            "Meaning of discrete outputs without a period.",
             choices=("sampled", "continuous"),
             more="Sampled components keep the step as their period. By default both readings are printed.",
         ),

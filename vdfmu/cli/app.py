@@ -6,11 +6,13 @@ import inspect
 import logging
 import os
 import platform
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from glob import glob
+from itertools import pairwise
 from typing import Any, NoReturn
 
 import click
@@ -23,6 +25,8 @@ from vdfmu.base.version import __version__
 from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
 from vdfmu.cli.terminal import console, fail
 
+_FMUS = re.compile(r"[^-].*\.(ssp|fmu)|\w+=.*\.(fmu|py)", re.IGNORECASE)
+"""A package, an FMU, or a component with its FMU or unit."""
 COMPLETE = "_VDFMU_COMPLETE"
 """Variable by which the shell asks for completions."""
 
@@ -32,6 +36,8 @@ class Described(click.Command):
 
     panel = "Commands"
     """Heading of its group in the list of commands."""
+    of_files: click.Command | None = None
+    """Command of the same name for files."""
 
     def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
         settings["params"] = [
@@ -100,6 +106,17 @@ class App(Described, click.Group):
             made = added if isinstance(added, App) else FunctionCommand(added.__name__, callback=added, example=example)
             made.panel = panel
             self.add_command(made)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Return the command that the words name, of FMUs if an argument is one."""
+        name, command, rest = super().resolve_command(ctx, args)
+        of_files = getattr(command, "of_files", None)
+        if command is not None and of_files is not None:
+            options = [each for each in (*command.params, *of_files.params) if isinstance(each, click.Option)]
+            takes = {word for each in options if not each.is_flag for word in each.opts}
+            if any(_FMUS.fullmatch(word) and before not in takes for before, word in pairwise(["", *rest])):
+                command = of_files
+        return name, command, rest
 
     def main(self, args: Any = None, *_: Any, **extra: Any) -> NoReturn:
         """Run the command that the words name; wrong usage is an error as any other."""

@@ -16,13 +16,12 @@ from vdfmu.base.cache import one_job
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.version import __version__
 from vdfmu.cli import analysis, cache, doctor, files, identify, robots, runs, scenarios, studies, units, view
-from vdfmu.cli.app import COMPLETE, App
+from vdfmu.cli.app import COMPLETE, App, FunctionCommand
 from vdfmu.cli.terminal import console, fail, folder_is_gone, table
 
 COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Run": (
         (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
-        (runs.simulate, "vdfmu simulate tracking.ssp --master jacobi --out results/jacobi"),
         (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
         (studies.app, ""),
         (
@@ -149,3 +148,6 @@ app = App(
 )  # fmt: skip
 for panel, listed in COMMANDS.items():
     app.add(listed, panel)
+app.commands["run"].of_files = FunctionCommand(  # pyright: ignore[reportAttributeAccessIssue]
+    "run", callback=runs.run_package, example="vdfmu run a=A.fmu b=B.fmu --connect a.y=b.u --stop 1 --step 0.001"
+)

@@ -1,4 +1,4 @@
-"""``vdfmu run``, ``simulate`` and ``federate``."""
+"""``vdfmu run`` and ``federate``."""
 
 from __future__ import annotations
 
@@ -57,17 +57,15 @@ def run(
     opened: OpenOption = False,
     **options: Unpack[ScenarioRunOptions],
 ) -> None:
-    """Run a scenario and judge the run.
+    """Run a scenario and judge the run, or run FMUs.
 
     Builds stale FMUs, co-simulates, solves the references, compares, writes a page.
     The exit code is 1 if the run failed, 0 if it is good or doubtful.
+    `vdfmu run FILE.ssp --help` is the help for packages and FMUs.
     """
-    way = {
-        ".ssp": "is a system package; 'vdfmu simulate' runs it",
-        ".py": "is a unit; 'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario",
-    }.get(Path(scenario).suffix.lower())
-    if way:
-        raise UsageError(f"{scenario}: expected a scenario; this {way}.")
+    if Path(scenario).suffix.lower() == ".py":
+        way = "'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario"
+        raise UsageError(f"{scenario}: must be a scenario, got a unit. {way}.")
     given: dict[str, Any] = {**options}
     if given["simulate"] is None:
         given["simulate"] = True
@@ -139,24 +137,57 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
         raise SystemExit(1)
 
 
-def simulate(
-    package: PackageArgument,
+def run_package(
+    parts: Annotated[
+        list[str], Positional("A package, an FMU, or components: a=A.fmu b=B.fmu.", metavar="FILE|NAME=FILE...")
+    ],
+    connect: Annotated[
+        list[str] | None,
+        Option(
+            "Connect components. Repeatable.", group="System", flag="--connect", metavar="a.y=b.u",
+            more="Vectors connect by name. A component may be a unit too: filter=low_pass.py.",
+        ),
+    ] = None,
     *,
     unpack_limit: UnpackOption = None,
     live: LiveOption = False,
     port: PortOption = None,
     robot: Annotated[str | None, option_of(RobotOptions, "robot", "Arm that --live shows.")] = None,
     **options: Unpack[SystemOptions],
-) -> None:
-    """Run a system package and write its signals.
+) -> None:  # fmt: skip
+    """Run FMUs or a system package and write their signals.
 
-    Start, stop, step and master default to the package's experiment and annotations.
+    Start, stop, step and master default to those of the package or the FMUs.
     """
     if robot is not None and not live:
         raise UsageError("--robot: expected --live, which it is for.")
+    package, source, kept = _package_of(parts, connect or [])
+    if source is not None and options["out"] is None:
+        options["out"] = Path("results", package.stem)
     with live_view(live, port, robot) as observer:
         options["observer"] = observer
-        _run_package(package, unpack_limit, **options)
+        _run_package(package, unpack_limit, source, **options)
+    del kept
+
+
+def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | None, Any]:
+    """Return the package of FMUs, its name in results, and the system that keeps it."""
+    pairs = [part.partition("=") for part in parts]
+    if len(parts) == 1 and parts[0].lower().endswith(".ssp") and not connections:
+        return Path(parts[0]), None, None
+    if wrong := [text for text in connections if text.count("=") != 1]:
+        raise UsageError(f"--connect {wrong[0]}: must be OUTPUT=INPUT, such as a.y=b.u.")
+    if len(parts) > 1 and (wrong := [part for part, (_, sign, _) in zip(parts, pairs, strict=True) if not sign]):
+        raise UsageError(f"{wrong[0]}: must be NAME=FILE if there are several. Write {Path(wrong[0]).stem}={wrong[0]}.")
+    from vdfmu.study.connected import connect as join
+    from vdfmu.study.connected import load as load_system
+
+    if not pairs[0][1]:
+        system = load_system(parts[0])
+    else:
+        links = [tuple(text.split("=")) for text in connections]
+        system = join({name: file for name, _, file in pairs}, links)  # pyright: ignore[reportArgumentType]
+    return system.path, " ".join(parts), system
 
 
 def federate(
@@ -248,7 +279,9 @@ def report(
     _say_page(page, opened)
 
 
-def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[SystemOptions]) -> None:
+def _run_package(
+    package: Path, unpack_limit: int | None, source: str | None = None, **options: Unpack[SystemOptions]
+) -> None:
     """Run a package with what a command line says, and print what the run was."""
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder, run_system
@@ -260,7 +293,7 @@ def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[Syst
     try:
         with unit_messages() as log, package_limit(unpack_limit):
             options["log"] = log
-            results = run_system(package, **options)
+            results = run_system(package, source, **options)
     except (CosimError, Interrupted) as error:
         if error.results is not None:
             from vdfmu.study.report.page import write_failed  # takes long to import

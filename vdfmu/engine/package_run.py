@@ -33,11 +33,15 @@ def default_folder(package: str | os.PathLike[str]) -> Path:
 
 @with_progress
 @with_options
-def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]) -> Results:
-    """Run an SSP, write its results and ``summary.json``, and return the results; `package` is the ``.ssp`` file.
+def run_system(package: str | os.PathLike[str], source: str | None = None, **options: Unpack[SystemOptions]) -> Results:
+    """Run an SSP, write its results and ``summary.json``, and return the results.
 
     Parameters
     ----------
+    package : path
+        The ``.ssp`` file.
+    source : str, optional
+        Its name in the summary, default the path.
     **options
         :class:`vdfmu.engine.options.SystemOptions`.
 
@@ -57,7 +61,7 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
     system = load_ssp(package, options["variant"])
     folder = Path(options["out"]) if options["out"] is not None else default_folder(package)
     about: dict[str, Any] = {
-        "package": str(package), "vdfmu": __version__, "format": FORMAT,
+        "package": source or str(package), "vdfmu": __version__, "format": FORMAT,
         "settings": {name: str(value) for name, value in (options["settings"] or {}).items()},
         "inputs": [table.where for table in tables],
     }  # fmt: skip

@@ -215,7 +215,7 @@ def connect(
     fmi : "2.0" or "3.0", optional
         Version of FMI of units that are built.
     stop, step : float, optional [s]
-        Default stop time and communication step of runs.
+        Default stop time and communication step of runs, else those of the FMUs.
     algorithm : str, optional
         Default master algorithm.
     values : mapping of ``component.variable`` to value, optional
@@ -268,7 +268,8 @@ def load(source: Scenario | str | os.PathLike[str]) -> System:
     """
     ending = "" if isinstance(source, Scenario) else Path(source).suffix.lower()
     if ending == ".fmu":
-        return connect({_word(Path(source).stem): source})  # pyright: ignore[reportArgumentType]
+        name = _word(Path(source).stem)  # pyright: ignore[reportArgumentType]
+        return connect({name: source}, name=name)  # pyright: ignore[reportArgumentType]
     if ending == ".ssp":
         return System(Path(source))  # pyright: ignore[reportArgumentType]
     with ExitStack() as stack:

@@ -8,12 +8,10 @@ from vdfmu.arm.robot import Robot
 
 
 def build_pinocchio_model(robot: Robot) -> pin.Model:
-    """Return the rigid arm as a Pinocchio model.
-
-    Every joint turns about or slides along its own z axis in a frame placed by `rotation` and `offset` in the
-    parent's. The link's inertia is about its centre of mass, in both. Pinocchio's gravity points down, Eq.
-    (62)'s up.
-    """
+    """Return the rigid arm as a Pinocchio model."""
+    # Every joint turns about or slides along its own z axis in a frame placed by `rotation` and `offset` in the
+    # parent's. The link's inertia is about its centre of mass, in both. Pinocchio's gravity points down, Eq. (62)'s
+    # up.
     model = pin.Model()
     model.gravity = pin.Motion(-np.asarray(robot.gravity, dtype=float), np.zeros(3))
     parent = 0
@@ -38,11 +36,9 @@ def external_force(robot: Robot, F_e: np.ndarray) -> list[pin.Force]:
 
 @pytest.fixture(scope="session")
 def pinocchio_model():
-    """Return the function ``pinocchio_model(robot)``."""
     return build_pinocchio_model
 
 
 @pytest.fixture(scope="session")
 def pinocchio_force():
-    """Return the function ``pinocchio_force(robot, F_e)``."""
     return external_force

@@ -27,7 +27,6 @@ NAMES = (
 
 
 def nominal(function, p, rng):
-    """Return smooth arguments: time inside the motion, positive gains and wide limits, the robot's parameters."""
     found = {name: rng.uniform(0.2, 0.9, function.size1_in(name)) for name in function.name_in()}
     if "T" in found:
         found |= {"t": np.array([3.0]), "T": np.array([10.0]), "t_start": np.array([0.0])}
@@ -121,7 +120,6 @@ def test_c_text_of_the_step_calls_what_all_stages_share(robot, functions_of, for
 
 
 def check_c_text(text, function, p, tmp_path):
-    """Compile a text and compare its results with those of the trace."""
     rng = np.random.default_rng(77)
     arguments = [np.ascontiguousarray(a) for a in nominal(function, p, rng)]
     expected = flat(function(*arguments))

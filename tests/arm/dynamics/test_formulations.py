@@ -28,15 +28,12 @@ def test_virtual_decomposition_agrees_with_newton_euler(chain, draw):
 
 
 @pytest.mark.parametrize("wrench", [False, True], ids=["free", "wrench"])
-@pytest.mark.parametrize(
-    ("name", "last", "theirs", "bound"),
-    [
-        # The bounds that the project holds itself to: 1e-12 of the largest torque, some 5000 roundings; 1e-9 of the
-        # largest acceleration, as mass matrices have a condition of up to 1e5.
-        ("inverse_dynamics", "q_ddot", pin.rnea, 1e-12),
-        ("forward_dynamics", "tau_s", pin.aba, 1e-9),
-    ],
-)
+@pytest.mark.parametrize(("name", "last", "theirs", "bound"), [
+    # The bounds that the project holds itself to: 1e-12 of the largest torque, some 5000 roundings; 1e-9 of the
+    # largest acceleration, as mass matrices have a condition of up to 1e5.
+    ("inverse_dynamics", "q_ddot", pin.rnea, 1e-12),
+    ("forward_dynamics", "tau_s", pin.aba, 1e-9),
+])  # fmt: skip
 def test_dynamics_agree_with_pinocchio(
     chain, draw, kernel_of, pinocchio_model, pinocchio_force, name, last, theirs, bound, wrench
 ):
@@ -74,10 +71,8 @@ def test_numpy_equations_agree_with_pinocchio(name, general, draw, pinocchio_mod
 
 
 def planar_closed_form(q, q_dot, q_ddot):
-    """Return joint torques of the planar arm by text-book formulas (Spong, Robot Dynamics and Control, 6.4).
-
-    Angles from the horizontal, upwards. Numbers as in models/robots/planar_2dof.toml.
-    """
+    """Return joint torques of the planar arm by text-book formulas (Spong, Robot Dynamics and Control, 6.4)."""
+    # Angles from the horizontal, upwards. Numbers as in models/robots/planar_2dof.toml.
     m1, m2, l1, lc1, lc2, I1, I2, g = 2.0, 1.0, 0.5, 0.25, 0.2, 0.04, 0.015, 9.81
     c1, c12 = np.cos(q[0]), np.cos(q[0] + q[1])
     c2, s2 = np.cos(q[1]), np.sin(q[1])
@@ -95,7 +90,7 @@ def planar_closed_form(q, q_dot, q_ddot):
     )
 
 
-def test_planar_arm_follows_the_closed_form_of_the_text_book(planar, draw):
+def test_planar_arm_has_the_closed_form_and_the_pose_of_the_text_book(planar, draw):
     for state in draw(planar, 100, seed=69):
         tau = planar_closed_form(state.q, state.q_dot, state.q_ddot)
         ours = inverse_dynamics(planar, state.q, state.q_dot, state.q_ddot)
@@ -104,9 +99,6 @@ def test_planar_arm_follows_the_closed_form_of_the_text_book(planar, draw):
         back = forward_dynamics(planar, state.q, state.q_dot, tau)
         # cond(M) is up to 50.
         np.testing.assert_allclose(back, state.q_ddot, rtol=0, atol=100 * 50 * EPS * 30)
-
-
-def test_planar_pose_is_that_of_the_text_book():
     planar = load_robot("planar_2dof")
     q = np.array([0.4, 0.7])
     p_O, _ = end_effector_pose(planar, q)

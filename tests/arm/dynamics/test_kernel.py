@@ -37,7 +37,7 @@ def refuse_to_trace(monkeypatch):
     monkeypatch.setattr(Kernel, "_made", fail)
 
 
-def test_second_start_does_not_trace(planar, tmp_path, monkeypatch):
+def test_second_start_does_not_trace_from_the_cache_folder_of_the_environment(planar, tmp_path, monkeypatch):
     first = torque(Kernel(planar, tmp_path))
     refuse_to_trace(monkeypatch)
     np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), first)
@@ -46,9 +46,6 @@ def test_second_start_does_not_trace(planar, tmp_path, monkeypatch):
     assert (np.abs(heavy - first) > 1.0).all()
     with pytest.raises(AssertionError, match="traced"):
         torque(Kernel(planar.with_parameters(tool_offset=0.0), tmp_path))
-
-
-def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatch):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path))
     assert cache_folder() == tmp_path
     torque(Kernel(planar))
@@ -58,15 +55,12 @@ def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatc
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("roots", "code"),
-    [
-        (["arm.kernel"], "import vdfmu.arm.kernel"),
-        (["compiler", "arm.units"], "import vdfmu.arm.units; vdfmu.arm.units.shipped_units()"),
-        (["compiler"], "import vdfmu.compiler.fmu.native; import vdfmu.compiler.fmu.documentation"),
-        (["system.reference"], "import vdfmu.system.reference.reference"),
-    ],
-)
+@pytest.mark.parametrize(("roots", "code"), [
+    (["arm.kernel"], "import vdfmu.arm.kernel"),
+    (["compiler", "arm.units"], "import vdfmu.arm.units; vdfmu.arm.units.shipped_units()"),
+    (["compiler"], "import vdfmu.compiler.fmu.native; import vdfmu.compiler.fmu.documentation"),
+    (["system.reference"], "import vdfmu.system.reference.reference"),
+])  # fmt: skip
 def test_the_digest_of_the_sources_covers_all_that_is_loaded(roots, code):
     """Else a change there would leave functions of before in the cache."""
     code = f"import sys; {code}; print(*(name for name in sys.modules if name.startswith('vdfmu.')))"
@@ -108,15 +102,13 @@ def test_file_of_another_function_is_replaced(planar, tmp_path):
     np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), expected)
 
 
-def test_cache_folder_that_cannot_be_written_only_costs_time(planar, tmp_path):
+def test_cache_folder_that_cannot_be_written_or_searched_only_costs_time(planar, tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.write_text("in the way of a folder")
     expected = torque(Kernel(planar, None))
     np.testing.assert_array_equal(torque(Kernel(planar, file / "cache")), expected)
     assert os.listdir(tmp_path) == ["file"]
 
-
-def test_cache_folder_that_may_not_be_searched_only_costs_time(planar, tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied")
 
@@ -136,7 +128,6 @@ def test_full_disk_leaves_no_half_file(planar, tmp_path, monkeypatch):
 
 
 def fill(folder, names, size):
-    """Store files of `size` bytes, the first used longest ago."""
     for age, name in enumerate(reversed(names)):
         cache.store(folder / name, name.encode().ljust(size))
         os.utime(folder / name, (1e9 - age, 1e9 - age))
@@ -207,13 +198,11 @@ for k in range(300):
 def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
     crowd = [
         subprocess.Popen(
-            [sys.executable, "-c", CROWD, tmp_path, str(seed)],
-            stderr=subprocess.PIPE,
-            text=True,
+            [sys.executable, "-c", CROWD, tmp_path, str(seed)], stderr=subprocess.PIPE, text=True,
             env=os.environ | {"VDFMU_CACHE_MB": str(20_000 / 2**20)},
         )
         for seed in (1, 2, 5)
-    ]
+    ]  # fmt: skip
     for process in crowd:
         _, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors
@@ -223,12 +212,9 @@ def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
     assert sum((tmp_path / name).stat().st_size for name in files) <= 20_000 + 3 * 1_065
 
 
-def test_unknown_function_lists_the_known_ones(planar):
+def test_call_checks_name_count_and_sizes_and_each_function_has_buffers_of_its_own(planar, kernel_of):
     with pytest.raises(KernelError, match=r"must be one of inverse_dynamics, .*mass_matrix.*, got 'inverse'"):
         Kernel(planar, None).function("inverse")
-
-
-def test_call_checks_count_and_sizes(planar, kernel_of):
     function = kernel_of(planar).function("inverse_dynamics")
     p, rest = kernel_of(planar).p, np.zeros(2)
     with pytest.raises(
@@ -241,9 +227,6 @@ def test_call_checks_count_and_sizes(planar, kernel_of):
     # At q = 0 the arm is horizontal: (2 kg * 0.25 m + 1 kg * (0.5 m + 0.2 m)) g and 1 kg * 0.2 m * g; a few
     # roundings.
     np.testing.assert_allclose(tau, [1.2 * 9.81, 0.2 * 9.81], rtol=1e-15 * 4)
-
-
-def test_two_functions_of_one_kernel_have_buffers_of_their_own(planar, kernel_of):
     a, b = (kernel_of(planar).function("inverse_dynamics") for _ in range(2))
     a.args["q"][:] = 1.0
     assert not b.args["q"].any()
@@ -266,30 +249,24 @@ def test_rows_take_single_arrays_and_batches(planar, kernel_of):
     assert kernel.rows("inverse_dynamics", [np.empty((0, 2)), q_dot, q_ddot, F_e], SIZES).shape == (0, 2)
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ([0.0], r"inverse_dynamics: q: expected shape \(2,\) or \(m, 2\), got \(1,\)"),
-        (0.0, r"q: expected shape \(2,\) or \(m, 2\), got \(\)"),
-        (np.zeros((2, 2, 2)), r"q: expected shape .*, got \(2, 2, 2\)"),
-        ([0.0, np.nan], r"q\[1\]: expected a finite number, got nan"),
-        ([[0.0, 0.0], [np.inf, 0.0]], r"q\[1, 0\]: expected a finite number, got inf"),
-        (["a", "b"], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
-        ([[0.0, 0.0], [0.0]], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
-    ],
-)
+@pytest.mark.parametrize(("value", "message"), [
+    ([0.0], r"inverse_dynamics: q: expected shape \(2,\) or \(m, 2\), got \(1,\)"),
+    (0.0, r"q: expected shape \(2,\) or \(m, 2\), got \(\)"),
+    (np.zeros((2, 2, 2)), r"q: expected shape .*, got \(2, 2, 2\)"),
+    ([0.0, np.nan], r"q\[1\]: expected a finite number, got nan"),
+    ([[0.0, 0.0], [np.inf, 0.0]], r"q\[1, 0\]: expected a finite number, got inf"),
+    (["a", "b"], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
+    ([[0.0, 0.0], [0.0]], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
+])  # fmt: skip
 def test_rows_refuse_what_is_no_array_of_finite_numbers(planar, kernel_of, value, message):
     with pytest.raises(KernelError, match=message):
         kernel_of(planar).rows("inverse_dynamics", [value, *arguments()[1:]], SIZES)
 
 
-def test_rows_refuse_batches_of_different_lengths(planar, kernel_of):
+def test_given_buffers_are_used_in_place_and_batches_of_different_lengths_refused(planar, kernel_of):
     q, q_dot, q_ddot, F_e = arguments()
     with pytest.raises(KernelError, match=r"batches of different lengths \[2, 3\]: expected one length"):
         kernel_of(planar).rows("inverse_dynamics", [np.stack([q] * 2), np.stack([q_dot] * 3), q_ddot, F_e], SIZES)
-
-
-def test_given_buffers_are_used_in_place_and_checked(planar, kernel_of):
     q = np.array([0.3, 0.4])
     function = kernel_of(planar).function("inverse_dynamics", q=q)
     assert function.args["q"] is q
@@ -310,30 +287,20 @@ def test_symbol_refuses_to_become_a_float():
     assert float(Symbol(2.5)) == 2.5
 
 
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda s: bool(s),
-        lambda s: s == 0.0,
-        lambda s: s != 0.0,
-        lambda s: s in [0.0],
-        lambda s: np.array([s, s]) == 0.0,
-        lambda s: 1.0 if s else 0.0,
-    ],
-)
+@pytest.mark.parametrize("ask", [
+    lambda s: bool(s), lambda s: s == 0.0, lambda s: s != 0.0, lambda s: s in [0.0],
+    lambda s: np.array([s, s]) == 0.0, lambda s: 1.0 if s else 0.0,
+])  # fmt: skip
 def test_symbol_refuses_to_be_true_or_false(ask):
     with pytest.raises(KernelError, match="a condition on a value is not known while equations are traced"):
         ask(symbol())
 
 
-def test_symbol_has_no_order_and_no_hash():
+def test_symbols_compute_as_floats_do_without_order_or_hash():
     with pytest.raises(KernelError, match=r"where\(condition, a, b\), clip, minimum, maximum or sgn"):
         sorted([symbol("a"), symbol("b")])
     with pytest.raises(TypeError, match="unhashable"):
         {symbol()}
-
-
-def test_symbols_compute_as_floats_do():
     x = ca.SX.sym("x", 2)
     s = from_sx(x)
     value = np.array([0.7, -1.3])
@@ -351,7 +318,7 @@ def test_symbols_compute_as_floats_do():
     np.testing.assert_allclose(results, np.array(f(value), dtype=float), rtol=0, atol=4e-15)
 
 
-def test_symbols_mix_with_arrays_and_jets():
+def test_symbols_and_jets_mix_with_arrays_that_are_laid_out_row_by_row_as_in_fmi():
     s = symbol()
     row = s * np.array([1.0, 2.0])
     assert row.dtype == object and all(isinstance(v, Symbol) for v in row)
@@ -360,15 +327,9 @@ def test_symbols_mix_with_arrays_and_jets():
     assert (s * 0.0).is_zero()
     assert zeros((2,), row).dtype == object and zeros((2,), np.zeros(3)).dtype == float
     assert repr(s) == "Symbol(s)" and len(repr(sum([s] * 100, s))) < 75
-
-
-def test_jets_times_arrays_are_arrays_of_jets():
     jet, array = Jet(1.0, 2.0, 3.0), np.array([2.0, 3.0])
     for product in (jet * array, array * jet, jet + array, array - jet, jet - array, jet / array, array / jet):
         assert isinstance(product, np.ndarray) and all(isinstance(v, Jet) for v in product)
-
-
-def test_arrays_of_symbols_are_laid_out_row_by_row_as_in_fmi():
     matrix = ca.SX.sym("m", 2, 3)
     assert from_sx(matrix).shape == (2, 3)
     function = KernelFunction(ca.Function("f", [matrix], [to_sx(from_sx(matrix))], ["m"], ["out"]))

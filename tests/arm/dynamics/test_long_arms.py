@@ -21,12 +21,10 @@ def _from_shorter_ones():
 
 
 def alternating(n):
-    """Return a chain whose joints turn and slide in turns."""
     return dataclasses.replace(repeated_link(n), joint_types=("revolute", "prismatic") * (n // 2))
 
 
 def check_files(unit, robot):
-    """Compare the C from shorter arms with that of the arm's own trace, byte by byte."""
     interface = Interface(find_unit(unit), robot)
     assert len(interface.shorter) == 2
     assert grown({one.joints: traced_files(one) for one in interface.shorter}, robot.n) == traced_files(interface)
@@ -60,7 +58,7 @@ def test_the_dependencies_of_a_long_arm_are_those_of_its_trace(unit, monkeypatch
         assert all((pattern[row] == other[row]).all() for row in range(told.size))
 
 
-def test_an_arm_with_an_unlike_joint_in_its_middle_has_no_shorter_ones():
+def test_arms_with_an_unlike_joint_or_of_less_time_have_no_shorter_ones(monkeypatch):
     robot = repeated_link(40)
     assert [one.n for one in robot.shorter()] == [14, 16]
     types = list(robot.joint_types)
@@ -73,14 +71,11 @@ def test_an_arm_with_an_unlike_joint_in_its_middle_has_no_shorter_ones():
     ends = dataclasses.replace(robot, joint_types=tuple(types)).shorter()
     assert [one.joint_types.count("prismatic") for one in ends] == [2, 2]
     assert repeated_link(20).shorter() == []  # not much longer than they are
-
-
-def test_arms_that_take_less_time_themselves_have_no_shorter_ones(monkeypatch):
     monkeypatch.setattr("vdfmu.arm.robot.robot._MANY", 1.0)
     assert [len(repeated_link(n).shorter()) for n in (28, 30, 31, 32, 33)] == [0, 2, 0, 2, 2]  # 14 + 16, 15 + 17
 
 
-def test_texts_that_do_not_grow_evenly_are_refused():
+def test_texts_and_variables_that_do_not_grow_evenly_are_refused():
     def files(*texts):
         return {n: {"a.c": text} for n, text in zip((10, 12, 14), texts, strict=True)}
 
@@ -99,9 +94,6 @@ def test_texts_that_do_not_grow_evenly_are_refused():
     assert grown(files("w[3 * i + 10];", "w[3 * i + 12];", "w[3 * i + 14];"), 20) == {"a.c": "w[3 * i + 20];"}
     assert grown(files("w[10 * i + 1];", "w[12 * i + 1];", "w[14 * i + 1];"), 20) is None  # a matrix of joints
     assert grown({10: {"a.c": ""}, 12: {"b.c": ""}, 14: {"a.c": ""}}, 20) is None
-
-
-def test_a_unit_whose_variables_do_not_grow_evenly_has_no_shorter_ones():
     interface = Interface(find_unit("controller"), repeated_link(26))
     assert len(interface.shorter) == 2
     square = Interface(find_unit("controller"), repeated_link(26))

@@ -14,7 +14,6 @@ STEP = ("plant_step_start", "plant_step_solve", "plant_step_balance")
 
 
 def functions_of(robot):
-    """Return the long functions of the units by name."""
     plant, feedforward = (UnitFunctions(find_unit(unit), robot, cache=None) for unit in ("plant", "feedforward"))
     called = {one.name(): one for one in plant.casadi_function("plant_step").find_functions()}
     found = {name: called[name] for name in STEP}

@@ -101,12 +101,10 @@ def test_rotors_on_a_moving_base_agree_with_bodies_on_a_free_root(chain, draw):
     for state, ride in zip(draw(robot, 20, seed=13), rides(20, 14), strict=True):
         xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
         accelerations, F_S = flying.solve(
-            ride,
-            bodies.vector(state.q, 17.0 * state.kappa_dot),
+            ride, bodies.vector(state.q, 17.0 * state.kappa_dot),
             bodies.vector(state.q_dot, robot.ell * state.kappa_dot),
-            bodies.vector(state.tau_s - xi_l, state.tau - state.tau_s / robot.ell - xi_m),
-            state.F_e,
-        )
+            bodies.vector(state.tau_s - xi_l, state.tau - state.tau_s / robot.ell - xi_m), state.F_e,
+        )  # fmt: skip
         base = ride.base(robot)
         x_dot = plant_derivative(robot, state.x, state.tau, state.F_e, base)
         close(x_dot[n : 2 * n], accelerations[bodies.links])
@@ -128,7 +126,7 @@ def test_the_balance_of_forces_is_that_of_the_derivative(chain, draw):
             np.testing.assert_allclose(part, 0.0, atol=CLOSE * np.abs(rate).max())
 
 
-def test_gravity_is_an_acceleration_of_the_base(chain, draw):
+def test_gravity_is_an_acceleration_of_the_base_and_a_base_that_turns_about_the_axis_of_joint_1_is_joint_1(chain, draw):
     floating = dataclasses.replace(chain, gravity=np.zeros(3))
     for state, ride in zip(draw(chain, 5, seed=18), rides(5, 19), strict=True):
         upward = np.concatenate([ride.R_S.T @ chain.gravity, np.zeros(3)])
@@ -140,20 +138,6 @@ def test_gravity_is_an_acceleration_of_the_base(chain, draw):
             inverse_dynamics(chain, *motion, base=tilted),
             1e-13,  # the same sums in another order
         )
-
-
-def turned(robot, angle, rate, acceleration):
-    """Return the place and motion of a base that turns about the axis of joint 1, and its ride."""
-    axis, place = robot.rotation[0][:, 2], np.array(robot.offset[0])
-    R_S = Rotation.from_rotvec(angle * axis).as_matrix()
-    omega, alpha = rate * axis, acceleration * axis
-    v = np.cross(omega, -place)
-    a = np.cross(alpha, -place) + np.cross(omega, v)
-    V_S = np.concatenate([v, omega])
-    return (place - R_S @ place, Base(R_S, V_S)), Ride(R_S, V_S, np.concatenate([a, alpha]))
-
-
-def test_a_base_that_turns_about_the_axis_of_joint_1_is_joint_1(chain, draw):
     for state in draw(chain, 5, seed=20):
         posed, ride = turned(chain, 0.7, 1.3, -2.1)
         first = np.eye(chain.n)[0]
@@ -165,6 +149,17 @@ def test_a_base_that_turns_about_the_axis_of_joint_1_is_joint_1(chain, draw):
         expected = plant_outputs(dataclasses.replace(chain, rotor_coupling=False), other)
         for name in ("p_O", "R_O", "E_kin", "E_pot"):
             close(getattr(shown, name), getattr(expected, name), 1e-12)
+
+
+def turned(robot, angle, rate, acceleration):
+    """Return the place and motion of a base that turns about the axis of joint 1, and its ride."""
+    axis, place = robot.rotation[0][:, 2], np.array(robot.offset[0])
+    R_S = Rotation.from_rotvec(angle * axis).as_matrix()
+    omega, alpha = rate * axis, acceleration * axis
+    v = np.cross(omega, -place)
+    a = np.cross(alpha, -place) + np.cross(omega, v)
+    V_S = np.concatenate([v, omega])
+    return (place - R_S @ place, Base(R_S, V_S)), Ride(R_S, V_S, np.concatenate([a, alpha]))
 
 
 def test_a_load_with_the_mass_of_a_body_is_a_payload(chain, draw):

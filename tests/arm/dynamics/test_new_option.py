@@ -112,14 +112,9 @@ def test_an_option_with_a_state_is_one_file_and_its_place_in_the_list(tmp_path):
     options.write_text(text)
     data = linear_arm()
     run = subprocess.run(
-        [sys.executable, "-c", RUN],
-        input=json.dumps(data),
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONPATH": str(tmp_path), "VDFMU_CACHE_DIR": str(tmp_path / "cache")},
-        cwd=tmp_path,
-    )
+        [sys.executable, "-c", RUN], input=json.dumps(data), capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(tmp_path), "VDFMU_CACHE_DIR": str(tmp_path / "cache")}, cwd=tmp_path,
+    )  # fmt: skip
     assert run.returncode == 0, run.stderr
     found = json.loads(run.stdout)
     assert found["names"] == ["K_x", "T_x", "tau_x", "tau_x_0"]

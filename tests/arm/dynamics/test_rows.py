@@ -15,7 +15,6 @@ from vdfmu.compiler.functions.traced import KernelFunction
 
 @pytest.fixture
 def arm(planar):
-    """Return a robot of which nothing is prepared or compiled in this process."""
     return planar.with_parameters(gravity=planar.gravity)
 
 
@@ -37,14 +36,11 @@ def test_one_state_prepares_nothing_again(arm, monkeypatch):
     np.testing.assert_array_equal(again, expected)
 
 
-def test_results_of_one_state_are_copies(arm):
+def test_results_of_one_state_are_copies_and_threads_do_not_meet(arm):
     first = vdfmu.gravity_torque(arm, np.zeros(arm.n))
     before = first.copy()
     vdfmu.gravity_torque(arm, np.ones(arm.n))
     np.testing.assert_array_equal(first, before)
-
-
-def test_threads_do_not_meet(arm):
     q, q_dot, q_ddot = motion(arm.n, 200)
     expected = vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot)
     wrong = []
@@ -83,16 +79,13 @@ def test_a_large_batch_runs_compiled_and_says_the_same(arm, monkeypatch):
     np.testing.assert_allclose(vdfmu.forward_dynamics(arm, q[:, ::-1], q_dot, q_ddot), pose, rtol=1e-12, atol=1e-10)
 
 
-def test_a_large_batch_is_checked_too(arm, monkeypatch):
+def test_a_large_batch_is_checked_too_and_without_the_compiler_the_same(arm, monkeypatch):
     monkeypatch.setattr(kernel, "_WORTH", 0)
     q = np.zeros((100, arm.n))
     q[7, 1] = np.nan
     with pytest.raises(KernelError, match=r"q\[7, 1\]: expected a finite number, got nan"):
         vdfmu.gravity_torque(arm, q)
     assert vdfmu.gravity_torque(arm, q[:0]).shape == (0, arm.n)
-
-
-def test_without_the_compiler_a_large_batch_is_the_same(arm, monkeypatch):
     q, q_dot, q_ddot = motion(arm.n, 10)
     plain = vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot)
     monkeypatch.setattr(kernel, "_WORTH", 0)

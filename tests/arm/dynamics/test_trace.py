@@ -44,7 +44,6 @@ def traced_robot(request, general):
 
 
 def first_joint(robot: Robot) -> Robot:
-    """Return the arm that ends after the first joint."""
     arrays = {name: getattr(robot, name)[:1] for name, row in PARAMETERS.items() if row.per_joint}
     return dataclasses.replace(robot, name="single", joint_types=robot.joint_types[:1], **arrays)
 
@@ -56,8 +55,6 @@ def plant_jacobian(robot, x, tau, F_e):
 
 
 def plant_step(robot, x, tau, F_e, rate_tau, rate_F_e, h, tolerance):
-    """Return one step of the plant by the stage equations of docs/internals.md, with numpy's solver."""
-
     def residual(x, x_dot, t):
         now = tau + t * rate_tau, F_e + t * rate_F_e
         return balance(robot, x, x_dot, *now)
@@ -84,7 +81,6 @@ def plant_step(robot, x, tau, F_e, rate_tau, rate_F_e, h, tolerance):
 
 
 def case(name, robot, state):
-    """Return arguments by name and the numpy equations' results by name."""
     n = robot.n
     motion = desired_motion(3.0, state.q - 1.0, state.q + 1.0, 10.0)
     desired = motion._asdict()
@@ -155,7 +151,6 @@ def case(name, robot, state):
 
 
 def call(function, arguments, p):
-    """Fill the buffers by name, run, and return copies of the results by name."""
     assert set(function.args) - {"p"} == set(arguments)
     for key, value in arguments.items():
         function.args[key][:] = value
@@ -167,8 +162,6 @@ def call(function, arguments, p):
 
 @pytest.fixture(scope="module")
 def function_of(kernel_of, functions_of):
-    """Return ``function_of(robot, name)``: a traced function of the kernel or of a unit."""
-
     def function(robot, name):
         owner = kernel_of(robot) if name in FUNCTIONS else functions_of(name.split("_")[0], robot)
         return owner.function(name)

@@ -52,8 +52,6 @@ ARM = (
 
 @pytest.fixture
 def urdf(tmp_path):
-    """Return the function that writes a URDF with some content."""
-
     def write(content: str, name: str = "arm.urdf") -> Path:
         path = tmp_path / name
         path.write_text(f'<robot name="arm">\n{content}</robot>\n', encoding="utf-8")
@@ -76,7 +74,6 @@ def pinocchio_arm(path: Path, moving: list[str]) -> pin.Model:
 def differences(
     robot: vdfmu.Robot, model: pin.Model, states: int, scale: float = 2.0, seed: int = 1
 ) -> tuple[float, float]:
-    """Return the largest relative differences of inverse and forward dynamics to those of Pinocchio."""
     data, random = model.createData(), np.random.default_rng(seed)
     q, q_dot, q_ddot = random.uniform(-scale, scale, (3, states, robot.n))
     turns = [model.joints[i + 1].nq == 2 for i in range(robot.n)]  # a continuous joint is a point on a circle

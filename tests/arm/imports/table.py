@@ -3,8 +3,6 @@
 ``python -m tests.arm.imports.table`` writes it into example_robots.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.metadata import distribution
 from pathlib import Path
@@ -34,13 +32,11 @@ class Row(NamedTuple):
 
 
 def folder() -> Path:
-    """Folder of the robots."""
     data = distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")
     return Path(str(data))
 
 
 def rows() -> Iterator[Row]:
-    """Import all arms of all files, and hold each against Pinocchio."""
     for path in sorted(folder().rglob("*.urdf"), key=lambda path: (path.name, str(path))):
         row = Row(f"{path.parents[1].name}/{path.name}", [], [])
         tree = read_urdf(parse_file(path), path, Problems(""))
@@ -68,15 +64,12 @@ def rows() -> Iterator[Row]:
 
 
 def table() -> str:
-    """Return the table in markdown, and what it adds up to."""
     found = list(rows())
     arms, refused = sum(len(row.arms) for row in found), sum(len(row.refused) for row in found)
     lines = [
-        f"{len(found)} files, {arms} arms imported, {refused} refused.",
-        "",
-        "| file | arms: tip and joints | refused |",
-        "| --- | --- | --- |",
-    ]
+        f"{len(found)} files, {arms} arms imported, {refused} refused.", "",
+        "| file | arms: tip and joints | refused |", "| --- | --- | --- |",
+    ]  # fmt: skip
     for row in found:
         imported = ", ".join(f"{tip} {n}" for tip, n in row.arms)
         reasons = "; ".join(f"{tip}: {reason}" if tip else reason for tip, reason in row.refused)
@@ -85,7 +78,6 @@ def table() -> str:
 
 
 def parts() -> tuple[str, str, str]:
-    """Return what the page has before, in and after the table."""
     before, begin, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     inside, end, after = rest.partition(END)
     assert begin and end

@@ -141,7 +141,7 @@ def test_a_file_of_drives_names_gears_and_motors(urdf, tmp_path):
     np.testing.assert_allclose(robot.kappa_dot_max, [615.38 / 100.0, 662.47 / 100.0, 662.47 / 160.0])
 
 
-def test_published_drives_of_the_fr3_disagree_threefold(urdf):
+def test_published_drives_of_the_fr3_disagree_threefold_and_armature_is_the_inertia_of_the_rotor(urdf):
     arm = link("ground", "") + "".join(link(f"link{i}") for i in range(1, 8))
     parents = ["ground", *(f"link{i}" for i in range(1, 7))]
     arm += "".join(joint(f"fr3_joint{i}", parent, f"link{i}") for i, parent in enumerate(parents, 1))
@@ -154,20 +154,14 @@ def test_published_drives_of_the_fr3_disagree_threefold(urdf):
     assert (2.3 < reflected / (menagerie.I_m * menagerie.ell)).all()
     assert "Franka" in (franka.source_of("joints[1].drive.I_m") or "")
     assert menagerie.f_c.tolist() == [1.137] * 4 + [0.763, 0.44, 0.248]
-
-
-def test_armature_becomes_the_inertia_of_the_rotor():
     rows = [row for row in PARAMETERS.values() if row.given == "armature"]
     assert [row.quantity for row in rows] == ["rotor inertia"]
 
 
-def test_the_files_words_for_parameters_are_those_of_urdf():
+def test_the_words_of_a_file_of_drives_are_those_of_urdf_and_assumed_drives_are_complete():
     words = {row.given for row in PARAMETERS.values() if row.per_joint} - {""}
     assert words == {"lower", "upper", "effort", "velocity", "damping", "friction", "armature"}
-
-
-def test_the_assumed_drives_are_complete():
-    """Every number without a default of its own, except those of limits that only some robots have."""
+    # Every number without a default of its own, except those of limits that only some robots have.
     for kind in ("revolute", "prismatic"):
         for part in ("drive", "friction", "limits"):
             needed = {row.key for row in section(part) if row.default is None}

@@ -15,17 +15,14 @@ def test_every_arm_agrees_with_pinocchio_or_is_refused_with_a_reason_as_the_page
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("file", "tip"),
-    [
-        ("ur_description/urdf/ur5_robot.urdf", None),
-        ("panda_description/urdf/panda.urdf", None),
-        ("xarm_description/urdf/xarm7.urdf", None),
-        ("z1_description/urdf/z1.urdf", None),
-        ("so_arm_description/urdf/so101.urdf", None),
-        ("talos_data/robots/talos_reduced.urdf", "arm_left_7_link"),
-    ],
-)
+@pytest.mark.parametrize(("file", "tip"), [
+    ("ur_description/urdf/ur5_robot.urdf", None),
+    ("panda_description/urdf/panda.urdf", None),
+    ("xarm_description/urdf/xarm7.urdf", None),
+    ("z1_description/urdf/z1.urdf", None),
+    ("so_arm_description/urdf/so101.urdf", None),
+    ("talos_data/robots/talos_reduced.urdf", "arm_left_7_link"),
+])  # fmt: skip
 def test_the_same_robots_as_mjcf_agree_with_mujoco(tmp_path, file, tip):
     root = etree.parse(folder() / file).getroot()
     for link in root.findall("link"):  # MuJoCo does not read all meshes

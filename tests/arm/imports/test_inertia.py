@@ -66,7 +66,7 @@ def test_what_is_made_of_shapes_is_said(urdf, tmp_path):
     np.testing.assert_array_equal(found.robot.mass[1:], vdfmu.robot_from_urdf(urdf(ARM)).mass[1:])
 
 
-def test_collisions_are_taken_before_visuals_unless_they_are_meshes(urdf):
+def test_an_inertia_of_zero_is_completed_by_collisions_before_visuals_and_the_mass_stays(urdf):
     ball = 4.0 / 3.0 * np.pi * 0.08**3
     for inside, volume in (
         (f"<visual>{MESH}</visual><collision>{BALL}</collision>", ball),
@@ -75,9 +75,6 @@ def test_collisions_are_taken_before_visuals_unless_they_are_meshes(urdf):
     ):
         robot = vdfmu.robot_from_urdf(urdf(with_one(inside)), density=1000.0)
         assert robot.mass[0] == pytest.approx(1000.0 * volume, rel=1e-14)
-
-
-def test_an_inertia_of_zero_is_completed_and_the_mass_of_the_file_stays(urdf):
     zero = '<inertial><mass value="2"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
     path = urdf(with_one(zero + f"<visual>{BALL}</visual>"))
     with pytest.raises(

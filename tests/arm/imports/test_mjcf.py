@@ -28,8 +28,6 @@ PAIR = '<body name="{0}"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{1}
 
 @pytest.fixture
 def mjcf(tmp_path):
-    """Return the function that writes a MuJoCo file."""
-
     def write(text: str) -> Path:
         path = tmp_path / "arm.xml"
         path.write_text(text, encoding="utf-8")
@@ -38,21 +36,18 @@ def mjcf(tmp_path):
     return write
 
 
-def test_inverse_dynamics_are_those_of_mujoco(mjcf):
+def test_inverse_dynamics_are_those_of_mujoco_from_a_base_to_a_tip(mjcf):
     path = mjcf(ARM)
     robot = vdfmu.robot_from_mjcf(path)
     assert robot.joint_types == ("revolute", "prismatic", "revolute")
     assert largest_difference(path, robot, ["turn", "slide", "last"]) < 1e-12  # some 100 n roundings
-
-
-def test_a_base_and_a_tip_are_bodies(mjcf):
     path = mjcf(ARM)
     found = import_robot(path, tip="two")
     assert largest_difference(path, found.robot, ["turn", "slide"]) < 1e-12  # as above
     assert "held at 0, beside the arm: last." in found.notes
 
 
-def test_what_the_file_says_of_drives_is_taken_over(mjcf):
+def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):
     robot = vdfmu.robot_from_mjcf(mjcf(ARM))
     first, second, _ = robot.to_dict()["joints"]
     assert (first["limits"]["q_min"], first["limits"]["q_max"]) == (-1.0, 1.0)
@@ -63,9 +58,6 @@ def test_what_the_file_says_of_drives_is_taken_over(mjcf):
     assert str(robot.source_of("joints[2].friction.f_v")).startswith("Assumed")  # 0 is what MuJoCo has without one
     assert robot.gravity.tolist() == [-1.0, -2.0, 9.0]
     assert second["limits"]["q_max"] == 1e6
-
-
-def test_shapes_are_kept_where_mujoco_shows_them(mjcf):
     robot = vdfmu.robot_from_mjcf(mjcf(ARM))
     looks = [(visual.joint, visual.shape, visual.size.tolist()) for visual in robot.visuals]
     assert looks[:2] == [(0, "box", [0.2, 0.2, 0.2]), (1, "box", [0.2, 0.4, 0.6])]
@@ -73,22 +65,19 @@ def test_shapes_are_kept_where_mujoco_shows_them(mjcf):
     assert robot.visuals[1].color.tolist() == [1.0, 0.0, 0.0, 1.0]
 
 
-@pytest.mark.parametrize(
-    ("inside", "further", "expected"),
-    [
-        (PAIR.format("a", "<freejoint/>"), "", "joint joint 1 of a: expected one of revolute, continuous, prismatic"),
-        (PAIR.format("a", '<joint type="ball"/>'), "", "got ball. Choose a base above which it lies, --base a"),
-        (PAIR.format("a", '<joint name="j"/><joint name="k" axis="1 0 0"/>'), "",
-         "joint j: expected a link with mass, which it moves, got no <inertial> with a mass in a at j."),
-        (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
-         '<equality><joint joint1="k" joint2="j"/></equality>',
-         "joint k: expected a joint with its own drive, got one that mimics j."),
-        (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
-         '<equality><connect name="bar" body1="b" body2="world" anchor="0 0 0"/></equality>',
-         "bar: expected links of one chain, got a loop: it joins b to world beside the joints. An arm must"),
-        ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("inside", "further", "expected"), [
+    (PAIR.format("a", "<freejoint/>"), "", "joint joint 1 of a: expected one of revolute, continuous, prismatic"),
+    (PAIR.format("a", '<joint type="ball"/>'), "", "got ball. Choose a base above which it lies, --base a"),
+    (PAIR.format("a", '<joint name="j"/><joint name="k" axis="1 0 0"/>'), "",
+     "joint j: expected a link with mass, which it moves, got no <inertial> with a mass in a at j."),
+    (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
+     '<equality><joint joint1="k" joint2="j"/></equality>',
+     "joint k: expected a joint with its own drive, got one that mimics j."),
+    (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
+     '<equality><connect name="bar" body1="b" body2="world" anchor="0 0 0"/></equality>',
+     "bar: expected links of one chain, got a loop: it joins b to world beside the joints. An arm must"),
+    ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
+])  # fmt: skip
 def test_what_is_no_arm_is_refused(mjcf, inside, further, expected):
     path = mjcf(f"<mujoco><worldbody>{inside}</worldbody>{further}</mujoco>")
     with pytest.raises(vdfmu.VdfmuError) as error:

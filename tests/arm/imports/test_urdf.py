@@ -13,16 +13,13 @@ from vdfmu.arm.imports import import_robot
 from vdfmu.arm.imports.tree import aligned
 
 
-def test_the_dynamics_are_those_of_pinocchio(urdf):
+def test_the_dynamics_and_the_tool_are_those_of_pinocchio(urdf):
     path = urdf(ARM)
     robot = vdfmu.robot_from_urdf(path)
     assert robot.joint_types == ("revolute", "revolute", "prismatic")
     inverse, forward = differences(robot, pinocchio_arm(path, ["a", "b", "c"]), 20)
     assert inverse < 1e-13  # some 100 n roundings
     assert forward < 1e-11  # times the condition number of M, below 100
-
-
-def test_the_tool_is_where_pinocchio_has_the_tip(urdf):
     path = urdf(ARM)
     model = pinocchio_arm(path, ["a", "b", "c"])
     data, q = model.createData(), np.array([0.3, -0.8, 0.2])
@@ -42,13 +39,10 @@ def test_a_frame_is_turned_onto_an_axis(axis):
     assert np.linalg.det(R) > 0
 
 
-def test_axes_along_frames_give_rotations_of_ones_and_zeros(urdf):
+def test_axes_along_frames_give_rotations_of_ones_and_zeros_and_another_base_keeps_gravity(urdf):
     bare = joint("a", "ground", "one", axis="0 1 0", origin="")
     robot = vdfmu.robot_from_urdf(urdf(link("ground", "") + link("one") + bare))
     assert robot.rotation[0].tolist() == [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
-
-
-def test_another_base_keeps_the_direction_of_gravity(urdf):
     path = urdf(ARM)
     robot = vdfmu.robot_from_urdf(path, base="two")
     assert robot.n == 1
@@ -67,7 +61,7 @@ def test_what_moves_beside_the_arm_is_held_and_carried(urdf):
     assert inverse < 1e-13  # as above
 
 
-def test_joints_that_are_coupled_are_no_arm(urdf):
+def test_joints_that_are_coupled_and_links_without_mass_are_named(urdf):
     fingers = (
         link("left")
         + link("right")
@@ -77,9 +71,6 @@ def test_joints_that_are_coupled_are_no_arm(urdf):
     found = import_robot(urdf(ARM + fingers))
     assert found.robot.n == 3
     assert "held at 0, beside the arm: left, right." in found.notes
-
-
-def test_links_without_mass_are_named(urdf):
     assert "joint c: the file gives no mass to tool." in import_robot(urdf(ARM)).notes
 
 
@@ -118,9 +109,6 @@ def test_a_range_that_is_none_is_no_end_stop(urdf):
         )
         if robot.limits:
             assert (robot.q_min[0], robot.q_max[0]) == (-1e6, 1e6)
-
-
-def test_a_file_without_limits_gives_none(urdf):
     robot = vdfmu.robot_from_urdf(
         urdf(link("ground", "") + link("one") + joint("a", "ground", "one", "continuous", inside=""))
     )
@@ -169,14 +157,12 @@ def test_visuals_follow_their_links(urdf, tmp_path):
     assert any(note.startswith("meshes not found") for note in found.notes)
 
 
-def test_a_file_of_xacro_is_named(urdf):
+def test_a_file_of_xacro_and_a_ratio_that_is_left_out_are_named(urdf):
     path = urdf("")
     path.write_text('<robot xmlns:xacro="http://x"><xacro:include filename="a"/></robot>', encoding="utf-8")
     with pytest.raises(vdfmu.VdfmuError, match=r"Write the URDF first: xacro arm.urdf > arm_plain.urdf"):
         vdfmu.robot_from_urdf(path)
 
-
-def test_a_ratio_that_is_left_out_is_told(urdf):
     def transmission(name: str, ratio: str) -> str:
         motor = f'<actuator name="m"><mechanicalReduction>{ratio}</mechanicalReduction></actuator>'
         return f'<transmission name="t_{name}"><joint name="{name}"/>{motor}</transmission>'

@@ -74,14 +74,12 @@ class Counter:
 
 
 def count_operations(equations: Callable[[Counter], Any]) -> Count:
-    """Run ``equations(counter)`` with a new counter and return what it counted."""
     counter = Counter()
     equations(counter)
     return Count(counter.multiplications, counter.additions, counter.functions)
 
 
 def counting_chain(n: int, counter: Counter) -> Robot:
-    """Chain of `n` revolute joints whose numbers all are the counter."""
     robot = repeated_link(n)
     fields = {name: counter.array(*getattr(robot, name).shape) for name in (*_RIGID, "gravity", "tool_offset")}
     return dataclasses.replace(robot, **fields)

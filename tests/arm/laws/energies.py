@@ -6,5 +6,4 @@ ENERGIES = ("E_kin", "E_pot", "E_spring")
 
 
 def energy(outputs):
-    """Return the sum of all energies [J]."""
     return sum(np.ravel(getattr(outputs, name))[0] for name in ENERGIES)

@@ -28,15 +28,12 @@ from vdfmu.compiler.scalar.jet import derivative, jets
 EPS = np.finfo(float).eps
 
 
-def test_body_mass_matrix_is_symmetric_positive_definite(chain):
+def test_body_mass_matrix_is_positive_definite_and_gives_the_kinetic_energy_of_its_points(chain):
     for i in range(chain.n):
         M_B = mass_matrix(*chain.body(i))
         # The two halves are the same products in another order: one rounding of the largest entry.
         np.testing.assert_allclose(M_B, M_B.T, rtol=0, atol=EPS * np.abs(M_B).max())
         assert np.linalg.eigvalsh(M_B).min() > 0
-
-
-def test_body_mass_matrix_gives_the_kinetic_energy_of_its_points():
     # A body of eight points: its kinetic energy is the sum over the points, whatever frame (60) uses.
     random = np.random.default_rng(1)
     points, m = random.normal(size=(8, 3)), random.uniform(0.1, 1.0, 8)
@@ -48,7 +45,7 @@ def test_body_mass_matrix_gives_the_kinetic_energy_of_its_points():
     np.testing.assert_allclose(0.5 * V_B @ mass_matrix(m.sum(), r, I_B) @ V_B, energy, rtol=100 * EPS)
 
 
-def test_coriolis_force_is_the_product_with_the_coriolis_matrix(chain, draw):
+def test_coriolis_force_is_the_product_with_a_skew_symmetric_matrix(chain, draw):
     for state in draw(chain, 20, seed=12):
         V_B = state.F_e
         for i in range(chain.n):
@@ -57,9 +54,6 @@ def test_coriolis_force_is_the_product_with_the_coriolis_matrix(chain, draw):
             # Both are sums of at most 100 products below max|C_B| max|V_B|: 100 roundings.
             bound = 100 * EPS * np.abs(C_B).max() * np.abs(V_B).max()
             np.testing.assert_allclose(coriolis_force(*body, V_B), C_B @ V_B, rtol=0, atol=bound)
-
-
-def test_coriolis_matrix_is_skew_symmetric(chain, draw):
     for state in draw(chain, 20, seed=2):
         omega = state.F_e[3:]
         for i in range(chain.n):
@@ -90,7 +84,7 @@ def test_net_force_is_the_rate_of_momentum_plus_weight():
     np.testing.assert_allclose(F, derivative(momentum, 1) + weight, rtol=0, atol=1e-12 * np.abs(F).max())
 
 
-def test_force_and_velocity_transforms_keep_power():
+def test_transforms_keep_power_and_follow_the_chained_poses(chain, draw):
     # F_A = U_AB F_B and V_B = U_AB.T V_A: the power of a wrench is the same in every frame.
     random = np.random.default_rng(4)
     Q, _ = np.linalg.qr(random.normal(size=(3, 3)))
@@ -98,9 +92,6 @@ def test_force_and_velocity_transforms_keep_power():
     V_A, F_B = random.normal(size=6), random.normal(size=6)
     # 42 products of order 1: 50 roundings.
     np.testing.assert_allclose(V_A @ (U_AB @ F_B), (U_AB.T @ V_A) @ F_B, rtol=0, atol=50 * EPS * 10)
-
-
-def test_chained_transforms_follow_the_chained_poses(chain, draw):
     # (33) and (32) describe the same frames: products of one agree with products of the other.
     for state in draw(chain, 5, seed=5):
         T, U = np.eye(4), np.eye(6)
@@ -116,7 +107,7 @@ def test_chained_transforms_follow_the_chained_poses(chain, draw):
         np.testing.assert_allclose(force_transform(T[:3, :3], T[:3, 3]), U, rtol=0, atol=1e-13)
 
 
-def test_velocity_derivative_is_the_derivative_of_the_velocity(chain, draw):
+def test_velocity_derivative_is_that_of_the_velocity_and_transform_rate_minus_the_cross_motion(chain, draw):
     for state in draw(chain, 5, seed=6):
         zero = np.zeros(chain.n)
         motion = link_motion(chain, state.q, state.q_dot, state.q_ddot)
@@ -127,9 +118,6 @@ def test_velocity_derivative_is_the_derivative_of_the_velocity(chain, draw):
         for V_B, V_B_dot in zip(moving.V_B, motion.V_B_dot, strict=True):
             # The same chain of some 100 n products: 1e-13 of the largest entry.
             np.testing.assert_allclose(derivative(V_B, 1), V_B_dot, rtol=0, atol=1e-13 * scale)
-
-
-def test_transform_rate_is_minus_the_cross_motion(chain, draw):
     state = draw(chain, 1, seed=7)[0]
     fixed = link_motion(chain, state.q, state.q_dot, state.q_ddot).U_AB
     moving = link_motion(chain, jets(state.q, state.q_dot, state.q_ddot), state.q_dot, state.q_ddot).U_AB
@@ -139,15 +127,12 @@ def test_transform_rate_is_minus_the_cross_motion(chain, draw):
         np.testing.assert_allclose(derivative(moving[i].T, 1), -X @ fixed[i].T, rtol=0, atol=1e-14)
 
 
-def test_joint_mass_matrix_is_symmetric_positive_definite(chain, draw):
+def test_joint_mass_matrix_is_symmetric_positive_definite_and_has_the_energy_of_the_links(chain, draw):
     for state in draw(chain, 50, seed=8):
         M = joint_space_mass_matrix(chain, state.q)
         # Sums of n congruences J.T M J: some 100 n products.
         np.testing.assert_allclose(M, M.T, rtol=0, atol=100 * chain.n * EPS * np.abs(M).max())
         assert np.linalg.eigvalsh(M).min() > 0
-
-
-def test_kinetic_energy_is_that_of_the_links(chain, draw):
     for state in draw(chain, 10, seed=9):
         V_b = link_motion(chain, state.q, state.q_dot, state.q_ddot).V_B
         bodies = [mass_matrix(*chain.body(i)) for i in range(chain.n)]
@@ -171,7 +156,7 @@ def coriolis_in_joint_space(robot, q, q_dot):
     return C
 
 
-def test_rate_of_the_mass_matrix_minus_twice_the_coriolis_matrix_is_skew(chain, draw):
+def test_coriolis_matrix_in_joint_space_gives_the_velocity_torques_and_the_rate_less_twice_it_is_skew(chain, draw):
     for state in draw(chain, 10, seed=10):
         q, q_dot = state.q, state.q_dot
         C = coriolis_in_joint_space(chain, q, q_dot)
@@ -179,9 +164,6 @@ def test_rate_of_the_mass_matrix_minus_twice_the_coriolis_matrix_is_skew(chain, 
         N = M_dot - 2.0 * C
         # Sums of some 1000 products of the size of the largest entries.
         np.testing.assert_allclose(N, -N.T, rtol=0, atol=1000 * EPS * np.abs(C).max())
-
-
-def test_coriolis_matrix_in_joint_space_gives_the_velocity_torques(chain, draw):
     for state in draw(chain, 10, seed=11):
         zero = np.zeros(chain.n)
         torque = inverse_dynamics(chain, state.q, state.q_dot, zero) - inverse_dynamics(chain, state.q, zero, zero)
@@ -236,7 +218,7 @@ def test_virtual_power_flows_at_cutting_points_cancel(chain, draw):
 
 
 @EVERY_CHAIN
-def test_inverse_after_forward_is_the_identity(chain, draw):
+def test_forward_dynamics_invert_the_inverse_and_equal_those_by_mapping_matrices(chain, draw):
     for state in draw(chain, 20, seed=15):
         q_ddot = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)
         tau = inverse_dynamics(chain, state.q, state.q_dot, q_ddot, state.F_e)
@@ -244,10 +226,6 @@ def test_inverse_after_forward_is_the_identity(chain, draw):
         M = np.abs(joint_space_mass_matrix(chain, state.q))
         size = np.max(M @ np.abs(q_ddot)) + np.abs(state.tau_s).max()
         np.testing.assert_allclose(tau, state.tau_s, rtol=0, atol=100 * chain.n * EPS * size)
-
-
-@EVERY_CHAIN
-def test_forward_dynamics_by_recursion_equals_that_by_mapping_matrices(chain, draw):
     for state in draw(chain, 20, seed=16):
         a = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)
         b = forward_dynamics_by_mapping(chain, state.q, state.q_dot, state.tau_s, state.F_e)
@@ -256,7 +234,7 @@ def test_forward_dynamics_by_recursion_equals_that_by_mapping_matrices(chain, dr
         np.testing.assert_allclose(a, b, rtol=0, atol=100 * EPS * cond * np.abs(b).max())
 
 
-def test_jacobian_gives_the_velocity_of_the_end_effector(chain, draw):
+def test_jacobian_gives_the_velocity_of_the_end_effector_and_its_transpose_takes_the_wrench(chain, draw):
     for state in draw(chain, 5, seed=17):
         p, R = end_effector_pose(chain, jets(state.q, state.q_dot, state.q_ddot))
         R_now = derivative(R, 0)
@@ -264,9 +242,6 @@ def test_jacobian_gives_the_velocity_of_the_end_effector(chain, draw):
         V_O = np.concatenate([R_now.T @ derivative(p, 1), [S[2, 1], S[0, 2], S[1, 0]]])
         # Some 100 products of sizes up to 10 m/s.
         np.testing.assert_allclose(jacobian(chain, state.q) @ state.q_dot, V_O, rtol=0, atol=1e-13)
-
-
-def test_wrench_on_the_surroundings_enters_through_the_transposed_jacobian(chain, draw):
     for state in draw(chain, 5, seed=18):
         with_wrench = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot, state.F_e)
         without = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot)

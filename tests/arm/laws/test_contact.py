@@ -12,7 +12,6 @@ EPS = np.finfo(float).eps
 
 
 def touched(unit, p_O, R_O, V_O, **values):
-    """Return a unit with its outputs at the pose and velocity of a tool."""
     made = unit(p_O=p_O, R_O=R_O, V_O=V_O, **values)
     if "turn_0" in made.declared:
         made.start()

@@ -52,7 +52,7 @@ def test_the_law_is_that_of_a_public_robot():
     assert (found[lean] < 0.0).all() and (found[~lean][:-1] > 0.0).all()  # back to where it is neutral
 
 
-def test_torque_is_minus_the_slope_of_the_energy():
+def test_torque_is_minus_the_slope_of_the_energy_and_an_upright_arm_needs_less():
     for q in np.linspace(-4.0, 4.0, 41):
         for i in range(2):
             step = np.full(2, q) + 1e-30j * np.eye(2)[i]
@@ -66,10 +66,7 @@ def test_torque_is_minus_the_slope_of_the_energy():
     assert (counterbalance_energy(BOTH, dead + 2.0) > 1.0).all()
     longest, _ = stroke(BOTH, 0, np.pi - 0.4)
     assert longest == pytest.approx(0.2, abs=4 * EPS)  # 2 r
-
-
-def test_an_arm_that_stands_upright_needs_less_torque():
-    """A crank at dead centre with the arm upright helps on either side; inertia and the other joint know nothing."""
+    # A crank at dead centre with the arm upright helps on either side; inertia and the other joint know nothing.
     bare = load_robot("planar_2dof")
     # at q = 0 the arm lies along x
     helped = balanced("planar_2dof", CYLINDER | {"F_cb": 80.0, "delta_cb": -np.pi / 2.0})
@@ -92,7 +89,7 @@ def test_an_arm_that_springs_and_cylinders_hold_stays_at_rest(chain, draw):
         np.testing.assert_allclose(x_dot, 0.0, rtol=0, atol=1e-11)
 
 
-def test_the_solver_keeps_the_energy_of_an_arm_without_losses(plant_solver):
+def test_the_solver_keeps_the_energy_and_a_joint_without_a_cylinder_has_no_line_of_it(plant_solver):
     robot = BOTH.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0, theta_err_amplitude=0.0)
     integrator = plant_solver(robot)
     integrator.tolerance = 1e-10
@@ -103,9 +100,6 @@ def test_the_solver_keeps_the_energy_of_an_arm_without_losses(plant_solver):
     # local errors of 1e-10 in some thousand steps, times the forces that make energy of them, up to 100 N m
     assert energy(end) == pytest.approx(energy(start), abs=1e-5)
     assert abs(end.E_pot - start.E_pot) > 0.1
-
-
-def test_a_joint_without_a_cylinder_has_no_parameter_and_no_line_of_it():
     assert {p.index for p in ONE.entries() if p.field in CYLINDER} == {(0,)}
     none, plain = balanced("slider_3dof"), load_robot("slider_3dof")
     for name in FUNCTIONS:
@@ -113,36 +107,30 @@ def test_a_joint_without_a_cylinder_has_no_parameter_and_no_line_of_it():
     assert robot_from_dict(ONE.to_dict()).to_dict() == ONE.to_dict()
 
 
-@pytest.mark.parametrize(
-    ("cylinder", "words"),
-    [
-        (
-            {"F_cb": 10.0},
-            r"r_cb: expected r_cb > 0, got r_cb = 0\..*\n.*D_cb > r_cb, got D_cb = 0, r_cb = 0\..*\n.*L_cb >",
-        ),
-        (
-            CYLINDER | {"D_cb": 0.1},
-            r"joints\[1\]\.counterbalance\.D_cb: expected D_cb > r_cb, got D_cb = 0\.1, r_cb = 0\.1\.",
-        ),
-        (
-            CYLINDER | {"L_cb": 0.2},
-            r"joints\[1\]\.counterbalance\.L_cb: expected L_cb > 2\*r_cb, got L_cb = 0\.2, r_cb = 0\.1\.",
-        ),
-        (CYLINDER | {"F_cb": -1.0}, r"F_cb: expected a finite number >= 0 in N, got -1.*Give 0 for a joint without"),
-        (CYLINDER | {"delta_cb": float("inf")}, r"delta_cb: expected a finite number in rad, got inf"),
-    ],
-)
+@pytest.mark.parametrize(("cylinder", "words"), [
+    (
+        {"F_cb": 10.0},
+        r"r_cb: expected r_cb > 0, got r_cb = 0\..*\n.*D_cb > r_cb, got D_cb = 0, r_cb = 0\..*\n.*L_cb >",
+    ),
+    (
+        CYLINDER | {"D_cb": 0.1},
+        r"joints\[1\]\.counterbalance\.D_cb: expected D_cb > r_cb, got D_cb = 0\.1, r_cb = 0\.1\.",
+    ),
+    (
+        CYLINDER | {"L_cb": 0.2},
+        r"joints\[1\]\.counterbalance\.L_cb: expected L_cb > 2\*r_cb, got L_cb = 0\.2, r_cb = 0\.1\.",
+    ),
+    (CYLINDER | {"F_cb": -1.0}, r"F_cb: expected a finite number >= 0 in N, got -1.*Give 0 for a joint without"),
+    (CYLINDER | {"delta_cb": float("inf")}, r"delta_cb: expected a finite number in rad, got inf"),
+])  # fmt: skip
 def test_a_cylinder_that_cannot_be_is_refused(cylinder, words):
     with pytest.raises(ModelError, match=words):
         balanced("planar_2dof", cylinder)
 
 
-def test_a_prismatic_joint_has_none():
+def test_a_prismatic_joint_has_none_and_what_is_set_at_run_time_meets_the_same_conditions():
     with pytest.raises(ModelError, match=r"joints\[2\]\.counterbalance\.F_cb: expected 0 at a prismatic joint, got 2"):
         balanced("slider_3dof", CYLINDER, CYLINDER)
-
-
-def test_what_is_set_at_run_time_meets_the_same_conditions():
     interface = Interface(shipped_units()["plant"], ONE)
     for name, value, words in (("L_cb[1]", 0.2, "L_cb > 2*r_cb"), ("D_cb[1]", 0.1, "D_cb > r_cb")):
         memory = Plain(interface).memory.copy()

@@ -156,7 +156,9 @@ def test_bristles_hold_a_load_and_slide_as_the_paper_has_it(with_options):
         np.testing.assert_allclose(xi, stribeck_friction(robot, v), rtol=1e-6)
 
 
-def test_bristles_never_make_energy_however_fast_they_slide(with_options):
+def test_bristles_never_make_energy_and_the_traced_plant_has_the_laws_of_all_options(
+    with_options, draw, plant_function
+):
     random, robot = np.random.default_rng(51), with_options("bristles", sigma_1=1e4)
     for _ in range(500):
         v = random.normal(size=2) * 10.0 ** random.uniform(-5, 1)
@@ -165,10 +167,12 @@ def test_bristles_never_make_energy_however_fast_they_slide(with_options):
         rate = bristle_rate(robot, v, tau_z, level)
         taken = bristle_torque(robot, v, tau_z, level) * v - tau_z * rate / robot.sigma_0
         assert (taken >= -8 * EPS * np.abs(tau_z * v)).all()
+    robot = with_options()
+    states = [(state_of(robot, state, k), state.tau) for k, state in enumerate(draw(robot, 3, seed=53))]
+    assert_traced(plant_function, robot, states)
 
 
 def state_of(robot, state, seed):
-    """Return the state vector with random states of options."""
     random = np.random.default_rng(seed)
     extra = {
         "tau_h": random.uniform(-0.9, 0.9, robot.n) * robot.f_h,
@@ -177,12 +181,6 @@ def state_of(robot, state, seed):
         "T_j": random.uniform(290.0, 340.0, robot.n),
     }
     return np.concatenate([state.x, *(extra[name] for name in state_names(robot)[4:])])
-
-
-def test_traced_plant_with_all_options_has_their_laws_and_slopes(draw, with_options, plant_function):
-    robot = with_options()
-    states = [(state_of(robot, state, k), state.tau) for k, state in enumerate(draw(robot, 3, seed=53))]
-    assert_traced(plant_function, robot, states)
 
 
 @pytest.mark.parametrize("option", OPTIONS)

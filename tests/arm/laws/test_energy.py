@@ -20,7 +20,6 @@ EPS = np.finfo(float).eps
 
 
 def power_in(robot, x, tau, F_e):
-    """Return the power of the motors less that of friction and of the wrench on the surroundings [W]."""
     state = split_state(robot, x)
     xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
     rotor_speed = robot.ell * state.kappa_dot
@@ -29,7 +28,6 @@ def power_in(robot, x, tau, F_e):
 
 
 def rate_of_energy(robot, state):
-    """Return dE/dt by jets along the plant's own motion, and the sum of the powers' magnitudes."""
     x_dot = plant_derivative(robot, state.x, state.tau, state.F_e)
     outputs = plant_outputs(robot, jets(state.x, x_dot, 0.0))
     rates = [derivative(getattr(outputs, name), 1) for name in ENERGIES]

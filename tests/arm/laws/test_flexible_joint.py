@@ -73,16 +73,13 @@ def test_slope_of_the_kinematic_error_is_its_derivative(general, draw):
         np.testing.assert_allclose(kinematic_error_slope(general, state.q), found, rtol=0, atol=4 * EPS)
 
 
-def test_rotor_position_solves_the_spring_equation(chain, draw):
+def test_rotor_position_solves_the_spring_equation_whose_rate_is_its_derivative(chain, draw):
     for state in draw(chain, 20, seed=20):
         kappa = rotor_position(chain, state.q, state.tau_s)
         residual = kappa - state.q - kinematic_error(chain, kappa) - deformation(chain, state.tau_s)
         # |kappa| up to 4: 4 roundings. 2 ell kappa, the error's argument, is rounded to 1e-13 and weighs A <=
         # 3e-4.
         np.testing.assert_allclose(residual, 0.0, rtol=0, atol=4 * EPS * 4)
-
-
-def test_spring_rate_is_the_derivative_of_the_spring_torque(chain, draw):
     # Along any motion of q and tau_s, kappa_dot from the jet of rotor_position must give tau_s_dot back.
     for state in draw(chain, 10, seed=21):
         rate = state.tau
@@ -94,7 +91,7 @@ def test_spring_rate_is_the_derivative_of_the_spring_torque(chain, draw):
         assert (np.abs(tau_s_dot - rate) <= atol).all()
 
 
-def test_velocity_of_the_rotor_differs_from_the_base_by_its_turn_only():
+def test_the_rotor_differs_from_its_base_by_its_turn_only_and_accelerates_by_torque_over_inertia(arm):
     # (4) is the sum of (31) for one joint: the base's velocity in the new frame, and the turn about z.
     random = np.random.default_rng(22)
     V_B, p = random.normal(size=6), random.normal(size=3)
@@ -103,9 +100,6 @@ def test_velocity_of_the_rotor_differs_from_the_base_by_its_turn_only():
     turn = 30.0 * joint_axis("revolute")
     # Sums of 3 products of order 1.
     np.testing.assert_allclose(rotor_velocity(V_B, U, 100.0, 0.3), carried + turn, rtol=0, atol=20 * EPS * 30)
-
-
-def test_rotor_alone_accelerates_by_torque_over_inertia(arm):
     # J_r ell kappa_ddot = tau: I_m is J_r times ell, so kappa_ddot = tau / I_m without spring and friction.
     zero = np.zeros(6)
     tau_k = rotor_torque(arm, np.full(6, 0.00114), zero, zero)
@@ -144,12 +138,10 @@ def test_integrated_arm_at_rest_stays_at_rest(robot, plant_solver):
 
 
 def without_coulomb_friction(robot):
-    """Return the robot with viscous friction only."""
     return robot.with_parameters(f_c=0.0, f_s=0.0, f_ck=0.0)
 
 
 def in_pure_rotation(robot):
-    """Return the robot with rotors that the links do not carry along, Eq. (56)."""
     return dataclasses.replace(robot, rotor_coupling=False)
 
 

@@ -31,16 +31,13 @@ def test_friction_is_odd_and_dissipative(chain, velocity):
         assert (xi * v > 0).all() if velocity else (xi == 0).all()
 
 
-def test_friction_far_from_standstill_is_that_of_equation_54(arm):
+def test_friction_is_that_of_equation_54_on_rotor_or_link(arm):
     # At 1 rad/s, 1000 times eps, tanh is 1 to the last bit; what is left is (54) as printed, in plain Python.
     for v in (1.0, -1.0):
         xi = stribeck_friction(arm, np.full(6, v))
         for i in range(6):
             stribeck = (arm.f_s[i] - arm.f_c[i]) * np.exp(-(abs(v / arm.v_s[i]) ** 2))
             assert xi[i] == pytest.approx((arm.f_c[i] + stribeck) * np.sign(v) + arm.f_v[i] * v, rel=10 * EPS)
-
-
-def test_friction_arrangements_put_it_on_rotor_or_link(arm):
     q_dot, kappa_dot = np.full(6, 0.3), np.full(6, -0.4)
     xi_l, xi_m = joint_friction(arm, q_dot, kappa_dot)
     np.testing.assert_array_equal(xi_l, np.zeros(6))
@@ -81,22 +78,19 @@ def test_trajectory_goes_from_rest_to_rest_and_holds():
             np.testing.assert_array_equal(motion(t)[k], np.zeros(2))
 
 
-def test_trajectory_jerk_jumps_at_both_ends():
+def test_trajectory_jerk_jumps_at_both_ends_whatever_the_rounding():
     jump = 4 * np.pi**2 * (Q_END - Q_START) / T**3
     for t, outside in ((T_START, T_START - 1e-7), (T_START + T - 1e-7, T_START + T)):
         # cos(0) is 1, cos(2 pi - 6e-8) too but for 2e-15: a few roundings.
         np.testing.assert_allclose(motion(t).q_d_dddot, jump, rtol=1e-14)
         np.testing.assert_array_equal(motion(outside).q_d_dddot, np.zeros(2))
-
-
-def test_trajectory_at_its_ends_does_not_depend_on_rounding():
-    """At the start it moves already, at the end no more, however a time was summed up; see `desired_motion`."""
-    for T, t_start, pairs in rounded_ends():
+    # At the start it moves already, at the end no more, however a time was summed up; see `desired_motion`.
+    for duration, t_start, pairs in rounded_ends():
         for begin, end in pairs:
-            jerk = desired_motion(begin, Q_START, Q_END, T, t_start).q_d_dddot
+            jerk = desired_motion(begin, Q_START, Q_END, duration, t_start).q_d_dddot
             # A start that is 1e-12 s late, a sum of 6000 roundings, over the shortest T, 1e-4 s: 1 - cos(6e-8) = 2e-15.
-            np.testing.assert_allclose(jerk, 4 * np.pi**2 * (Q_END - Q_START) / T**3, rtol=1e-14)
-            for value in desired_motion(end, Q_START, Q_END, T, t_start)[1:]:
+            np.testing.assert_allclose(jerk, 4 * np.pi**2 * (Q_END - Q_START) / duration**3, rtol=1e-14)
+            for value in desired_motion(end, Q_START, Q_END, duration, t_start)[1:]:
                 np.testing.assert_array_equal(value, np.zeros(2))
 
 
@@ -115,7 +109,6 @@ F_E = np.array([5.0, -3.0, 4.0, 0.3, -0.2, 0.4])
 
 
 def inside(robot, t=4.0):
-    """Return a desired motion of all joints, away from its ends."""
     n = robot.n
     return desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
 
@@ -176,7 +169,7 @@ def rotor_moment(robot, i, drive, desired, w, w_r, w_r_dot, q_dot_r, q_ddot_r):
     return J * (a * spin_r_dot + np.cross(w, a) * spin_r + a * (a @ np.cross(w, w_r)))
 
 
-def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
+def test_vdc_is_the_required_motion_in_joint_space_and_its_link_gain_dissipates_the_velocity_error(chain, draw):
     # (48)-(53) link by link equal M q_ddot_r + C q_dot_r + G + J.T K_V J (q_dot_r - q_dot), with C of the
     # measured velocity, J of (40)-(41) and its derivative by jets; (26) adds k_vq and the link's friction.
     # A coupled rotor adds s.T (J_r sigma_dot_r + gyroscopic terms) by the row s of J about its axis.
@@ -207,9 +200,6 @@ def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
         torques = feedforward_vdc(chain, g, desired, q, q_dot, state.kappa_dot, F_E)
         # Some 1000 products of the size of the largest torque.
         np.testing.assert_allclose(torques.tau_s, tau, rtol=0, atol=1000 * EPS * np.abs(tau).max())
-
-
-def test_vdc_link_gain_dissipates_the_velocity_error(chain, draw):
     # (50): the power of K_V (V_r - V) on the velocity error is K_V |V_r - V|^2 >= 0, link by link.
     desired = inside(chain)
     still = np.zeros(chain.n)
@@ -245,11 +235,8 @@ def test_jets_follow_product_quotient_and_chain_rules():
         assert jet.x_ddot == pytest.approx((high - 2 * middle + low) / h**2, abs=1e-5)
 
 
-def test_jets_refuse_to_become_floats():
+def test_jets_refuse_to_become_floats_and_desired_has_four_derivatives():
     with pytest.raises(TypeError, match=r"take derivative\(jet, 0\) for its value"):
         np.zeros(2)[0] = Jet(1.0)
     assert repr(Jet(1.0, 2.0)) == "Jet(1.0, 2.0, 0.0)"
-
-
-def test_desired_has_four_derivatives():
     assert Desired._fields == ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot")

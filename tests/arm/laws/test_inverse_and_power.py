@@ -41,18 +41,15 @@ STATES = {"tau_h": 0.7, "tau_z": 0.2, "i_m": 1.3, "T_j": 311.0}
 
 
 def states_of(robot):
-    """Return the states of a robot's options, (n,) each."""
     return [np.full(robot.n, STATES[option.state.name]) for option, _ in options_of(robot) if option.state]
 
 
 def desired_at(n, t):
-    """Return a desired motion of all joints."""
     return desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
 
 
 @cache
 def walker(section="", friction="split"):
-    """Return a chain of all that the inverse knows, and one more section, in the state that it acts in."""
     options = {"load_loss", "backlash", "counterbalance", *({section} & {*JOINT_OPTIONS})}
     robot = make_general_chain()
     fixed = {"theta_err_amplitude": 0.0, **{key: value for name in options & {*OPTIONS} for key, value in
@@ -168,14 +165,11 @@ def test_the_plant_driven_by_the_inverse_follows_the_desired_motion(chain):
     assert deviation(dataclasses.replace(chain, rotor_coupling=False)) < WITHIN
 
 
-def test_links_follow_the_inverse_with_coupled_rotors_too(chain):
+def test_links_follow_the_inverse_with_coupled_rotors_too_whose_motion_is_declared_not_to_be_exact(chain):
     robot = dataclasses.replace(chain, rotor_coupling=True)
     x, tau, rates = inverse_at(robot, TIMES[1])
     links = slice(2 * robot.n)
     assert sized((plant_derivative(robot, x, tau, F_E)[: rates.size] - rates)[links], rates[links]) < WITHIN
-
-
-def test_the_motion_of_coupled_rotors_is_declared_not_to_be_exact():
     robot = dataclasses.replace(walker(), rotor_coupling=True)
     assert NOT_INVERTED["rotor_coupling"] and deviation(robot) > WITHIN
     assert imbalance(robot) < 1.0

@@ -21,7 +21,6 @@ LIMITS = {
 
 
 def limited(name="planar_2dof", **changes):
-    """Return a shipped robot with the same limits at all joints."""
     data = load_robot(name).to_dict()
     for joint in data["joints"]:
         joint["limits"] = LIMITS | changes
@@ -31,7 +30,7 @@ def limited(name="planar_2dof", **changes):
 ROBOT = limited()
 
 
-def test_stops_push_and_never_pull():
+def test_stops_push_without_jumps_and_a_bounce_loses_two_thirds_of_damping_times_speed():
     for q in (-0.6, -0.501, -0.5, 0.0, 0.8, 0.8001, 0.9):
         for q_dot in (-9.0, -0.3, 0.0, 0.3, 9.0):
             torque = stop_torque(ROBOT, np.full(2, q), np.full(2, q_dot))
@@ -39,17 +38,11 @@ def test_stops_push_and_never_pull():
             assert (np.sign(torque) == direction).all() or (torque == 0.0).all()
             # beyond 1 / 0.6 rad/s away from the stop it lets go
             assert (torque != 0.0).all() == (direction != 0 and -direction * q_dot > -1.0 / 0.6)
-
-
-def test_stops_do_not_jump_at_contact():
     for q, sign in ((-0.5 - 1e-9, 1.0), (0.8 + 1e-9, -1.0)):
         torque = stop_torque(ROBOT, np.full(2, q), np.full(2, -sign))
         # 2e4 N m/rad times 1e-9 rad times 1.6; the depth has 1e-7 of rounding
         np.testing.assert_allclose(torque, sign * 3.2e-5, rtol=1e-6)
-
-
-def test_a_bounce_loses_two_thirds_of_damping_times_speed():
-    """A body of 1 kg m2 on one stop; the next term of the law is about (c v)^2."""
+    # A body of 1 kg m2 on one stop; the next term of the law is about (c v)^2.
     for v in (0.01, 0.02):
         hit = solve_ivp(
             lambda _, x: [x[1], float(stop_torque(ROBOT, np.full(2, x[0]), np.full(2, x[1]))[0])],
@@ -59,15 +52,12 @@ def test_a_bounce_loses_two_thirds_of_damping_times_speed():
         assert loss == pytest.approx(2.0 / 3.0 * 0.6 * v, abs=(0.6 * v) ** 2)
 
 
-@pytest.mark.parametrize(
-    ("tau", "speed", "expected"),
-    [
-        (0.5, 0.0, 0.5), (0.7, 0.0, 0.6), (-0.7, 0.0, -0.6),
-        (0.5, 1.5, 0.3), (-0.5, -1.5, -0.3),  # driving at half the no-load speed: half the torque
-        (-0.7, 1.5, -0.6), (0.7, -1.5, 0.6),  # braking
-        (0.5, 3.5, 0.0), (-0.5, -3.5, 0.0), (-0.5, 3.5, -0.5),  # beyond it
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("tau", "speed", "expected"), [
+    (0.5, 0.0, 0.5), (0.7, 0.0, 0.6), (-0.7, 0.0, -0.6),
+    (0.5, 1.5, 0.3), (-0.5, -1.5, -0.3),  # driving at half the no-load speed: half the torque
+    (-0.7, 1.5, -0.6), (0.7, -1.5, 0.6),  # braking
+    (0.5, 3.5, 0.0), (-0.5, -3.5, 0.0), (-0.5, 3.5, -0.5),  # beyond it
+])  # fmt: skip
 def test_motor_torque_ends_at_the_torque_speed_line(tau, speed, expected):
     given = motor_torque(ROBOT, np.full(2, tau), np.full(2, speed))
     np.testing.assert_allclose(given, expected, rtol=0, atol=2 * EPS)
@@ -151,15 +141,12 @@ def test_without_limits_nothing_is_traced_of_them(planar, functions_of):
         assert len("".join(c_texts(bare))) < len("".join(c_texts(bound)))
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"q_max": -1.0}, r"joints\[2\]\.limits\.q_max: expected q_max > q_min, got q_max = -1, q_min = -0\.5"),
-        ({"tau_stall": 0.0}, r"joints\[2\]\.limits\.tau_stall: expected a finite number > 0 in N\.m"),
-        ({"stop_damping": -1.0}, r"joints\[2\]\.limits\.stop_damping: expected .* >= 0 in s/rad"),
-        (None, r"joints\[2\]\.limits: expected a table, as other joints have, got nothing"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    ({"q_max": -1.0}, r"joints\[2\]\.limits\.q_max: expected q_max > q_min, got q_max = -1, q_min = -0\.5"),
+    ({"tau_stall": 0.0}, r"joints\[2\]\.limits\.tau_stall: expected a finite number > 0 in N\.m"),
+    ({"stop_damping": -1.0}, r"joints\[2\]\.limits\.stop_damping: expected .* >= 0 in s/rad"),
+    (None, r"joints\[2\]\.limits: expected a table, as other joints have, got nothing"),
+])  # fmt: skip
 def test_limits_that_cannot_be_are_refused(change, words):
     data = ROBOT.to_dict()
     if change is None:
@@ -170,13 +157,10 @@ def test_limits_that_cannot_be_are_refused(change, words):
         robot_from_dict(data)
 
 
-def test_a_motion_beyond_the_stops_is_refused():
+def test_a_motion_beyond_the_stops_is_refused_and_limits_make_a_round_trip():
     with pytest.raises(
         ModelError,
         match=r"trajectory\.q_start\[1\]: expected a position of joint 1 between its end stops, -0\.5 and 0\.8, got",
     ):
         load_scenario("planar_tracking", ROBOT)
-
-
-def test_round_trip_with_limits():
     assert robot_from_dict(ROBOT.to_dict()).to_dict() == ROBOT.to_dict()

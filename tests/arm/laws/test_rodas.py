@@ -13,7 +13,6 @@ STAGES = len(A)
 
 
 def tableau(rows):
-    """Return the strictly lower triangular matrix of rows of coefficients."""
     matrix = np.zeros((STAGES, STAGES))
     for i, row in enumerate(rows):
         matrix[i, : len(row)] = row
@@ -21,11 +20,8 @@ def tableau(rows):
 
 
 def stability(z):
-    """Return R(z) of the method and of its embedded one, straight from the coefficients.
-
-    On x_dot = lambda x, with z = h lambda, the stages are
-    (1/gamma - z) u_i = z (x + sum a_ij u_j) + sum c_ij u_j.
-    """
+    """Return R(z) of the method and of its embedded one, straight from the coefficients."""
+    # On x_dot = lambda x, with z = h lambda, the stages are (1/gamma - z) u_i = z (x + sum a_ij u_j) + sum c_ij u_j.
     one = np.ones(STAGES)
     W = (1.0 / GAMMA - z) * np.eye(STAGES) - z * tableau(A) - tableau(C)
     u = np.linalg.solve(W, z * one)
@@ -34,7 +30,6 @@ def stability(z):
 
 
 def step_of(matrix):
-    """Return a function (x, h) -> (x_new, error) for x_dot = matrix @ x, traced as the plant's step is."""
     m = len(matrix)
     x, h = ca.SX.sym("x", m), ca.SX.sym("h")
     J = ca.SX(ca.DM(matrix))
@@ -70,7 +65,7 @@ def test_step_on_an_oscillator_shrinks_by_the_stability_function(angle):
     np.testing.assert_allclose(x_new.full().ravel(), [R.real, R.imag], rtol=0, atol=1e4 * EPS)
 
 
-def test_step_is_L_stable():
+def test_step_is_L_stable_of_order_four_and_the_embedded_one_three():
     # R(inf) = 0: R(z) = O(1/z), so it falls with z until rounding (1e-12) takes over.
     assert abs(stability(-1e4)[0]) < 1e-3
     assert abs(stability(-1e12)[0]) < 1e-11
@@ -81,9 +76,6 @@ def test_step_is_L_stable():
     # A-stable: |R| <= 1 on the imaginary axis, so in the left half plane, as its poles are at 1/gamma only.
     for y in np.logspace(-2, 4, 400):
         assert abs(stability(1j * y)[0]) <= 1.0 + 1e4 * EPS
-
-
-def test_stability_function_has_order_four_and_the_embedded_one_three():
     # |R(z) - exp(z)| = O(z^5) and O(z^4). z = 1/8 and 1/16: the next term is smaller by z, so the measured
     # exponent is off by about z / ln 2 * (a ratio of order 1) = 0.1; rounding, 1e-12, is below 1e-4 of the
     # error.
@@ -107,18 +99,16 @@ def test_coefficients_meet_the_order_conditions(embedded):
     third = [b.sum() - 1, b @ beta_i - 1 / 2, b @ a_i**2 - 1 / 3, b @ beta @ beta_i - 1 / 6]
     np.testing.assert_allclose(third, 0.0, rtol=0, atol=atol)
     fourth = [
-        b @ a_i**3 - 1 / 4,
-        (b * a_i) @ alpha @ beta_i - 1 / 8,
-        b @ beta @ a_i**2 - 1 / 12,
+        b @ a_i**3 - 1 / 4, (b * a_i) @ alpha @ beta_i - 1 / 8, b @ beta @ a_i**2 - 1 / 12,
         b @ beta @ beta @ beta_i - 1 / 24,
-    ]
+    ]  # fmt: skip
     if embedded:
         assert np.abs(fourth).max() > 1e-3  # of order 3 only, so that the difference estimates an error
     else:
         np.testing.assert_allclose(fourth, 0.0, rtol=0, atol=atol)
 
 
-def test_elimination_order_does_not_change_the_step():
+def test_neither_elimination_order_nor_a_mass_matrix_before_the_stage_equations_changes_the_step():
     random = np.random.default_rng(40)
     matrix = random.normal(size=(5, 5)) - 5.0 * np.eye(5)
     x, h, J = ca.SX.sym("x", 5), ca.SX.sym("h"), ca.SX(ca.DM(matrix))
@@ -129,9 +119,6 @@ def test_elimination_order_does_not_change_the_step():
         results.append(step(start, 0.1)[0].full().ravel())
     # Diagonally dominant, so any order is stable: as above.
     np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e4 * EPS)
-
-
-def test_multiplying_the_stage_equations_by_a_mass_matrix_does_not_change_the_step():
     random = np.random.default_rng(41)
     J = random.normal(size=(4, 4)) - 5.0 * np.eye(4)
     B = random.normal(size=(4, 4))
@@ -147,7 +134,7 @@ def test_multiplying_the_stage_equations_by_a_mass_matrix_does_not_change_the_st
     np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e6 * EPS)
 
 
-def test_elimination_solves_linear_systems_of_floats_and_symbols():
+def test_elimination_solves_linear_systems_and_coefficients_of_time_are_those_of_the_stages():
     random = np.random.default_rng(42)
     B = random.normal(size=(6, 6))
     matrix = B @ B.T + 6.0 * np.eye(6)
@@ -161,9 +148,6 @@ def test_elimination_solves_linear_systems_of_floats_and_symbols():
         "solve", [symbol], [to_sx(solve_factorized(factorize(from_sx(ca.SX(ca.DM(matrix)))), from_sx(symbol)))]
     )
     np.testing.assert_allclose(traced(b).full().ravel(), expected, rtol=0, atol=1e4 * EPS)
-
-
-def test_coefficients_of_time_are_those_of_the_stages():
     # In the book's first variables: alpha_i = sum a_ij and gamma_i = sum gamma_ij. With u = Gamma k they are the
     # row sums of A Gamma and of Gamma, where Gamma^-1 = I/gamma - C. The table has 15 digits.
     Gamma = np.linalg.inv(np.eye(STAGES) / GAMMA - tableau(C))

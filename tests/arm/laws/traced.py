@@ -6,7 +6,6 @@ from vdfmu.arm.equations.plant import plant_derivative
 
 
 def assert_traced(plant_function, robot, states):
-    """Assert that the traced plant has its equations and their slopes at states (x, tau)."""
     rate, slopes = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
     F_e = np.zeros(6)
     for x, tau in states:

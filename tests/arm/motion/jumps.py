@@ -22,9 +22,7 @@ def jumps(motion):
 
 
 def rounding(motion):
-    """Return what roundings of the positions make of the derivatives, differences over the shortest interval, (5,).
-
-    The differences of order 4 in six points have factors of up to some hundred.
-    """
+    """Return what roundings of the positions make of the derivatives, differences over the shortest interval, (5,)."""
+    # The differences of order 4 in six points have factors of up to some hundred.
     size = np.abs(motion.coefficients[:, 0]).max() + 1.0
     return 1000.0 * np.finfo(float).eps * size / np.diff(motion.knots).min() ** np.arange(5.0)

@@ -118,23 +118,20 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
     assert np.linalg.norm(drawn[-1]) < np.linalg.norm(found[-1])  # 0 is the middle
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"points": [0.5, 0.0]}, "points: expected positions of three finite numbers"),
-        ({"orientation": "up"}, "orientation: expected keep, free or a rotation"),
-        ({"orientation": 2.0 * np.eye(3)}, "orientation: expected a rotation, three rows"),
-        ({"start": [0.1]}, "start: expected the positions of 2 joints"),
-        ({"duration": None}, "expected a duration, a speed, or limits"),
-        ({"dwell": [0.1, 0.2]}, "dwell: expected one number"),
-        ({"dwell": -0.1}, "dwell: expected one time above 0 s"),
-        ({"tolerance": 0.0}, "tolerance: expected more than 0"),
-        ({"speed": np.inf}, "speed: expected more than 0"),
-        ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular pose: joint 2, at 0,"),
-        ({"speed": 0.1}, "duration: expected at least the"),
-        ({"velocity": [1.0, 1.0, 1.0]}, "velocity: expected a number above 0 for all joints, or 2"),
-    ],
-)
+@pytest.mark.parametrize(("keys", "words"), [
+    ({"points": [0.5, 0.0]}, "points: expected positions of three finite numbers"),
+    ({"orientation": "up"}, "orientation: expected keep, free or a rotation"),
+    ({"orientation": 2.0 * np.eye(3)}, "orientation: expected a rotation, three rows"),
+    ({"start": [0.1]}, "start: expected the positions of 2 joints"),
+    ({"duration": None}, "expected a duration, a speed, or limits"),
+    ({"dwell": [0.1, 0.2]}, "dwell: expected one number"),
+    ({"dwell": -0.1}, "dwell: expected one time above 0 s"),
+    ({"tolerance": 0.0}, "tolerance: expected more than 0"),
+    ({"speed": np.inf}, "speed: expected more than 0"),
+    ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular pose: joint 2, at 0,"),
+    ({"speed": 0.1}, "duration: expected at least the"),
+    ({"velocity": [1.0, 1.0, 1.0]}, "velocity: expected a number above 0 for all joints, or 2"),
+])  # fmt: skip
 def test_what_does_not_fit_is_named(planar, keys, words):
     good = {"start": [0.3, 0.8], "points": [0.5, 0.0, 0.6], "duration": 1.0}
     with pytest.raises(UsageError, match=words):

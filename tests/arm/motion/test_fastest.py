@@ -103,11 +103,9 @@ def shortest_along(points, velocity, acceleration, robot=None, torque=None):
         rows += [
             (
                 vdfmu.inverse_dynamics(robot, q, still, first) - weight,
-                vdfmu.inverse_dynamics(robot, q, first, second) - weight,
-                weight,
-                np.broadcast_to(torque, q.shape),
+                vdfmu.inverse_dynamics(robot, q, first, second) - weight, weight, np.broadcast_to(torque, q.shape),
             )
-        ]
+        ]  # fmt: skip
     A, b = [], []
     for by_change, by_square, constant, most in rows:
         for j in range(q.shape[1]):
@@ -123,14 +121,10 @@ def shortest_along(points, velocity, acceleration, robot=None, torque=None):
     return float((2.0 * step / (speed[1:] + speed[:-1])).sum())
 
 
-@pytest.mark.parametrize(
-    "points",
-    [
-        [[-1.5, 0.0], [-0.5, 0.6], [0.4, 0.2]],
-        [[0.0, 0.2], [0.7, -0.4], [0.9, 0.5], [-0.3, 0.1]],
-        [[0.0, 0.0], [0.02, 0.01], [1.0, 1.0]],
-    ],
-)
+@pytest.mark.parametrize("points", [
+    [[-1.5, 0.0], [-0.5, 0.6], [0.4, 0.2]], [[0.0, 0.2], [0.7, -0.4], [0.9, 0.5], [-0.3, 0.1]],
+    [[0.0, 0.0], [0.02, 0.01], [1.0, 1.0]],
+])  # fmt: skip
 @pytest.mark.parametrize("torque", [None, 14.0])
 def test_more_than_the_shortest_is_measured_against_the_shortest(planar, points, torque):
     velocity, acceleration = np.array([3.0, 4.0]), np.array([12.0, 20.0])

@@ -29,8 +29,6 @@ def robot():
 
 @pytest.fixture
 def written(tmp_path):
-    """Write the file of a motion."""
-
     def write(text, name="motion.toml"):
         path = tmp_path / name
         path.write_text(text, encoding="utf-8")
@@ -90,32 +88,27 @@ def test_points_of_a_file_may_rest(robot, written):
     assert np.diff(motion.knots)[rests] == pytest.approx([0.5, 0.25])
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (
-            "time [s],q1 [mm],q2,q4\n0,0,x,1\n1,nan,0,1\n0.5,0,0,1\n2,0,0\n",
-            [
-                "row 2: q2: expected a number, got 'x'",
-                "row 5: expected 4 cells, got 3",
-                "row 3: q1: expected a finite number, got nan",
-                "row 4: time: expected more than the 1 s of the row before",
-                "row 1: q1: expected rad or deg, got 'mm'",
-                "row 1: q4: expected q1 to q2, time",
-            ],
-        ),
-        (
-            "time,a [mm],q1 [mm],q2 [mm],b\n0,0,0,0,0\n1,1,1,1,1\n",
-            ["row 1: a, b: expected q1 to q2, time", "q1, q2: expected rad or deg, got 'mm'. Convert the columns."],
-        ),
-        ("time,q1\n0,0\n1,1\n", ["row 1: expected a column for each joint, got none of q2"]),
-        ("time [ms],q1,q2\n0,0,0\n1,1,1\n", ["row 1: time: expected s, got 'ms'"]),
-        ("q1,q2\n0,0\n1,1\n", ["motion.times: expected a value for samples, got nothing"]),
-        ("", ["expected rows of numbers below the names, got none"]),
-        ("time,q1,q1,q2\n0,0,0,0\n", ["q1: more than one column has this name"]),
-        ("time,q1,q2\n0,0,0\n", ["waypoints: expected at least 2 points"]),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (
+        "time [s],q1 [mm],q2,q4\n0,0,x,1\n1,nan,0,1\n0.5,0,0,1\n2,0,0\n",
+        [
+            "row 2: q2: expected a number, got 'x'", "row 5: expected 4 cells, got 3",
+            "row 3: q1: expected a finite number, got nan",
+            "row 4: time: expected more than the 1 s of the row before", "row 1: q1: expected rad or deg, got 'mm'",
+            "row 1: q4: expected q1 to q2, time",
+        ],
+    ),
+    (
+        "time,a [mm],q1 [mm],q2 [mm],b\n0,0,0,0,0\n1,1,1,1,1\n",
+        ["row 1: a, b: expected q1 to q2, time", "q1, q2: expected rad or deg, got 'mm'. Convert the columns."],
+    ),
+    ("time,q1\n0,0\n1,1\n", ["row 1: expected a column for each joint, got none of q2"]),
+    ("time [ms],q1,q2\n0,0,0\n1,1,1\n", ["row 1: time: expected s, got 'ms'"]),
+    ("q1,q2\n0,0\n1,1\n", ["motion.times: expected a value for samples, got nothing"]),
+    ("", ["expected rows of numbers below the names, got none"]),
+    ("time,q1,q1,q2\n0,0,0,0\n", ["q1: more than one column has this name"]),
+    ("time,q1,q2\n0,0,0\n", ["waypoints: expected at least 2 points"]),
+])  # fmt: skip
 def test_problems_of_a_csv_file_are_named_at_once_with_their_rows(robot, written, text, words):
     with pytest.raises(ModelError) as caught:
         vdfmu.load_motion(written(text, "bad.csv"), robot)
@@ -125,31 +118,28 @@ def test_problems_of_a_csv_file_are_named_at_once_with_their_rows(robot, written
     assert problems.count("\n") + 1 == len(words)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ('motion = "motion.toml"', ["motion: expected a table, or another file with it, got the file itself"]),
-        ('kind = "circel"', ["motion.kind: expected", 'Did you mean "circle"?']),
-        ("points = [[0, 0]]", ["motion.kind: expected"]),
-        ('kind = "waypoints"', ["motion.points: expected a value for waypoints, got nothing", "points.csv"]),
-        ('kind = "waypoints"\npoints = [[0, 0], [1]]\nfoo = 1', ["motion.foo: expected a known key", "motion.points"]),
-        ('kind = "waypoints"\npoints = [[0, "a"], [1, 1]]', ["motion.points[1][2]: expected a finite number"]),
-        (
-            'kind = "waypoints"\npoints = [[0], [1]]\nduration = 1',
-            ["expected positions of the 2 joints of planar_2dof"],
-        ),
-        ('kind = "waypoints"\nfile = "no.csv"', ["no.csv: expected a CSV file"]),
-        ('kind = "line"\npoints = [0.5, 0, 0.6]', ["motion.start: expected a value for line, got nothing"]),
-        ('kind = "multisine"\nlines = [1, 2.5]', ["motion.lines: expected whole numbers"]),
-        ('kind = "multisine"\nperiod = [2]', ["motion.period: expected one number"]),
-        (f'kind = "sweep"\n{GOOD["sweep"]}'.replace("[0.5, 2]", "[1, 2, 3]"), ["frequencies: expected two above 0 Hz"]),
-        (f'kind = "sweep"\n{GOOD["sweep"]}'.replace("0.5, 2", "1, 1e9"), ["expected at most 1736 periods"]),
-        (f'kind = "sweep"\n{GOOD["sweep"]}'.replace("duration = 4", "duration = 0"), ["duration: expected more than"]),
-        ('kind = "waypoints"\npoints = [[0, 0], [1, 1]]\nduration = -1', ["duration: expected more than 0 s"]),
-        (GOOD["sweep"].join(['kind = "sweep"\n', '\nphases = "x"']), ["motion.phases: expected a known key"]),
-        ('kind = "line"\nstart = [0.3, 0.8]\npoints = [5, 0, 0]\nduration = 1', ["motion: line: at ", "reaches"]),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ('motion = "motion.toml"', ["motion: expected a table, or another file with it, got the file itself"]),
+    ('kind = "circel"', ["motion.kind: expected", 'Did you mean "circle"?']),
+    ("points = [[0, 0]]", ["motion.kind: expected"]),
+    ('kind = "waypoints"', ["motion.points: expected a value for waypoints, got nothing", "points.csv"]),
+    ('kind = "waypoints"\npoints = [[0, 0], [1]]\nfoo = 1', ["motion.foo: expected a known key", "motion.points"]),
+    ('kind = "waypoints"\npoints = [[0, "a"], [1, 1]]', ["motion.points[1][2]: expected a finite number"]),
+    (
+        'kind = "waypoints"\npoints = [[0], [1]]\nduration = 1',
+        ["expected positions of the 2 joints of planar_2dof"],
+    ),
+    ('kind = "waypoints"\nfile = "no.csv"', ["no.csv: expected a CSV file"]),
+    ('kind = "line"\npoints = [0.5, 0, 0.6]', ["motion.start: expected a value for line, got nothing"]),
+    ('kind = "multisine"\nlines = [1, 2.5]', ["motion.lines: expected whole numbers"]),
+    ('kind = "multisine"\nperiod = [2]', ["motion.period: expected one number"]),
+    (f'kind = "sweep"\n{GOOD["sweep"]}'.replace("[0.5, 2]", "[1, 2, 3]"), ["frequencies: expected two above 0 Hz"]),
+    (f'kind = "sweep"\n{GOOD["sweep"]}'.replace("0.5, 2", "1, 1e9"), ["expected at most 1736 periods"]),
+    (f'kind = "sweep"\n{GOOD["sweep"]}'.replace("duration = 4", "duration = 0"), ["duration: expected more than"]),
+    ('kind = "waypoints"\npoints = [[0, 0], [1, 1]]\nduration = -1', ["duration: expected more than 0 s"]),
+    (GOOD["sweep"].join(['kind = "sweep"\n', '\nphases = "x"']), ["motion.phases: expected a known key"]),
+    ('kind = "line"\nstart = [0.3, 0.8]\npoints = [5, 0, 0]\nduration = 1', ["motion: line: at ", "reaches"]),
+])  # fmt: skip
 def test_problems_of_a_table_are_named(robot, written, text, words):
     with pytest.raises(ModelError) as caught:
         vdfmu.load_motion(written(text), robot)
@@ -170,7 +160,7 @@ def test_a_motion_beyond_the_robot_is_refused(robot):
     check_motion(vdfmu.arm.motion.waypoints([[0.0, 0.0], [0.5, 0.2]], duration=2.0), limited)
 
 
-def test_a_scenario_reports_the_problems_of_its_motion_beside_its_own(written):
+def test_a_scenario_may_name_the_file_of_its_motion_whose_keys_are_in_the_schema(written):
     head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = -1.0\n'
     path = written(f'{head}[motion]\nkind = "waypoints"\npoints = [[0, 0], [1, 1]]\n[trajectory]\nT = 1.0\n')
     with pytest.raises(ModelError) as caught:
@@ -178,17 +168,11 @@ def test_a_scenario_reports_the_problems_of_its_motion_beside_its_own(written):
     text = str(caught.value)
     for words in ("step: expected", "motion: waypoints: expected times", "trajectory.T: motion has no T"):
         assert words in text
-
-
-def test_a_scenario_may_name_the_file_of_its_motion(written):
     written(f'kind = "waypoints"\n{GOOD["waypoints"]}', "other.toml")
     head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.1\nmotion = "other.toml"\n'
     scenario = vdfmu.load_scenario(written(f"{head}[trajectory]\nspeed = 0.5\n"))
     assert scenario.system.parts["trajectory"].unit.__name__ == "Motion"
     assert scenario.sections["plant"]["q_0"] == [0.0, 0.0]
-
-
-def test_the_schema_has_the_keys_of_each_kind():
     kinds = scenario_schema()["properties"]["motion"]["anyOf"][1:]
     found = {one["properties"]["kind"]["const"]: set(one["properties"]) for one in kinds}
     assert {"file", "points", "times", "dwell"} <= found["waypoints"]

@@ -15,7 +15,6 @@ TIMES = np.array([0.0, 0.6, 1.0, 1.9, 2.5])
 
 
 def made(planar, arm):
-    """One motion of each kind."""
     yield motions.waypoints(POINTS, TIMES)
     yield motions.waypoints(POINTS, TIMES, dwell=[0.1, 0.0, 0.2, 0.0, 0.3])
     yield motions.waypoints(POINTS, velocity=2.0, acceleration=[5.0, 9.0], dwell=[0.0, 0.0, 0.1, 0.0, 0.0])
@@ -36,7 +35,7 @@ def test_no_derivative_up_to_the_fourth_jumps_and_all_motions_rest_at_both_ends(
         assert np.abs(motion.at(0.0)[1:]).max() == 0.0
 
 
-def test_derivatives_are_those_of_an_independent_spline_and_of_differences():
+def test_derivatives_and_peaks_are_those_of_an_independent_spline_and_of_differences():
     motion = motions.waypoints(POINTS, TIMES)
     other = PPoly(np.moveaxis(motion.coefficients[:, ::-1], 0, 1), motion.knots)
     t = np.linspace(0.0, 2.5, 1001)
@@ -50,9 +49,6 @@ def test_derivatives_are_those_of_an_independent_spline_and_of_differences():
         slope = 120.0 * np.abs(motion.coefficients[:, 5]).max()
         assert np.abs(difference - motion.at(t[1:-1])[order + 1]).max() < h * slope
     assert np.abs(motion.at(TIMES)[0] - POINTS).max() < 1e-13  # positions of size 1 through the points
-
-
-def test_peaks_are_those_between_the_knots():
     motion = motions.waypoints(POINTS, TIMES)
     dense = np.abs(motion.at(np.linspace(0.0, 2.5, 250_001))[1:]).max(axis=1)
     # between two of 250000 times a smooth maximum is lower by (pi dt / T)^2 / 2 at most: 1e-9 of it; snap is linear, so
@@ -62,7 +58,7 @@ def test_peaks_are_those_between_the_knots():
     assert motion.peaks[3] == pytest.approx(dense[3], rel=1e-3)
 
 
-def test_limits_hold_and_one_is_met_and_stops_are_stops():
+def test_limits_hold_and_rests_last_as_long_as_asked_within_a_duration():
     velocity, acceleration = np.array([1.0, 2.0]), np.array([4.0, 3.0])
     motion = motions.waypoints(POINTS, velocity=velocity, acceleration=acceleration)
     share = motion.peaks[:2] / [velocity, acceleration]
@@ -72,9 +68,6 @@ def test_limits_hold_and_one_is_met_and_stops_are_stops():
     assert np.abs(stopping.at(np.array([1.05, 1.15]))[1:]).max() == 0.0
     with pytest.raises(UsageError, match=r"expected at least the .* s that the limits of joint 1 take, got 0.5 s"):
         motions.waypoints(POINTS, duration=0.5, velocity=velocity, acceleration=acceleration)
-
-
-def test_rests_last_as_long_as_asked_within_a_duration():
     motion = motions.waypoints(POINTS, duration=4.0, dwell=[0.0, 0.0, 0.5, 0.0, 0.25])
     still = np.abs(motion.coefficients[:, 1:]).max(axis=(1, 2)) == 0.0
     assert motion.duration == pytest.approx(4.0, rel=1e-14)  # a sum of roundings
@@ -83,7 +76,7 @@ def test_rests_last_as_long_as_asked_within_a_duration():
         motions.waypoints(POINTS, duration=4.0, dwell=1.0)
 
 
-def test_waypoints_report_every_problem():
+def test_waypoints_report_every_problem_and_samples_that_do_not_rest():
     with pytest.raises(UsageError) as caught:
         motions.waypoints([[0.0, 0.0], [1.0, np.nan], [2.0, 2.0]], [0.0, 1.0, 0.5], dwell=[0.0, -1.0, 0.0])
     for words in ("point 2: joint 2: expected a finite number", "dwell: expected", "point 3: time: expected more than"):
@@ -98,9 +91,6 @@ def test_waypoints_report_every_problem():
         motions.waypoints(POINTS, duration=1.0, dwell=np.inf)
     with pytest.raises(UsageError, match="point 3: expected a position other than"):
         motions.waypoints([[0.0], [1.0], [1.0]], duration=1.0)
-
-
-def test_samples_that_do_not_rest_are_named():
     t = np.linspace(0.0, 1.0, 101)
     assert not motions.samples(t, (t**5 * (1.0 - t) ** 5)[:, None]).notes
     (note,) = motions.samples(t, np.column_stack([t, np.zeros_like(t)])).notes
@@ -133,17 +123,14 @@ def test_amplitudes_shrink_to_keep_limits_and_say_so():
     assert motion.start == pytest.approx([0.0, 1.0], abs=0.0)
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"lines": [2, 2]}, "lines: expected whole numbers of at least 1, each once"),
-        ({"periods": np.nan}, "periods: expected a whole number"),
-        ({"seed": -1}, "seed: expected a whole number of at least 0"),
-        ({"seed": np.nan}, "seed: expected a whole number of at least 0, got nan"),
-        ({"start": []}, "start: expected a position for each joint"),
-        ({"amplitude": np.inf}, "amplitude: expected one above 0"),
-    ],
-)
+@pytest.mark.parametrize(("keys", "words"), [
+    ({"lines": [2, 2]}, "lines: expected whole numbers of at least 1, each once"),
+    ({"periods": np.nan}, "periods: expected a whole number"),
+    ({"seed": -1}, "seed: expected a whole number of at least 0"),
+    ({"seed": np.nan}, "seed: expected a whole number of at least 0, got nan"),
+    ({"start": []}, "start: expected a position for each joint"),
+    ({"amplitude": np.inf}, "amplitude: expected one above 0"),
+])  # fmt: skip
 def test_a_multisine_that_does_not_fit_is_named(keys, words):
     with pytest.raises(UsageError, match=words):
         motions.multisine(**({"start": [0.0], "amplitude": 0.1, "lines": [1, 2], "period": 1.0} | keys))
@@ -168,16 +155,13 @@ def test_a_sweep_goes_from_one_frequency_to_the_other(law):
         motions.sweep([0.0], 0.1, (0.0, 1.0), 1.0)
 
 
-def test_motions_can_be_joined_and_slowed_down():
+def test_motions_that_meet_can_be_joined_without_the_jumps_of_a_cubic_spline():
     motion = motions.waypoints(POINTS, TIMES)
     both = motions.joined([motion, motion.slower(2.0)])
     assert both.duration == 7.5 and both.closed
     # twice as slow: the same positions, 1/2, 1/4 .. of the derivatives
     scale = 0.5 ** np.arange(5.0)[:, None]
     assert both.at(2.5 + 2.0 * 0.8) == pytest.approx(scale * motion.at(0.8), rel=1e-11)
-
-
-def test_motions_that_do_not_meet_are_not_joined():
     one, other = motions.waypoints(POINTS, TIMES), motions.waypoints(POINTS[1:], TIMES[1:])
     for parts in ([one, other], [one, motions.rest(np.zeros(3), 1.0)]):
         with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, the end of motion 1, got"):
@@ -186,9 +170,6 @@ def test_motions_that_do_not_meet_are_not_joined():
         motions.joined([])
     with pytest.raises(UsageError, match="factor: expected a number above 0"):
         one.slower(-1.0)
-
-
-def test_a_cubic_spline_jumps_where_these_do_not():
     cubic = CubicSpline(TIMES, POINTS, bc_type="clamped")
     coefficients = np.zeros((4, 6, 2))
     coefficients[:, :4] = np.moveaxis(cubic.c[::-1], 0, 1)
@@ -196,24 +177,21 @@ def test_a_cubic_spline_jumps_where_these_do_not():
     assert jumps(motion)[3] > 0.1 * motion.peaks[2].max()
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda arm: motions.waypoints([[0.0, 0.0], [1.0]], duration=1.0), ["points: expected a number, or a list"]),
-        (lambda arm: motions.rest("here", 1.0), ["q: expected a number, or a list"]),
-        (lambda arm: motions.rest(0.5, 1.0), ["q: expected a position for each joint"]),
-        (lambda arm: motions.circle(arm.name, [0.3, 0.8], [0.6, 0, 0.5]), ["expected a Robot, got str"]),
-        (lambda arm: motions.samples([0.0, "x"], None), ["times: expected a number, or a list or rows of them"]),
-        (
-            lambda arm: motions.fastest([[0, 0], [1, "far"]], True, 1.0, smoothing=[1.0]),
-            ["points: expected a number", "velocity: expected a number", "smoothing: expected one number, got [1.0]"],
-        ),
-        (lambda arm: motions.line(arm, "home", [0.5, 0, 0.6]), ['start: expected a number, .* got "home"']),
-        (lambda arm: motions.circle(arm, [0.3, 0.8], [0.6, 0, 0.5], angle="90"), ["angle: expected one number"]),
-        (lambda arm: motions.multisine([0, 0], "large", [1], 2.0), ["amplitude: expected a number"]),
-        (lambda arm: motions.sweep([0, 0], 0.1, [[1.0], [2.0, 3.0]], 4.0), ["frequencies: expected a number"]),
-    ],
-)
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda arm: motions.waypoints([[0.0, 0.0], [1.0]], duration=1.0), ["points: expected a number, or a list"]),
+    (lambda arm: motions.rest("here", 1.0), ["q: expected a number, or a list"]),
+    (lambda arm: motions.rest(0.5, 1.0), ["q: expected a position for each joint"]),
+    (lambda arm: motions.circle(arm.name, [0.3, 0.8], [0.6, 0, 0.5]), ["expected a Robot, got str"]),
+    (lambda arm: motions.samples([0.0, "x"], None), ["times: expected a number, or a list or rows of them"]),
+    (
+        lambda arm: motions.fastest([[0, 0], [1, "far"]], True, 1.0, smoothing=[1.0]),
+        ["points: expected a number", "velocity: expected a number", "smoothing: expected one number, got [1.0]"],
+    ),
+    (lambda arm: motions.line(arm, "home", [0.5, 0, 0.6]), ['start: expected a number, .* got "home"']),
+    (lambda arm: motions.circle(arm, [0.3, 0.8], [0.6, 0, 0.5], angle="90"), ["angle: expected one number"]),
+    (lambda arm: motions.multisine([0, 0], "large", [1], 2.0), ["amplitude: expected a number"]),
+    (lambda arm: motions.sweep([0, 0], 0.1, [[1.0], [2.0, 3.0]], 4.0), ["frequencies: expected a number"]),
+])  # fmt: skip
 def test_what_is_no_number_is_named_all_at_once(planar, make, words):
     with pytest.raises(UsageError) as caught:
         make(planar)

@@ -64,7 +64,7 @@ class Stairs(Unit):
         self.y = self.a * self.u * lookup(self.u, EDGES, ROWS)
 
 
-def test_a_row_of_a_table_is_found_the_same_on_floats_and_symbols():
+def test_a_row_of_a_table_is_found_the_same_on_floats_and_symbols_and_by_no_derivative():
     unit = evaluation(Interface(Stairs, None))
     for u in [*EDGES, *np.nextafter(EDGES, -1.0), -3.0, 0.2, 7.0]:
         k = int(np.clip(np.searchsorted(EDGES, u, "right") - 1, 0, 2))
@@ -73,9 +73,6 @@ def test_a_row_of_a_table_is_found_the_same_on_floats_and_symbols():
         assert (unit.group("y") == 2.0 * u * ROWS[k]).all()
         assert (lookup(u, EDGES, ROWS) == ROWS[k]).all()
     assert (lookup(0.5, EDGES[[0, 3]], ROWS[:1]) == ROWS[0]).all()
-
-
-def test_derivatives_do_not_see_the_steps():
     functions = Interface(Stairs, None).functions
     name = next(iter(functions.names()))
     for u, row in ((0.05, ROWS[0]), (0.2, ROWS[1])):
@@ -85,7 +82,7 @@ def test_derivatives_do_not_see_the_steps():
         assert (forward.results["d_y"] == 2.0 * row).all()
 
 
-def test_the_unit_plays_the_motion_holds_it_and_scales_its_speed(robot):
+def test_the_unit_plays_the_motion_scales_its_speed_holds_it_or_begins_anew(robot):
     motion = motions.waypoints(POINTS, TIMES)
     unit = motion.unit()(robot, t_start=0.5, speed=2.0)
     for t in np.linspace(0.0, 1.5, 301):
@@ -97,9 +94,6 @@ def test_the_unit_plays_the_motion_holds_it_and_scales_its_speed(robot):
         for order, group in enumerate(GROUPS):
             # the same polynomials, the time with two roundings: 1e-16 s of the next derivative
             assert getattr(unit, group) == pytest.approx(2.0**order * at[order], rel=1e-9, abs=1e-9)
-
-
-def test_cycles_are_played_one_after_the_other(robot):
     motion = motions.waypoints([[0.0, 0.0], [1.0, 0.5], [0.0, 0.0]], duration=1.0).dwelling(0.25)
     assert motion.closed and "cycles" not in motions.waypoints(POINTS, TIMES).unit().declared
     unit = motion.unit()(robot, cycles=3.0)
@@ -153,12 +147,9 @@ def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
     # the same operations in the same order
     assert (native["trajectory.q_d_ddddot"] == python["trajectory.q_d_ddddot"]).all()
     swept = vdfmu.sweep(
-        scenario,
-        vary={"trajectory.speed": np.linspace(0.5, 1.0, 16)},
-        out=tmp_path / "sweep",
-        workers=1,
+        scenario, vary={"trajectory.speed": np.linspace(0.5, 1.0, 16)}, out=tmp_path / "sweep", workers=1,
         engine="batch",
-    )
+    )  # fmt: skip
     differences = [value for name in swept.columns if name.startswith("to_fmu[rad]") for value in swept[name]]
     found = [value for value in differences if value is not None and np.isfinite(value)]
     assert found and max(found) < 1e-12  # docs/sweeps.md: 2e-15 rad where nothing sticks
@@ -180,12 +171,9 @@ def test_the_arm_follows_better_without_a_jump_in_the_third_derivative():
     assert np.all(errors[1] > 2.0 * errors[0])
 
 
-def test_a_motion_of_other_joints_or_too_long_is_refused():
+def test_a_motion_of_other_joints_or_too_long_is_refused_and_code_without_a_table_has_none(robot):
     with pytest.raises(UsageError, match="expected at most 500000 coefficients"):
         motions.joined([motions.rest(np.zeros(6), 1.0)] * 14_000).unit()
-
-
-def test_generated_code_of_a_unit_without_a_table_has_none(robot):
     from vdfmu.arm.units import shipped_units
     from vdfmu.compiler.c.functions import kernel_source
 

@@ -96,10 +96,8 @@ class Subsystems:
             self.F_B_star[i] = self.F_B_star[i] + PART * more
 
     def forces(self, F_end):
-        """(9)-(11), or (18)-(20) solved as (23)-(25): F_q of every joint, F_kappa of every rotor.
-
-        The last base of the chain is the next joint's driven cutting point too: F_q of a joint is F_B of its link.
-        """
+        """(9)-(11), or (18)-(20) solved as (23)-(25): F_q of every joint, F_kappa of every rotor."""
+        # The last base of the chain is the next joint's driven cutting point too: F_q of a joint is F_B of its link.
         F_q, F_k = [None] * N, self.F_D_star  # (10), (19), (24)
         F_T = self.F_B_star[-1] + F_end  # (44), (51): no joint follows the last link's second part
         for i in reversed(range(N)):

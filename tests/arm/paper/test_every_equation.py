@@ -75,10 +75,8 @@ class Path:
         self.robot = robot
         self.q, self.q_dot, self.kappa_dot = (random.uniform(-1.5, 1.5, N) for _ in range(3))
         self.tau_s, self.tau, self.F_e = (
-            random.uniform(-20, 20, N),
-            random.uniform(-0.5, 0.5, N),
-            random.normal(size=6),
-        )
+            random.uniform(-20, 20, N), random.uniform(-0.5, 0.5, N), random.normal(size=6),
+        )  # fmt: skip
         self.x = np.concatenate([self.q, self.q_dot, self.kappa_dot, self.tau_s])
         self.plant, self.vdc, self.inverse, self.other = Calls(), Calls(), Calls(), Calls()
         plant = Plant(robot, tau=self.tau, F_e=self.F_e)
@@ -99,8 +97,6 @@ class Path:
         self.tau_m = vdc.tau_m
         self.inverse.run(Feedforward(robot, mode="inverse", **desired).outputs)
 
-
-# --- checks: number of the equation to what must hold ---------------------------------------------------------------
 
 CHECKS = {}
 

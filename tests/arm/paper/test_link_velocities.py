@@ -7,7 +7,6 @@ from vdfmu.arm.equations.inverse_dynamics import link_motion
 
 
 def printed(q, q_dot):
-    """Return omega_B of links 1 to 6 as the paper prints them, erratum in omega_B5 included."""
     _, _, _, c4, c5, c6 = np.cos(q)
     _, s2, _, s4, s5, s6 = np.sin(q)
     c2 = np.cos(q[1])

@@ -33,9 +33,6 @@ def test_virtual_decomposition_agrees_with_newton_euler(arm):
     difference = 1e3 * np.abs(torques(arm) - torques(arm, newton_euler))
     # Both are exact; 1e-9 N mm is 200 roundings of the largest torque, 3e4 N mm.
     assert difference.max() <= 1e-9
-
-
-def test_joint_torques_along_the_trajectory_have_the_known_size(arm):
     # RMS as in docs/scenarios.md, noted with 1 to 3 digits: one unit of the last (joint 4 is cut, not rounded).
     noted = np.array([0.099, 22.6, 8.9, 0.63, 2.28, 0.0005])
     unit = np.array([0.001, 0.1, 0.1, 0.01, 0.01, 0.0001])
@@ -54,16 +51,13 @@ def test_table_3_is_the_difference_of_two_gravity_constants(arm):
     assert difference[3] == pytest.approx(TABLE_3[3], abs=0.05)
 
 
-def test_table_3_is_a_thousandth_of_the_torques(arm):
+def test_table_3_is_a_thousandth_of_the_torques_rather_than_of_two_gravity_constants(arm):
     # RMS torque in N m is a thousandth of it in N mm. Joints 3 to 6 print as Table 3 does, joints 1 and 2 as 0.1
     # and 22.6 instead of 0.2 and 22.7, one unit of the last digit.
     share = rms(torques(arm))
     assert share[2:5].round(1).tolist() == TABLE_3[2:5].tolist()
     np.testing.assert_allclose(share[[0, 1]].round(1), TABLE_3[[0, 1]] - 0.1, rtol=0, atol=1e-12)
     assert share[5].round(1) == TABLE_3[5]
-
-
-def test_a_thousandth_of_the_torques_fits_table_3_better_than_two_gravity_constants(arm):
     share, gravity = (np.abs(values - TABLE_3) for values in (rms(torques(arm)), gravity_difference(arm)))
     # Joints 2 and 3 tell, which have three and two digits: half a unit of the last is 0.05 N mm.
     assert (share[[1, 2]] < gravity[[1, 2]]).all()

@@ -13,26 +13,21 @@ MODELS = data_path("models")
 
 
 def tables(kind: str, name: str) -> dict[str, Any]:
-    """Return the content of a shipped file."""
     return tomllib.loads((MODELS / kind / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 @pytest.fixture
 def robot_data():
-    """Content of the planar robot's file, free to change."""
     return copy.deepcopy(tables("robots", "planar_2dof"))
 
 
 @pytest.fixture
 def scenario_data():
-    """Content of the planar robot's scenario, free to change."""
     return copy.deepcopy(tables("scenarios", "planar_tracking"))
 
 
 @pytest.fixture
 def write(tmp_path):
-    """Write tables as a TOML file and return its path."""
-
     def value(entry: Any) -> str:
         if isinstance(entry, bool):
             return str(entry).lower()

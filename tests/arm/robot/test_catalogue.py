@@ -56,26 +56,20 @@ def test_every_number_of_a_gear_has_one_source_and_its_tables_are_calculated_fro
         assert gear["load_loss"] == pytest.approx({"mu_l": mu_l}, rel=1e-4)
 
 
-def test_every_motor_has_a_source():
+def test_motors_have_sources_and_the_torsion_is_that_of_the_example_of_a_catalogue():
     assert {motor["source"] for motor in MOTORS.values()} <= set(CATALOGUE["sources"])
-
-
-def test_the_torsion_is_that_of_the_example_of_a_catalogue():
-    """Harmonic Drive AG, HFUS-2A, page 24: HFUC-32-100-2UH at 60 N.m, 7.15e-4 rad."""
+    # Harmonic Drive AG, HFUS-2A, page 24: HFUC-32-100-2UH at 60 N.m, 7.15e-4 rad.
     gear = GEARS["CSG-32-100"]
     K, T = [gear[f"K{i}"] for i in (1, 2, 3)], [gear["T1"], gear["T2"]]
     assert catalogue_torsion(60.0, K, T) == pytest.approx(7.15e-4, abs=5e-7)  # as printed
     assert catalogue_torsion(200.0, K, T) == pytest.approx(29.0 / 6.7e4 + 79.0 / 1.1e5 + 92.0 / 1.2e5, rel=1e-15)
-
-
-def test_a_fit_of_straight_pieces_that_are_one_is_a_linear_spring():
     spring, residual, _ = fit_spring(100.0, [3e4] * 3, [10.0, 40.0], 100.0)
     drive = robot_from_dict(of_catalogue(drive=spring | {"I_m": 1e-3}))
     np.testing.assert_allclose(1.0 / deformation_derivative(drive, np.zeros(2)), 3e4, rtol=2e-3)
     assert residual < 1e-3 * 100.0 / 3e4
 
 
-def test_the_loop_of_a_gear_is_as_wide_as_its_hysteresis_loss():
+def test_the_loop_of_a_gear_is_as_wide_as_its_loss_and_its_efficiency_that_at_rated_torque():
     """Quasi-static torsion between the rated torques: the width where springs and hysteresis balance."""
     robot = robot_from_dict(of_catalogue(hysteresis={}))
     gear = GEARS["CSG-25-100"]
@@ -91,9 +85,6 @@ def test_the_loop_of_a_gear_is_as_wide_as_its_hysteresis_loss():
     tau_s = done.y_events[0][0][0]
     # turned back at +- rated torque; the loop is the same from the other side
     assert 2.0 * deformation(robot, np.full(2, tau_s))[0] == pytest.approx(gear["hysteresis_loss"], rel=1e-4)
-
-
-def test_a_gear_has_its_efficiency_at_rated_torque():
     robot = robot_from_dict(of_catalogue(load_loss={}))
     gear = GEARS["CSG-25-100"]
     friction = robot.f_c + robot.f_v * SPEED / robot.ell
@@ -106,7 +97,7 @@ def test_a_gear_has_its_efficiency_at_rated_torque():
     assert (efficiency(0.3 * gear["rated"]) < 0.65).all()  # less load, less efficiency
 
 
-def test_a_joint_takes_from_the_catalogue_what_it_does_not_say():
+def test_a_joint_takes_from_the_catalogue_what_it_does_not_say_and_a_ratio_leaves_the_spring_as_printed():
     robot = robot_from_dict(
         of_catalogue(winding={}, hysteresis={"f_h": 1.0}, friction={"f_v": 0.7}, drive={"c_f": 2e-3})
     )
@@ -121,36 +112,27 @@ def test_a_joint_takes_from_the_catalogue_what_it_does_not_say():
     assert source == "models/drives/catalogue.toml: gear CSG-25-100; assumed there: hysteresis_loss"
     assert robot.source_of("joints[1].drive.I_m").endswith("inertia of gear CSG-25-100 and motor TBM-6025-B, times ell")
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
-
-
-def test_a_ratio_of_ones_own_leaves_the_spring_at_the_link_as_printed():
     printed, own = (robot_from_dict(of_catalogue(**tables)) for tables in ({}, {"drive": {"ell": 101.0}}))
     assert own.ell[0] == 101.0
     torque = np.linspace(-90.0, 90.0, 7)[:, None]
     # four roundings of K_w0, c_w and what they are multiplied by
     np.testing.assert_allclose(deformation(own, torque), deformation(printed, torque), rtol=1e-14)
-
-
-def test_limits_of_a_motor_are_those_at_the_joint():
     stops = {"q_min": -1.0, "q_max": 1.0, "stop_stiffness": 1e4, "stop_damping": 0.5}
     robot = robot_from_dict(of_catalogue(limits=stops))
     np.testing.assert_allclose(robot.kappa_dot_max, 48.0 / 0.078 / 100.0, rtol=1e-4)  # five digits
     assert (robot.tau_stall == 2.56).all()
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (
-            {"gear": "CSG-25-80"},
-            r'joints\[1\]\.gear: expected a gear of the catalogue, got "CSG-25-80"\. Did you mean "CSG-25',
-        ),
-        ({"motor": "TBM-6025"}, r'joints\[1\]\.motor: expected a motor of the catalogue, .* Did you mean "TBM-6025-B"'),
-        ({"gear": 25}, r"joints\[1\]\.gear: expected a gear of the catalogue, got 25\. Give it as a string"),
-        ({"type": "prismatic"}, r"joints\[1\]\.gear: expected none on a prismatic joint"),
-        ({"gear": "CSG-32-100"}, r"joints\[1\]\.friction: expected a table, got nothing"),  # it has none
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (
+        {"gear": "CSG-25-80"},
+        r'joints\[1\]\.gear: expected a gear of the catalogue, got "CSG-25-80"\. Did you mean "CSG-25',
+    ),
+    ({"motor": "TBM-6025"}, r'joints\[1\]\.motor: expected a motor of the catalogue, .* Did you mean "TBM-6025-B"'),
+    ({"gear": 25}, r"joints\[1\]\.gear: expected a gear of the catalogue, got 25\. Give it as a string"),
+    ({"type": "prismatic"}, r"joints\[1\]\.gear: expected none on a prismatic joint"),
+    ({"gear": "CSG-32-100"}, r"joints\[1\]\.friction: expected a table, got nothing"),  # it has none
+])  # fmt: skip
 def test_what_the_catalogue_has_not_is_refused(change, words):
     data = of_catalogue()
     data["joints"][0] |= change

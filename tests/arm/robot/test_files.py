@@ -35,13 +35,19 @@ def test_a_shipped_file_has_its_own_name_in_it(load, name):
     assert load(name).name == name
 
 
-def test_unknown_name_lists_the_shipped_ones():
+def test_unknown_name_lists_the_shipped_ones_and_a_missing_file_is_named(tmp_path):
     with pytest.raises(
         UsageError, match=r"no robot \'planar\': .* There are: iiwa_7dof, kr300_6dof, kr_6dof, manipulator_6dof"
     ):
         load_robot("planar")
     with pytest.raises(UsageError, match=r'no scenario \'trackin\': .* Did you mean "tracking"\?'):
         load_scenario("trackin")
+    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing: it does not exist"):
+        load_robot(tmp_path / "nowhere.toml")
+    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing"):
+        load_scenario("nowhere.toml")
+    with pytest.raises(ModelError, match="expected a TOML file, got a directory"):
+        load_robot(tmp_path)
 
 
 def test_file_of_that_name_wins_over_the_shipped_one(tmp_path, monkeypatch):
@@ -52,45 +58,31 @@ def test_file_of_that_name_wins_over_the_shipped_one(tmp_path, monkeypatch):
     assert load_robot("planar_2dof").name == "mine"
 
 
-def test_missing_file(tmp_path):
-    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing: it does not exist"):
-        load_robot(tmp_path / "nowhere.toml")
-    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing"):
-        load_scenario("nowhere.toml")
-    with pytest.raises(ModelError, match="expected a TOML file, got a directory"):
-        load_robot(tmp_path)
-
-
 DEEP = r"TOML, got .* nested too deeply"
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ('name = "Mühle"'.encode("latin-1"), r"UTF-8 text, got byte 0xfc at offset 9\. Save"),
-        (b'name = "x"\ngravity = [0, 0, 9.81\nfriction = "lumped"\n', "TOML, got a syntax error: .*line 3"),
-        (b"gravity = " + b"[" * 2000, DEEP),
-        (b"gravity = " + b"[" * 200 + b"]" * 200, DEEP),
-        (b"gravity = [{" + b"a." * 5000 + b"a = 1}]", DEEP),
-        (b"name = " + b"9" * 5000, ".*digits"),
-        (b"name = 0x" + b"f" * 5000, ".* got a number of thousands of digits"),
-    ],
-    ids=["latin", "syntax", "brackets", "lists", "dots", "digits", "hexadecimal"],
-)
+@pytest.mark.parametrize(("content", "words"), [
+    ('name = "Mühle"'.encode("latin-1"), r"UTF-8 text, got byte 0xfc at offset 9\. Save"),
+    (b'name = "x"\ngravity = [0, 0, 9.81\nfriction = "lumped"\n', "TOML, got a syntax error: .*line 3"),
+    (b"gravity = " + b"[" * 2000, DEEP),
+    (b"gravity = " + b"[" * 200 + b"]" * 200, DEEP),
+    (b"gravity = [{" + b"a." * 5000 + b"a = 1}]", DEEP),
+    (b"name = " + b"9" * 5000, ".*digits"),
+    (b"name = 0x" + b"f" * 5000, ".* got a number of thousands of digits"),
+], ids=["latin", "syntax", "brackets", "lists", "dots", "digits", "hexadecimal"])  # fmt: skip
 def test_a_file_that_is_no_toml_is_refused(tmp_path, content, words):
     (tmp_path / "broken.toml").write_bytes(content)
     with pytest.raises(ModelError, match=rf"broken\.toml: (name: )?expected {words}"):
         load_robot(tmp_path / "broken.toml")
 
 
-def test_byte_order_mark_and_crlf_are_read(tmp_path):
+def test_byte_order_mark_and_crlf_are_read_and_the_robot_path_starts_at_the_scenario_file(
+    tmp_path, write, scenario_data
+):
     path = tmp_path / "windows.toml"
     text = SHIPPED.read_text(encoding="utf-8").replace("\n", "\r\n")
     path.write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert load_robot(path).n == 2
-
-
-def test_robot_path_starts_at_the_scenario_file(tmp_path, write, scenario_data):
     (tmp_path / "robots").mkdir()
     shutil.copy(SHIPPED, tmp_path / "robots" / "arm.toml")
     scenario_data["robot"] = "robots/arm.toml"
@@ -107,9 +99,6 @@ def test_problems_of_scenario_and_robot_together(write, robot_data, scenario_dat
     assert len(caught.value.problems) == 2
     assert "own.toml: step: expected a finite number > 0 in s, got -1" in str(caught.value)
     assert "arm.toml: joints[1].link.mass: expected" in str(caught.value)
-
-
-def test_robot_of_a_scenario_not_found(write, scenario_data):
     scenario_data["robot"] = "planer_2dof"
     with pytest.raises(
         ModelError, match=r'own\.toml: robot: no robot .* Did you mean "planar_2dof"\? There are: iiwa_7dof'
@@ -117,7 +106,7 @@ def test_robot_of_a_scenario_not_found(write, scenario_data):
         load_scenario(write("own.toml", scenario_data))
 
 
-def test_another_robot_drops_the_paper(write, scenario_data):
+def test_another_robot_drops_the_paper_and_one_of_other_size_is_reported_for_every_list(write, scenario_data):
     scenario_data["paper"] = {"source": "x", "rms_position_error_deg": [0.1, 0.2]}
     path = write("own.toml", scenario_data)
     assert load_scenario(path, "planar_2dof").paper["rms_position_error_deg"] == [0.1, 0.2]
@@ -129,9 +118,6 @@ def test_another_robot_drops_the_paper(write, scenario_data):
     scenario = load_scenario(path, "slider_3dof")
     assert scenario.paper == {}
     assert group_value(scenario, "controller.K_p").shape == (3,)
-
-
-def test_robot_of_other_size_is_reported_for_every_list():
     with pytest.raises(ModelError) as caught:
         load_scenario("tracking", "planar_2dof")
     keys = ("trajectory.q_end", "controller.K_p", "controller.K_v")

@@ -47,7 +47,6 @@ def robot():
 
 
 def draw_state(robot, seed):
-    """Return a state of the plant, and motor torques."""
     random = np.random.default_rng(seed)
     sizes = {"q": 1.0, "q_dot": 1.0, "kappa_dot": 1.0, "tau_s": 30.0, "tau_c": 1.5, "T_f": 15.0}
     parts = {name: random.uniform(-size, size, robot.n) for name, size in sizes.items()}
@@ -130,7 +129,7 @@ def test_a_robot_carries_the_text_of_its_drive(robot, planar):
     assert planar.rows is PARAMETERS and not {"K_1", "T_s"} & {*PARAMETERS}
 
 
-def test_a_robot_file_names_the_file_of_its_drive(tmp_path, monkeypatch):
+def test_a_robot_file_names_the_file_of_its_drive_and_a_scenario_gives_one(tmp_path, monkeypatch):
     (tmp_path / "my_drive.py").write_text(TEXT)
     shipped = (data_path("models") / "robots" / "planar_2dof.toml").read_text(encoding="utf-8")
     text = shipped.replace('friction = "lumped"', 'friction = "lumped"\ndrive = "my_drive.py"', 1)
@@ -138,10 +137,7 @@ def test_a_robot_file_names_the_file_of_its_drive(tmp_path, monkeypatch):
     (tmp_path / "arm.toml").write_text(text)
     monkeypatch.chdir(tmp_path.parent)
     robot = load_robot(f"{tmp_path.name}/arm.toml")
-    assert robot.K_1.tolist() == [9e3, 9e3] and robot.drive.startswith('"""A drive of')
-
-
-def test_a_scenario_gives_its_robot_a_drive():
+    assert robot.K_1.tolist() == [9e3, 9e3] and robot.drive.startswith('"""A custom drive')
     scenario = load_scenario(str(EXAMPLE / "track.toml"))
     assert scenario.robot.K_1.tolist() == [12e3, 6e3] and scenario.robot.T_s.tolist() == [30.0, 30.0]
 
@@ -160,16 +156,13 @@ ROWS = HEAD + "@dataclass(frozen=True, eq=False, kw_only=True)\nclass Rows:\n   
 STATE = HEAD + "MINE = DriveOption(state=OptionState('tau_s', '1', 'x', 'y'))\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("no_such.py", r"drive must be a file of Python, got 'no_such.py'"),
-        ("x = \n", r"drive, line 1: invalid syntax"),
-        ("x = 1\ny = 1 / 0\n", r"drive, line 2: .*division by zero"),
-        ("x = 1\n", r"the file must have a DriveOption of vdfmu\.drive"),
-        (ROWS.format("K_f0") + "MINE = DriveOption()\n", r"K_f0: a name must be new"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("no_such.py", r"drive must be a file of Python, got 'no_such.py'"),
+    ("x = \n", r"drive, line 1: invalid syntax"),
+    ("x = 1\ny = 1 / 0\n", r"drive, line 2: .*division by zero"),
+    ("x = 1\n", r"the file must have a DriveOption of vdfmu\.drive"),
+    (ROWS.format("K_f0") + "MINE = DriveOption()\n", r"K_f0: a name must be new"),
+])  # fmt: skip
 def test_a_file_that_is_no_drive_is_refused(text, message):
     with pytest.raises(ModelError, match=message):
         robot_from_dict(data_of(text, mine={}))
@@ -184,17 +177,11 @@ def test_a_name_of_the_plant_is_refused(text, name):
         Interface(Plant, robot)
 
 
-def test_a_number_that_is_missing_has_its_place():
+def test_a_number_that_is_missing_has_its_place_and_no_drive_is_run_where_files_are_only_read(robot, planar):
     with pytest.raises(ModelError, match=r"joints\[2\]\.cubic\.K_1: expected a finite number > 0 in N\.m/rad"):
         robot_from_dict(data_of(cubic={}, warm={"T_s": 30.0}))
-
-
-def test_no_drive_is_run_where_files_are_only_read():
     with reading_only(), pytest.raises(CodeNotRunError):
         robot_from_dict(data_of(TEXT + "# another\n"))
-
-
-def test_friction_of_a_planned_motion_is_that_of_the_surroundings(robot, planar):
     speed = np.array([0.3, -0.4])
     warm, cold = (joint_friction(one, speed, speed)[1] for one in (robot, planar))
     np.testing.assert_array_equal(warm, cold)

@@ -59,8 +59,6 @@ class Own(Unit):
 
 @pytest.fixture
 def mine(tmp_path):
-    """Return a function that loads the scenario with more lines, and with a changed system."""
-
     def load(more: str = "", system: str = SYSTEM, way: str = WAY):
         (tmp_path / "mine.sys.toml").write_text(system)
         (tmp_path / "mine.toml").write_text(SCENARIO + way + more)
@@ -70,15 +68,12 @@ def mine(tmp_path):
     return load
 
 
-def test_plant_factors_and_an_unknown_payload_reach_a_plant_of_any_name(mine):
+def test_plant_factors_reach_a_plant_of_any_name_or_are_noted(mine):
     scenario = mine("[plant_factors]\nmass = 2.0\n[payload]\nmass = 0.5\nknown = false\n")
     values = system_values(scenario)["arm"]
     assert values["mass[1]"] == 2.0 * load_robot("planar_2dof").mass[0]
     assert values["payload_mass"] == 0.5
     assert not model_notes(scenario)
-
-
-def test_plant_factors_that_reach_no_component_are_noted(mine):
     own = SYSTEM.replace('arm = "plant"', 'arm = { unit = "plant", robot = "planar_2dof" }')
     scenario = mine("[plant_factors]\nmass = 2.0\n", own)
     (note,) = model_notes(scenario)
@@ -88,24 +83,18 @@ def test_plant_factors_that_reach_no_component_are_noted(mine):
     assert note == "plant_factors: arm has its own robot, so this does not reach it."
 
 
-def test_a_plant_starts_where_its_motion_begins(mine):
+def test_plants_start_where_their_motion_begins_unless_a_file_says_otherwise(mine):
     values = system_values(mine())["arm"]
     assert (values["q_0[1]"], values["q_0[2]"]) == (-1.5, 0.25)
     motion = '[motion]\nkind = "waypoints"\npoints = [[0.3, 0.1], [0.5, 0.2]]\ntimes = [0.0, 1.0]\n'
     values = system_values(mine(motion, SYSTEM.replace("way", "trajectory"), ""))["arm"]
     assert (values["q_0[1]"], values["q_0[2]"]) == (0.3, 0.1)
-
-
-def test_several_plants_share_the_start_of_one_motion(mine):
     two = SYSTEM.replace('arm = "plant"', 'arm = "plant"\nghost = "plant"').replace(
         '["arm.tau"]', '["arm.tau", "ghost.tau"]'
     )
     scenario = mine(system=two)
     assert scenario.system.shared == {"start": {"way": "q_start", "arm": "q_0", "ghost": "q_0"}}
     assert system_values(scenario)["ghost"]["q_0[1]"] == -1.5
-
-
-def test_what_a_file_says_of_the_start_counts(mine):
     values = system_values(mine("[arm]\nq_0 = [0.1, 0.2]\n"))["arm"]
     assert (values["q_0[1]"], values["q_0[2]"]) == (0.1, 0.2)
     shared = SYSTEM + '[shared.mine]\nway = "q_end"\narm = "q_0"\n'

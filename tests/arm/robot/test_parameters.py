@@ -82,7 +82,6 @@ def extended(tmp_path_factory):
 
 
 def output(environment: dict[str, str], *arguments: str) -> str:
-    """Return what Python prints."""
     done = subprocess.run(
         [sys.executable, *arguments],
         cwd=environment["PYTHONPATH"],  # else the folder of this test comes first
@@ -93,7 +92,7 @@ def output(environment: dict[str, str], *arguments: str) -> str:
 
 
 @pytest.mark.heavy
-def test_a_new_parameter_is_one_line(extended):
+def test_a_new_parameter_is_one_line_and_is_shown_on_the_command_line(extended):
     seen = json.loads(output(extended, "-c", PROGRAM))
     assert seen["file"].startswith(extended["PYTHONPATH"])
     assert seen["default"] == [2.0, 2.0, 2.0]
@@ -114,10 +113,6 @@ def test_a_new_parameter_is_one_line(extended):
     ]
     assert seen["doc"] == ["k_new : (n,) [N.m/rad or N/m]", "    New stiffness, Eq. (99)."]
     assert seen["factor"]
-
-
-@pytest.mark.heavy
-def test_a_new_parameter_is_shown_on_the_command_line(extended):
     shown = output(extended, "-m", "vdfmu.cli", "robot", "show", "planar_2dof")
     assert re.search(r"theta_err_phase +k_new", shown)
     assert "k_new: no source" in shown
@@ -165,18 +160,12 @@ def test_every_unit_of_measurement_is_one_of_fmi(name):
     assert [measure(unit).name for unit in units] == units
 
 
-def test_the_flags_of_optional_sections_are_fields_of_a_robot():
+def test_a_robot_has_the_flags_and_shapes_of_the_table_and_no_parameters_of_an_inertia_of_zero():
     robot = load_robot("planar_2dof")
     assert not any(getattr(robot, name) for name in OPTIONAL)
-
-
-def test_a_robot_has_the_shapes_of_the_table():
     robot = load_robot("slider_3dof")
     for row in PARAMETERS.values():
         assert getattr(robot, row.name).shape == ((3,) if row.per_joint else ()) + row.shape
-
-
-def test_an_inertia_of_zero_has_no_parameters():
     robot = Robot(**{**vars(load_robot("planar_2dof")), "payload": True})
     row = PARAMETERS["payload_inertia"]
     assert not any(row.is_free(robot, index) for index in np.ndindex(3, 3))
@@ -184,7 +173,7 @@ def test_an_inertia_of_zero_has_no_parameters():
     assert [i for i in np.ndindex(3, 3) if row.is_free(heavy, i)] == [(0, 0), (1, 1), (2, 2)]
 
 
-def test_the_solver_has_one_default_tolerance(tmp_path, plant_solver):
+def test_the_solver_has_one_default_tolerance_and_the_docstring_the_shape_of_each_parameter(tmp_path, plant_solver):
     shipped = PACKAGE.parent / "models" / "scenarios" / "planar_tracking.toml"
     text = shipped.read_text(encoding="utf-8")
     assert text.count("\ntolerance") == 1
@@ -196,9 +185,6 @@ def test_the_solver_has_one_default_tolerance(tmp_path, plant_solver):
         Interface(Plant, robot).find("tolerance").start,
     ]
     assert defaults == [SOLVER_TOLERANCE] * 3
-
-
-def test_the_docstring_of_a_robot_has_the_shape_of_each_parameter():
     shown = Robot.__doc__ or ""
     for row in PARAMETERS.values():
         shape = (*(["n"] if row.per_joint else []), *map(str, row.shape))

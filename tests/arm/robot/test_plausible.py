@@ -59,7 +59,7 @@ def test_a_wrong_sign_or_unit_of_a_setting_is_noted(settings, note):
     assert any(note in line for line in model_notes(load_scenario("planar_tracking"), settings))
 
 
-def test_degrees_in_a_scenario_and_in_a_run_are_noted_in_the_same_words():
+def test_degrees_in_a_scenario_and_in_a_run_and_millimetres_of_a_slide_are_noted():
     scenario, heard = load_scenario("planar_tracking"), list[str]()
     motion = {**scenario.sections["trajectory"], "q_end": [0.5, 90.0]}
     written = replace(scenario, sections={**scenario.sections, "trajectory": motion})
@@ -70,9 +70,6 @@ def test_degrees_in_a_scenario_and_in_a_run_are_noted_in_the_same_words():
         log=lambda message: heard.append(message.text),
     )  # fmt: skip
     assert f"planar_2dof: {note}" in heard
-
-
-def test_millimetres_of_a_slide_are_noted():
     notes = model_notes(load_scenario("slider_tracking"), {"trajectory.q_end": [0.5, 250.0, 0.3]})
     assert notes == ["trajectory.q_end[2] = 250 m looks like mm. Write 0.25 m."]
 

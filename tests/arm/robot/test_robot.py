@@ -17,7 +17,6 @@ from vdfmu.base.errors import ModelError, UsageError
 
 
 def assert_same(a: Robot, b: Robot) -> None:
-    """Every field is equal to the last bit."""
     for field in dataclasses.fields(Robot):
         x, y = getattr(a, field.name), getattr(b, field.name)
         if field.name in PARAMETERS:
@@ -40,7 +39,6 @@ def positive(low: float, high: float) -> st.SearchStrategy[float]:
 
 @st.composite
 def joints(draw: st.DrawFn) -> dict[str, Any]:
-    """One joint of a physical robot, drawn at random."""
     turn = Rotation.from_euler("xyz", [draw(positive(-3, 3)) for _ in range(3)]).as_matrix()
     # The moments of three point masses: a + b, b + c, c + a meet the triangle inequality by construction.
     a, b, c = (draw(positive(1e-3, 1)) for _ in range(3))
@@ -52,52 +50,37 @@ def joints(draw: st.DrawFn) -> dict[str, Any]:
         "rotation": turn.tolist(),
         "offset": draw(point),
         "link": {
-            "mass": draw(positive(1e-3, 100)),
-            "centroid": draw(point),
+            "mass": draw(positive(1e-3, 100)), "centroid": draw(point),
             "inertia": ((inertia + inertia.T) / 2).tolist(),
         },
         "drive": {
-            "ell": draw(positive(1, 200)),
-            "I_m": draw(positive(1e-6, 1)),
-            "K_f0": draw(positive(1, 1e6)),
-            "c_f": draw(positive(1e-6, 1)),
-            "K_w0": draw(positive(1e-3, 1e3)),
-            "c_w": draw(positive(1e-3, 1e3)),
-            "theta_err_amplitude": draw(positive(0, 1e-3)),
-            "theta_err_phase": draw(positive(-4, 4)),
+            "ell": draw(positive(1, 200)), "I_m": draw(positive(1e-6, 1)), "K_f0": draw(positive(1, 1e6)),
+            "c_f": draw(positive(1e-6, 1)), "K_w0": draw(positive(1e-3, 1e3)), "c_w": draw(positive(1e-3, 1e3)),
+            "theta_err_amplitude": draw(positive(0, 1e-3)), "theta_err_phase": draw(positive(-4, 4)),
         },
         "friction": {
-            "f_c": f_c,
-            "f_s": f_c + draw(positive(0, 1)),
-            "f_v": draw(positive(0, 1)),
-            "v_s": draw(positive(1e-3, 1)),
-            "f_ck": draw(positive(0, 1)),
-            "eps": draw(positive(1e-6, 1)),
+            "f_c": f_c, "f_s": f_c + draw(positive(0, 1)), "f_v": draw(positive(0, 1)),
+            "v_s": draw(positive(1e-3, 1)), "f_ck": draw(positive(0, 1)), "eps": draw(positive(1e-6, 1)),
         },
-    }
+    }  # fmt: skip
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(joints(), min_size=1, max_size=3), st.sampled_from(["lumped", "split"]), st.booleans())
 def test_round_trip_of_random_robots(chain, friction, coupling):
     data = {
-        "name": "random",
-        "description": "",
-        "friction": friction,
-        "rotor_coupling": coupling,
-        "gravity": [0.0, 0.0, 9.81],
-        "tool_offset": [0.1, 0.0, 0.0],
-        "tool_rotation": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
-        "joints": chain,
+        "name": "random", "description": "", "friction": friction, "rotor_coupling": coupling,
+        "gravity": [0.0, 0.0, 9.81], "tool_offset": [0.1, 0.0, 0.0],
+        "tool_rotation": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "joints": chain,
         "sources": {"joints[1].link.mass": "drawn"},
-    }
+    }  # fmt: skip
     robot = robot_from_dict(data)
     assert robot.n == len(chain)
     assert robot.to_dict() == data
     assert_same(robot, robot_from_dict(robot.to_dict()))
 
 
-def test_a_payload_is_read_written_and_scaled():
+def test_a_payload_is_read_written_and_scaled_and_a_robot_without_has_none_to_set():
     data = load_robot("planar_2dof").to_dict()
     assert "payload" not in data
     data["payload"] = {"mass": 0.5, "centroid": [0.1, 0.0, 0.02], "inertia": 1e-3}
@@ -111,28 +94,22 @@ def test_a_payload_is_read_written_and_scaled():
     names = [p.name for p in point.entries()]
     assert names[2:6] == ["payload_mass", "payload_centroid[1]", "payload_centroid[2]", "payload_centroid[3]"]
     assert "payload_inertia[1,1]" in [p.name for p in robot.entries()]
-
-
-def test_a_robot_without_payload_has_none_to_set():
     with pytest.raises(UsageError, match=r"planar_2dof: payload_mass: it has no payload\. .* \[payload\]"):
         load_robot("planar_2dof").with_parameters(payload_mass=1.0)
 
 
-@pytest.mark.parametrize(
-    ("payload", "words"),
-    [
-        ({}, r"payload\.mass: expected a finite number >= 0 in kg, got nothing"),
-        ({"mass": -1.0}, r"payload\.mass: expected .* >= 0 in kg, got -1\.0"),
-        ({"mass": 1.0, "inertia": [1.0, 1.0, 3.0]}, r"payload\.inertia: expected no principal moment above"),
-        ({"mass": 1.0, "mas": 1.0}, r"payload\.mas: expected a known key"),
-    ],
-)
+@pytest.mark.parametrize(("payload", "words"), [
+    ({}, r"payload\.mass: expected a finite number >= 0 in kg, got nothing"),
+    ({"mass": -1.0}, r"payload\.mass: expected .* >= 0 in kg, got -1\.0"),
+    ({"mass": 1.0, "inertia": [1.0, 1.0, 3.0]}, r"payload\.inertia: expected no principal moment above"),
+    ({"mass": 1.0, "mas": 1.0}, r"payload\.mas: expected a known key"),
+])  # fmt: skip
 def test_a_payload_that_no_body_has_is_refused(payload, words):
     with pytest.raises(ModelError, match=words):
         robot_from_dict(load_robot("planar_2dof").to_dict() | {"payload": payload})
 
 
-def test_forms_of_inertia():
+def test_forms_of_inertia_and_defaults():
     data = load_robot("planar_2dof").to_dict()
     link = data["joints"][0]["link"]
     link["inertia"] = 0.5
@@ -141,9 +118,6 @@ def test_forms_of_inertia():
     np.testing.assert_array_equal(robot_from_dict(data).inertia[0], np.diag([1, 2, 2.5]))
     link["inertia"] = [[1, 0.1, 0], [0.1, 2, 0], [0, 0, 2.5]]
     np.testing.assert_array_equal(robot_from_dict(data).inertia[0], link["inertia"])
-
-
-def test_defaults():
     data = load_robot("planar_2dof").to_dict()
     for key in ("description", "friction", "tool_offset", "sources"):
         del data[key]
@@ -164,16 +138,13 @@ def test_arrays_refuse_assignment(key):
         array[...] = 0.0
 
 
-def test_shapes():
+def test_shapes_with_other_parameters_too():
     robot = load_robot("slider_3dof")
     shapes = {"rotation": (3, 3, 3), "offset": (3, 3), "centroid": (3, 3), "inertia": (3, 3, 3)}
     for key in (name for name, row in PARAMETERS.items() if row.per_joint):
         assert getattr(robot, key).shape == shapes.get(key, (3,)), key
     assert robot.gravity.shape == robot.tool_offset.shape == (3,)
     assert robot.joint_types == ("revolute", "prismatic", "revolute")
-
-
-def test_with_parameters():
     robot = load_robot("planar_2dof")
     other = robot.with_parameters(mass=[3, 4], f_v=0.5)
     np.testing.assert_array_equal(other.mass, [3.0, 4.0])
@@ -202,14 +173,11 @@ def test_every_number_has_its_source(name):
                 assert robot.source_of(f"joints[{i}].{group}.{key}"), (i, group, key)
 
 
-def test_source_of_one_joint_goes_before_that_of_all():
+def test_source_of_one_joint_goes_before_that_of_all_and_may_be_nested():
     robot = load_robot("manipulator_6dof")
     assert "+x of B_2" in (robot.source_of("joints[3].offset") or "")
     assert "+x of B_2" not in (robot.source_of("joints[2].offset") or "")
     assert robot.source_of("joints[2].colour") is None
-
-
-def test_sources_may_be_nested():
     data = load_robot("planar_2dof").to_dict()
     data["sources"] = {"joints": {"link": {"mass": "scales"}}}
     assert robot_from_dict(data).source_of("joints[2].link.mass") == "scales"

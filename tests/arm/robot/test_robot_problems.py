@@ -124,20 +124,14 @@ def test_every_problem_at_once(robot_data):
         assert sum(f" {key}: " in line for line in caught.value.problems) == 1
 
 
-def test_missing_table_is_one_problem(robot_data):
+def test_missing_table_is_one_problem_of_the_robot_that_is_named(robot_data):
     del robot_data["joints"][0]["drive"]
     with pytest.raises(ModelError) as caught:
         robot_from_dict(robot_data)
     assert len(caught.value.problems) == 1
-
-
-def test_check_robot_names_the_robot():
     robot = load_robot("planar_2dof")
     assert check_robot(robot) is robot
     with pytest.raises(ModelError, match=r"robot planar_2dof: joints\[2\]\.link\.mass: .* got -1\.0"):
         check_robot(robot.with_parameters(mass=[1.0, -1.0]))
-
-
-def test_model_error_is_of_the_family():
     assert issubclass(ModelError, VdfmuError)
     assert ModelError("one").problems == ["one"]

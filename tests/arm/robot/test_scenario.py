@@ -71,7 +71,7 @@ def test_missing_key(write, scenario_data, key):
         load_scenario(write("own.toml", scenario_data))
 
 
-def test_every_problem_at_once(write, scenario_data):
+def test_every_problem_at_once_and_one_number_stands_for_all_joints(write, scenario_data):
     scenario_data["friction"] = "x"
     scenario_data["step"] = 0
     scenario_data["trajectory"]["q_end"] = [1.0, 2.0, 3.0]
@@ -80,9 +80,6 @@ def test_every_problem_at_once(write, scenario_data):
     with pytest.raises(ModelError) as caught:
         load_scenario(write("own.toml", scenario_data))
     assert len(caught.value.problems) == 5
-
-
-def test_one_number_stands_for_all_joints():
     scenario = load_scenario("tracking")
     np.testing.assert_array_equal(group_value(scenario, "feedforward.Lambda"), np.full(6, 1.0))
     np.testing.assert_array_equal(group_value(scenario, "controller.tau_max"), np.full(6, NO_LIMIT))
@@ -114,7 +111,7 @@ def test_defaults(write, scenario_data):
     assert scenario.plant_robot is scenario.robot
 
 
-def test_friction_of_a_scenario_goes_before_that_of_its_robot(write, scenario_data):
+def test_friction_of_a_scenario_goes_first_and_variants_differ_by_what_they_are_for(write, scenario_data):
     scenario_data["friction"] = "split"
     scenario_data["plant_factors"] = {"mass": 2.0}
     path = write("own.toml", scenario_data)
@@ -126,8 +123,6 @@ def test_friction_of_a_scenario_goes_before_that_of_its_robot(write, scenario_da
     del scenario_data["friction"]
     assert load_scenario(write("own.toml", scenario_data), robot).robot is robot
 
-
-def test_variants_differ_from_their_scenarios_by_what_they_are_for():
     def content(name: str) -> dict[str, Any]:
         data = tomllib.loads((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))
         return {key: value for key, value in data.items() if key not in ("name", "description")}
@@ -157,7 +152,7 @@ def test_gains_of_the_variant_of_two_joint_are_those_of_table_5():
     assert critical[1] > 50.0
 
 
-def test_plant_factors_scale_scalars_vectors_and_matrices(write, scenario_data):
+def test_plant_factors_scale_scalars_vectors_and_matrices_by_the_stated_per_cent(write, scenario_data):
     scenario_data["plant_factors"] = {"mass": [1.5, 1.25], "centroid": [2.0, 0.5], "inertia": 2, "gravity": 0.5}
     scenario = load_scenario(write("own.toml", scenario_data))
     nominal, plant = scenario.robot, scenario.plant_robot
@@ -167,9 +162,6 @@ def test_plant_factors_scale_scalars_vectors_and_matrices(write, scenario_data):
     np.testing.assert_array_equal(plant.inertia, 2 * nominal.inertia)
     np.testing.assert_array_equal(plant.gravity, nominal.gravity / 2)
     np.testing.assert_array_equal(plant.K_f0, nominal.K_f0)
-
-
-def test_two_joint_plant_differs_by_the_stated_per_cent():
     scenario = load_scenario("two_joint")
     assert scenario.plant_factors == {
         "mass": 1.02, "inertia": 1.02, "f_c": 1.05, "f_s": 0.95, "f_v": 1.05, "K_f0": 0.95,

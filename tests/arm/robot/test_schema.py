@@ -30,7 +30,7 @@ def test_a_schema_is_one_of_json(schema):
     assert json.loads(json.dumps(schema)) == schema
 
 
-def test_every_shipped_file_fits():
+def test_every_shipped_file_fits_and_what_a_scenario_can_set_has_its_unit_of_measurement():
     robots, scenarios = (sorted(data_path("models").glob(f"{kind}/*.toml")) for kind in ("robots", "scenarios"))
     systems = sorted(data_path("ssp").glob("*.toml"))
     assert robots and scenarios and systems
@@ -43,30 +43,21 @@ def test_every_shipped_file_fits():
         assert problems(scenario_schema(where), data) == []
     for path in systems:
         assert problems(system_schema(), content(path)) == []
-
-
-def test_what_a_scenario_can_set_has_its_unit_of_measurement_and_no_text_twice():
     sections = scenario_schema()["properties"]
     assert sections["controller"]["properties"]["K_p"]["description"].endswith("Eq. (58) [N.m/rad or N/m]")
     assert sections["plant"]["properties"]["mass"]["description"].endswith("[kg]")
     wrench = "Force of the arm on its surroundings in {O}; Moment of the arm on its surroundings in {O} [N, N.m]"
     assert sections["plant"]["properties"]["F_e"]["description"] == wrench
-
-
-def test_files_of_the_example_fit():
     assert problems(system_schema(), content(EXAMPLES / "arm.toml")) == []
     assert problems(scenario_schema(str(EXAMPLES / "arm.toml")), content(EXAMPLES / "scenario.toml")) == []
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "where"),
-    [
-        ("massive", 1.0, "joints.0.link: Additional properties"),
-        ("mass", "3", "joints.0.link.mass: '3' is not of type 'number'"),
-        ("mass", -1.0, "joints.0.link.mass: -1.0 is less than the minimum"),
-        ("centroid", [1.0], "joints.0.link.centroid: "),
-    ],
-)
+@pytest.mark.parametrize(("key", "value", "where"), [
+    ("massive", 1.0, "joints.0.link: Additional properties"),
+    ("mass", "3", "joints.0.link.mass: '3' is not of type 'number'"),
+    ("mass", -1.0, "joints.0.link.mass: -1.0 is less than the minimum"),
+    ("centroid", [1.0], "joints.0.link.centroid: "),
+])  # fmt: skip
 def test_wrong_values_of_a_robot_are_marked(key, value, where):
     data = copy.deepcopy(content(data_path("models") / "robots" / "planar_2dof.toml"))
     data["joints"][0]["link"][key] = value
@@ -74,12 +65,9 @@ def test_wrong_values_of_a_robot_are_marked(key, value, where):
     assert found.startswith(where)
 
 
-def test_wrong_values_of_a_scenario_are_marked():
+def test_wrong_values_of_a_scenario_are_marked_and_a_robot_has_every_row_of_the_table():
     data = content(data_path("models") / "scenarios" / "tracking.toml")
     data["controller"] |= {"K_q": 1.0, "velocity": "kappa", "K_v": [-1.0]}
     assert len(problems(scenario_schema(), data)) == 3
-
-
-def test_the_schema_of_a_robot_has_every_row_of_the_table():
     text = json.dumps(robot_schema())
     assert all(f'"{row.key}": ' in text for row in PARAMETERS.values())

@@ -18,15 +18,12 @@ def with_visuals(data: dict[str, Any], *visuals: object) -> dict[str, Any]:
     return copy.deepcopy(data) | {"visuals": list(visuals)}
 
 
-def test_visuals_are_kept(robot_data):
+def test_visuals_are_kept_and_change_no_fmu(robot_data):
     robot = robot_from_dict(with_visuals(robot_data, MESH, BALL))
     mesh, ball = robot.visuals
     assert (mesh.joint, mesh.file, mesh.size.tolist()) == (2, "arm.stl", [1.0, 1.0, 1.0])
     assert (ball.shape, ball.size.tolist(), ball.color.tolist()) == ("sphere", [0.1], [1.0, 0.0, 0.0, 0.5])
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
-
-
-def test_a_robot_with_visuals_has_the_same_fmu(robot_data):
     plain, shown = robot_from_dict(robot_data), robot_from_dict(with_visuals(robot_data, MESH, BALL))
     assert "visuals" not in plain.to_dict()
     one, other = (Content(Plant, robot, {}, "native") for robot in (plain, shown))
@@ -34,20 +31,17 @@ def test_a_robot_with_visuals_has_the_same_fmu(robot_data):
     assert one.model_key == other.model_key
 
 
-@pytest.mark.parametrize(
-    ("change", "problem"),
-    [
-        ({"joint": 3}, "visuals[1].joint: expected a joint from 0 to 2, got 3. 0 is for shapes at rest."),
-        ({"joint": True}, "visuals[1].joint: expected a joint from 0 to 2, got true."),
-        ({"shape": "cone"}, 'visuals[1].shape: expected "mesh" or "box" or '),
-        ({"shape": "box"}, "visuals[1].size: expected 3 finite numbers >= 0 in m, got nothing."),
-        ({"size": [1.0]}, "visuals[1].size: expected 3 finite numbers, got 1. Write 3 numbers."),
-        ({"color": [2.0, 0.0, 0.0, 1.0]}, "visuals[1].color[1]: expected a number of at most 1, got 2.0."),
-        ({"rotation": [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "visuals[1].rotation: expected an ortho"),
-        ({"scale": 2.0}, "visuals[1].scale: expected a known key, got an unknown one."),
-        ({"file": ""}, "visuals[1].file: expected a string that is not empty"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "problem"), [
+    ({"joint": 3}, "visuals[1].joint: expected a joint from 0 to 2, got 3. 0 is for shapes at rest."),
+    ({"joint": True}, "visuals[1].joint: expected a joint from 0 to 2, got true."),
+    ({"shape": "cone"}, 'visuals[1].shape: expected "mesh" or "box" or '),
+    ({"shape": "box"}, "visuals[1].size: expected 3 finite numbers >= 0 in m, got nothing."),
+    ({"size": [1.0]}, "visuals[1].size: expected 3 finite numbers, got 1. Write 3 numbers."),
+    ({"color": [2.0, 0.0, 0.0, 1.0]}, "visuals[1].color[1]: expected a number of at most 1, got 2.0."),
+    ({"rotation": [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "visuals[1].rotation: expected an ortho"),
+    ({"scale": 2.0}, "visuals[1].scale: expected a known key, got an unknown one."),
+    ({"file": ""}, "visuals[1].file: expected a string that is not empty"),
+])  # fmt: skip
 def test_wrong_visuals_are_refused(robot_data, change, problem):
     with pytest.raises(ModelError) as error:
         robot_from_dict(with_visuals(robot_data, MESH | change))

@@ -31,7 +31,6 @@ def mrg32k3a(state):
 
 
 def of_seed(seed):
-    """Return the generator of a seed, by whole numbers of Python."""
     state = [seed + 1]
     for _ in range(8):
         state.append(48271 * state[-1] % (2**31 - 1))
@@ -51,15 +50,12 @@ def test_random_numbers_are_exact(seed):
     assert [*found, *again] == list(islice(of_seed(seed), 2000))
 
 
-def test_neighbouring_seeds_give_independent_numbers():
+def test_neighbouring_seeds_give_independent_numbers_and_noise_has_its_statistics(planar):
     n = 4000
     drawn = np.array([uniform(seeded(float(seed)), n)[0] for seed in range(8)]) - 0.5
     matrix = 12.0 * drawn @ drawn.T / n
     # a mean of n products, each of standard deviation 1, or sqrt(4/5) on the diagonal; 5 standard deviations
     np.testing.assert_allclose(matrix, np.eye(8), rtol=0, atol=5.0 / np.sqrt(n))
-
-
-def test_noise_of_the_torque_sensor_has_its_statistics(planar):
     n, sigma, offset = 3000, np.array([0.1, 0.5]), np.array([0.3, -0.2])
     unit = find_unit("torque_sensor")(planar, tau_s=[7.0, 3.0], sigma=sigma, offset=offset)
     found = sampled(unit, n)["tau_s_m"]
@@ -95,7 +91,7 @@ def test_noise_has_the_same_bits_in_every_fmu(planar, tmp_path, form):
     assert np.array_equal(found[1:], expected)
 
 
-def test_an_encoder_reads_in_steps_and_late(planar):
+def test_an_encoder_reads_in_steps_and_late_and_with_whole_samples_of_delay_has_the_samples(planar):
     w, late, span = 7.0, 2.25e-3, [2.0 * np.pi, 0.5]
     q = lambda t: np.array([np.sin(w * t), 0.3 * np.cos(w * t)])  # noqa: E731
     unit = find_unit("encoder")(planar, q=q(0.0), bits=14.0, T_d=late, span=span, T_v=[0.0, 4e-3])
@@ -120,9 +116,6 @@ def test_an_encoder_reads_in_steps_and_late(planar):
             v = a * v + (1.0 - a) * (now - before) / H
             velocity.append(v)
         np.testing.assert_allclose(found["q_dot_m"][1:, i], velocity[1:], rtol=0, atol=1e-11)  # 1 / h of 1, rounded
-
-
-def test_an_encoder_with_whole_samples_of_delay_has_the_samples(planar):
     x = np.random.default_rng(0).normal(size=(50, 2))
     unit = find_unit("encoder")(planar, T_d=3e-3, bits=48.0)
     found = sampled(unit, 50, q=lambda t: x[round(t / H)])["q_m"]
@@ -209,12 +202,9 @@ def test_a_brake_slows_down_by_its_torque_and_holds_without_creep(planar, late):
     np.testing.assert_allclose(turned, load / (0.05 * inertia / H**2), rtol=1e-9)
 
 
-def test_an_overloaded_brake_slips(planar):
+def test_an_overloaded_brake_slips_and_a_stop_is_remembered(planar):
     rows, inertia = braked(planar, np.array([0.5, 0.0]), [0.0, 0.0], 0.3)
     np.testing.assert_allclose(np.diff(rows[-3:, 2]) / H, 0.2 / inertia[0], rtol=1e-8)
-
-
-def test_a_stop_is_remembered(planar):
     unit = find_unit("emergency_stop")(planar, T_b=3e-3)
     found = sampled(unit, 12, tau_c=lambda t: [1.0, 1.0], stop=lambda t: float(round(t / H) == 4))
     assert found["phase"].tolist() == [0.0] * 4 + [1.0] * 3 + [2.0] * 5
@@ -223,20 +213,16 @@ def test_a_stop_is_remembered(planar):
     assert np.array_equal(timed["phase"], found["phase"])
 
 
-@pytest.mark.parametrize(
-    ("unit", "values", "message"),
-    [
-        ("encoder", {"T_d": 0.0151}, r"T_d up to 15 periods; .*, got T_d = 0.0151 s, period = 0.001 s"),
-        ("encoder", {"bits[2]": 17.5}, r"whole numbers, got bits\[1\] = 17, bits\[2\] = 17.5"),
-        (
-            "communication",
-            {"T_d": 0.01, "T_j": 0.006},
-            r"T_d \+ T_j up to 15 periods; .*, got T_d = 0.01 s, T_j = 0.006 s, period = 0.001 s",
-        ),
-        ("communication", {"seed": 0.5}, "whole number"),
-        ("torque_sensor", {"seed": 1.5}, "whole number"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "values", "message"), [
+    ("encoder", {"T_d": 0.0151}, r"T_d up to 15 periods; .*, got T_d = 0.0151 s, period = 0.001 s"),
+    ("encoder", {"bits[2]": 17.5}, r"whole numbers, got bits\[1\] = 17, bits\[2\] = 17.5"),
+    (
+        "communication", {"T_d": 0.01, "T_j": 0.006},
+        r"T_d \+ T_j up to 15 periods; .*, got T_d = 0.01 s, T_j = 0.006 s, period = 0.001 s",
+    ),
+    ("communication", {"seed": 0.5}, "whole number"),
+    ("torque_sensor", {"seed": 1.5}, "whole number"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused(planar, tmp_path, unit, values, message):
     with pytest.raises((FmuError, UsageError), match=message):
         build_fmus(planar, tmp_path, units=[unit], start_values={unit: values})
@@ -263,7 +249,6 @@ brake = "emergency_stop"
 
 
 def written(folder):
-    """Write the system and a scenario of it; return the scenario's file."""
     (folder / "system.toml").write_text(SYSTEM)
     scenario = vdfmu.load_scenario("planar_tracking")
     text = (scenario.system.path.parent.parent / "models" / "scenarios" / "planar_tracking.toml").read_text()
@@ -276,12 +261,9 @@ def written(folder):
 def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
     """What a file feeds takes the place of what fed it in the system that it extends."""
     settings = {
-        "encoder.bits": 30.0,
-        "communication.loss": 0.1,
-        "communication.T_d": 0.0,
-        "communication.T_j": 1e-3,
+        "encoder.bits": 30.0, "communication.loss": 0.1, "communication.T_d": 0.0, "communication.T_j": 1e-3,
         "brake.t_stop": 0.6,
-    }
+    }  # fmt: skip
     results = vdfmu.run(written(tmp_path), stop=0.8, settings=settings, out=False, record=["plant.tau[*]"])
     assert (
         results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-8

@@ -29,16 +29,13 @@ def run_rotor(load, steps, q_d=0.0, **values):
     return robot, [np.array(part) for part in zip(*rows, strict=True)]
 
 
-def test_a_constant_load_is_known_to_the_stated_time_constant():
+def test_a_constant_load_is_known_to_the_stated_time_constant_and_its_motion_that_of_the_closed_form():
     T_Q = 0.03
     _, (_, _, _, d_hat) = run_rotor(lambda k: LOAD, 301, T_Q=T_Q, K_p=1000.0, K_v=20.0)
     t = PERIOD * np.arange(301)
     # speeds of up to 1 rad/s, rounded, times I_m / period = 1; the filter forgets
     np.testing.assert_allclose(d_hat[:, 0], LOAD * (1.0 - np.exp(-t / T_Q)), rtol=0, atol=100 * EPS)
-
-
-def test_the_motion_under_a_load_is_that_of_the_closed_form():
-    """Position, speed and estimate are linear in the sample before: powers of one matrix."""
+    # Position, speed and estimate are linear in the sample before: powers of one matrix.
     T_Q, K_p, K_v = 0.03, 100.0, 10.0
     robot, (position, speed, _, d_hat) = run_rotor(lambda k: LOAD, 500, T_Q=T_Q, K_p=K_p, K_v=K_v)
     a, I_m, ell = np.exp(-PERIOD / T_Q), robot.I_m[0], robot.ell[0]

@@ -60,10 +60,8 @@ def test_nothing_is_wrong_with_the_fmu(unit, form, general, tmp_path):
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("unit", UNITS)
 def test_directional_derivatives_are_slopes(unit, version, planar, tmp_path):
-    """Of outputs at the initialization, and of the next sample in step mode, by the inputs.
-
-    Roundings count as their line in samples, not at the initialization; their steps are 2e-14 rad and 1e-9 N.m here.
-    """
+    """Of outputs at the initialization, and of the next sample in step mode, by the inputs."""
+    # Roundings count as their line in samples, not at the initialization; their steps are 2e-14 rad and 1e-9 N.m here.
     rounds = unit in ("encoder", "torque_sensor")
     fine = {"encoder": {"bits[1]": 48.0, "bits[2]": 48.0}} if unit == "encoder" else None
     path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version, start_values=fine)[unit]

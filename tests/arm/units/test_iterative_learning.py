@@ -117,7 +117,7 @@ def test_it_holds_before_and_after_the_cycles():
     assert not seen[250:].any()
 
 
-def test_nothing_is_learned_without_a_duration():
+def test_a_cycle_has_a_duration_of_whole_samples(tmp_path):
     robot = vdfmu.load_robot("planar_2dof")
     unit = find_unit("iterative_learning")(robot, q_d=[0.01, 0.02])
     unit.start()
@@ -125,9 +125,6 @@ def test_nothing_is_learned_without_a_duration():
         unit.t = k * PERIOD
         unit.update()
         assert not unit.u.any() and unit.cycle == 0.0 and unit.tau.all()
-
-
-def test_a_cycle_has_whole_samples(tmp_path):
     robot = vdfmu.load_robot("planar_2dof")
     (path,) = vdfmu.build_fmus(robot, tmp_path, units=["iterative_learning"], backend="python").values()
     for right in ({}, {"T": 0.123}):

@@ -17,7 +17,6 @@ SIGMAS = {"sigma_tau": 0.02, "sigma_q": 0.5, "sigma_kappa": 1e-5}
 
 @pytest.fixture(scope="module")
 def pendulum():
-    """Return the first link of the planar arm by itself, with linear springs."""
     data = vdfmu.load_robot("planar_2dof").to_dict()
     data["joints"] = data["joints"][:1]
     data["joints"][0]["drive"] |= {"K_f0": 5e3, "c_f": 1e-9, "K_w0": 1e9}
@@ -41,12 +40,11 @@ def by_hand():
 
 
 def designed(robot):
-    """Return a filter at the pose."""
     unit = find_unit("kalman_filter")
     return unit(robot, **unit.design(robot, POSE, period=PERIOD, **SIGMAS))
 
 
-def test_model_and_gain_are_those_of_a_joint_written_by_hand(pendulum, by_hand):
+def test_model_and_gain_are_those_of_a_joint_written_by_hand_and_of_python_control(pendulum, by_hand):
     A, B, G = by_hand
     C = np.array([[0.0, 0.0, 1.0, 0.0]])
     unit = designed(pendulum)
@@ -58,10 +56,7 @@ def test_model_and_gain_are_those_of_a_joint_written_by_hand(pendulum, by_hand):
     np.testing.assert_allclose(unit.L[0], gain, rtol=1e-6)  # a Riccati equation takes away some two digits of these
     held = 2.0 * 9.81 * 0.25 * np.cos(POSE)
     np.testing.assert_allclose(unit.rest[0], [POSE, POSE + held / 5e3, held / 100.0], rtol=1e-9)
-
-
-def test_gain_is_that_of_python_control(pendulum, by_hand):
-    """The continuous model, sampled and filtered by python-control."""
+    # The continuous model, sampled and filtered by python-control.
     unit = designed(pendulum)
     M, J, K, b, ell = 0.04 + 2.0 * 0.25**2, 0.001 * 100.0, 5e3, 0.5, 100.0
     K_g = -2.0 * 9.81 * 0.25 * np.sin(POSE)
@@ -92,7 +87,7 @@ def follow(unit, by_hand, steps, x, noise=None):
     return np.array(errors)
 
 
-def test_an_error_at_the_start_fades_by_the_poles_of_the_filter(pendulum, by_hand):
+def test_errors_fade_by_the_poles_of_the_filter_and_have_the_variance_of_the_riccati_equation(pendulum, by_hand):
     unit = designed(pendulum)
     x = np.array([1e-3, 0.0, 0.0, 0.0])
     errors = follow(unit, by_hand, 300, x)
@@ -103,9 +98,6 @@ def test_an_error_at_the_start_fades_by_the_poles_of_the_filter(pendulum, by_han
         np.testing.assert_allclose(error, x, rtol=0, atol=1e-7)
         x = closed @ x
     assert abs(errors[-1, 0]) < 1e-5
-
-
-def test_errors_under_noise_have_the_variance_of_the_riccati_equation(pendulum, by_hand):
     A, _, G = by_hand
     C = np.array([[0.0, 0.0, 1.0, 0.0]])
     unit = designed(pendulum)

@@ -27,7 +27,6 @@ def deformation(robot: Robot, torque: np.ndarray) -> np.ndarray:
 
 
 def rotors_too(robot: Robot) -> pin.Model:
-    """Return the arm with its rotors: bodies by themselves about the joints' axes, or armature if they are not."""
     model = build_pinocchio_model(robot)
     if not robot.rotor_coupling:
         model.armature = robot.ell * robot.I_m

@@ -23,7 +23,6 @@ EPS = np.finfo(float).eps
 
 @pytest.fixture(scope="module")
 def one_joint():
-    """Return the first joint of the planar arm by itself, without gravity and friction."""
     data = vdfmu.load_robot("planar_2dof").to_dict()
     data["joints"], data["gravity"] = data["joints"][:1], [0.0, 0.0, 0.0]
     data["joints"][0]["friction"] |= {"f_c": 0.0, "f_s": 0.0, "f_v": 0.0, "f_ck": 0.0}
@@ -174,7 +173,7 @@ def test_the_force_of_the_wall_on_an_arm_of_six_joints_is_known_within_two_perce
     assert np.linalg.norm(found[-1] - true[-1]) < 1e-4 * largest
 
 
-def test_the_notch_filter_has_the_gain_of_its_closed_form(one_joint):
+def test_the_notch_filter_has_the_gain_of_its_closed_form_below_half_of_the_sampling_frequency(one_joint, tmp_path):
     h, f, zeta_n, zeta_d = 1e-3, 35.0, 0.05, 0.7
     w = 2.0 * np.pi * f
     for f_z in (5.0, 20.0, 35.0, 80.0, 300.0):
@@ -186,9 +185,6 @@ def test_the_notch_filter_has_the_gain_of_its_closed_form(one_joint):
         s = 1j * w * np.tan(np.pi * f_z * h) / np.tan(np.pi * f * h)
         exact = (s * s + 2.0 * zeta_n * w * s + w * w) / (s * s + 2.0 * zeta_d * w * s + w * w)
         assert abs(response - exact) < 1e-10  # 2000 steps of rounding in a filter whose poles are within 0.1 of 1
-
-
-def test_a_notch_lets_constants_through_and_has_to_be_below_half_of_the_sampling_frequency(one_joint, tmp_path):
     y = sampled(find_unit("notch_filter")(one_joint), 1000, u=lambda t: [2.0])["y"]
     assert y[-1, 0] == pytest.approx(2.0, abs=1e-12)  # poles at exp(-0.7 * 2 pi * 20 * 1 s) = 1e-38
     path = build_fmus(one_joint, tmp_path, units=["notch_filter"], backend="python")["notch_filter"]

@@ -38,10 +38,8 @@ def test_the_regressor_is_the_body_in_its_parameters(general):
 
 
 def check_virtual_power(robot, phi, K_V, q, q_dot, q_ddot, q_dot_r, q_ddot_r, tau):
-    """Assert that flows cancel: what leaves a body by a cutting point enters the next one or is the joint's.
-
-    `tau` are the torques under which the links have the accelerations q_ddot.
-    """
+    """Assert that flows cancel: what leaves a body by a cutting point enters the next one or is the joint's."""
+    # `tau` are the torques under which the links have the accelerations q_ddot.
     tau_r, s = adaptive_torques(robot, phi, K_V, q, q_dot, q_dot_r, q_ddot_r)
     motion = link_motion(robot, q, q_dot, q_ddot)
     F_B, U_AB = link_forces(robot, motion), motion.U_AB
@@ -58,7 +56,7 @@ def check_virtual_power(robot, phi, K_V, q, q_dot, q_ddot, q_dot_r, q_ddot_r, ta
         assert abs(before + joint - e[i] @ F_B[i]) <= 1e-12 * (abs(joint) + np.abs(e[i] * F_B[i]).sum() + scale)
 
 
-def test_virtual_power_flows_at_the_cutting_points_cancel(chain, draw):
+def test_virtual_power_flows_cancel_and_required_forces_are_those_of_the_feedforward(chain, draw):
     """The sum over all subsystems is 0, at any state."""
     random = np.random.default_rng(2)
     n, phi, K_V = chain.n, 1.2 * start_parameters(chain), np.full(chain.n, 0.5)
@@ -66,10 +64,7 @@ def test_virtual_power_flows_at_the_cutting_points_cancel(chain, draw):
         q_dot_r, q_ddot_r = state.q_dot + random.normal(size=n), random.normal(size=n)
         tau = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot)
         check_virtual_power(chain, phi, K_V, state.q, state.q_dot, state.q_ddot, q_dot_r, q_ddot_r, tau)
-
-
-def test_required_forces_are_those_of_the_feedforward(chain, draw):
-    """With the true parameters, and q_dot_r = q_dot, they are the inverse dynamics."""
+    # With the true parameters, and q_dot_r = q_dot, they are the inverse dynamics.
     for state in draw(chain, 5, seed=4):
         tau, s = adaptive_torques(
             chain, start_parameters(chain), np.ones(chain.n), state.q, state.q_dot, state.q_dot, state.q_ddot

@@ -63,7 +63,6 @@ class OnBoard(NamedTuple):
 
 
 def on_board(efmu: Efmu, board: Board, inputs: Rows, folder: Path) -> OnBoard:
-    """Compile production code for a board, and run it there over inputs."""
     if not (NEWLIB / board.library / "libm.a").exists():
         program("arm-none-eabi-newlib", "libnewlib-arm-none-eabi")
     qemu = program("qemu-system-arm", "qemu-system-arm")
@@ -75,13 +74,9 @@ def on_board(efmu: Efmu, board: Board, inputs: Rows, folder: Path) -> OnBoard:
     zig = [sys.executable, "-m", "ziglang", "cc", "-target", "thumb-freestanding-eabihf", f"-mcpu={board.cpu}", "-O2"]
     # with its own name for the folder of the headers: else zig takes an object that it made with others
     flags = [
-        "-ffp-contract=off",
-        "-ffunction-sections",
-        "-fdata-sections",
-        f"-I{folder}",
-        "-isystem",
+        "-ffp-contract=off", "-ffunction-sections", "-fdata-sections", f"-I{folder}", "-isystem",
         "/usr/include/newlib",
-    ]
+    ]  # fmt: skip
     defined = {"UNIT": efmu.name, "INPUTS": sum(widths.values()), "OUTPUTS": sum(outputs.values()), "ROWS": board.rows}
     run([*zig, "-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", *flags, "-c",
          f"{efmu.name}.c", "-o", "unit.o"], cwd=folder, seconds=600)  # fmt: skip
@@ -133,7 +128,6 @@ def row(path: Path, precision: str, board: Board, inputs: Rows, expected: Rows) 
 
 
 def table() -> str:
-    """Return the tables of docs/efmi.md: units of the tracking scenario in its run, others in their experiments."""
     head = [f"| {' | '.join(COLUMNS)} |", f"|{' --- |' * len(COLUMNS)}"]
     rows, others = [*head], ["", *head]
     with tempfile.TemporaryDirectory() as place:

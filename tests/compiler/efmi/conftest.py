@@ -22,7 +22,6 @@ START = {"momentum_observer": {"damping": 0.01}}
 
 
 def build(unit: str, robot: str, precision: str, folder: Path) -> Path:
-    """Build the eFMU of a unit."""
     start = {unit: START[unit]} if precision == "float32" and unit in START else {}
     chosen = find_unit(unit)
     fmus = build_fmus(

@@ -78,7 +78,6 @@ class Program:
 
 
 def python_of(text: str) -> str:
-    """Return the statements of a method in Python."""
     lines, depth = ["pass"], 0
     text = re.sub(r"\(if (.*?) then (.*?) else (.*)\);", r"conditional(\1, \2, \3);", text.partition("algorithm\n")[2])
     statements = re.split(r"(?<=;)|(?<=\bthen)\s|(?<=\bloop)\s", text)

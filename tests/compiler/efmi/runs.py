@@ -31,7 +31,6 @@ def experiment(efmu: Efmu, steps: int) -> Rows:
 
 
 def grouped(columns: Mapping[str, np.ndarray], names: list[str]) -> Rows:
-    """Return inputs of a block with a column for each element, of scalars by name; those that are missing are 0."""
     found: dict[str, list[np.ndarray]] = {}
     for name, values in columns.items():
         found.setdefault(name.split("[")[0], []).append(values)
@@ -39,11 +38,9 @@ def grouped(columns: Mapping[str, np.ndarray], names: list[str]) -> Rows:
 
 
 def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
-    """Return the outputs of an FMU for the inputs of each step.
-
-    They are those that the order of docs/cosimulation.md passes to others in the step: of a unit with inputs what its
-    doStep from t_k makes of those at t_k, of one without, what it gave for t_k before that doStep.
-    """
+    """Return the outputs of an FMU for the inputs of each step."""
+    # They are those that the order of docs/cosimulation.md passes to others in the step: of a unit with inputs what
+    # its doStep from t_k makes of those at t_k, of one without, what it gave for t_k before that doStep.
     with tempfile.TemporaryDirectory() as folder:
         fmpy.extract(str(path), folder)
         description = fmpy.read_model_description(folder)

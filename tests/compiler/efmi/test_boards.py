@@ -19,7 +19,6 @@ sum of some hundred such terms, some a hundred times as large as it: 1e-12. In s
 
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory, kernel_cache):
-    """Return the tracking scenario, run by the package's master."""
     return ScenarioRun("tracking", tmp_path_factory.mktemp("tracking"))
 
 

@@ -36,7 +36,6 @@ CHECKER = Path(__file__).with_name("check.py")
 
 
 def findings(efmu: Path, folder: Path) -> list[str]:
-    """Return what the official checker finds: the lines that it writes in red."""
     command = [sys.executable, str(CHECKER), str(efmu)]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=900, check=False)
     assert "The DoStep function" in done.stdout, done.stdout + done.stderr  # it came to the end of the program
@@ -106,7 +105,7 @@ def test_files_are_those_of_the_manifests(efmu, precision):
     assert container.attrib["floatPrecision"] == {"double": "64-bit", "float32": "32-bit"}[precision]
 
 
-def test_production_code_has_each_variable_and_method(efmu):
+def test_production_code_has_each_variable_and_method_and_the_interface_of_the_fmu(efmu, planar):
     whole = Efmu(efmu("virtual_decomposition"))
     here = {e.attrib["foreignRefId"] for e in whole.production.iter() if "foreignRefId" in e.attrib}
     methods = {m.attrib["id"] for m in whole.algorithm.iter("BlockMethod")}
@@ -116,9 +115,6 @@ def test_production_code_has_each_variable_and_method(efmu):
         for name, value in element.attrib.items():
             if name.endswith("RefId") and name not in ("manifestRefId", "foreignRefId"):
                 assert value in identifiers, (element.tag, name, value)
-
-
-def test_block_has_the_interface_of_the_fmu(efmu, planar):
     whole, interface = Efmu(efmu("controller")), interface_of(find_unit("controller"), planar)
     for kind in ("input", "output"):
         groups = list(interface.groups_of(kind))

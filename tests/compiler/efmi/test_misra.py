@@ -14,13 +14,10 @@ pytestmark = pytest.mark.heavy
 EXPLAINED = {"misra-c2012-8.7", "misra-c2012-8.9", "unusedFunction"}
 
 
-@pytest.mark.parametrize(
-    ("unit", "precision"),
-    [
-        *product([*SHIPPED, "examples/units/spline.py"], ["double"]),
-        *product([*SINGLE, "examples/units/spline.py"], ["float32"]),
-    ],
-)
+@pytest.mark.parametrize(("unit", "precision"), [
+    *product([*SHIPPED, "examples/units/spline.py"], ["double"]),
+    *product([*SINGLE, "examples/units/spline.py"], ["float32"]),
+])  # fmt: skip
 def test_every_finding_is_explained(short_efmu, unit, precision, tmp_path):
     cppcheck = program("cppcheck", "cppcheck")
     whole = Efmu(short_efmu(unit, precision=precision))

@@ -21,7 +21,6 @@ FORMS = (("native", "2.0"), ("native", "3.0"), ("python", "2.0"))
 
 
 def built(folder, backend="native", version="2.0"):
-    """Return the attributes of the model description, and the licence and the page beside it."""
     (path,) = vdfmu.build_fmus(
         None, folder / "fmus", units=[folder / "gain.py"], backend=backend, fmi_version=version
     ).values()

@@ -39,7 +39,6 @@ def fmu(tmp_path_factory):
 
 
 def rotated(t):
-    """Rodrigues' formula."""
     w = np.array([0.3, -0.2, 0.5])
     axis, angle, x = w / np.linalg.norm(w), np.linalg.norm(w) * t, np.array([1.0, 0.0, -1.0])
     return np.cos(angle) * x + np.sin(angle) * np.cross(axis, x) + (1.0 - np.cos(angle)) * axis * (axis @ x)
@@ -70,7 +69,7 @@ def test_the_library_needs_no_python(fmu):
     assert needed <= {"libc", "libm", "ld-linux-x86-64"}
 
 
-def test_it_is_loaded_many_times_in_one_process_and_the_process_ends_well(fmu):
+def test_it_is_loaded_many_times_in_one_process_and_nobody_reads_the_source(fmu):
     """PythonFMU 222: the second run crashed the importer, or its end."""
     script = f"""
 import fmpy
@@ -81,10 +80,7 @@ print("ended")
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "ended\n"), done.stderr
-
-
-def test_nobody_reads_the_source(fmu):
-    """PythonFMU 234, PythonFMU3 22."""
+    # PythonFMU 234, PythonFMU3 22.
     with zipfile.ZipFile(fmu) as archive:
         for name in archive.namelist():
             assert not name.endswith((".py", ".pyc", ".c", ".h"))

@@ -75,25 +75,19 @@ def test_the_message_says_where_and_what(planar, file, case):
     assert not (file.parent / "out").exists()
 
 
-def test_a_file_without_a_unit_says_what_is_missing(file):
+def test_a_file_without_a_unit_says_what_is_missing_and_a_base_with_an_underscore_is_none(file):
     file.write_text("x = 1\n")
     with pytest.raises(UnitError, match=re.escape(f"{file} declares no unit: a class that is derived from")):
         build_fmus(None, file.parent, units=[file])
-
-
-def test_a_base_of_units_with_an_underscore_is_not_a_unit(file):
     file.write_text("from vdfmu.unit import Unit\n\nclass _Common(Unit):\n    pass\n\nclass Gain(_Common):\n    pass\n")
     assert list(load_units(file)) == ["gain"]
 
 
-def test_all_that_is_wrong_with_a_declaration_is_in_one_message(file):
+def test_all_that_is_wrong_is_in_one_message_and_what_python_raises_is_told_at_build(file):
     file.write_text(HEAD + '    a = Parameter("Nm")\n    x = State("m")\n    b = Parameter("1", minimum=1.0)\n')
     with pytest.raises(UnitError) as caught:
         build_fmus(None, file.parent, units=[file])
     assert sorted(re.findall(r"line (\d)", str(caught.value))) == ["5", "6", "7"]
-
-
-def test_what_python_raises_in_a_python_fmu_is_told_at_build(file):
     file.write_text(HEAD + '    backend = "python"\n' + GOOD.replace("self.u[0]", "np.linalg.inv(self.u)"))
     with pytest.raises(UnitError, match=r"line 9: outputs\(\) of Bad fails: LinAlgError"):
         build_fmus(None, file.parent, units=[file])

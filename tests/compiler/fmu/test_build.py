@@ -47,14 +47,11 @@ def test_an_fmu_that_is_up_to_date_is_left_alone(planar, tmp_path):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "change",
-    [
-        pytest.param(lambda robot: (robot.with_parameters(mass=[2.0, 1.1]), None), id="mass"),
-        pytest.param(lambda robot: (robot.with_parameters(tool_offset=[0.4, 0.1, 0.0]), None), id="structure"),
-        pytest.param(lambda robot: (robot, {"plant": {"q_0[2]": 0.25}}), id="start value"),
-    ],
-)
+@pytest.mark.parametrize("change", [
+    pytest.param(lambda robot: (robot.with_parameters(mass=[2.0, 1.1]), None), id="mass"),
+    pytest.param(lambda robot: (robot.with_parameters(tool_offset=[0.4, 0.1, 0.0]), None), id="structure"),
+    pytest.param(lambda robot: (robot, {"plant": {"q_0[2]": 0.25}}), id="start value"),
+])  # fmt: skip
 def test_a_change_gives_another_guid_and_a_new_file(planar, tmp_path, change):
     def guid(path: Path) -> str:
         return fmpy.read_model_description(path).guid
@@ -113,14 +110,10 @@ def test_an_fmu_holds_what_it_needs_and_no_copy_of_pythonfmu(fmus, unit_name):
     script = f"vdfmu_{unit_name}_slave"
     assert module == script
     assert names == {
-        "modelDescription.xml",
-        "documentation/index.html",
-        f"binaries/linux64/{path.stem}.so",
-        f"binaries/win64/{path.stem}.dll",
-        "resources/slavemodule.txt",
-        "resources/vdfmu.json",
+        "modelDescription.xml", "documentation/index.html", f"binaries/linux64/{path.stem}.so",
+        f"binaries/win64/{path.stem}.dll", "resources/slavemodule.txt", "resources/vdfmu.json",
         f"resources/{script}.py",
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.heavy
@@ -169,10 +162,7 @@ def test_a_name_with_signs_of_html_is_shown_as_it_is(planar, tmp_path):
     assert fmpy.read_model_description(path).description.endswith("(arm <2> & more)")
 
 
-# ------------------------------------------------------------------ start values
-
-
-def test_start_values_are_those_of_the_instance_and_of_the_description(planar, tmp_path, fmus):
+def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_numpy_too(planar, tmp_path, fmus):
     """Static equilibrium at q = 0: tau_s[1] = g (m1 a1 + m2 (l1 + b)), see the robot's file."""
     values = {"plant": {"mass[1]": 3.0, "q_dot_0[2]": 0.5, "equilibrium": False, "tau_s_0[1]": 2.0}}
     path = build_fmus(planar, tmp_path, start_values=values, backend="python")["plant"]
@@ -184,40 +174,31 @@ def test_start_values_are_those_of_the_instance_and_of_the_description(planar, t
     row = fmpy.simulate_fmu(str(path), stop_time=1e-3, output_interval=1e-3, start_values={"equilibrium": True})[0]
     expected = 9.81 * (3.0 * 0.25 + 1.0 * (0.5 + 0.2))
     assert row["tau_s[1]"] == pytest.approx(expected, rel=1e-14)  # four rounded operations
-
-
-def test_numpy_numbers_will_do_as_start_values(planar, tmp_path):
     values = {"feedforward": {"mode": np.int64(1), "Lambda[1]": np.float64(2.5)}}
     path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values, backend="python")["feedforward"]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     assert (starts["mode"], starts["Lambda[1]"]) == ("1", "2.5")
 
 
-@pytest.mark.parametrize(
-    ("unit", "values", "words"),
-    [
-        ("plant", {"masss[1]": 1.0}, r"plant has no variable 'masss\[1\]'"),
-        ("plant", {"q[1]": 1.0}, r"start values of plant: q\[1\] is an output"),
-        ("plant", {"mass[1]": 0.0}, r"plant: mass\[1\]: expected a number above 0, got 0 kg"),
-        ("plant", {"mass[1]": "heavy"}, r"mass\[1\]: expected a number in kg, got 'heavy'"),
-        ("plant", {"f_s[2]": 0.01}, r"plant: f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.01 N.m, f_c\[2\] = 0.1 "),
-        ("feedforward", {"mode": 0.5}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 0.5"),
-        ("controller", {"ell[1]": 0.5, "K_p[2]": -1.0}, r"ell\[1\]: .* at least 1, got 0.5.*K_p\[2\]: .*got -1"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "values", "words"), [
+    ("plant", {"masss[1]": 1.0}, r"plant has no variable 'masss\[1\]'"),
+    ("plant", {"q[1]": 1.0}, r"start values of plant: q\[1\] is an output"),
+    ("plant", {"mass[1]": 0.0}, r"plant: mass\[1\]: expected a number above 0, got 0 kg"),
+    ("plant", {"mass[1]": "heavy"}, r"mass\[1\]: expected a number in kg, got 'heavy'"),
+    ("plant", {"f_s[2]": 0.01}, r"plant: f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.01 N.m, f_c\[2\] = 0.1 "),
+    ("feedforward", {"mode": 0.5}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 0.5"),
+    ("controller", {"ell[1]": 0.5, "K_p[2]": -1.0}, r"ell\[1\]: .* at least 1, got 0.5.*K_p\[2\]: .*got -1"),
+])  # fmt: skip
 def test_start_values_that_could_not_start_are_refused(planar, tmp_path, unit, values, words):
     with pytest.raises(UsageError, match=words):
         build_fmus(planar, tmp_path, start_values={unit: values}, backend="python")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_robot_that_is_not_physical_is_refused(planar, tmp_path):
+def test_a_robot_that_is_not_physical_unknown_units_and_closed_folders_are_refused(planar, tmp_path):
     with pytest.raises(ModelError, match=r"joints\[2\].link.mass: expected a finite number > 0") as caught:
         build_fmus(planar.with_parameters(mass=[0.0, -1.0], ell=0.5), tmp_path, backend="python")
     assert len(caught.value.problems) == 4
-
-
-def test_unknown_units_and_folders_that_cannot_be_written_are_refused(planar, tmp_path):
     with pytest.raises(UsageError, match="There is no unit 'motor'. There are: controller"):
         build_fmus(planar, tmp_path, units=["motor"], backend="python")
     for unit in (int, 3):

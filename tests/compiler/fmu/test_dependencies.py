@@ -69,7 +69,6 @@ Pairs = set[tuple[str, str]]
 
 
 def declared(table: Interface, dependencies: Callable[[int], list[int]]) -> Pairs:
-    """Pairs of output and the inputs and parameters that it depends on."""
     return {
         (v.name, table.memory[k].name)
         for i, v in enumerate(table)
@@ -152,16 +151,12 @@ def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(open
 
 
 @BOTH
-def test_torques_set_at_a_communication_point_do_not_move_the_plant_before_its_step(open_unit, robot_name):
+def test_torques_do_not_move_the_plant_before_its_step_nor_its_start(open_unit, robot_name):
     unit = open_unit("plant", robot_name).start(tau=0.01)
     before = unit.step().outputs()
     unit.set(tau=1.0, F_e=10.0)
     assert np.array_equal(unit.outputs(), before)
     assert not np.array_equal(unit.step().outputs(), before)
-
-
-@BOTH
-def test_torques_set_in_initialization_mode_do_not_change_the_start(open_unit):
     unit = open_unit("plant").setup()
     unit.fmu.enterInitializationMode()
     before = unit.outputs()

@@ -57,28 +57,22 @@ def test_each_variable_is_that_of_the_table(root, robots, robot_name, unit_name)
                 assert float(text) == expected, (variable.name, attribute)
 
 
-def test_start_values_lie_within_their_limits(robots, robot_name, unit_name):
+def test_start_values_lie_within_their_limits_and_only_what_each_step_reads_is_tunable(robots, robot_name, unit_name):
     for variable in Interface(shipped_units()[unit_name], robots[robot_name]):
         if variable.start is not None:
             assert variable.problem(variable.start) is None, variable.name
-
-
-def test_only_what_a_unit_reads_at_every_step_is_tunable(robots, robot_name, unit_name):
     table = Interface(shipped_units()[unit_name], robots[robot_name])
     tunable = {v.group for v in table if v.variability == "tunable"}
     assert (
         tunable
         == {
-            "trajectory": set(),
-            "feedforward": {"Lambda", "K_V", "k_vq", "k_vkappa"},
-            "controller": {"K_p", "K_v", "tau_max"},
-            "plant": set(),
-            "estimator": {"tau_hat_max"},
+            "trajectory": set(), "feedforward": {"Lambda", "K_V", "k_vq", "k_vkappa"},
+            "controller": {"K_p", "K_v", "tau_max"}, "plant": set(), "estimator": {"tau_hat_max"},
         }[unit_name]
-    )
+    )  # fmt: skip
 
 
-def test_units_are_coherent_with_their_names(root):
+def test_units_and_display_units_are_as_their_names_say(root):
     """Exponents of each unit follow from its name by reading it as a product of named units."""
     base = {
         "kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {"rad": 1}, "1": {},
@@ -94,9 +88,6 @@ def test_units_are_coherent_with_their_names(root):
                     total[name] = total.get(name, 0) + sign * power * exponent
         expected = {name: str(exponent) for name, exponent in total.items() if exponent}
         assert dict(unit.find("BaseUnit").attrib) == expected, unit.get("name")
-
-
-def test_display_units_convert_as_their_names_say(root):
     factors = {"deg": 180.0 / math.pi, "mm": 1e3, "ms": 1e3, "g": 1e3}
     for unit in root.findall("UnitDefinitions/Unit"):
         for display in unit.findall("DisplayUnit"):
@@ -121,21 +112,15 @@ def test_quantities_of_a_prismatic_joint_are_linear(robots):
     assert {group: units[group, (i,)] for group in expected} == expected
 
 
-def test_capabilities_are_declared(root, unit_name):
+def test_capabilities_are_declared_and_the_default_experiment_has_the_tolerance_of_the_plant(root, unit_name):
     unit = dict(root.find("CoSimulation").attrib)
     true = {name for name, value in unit.items() if value == "true"}
     assert true == {
-        "needsExecutionTool",
-        "canHandleVariableCommunicationStepSize",
-        "canNotUseMemoryManagementFunctions",
-        "canGetAndSetFMUstate",
-        "canSerializeFMUstate",
-    }
+        "needsExecutionTool", "canHandleVariableCommunicationStepSize", "canNotUseMemoryManagementFunctions",
+        "canGetAndSetFMUstate", "canSerializeFMUstate",
+    }  # fmt: skip
     assert unit["modelIdentifier"] == root.get("modelName")
-
-
-def test_the_default_experiment_has_the_tolerance_of_the_plant(root, unit_name):
-    """Where there is none, importers hand the unit one of their own, of 1e-4."""
+    # Where there is none, importers hand the unit one of their own, of 1e-4.
     experiment = root.find("DefaultExperiment")
     solver = {"tolerance"} if unit_name == "plant" else set()
     assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize"} | solver
@@ -160,13 +145,10 @@ def test_model_structure_lists_each_output_twice_and_nothing_else(root, robots, 
             assert dependencies == known
 
 
-def test_a_limit_that_does_not_limit_is_far_above_any_motor(robots):
+def test_names_count_from_one_in_one_group_and_no_limit_is_far_above_any_motor(robots, robot_name, unit_name):
     """FMI 2.0 has no infinity that every importer reads."""
     table = Interface(shipped_units()["controller"], robots["planar_2dof"])
     assert table.find("tau_max[1]").start == NO_LIMIT >= 1e9
-
-
-def test_names_count_from_one_and_nothing_is_at_home_in_two_groups(robots, robot_name, unit_name):
     table = Interface(shipped_units()[unit_name], robots[robot_name])
     for group, where in table.groups.items():
         members = table.variables[where]

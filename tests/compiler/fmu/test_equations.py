@@ -27,7 +27,6 @@ def same(found: np.ndarray, expected: Any, scale: float = 1.0) -> None:
 
 
 def another(robot: Robot, rng: np.random.Generator) -> Robot:
-    """Make a robot of the same structure with all run-time parameters moved, by less for the inertias."""
     spread = [0.005 if p.field == "inertia" else 0.2 for p in robot.entries()]
     vector = robot.values() * (1.0 + np.array(spread) * rng.uniform(-1.0, 1.0, len(spread)))
     moved = robot.with_values(vector)
@@ -35,14 +34,13 @@ def another(robot: Robot, rng: np.random.Generator) -> Robot:
 
 
 def set_robot(unit: Any, robot: Robot) -> None:
-    """Set all parameters of the robot that the unit offers, by their FMI names."""
     known = {v.name: v.valueReference for v in unit.description.modelVariables}
     found = {p.name: value for p, value in zip(robot.entries(), robot.values(), strict=True) if p.name in known}
     unit.fmu.setReal([known[name] for name in found], [float(value) for value in found.values()])
 
 
 @BOTH
-def test_the_trajectory_is_equation_57(open_unit, robot_name, robots):
+def test_the_trajectory_is_equation_57_and_at_its_ends_does_not_depend_on_rounding(open_unit, robot_name, robots):
     n = robots[robot_name].n
     q_start, q_end = np.linspace(-0.4, 0.3, n), np.linspace(0.9, -1.1, n)
     unit = open_unit("trajectory", robot_name)
@@ -52,11 +50,7 @@ def test_the_trajectory_is_equation_57(open_unit, robot_name, robots):
         for group, value in expected._asdict().items():
             same(unit.get(group), value, scale=(2 * np.pi / 1.5) ** Desired._fields.index(group))
         unit.step(0.1)
-
-
-@BOTH
-def test_the_trajectory_at_its_ends_does_not_depend_on_rounding(open_unit, robot_name):
-    """At the start it moves already, at the end no more, in Python and C alike."""
+    # At the start it moves already, at the end no more, in Python and C alike.
     unit = open_unit("trajectory", robot_name)
     for T, t_start, pairs in rounded_ends(draws=10):
         for begin, end in pairs:
@@ -84,15 +78,9 @@ def test_the_controller_is_equation_58(open_unit, robot_name, robots, velocity, 
         unit.step(1e-3, **inputs)
         measured = inputs["q_dot" if velocity == 1 else "kappa_dot"]
         command = pd_control(
-            *gains.values(),
-            ell,
-            tau_max,
-            inputs["q_d"],
-            inputs["q_d_dot" if velocity else "kappa_dot_d"],
-            inputs["q"],
-            measured,
-            inputs["tau_m"],
-        )
+            *gains.values(), ell, tau_max, inputs["q_d"], inputs["q_d_dot" if velocity else "kappa_dot_d"],
+            inputs["q"], measured, inputs["tau_m"],
+        )  # fmt: skip
         same(unit.get("tau_e"), command.tau_e, scale=1e3)
         same(unit.get("tau"), command.tau, scale=1e2)
         assert np.all(np.abs(unit.get("tau")) <= tau_max)
@@ -157,7 +145,7 @@ def same_outputs(unit: Any, robot: Robot) -> None:
 
 
 @BOTH
-def test_the_plant_starts_in_equilibrium(open_unit, robot_name, robots):
+def test_the_plant_starts_in_equilibrium_or_from_given_values(open_unit, robot_name, robots):
     rng = np.random.default_rng(7)
     robot = another(robots[robot_name], rng)
     q_0, q_dot_0 = rng.normal(size=(2, robot.n))
@@ -170,10 +158,6 @@ def test_the_plant_starts_in_equilibrium(open_unit, robot_name, robots):
     assert np.array_equal(unit.get("kappa_dot"), q_dot_0)
     same(unit.get("tau_s"), equilibrium_torque(robot, q_0, F_e), scale=100.0)
     same_outputs(unit, robot)
-
-
-@BOTH
-def test_the_plant_starts_from_given_values(open_unit, robot_name, robots):
     rng = np.random.default_rng(8)
     start = rng.normal(size=(4, robots[robot_name].n))
     names = ("q_0", "q_dot_0", "kappa_dot_0", "tau_s_0")
@@ -208,7 +192,7 @@ def test_the_plant_moves_by_its_differential_equation(open_unit, robot_name, rob
 
 
 @BOTH
-def test_one_step_or_many_is_the_same_motion(open_unit):
+def test_one_step_or_many_is_the_same_motion_wherever_time_starts(open_unit):
     """The communication step does not change the solution, only where it is shown; errors as above."""
     once = open_unit("plant").start(tolerance=1e-10, q_0=[0.4, -0.3]).step(0.02)
     often = open_unit("plant").start(tolerance=1e-10, q_0=[0.4, -0.3])
@@ -216,11 +200,7 @@ def test_one_step_or_many_is_the_same_motion(open_unit):
         often.step(size)
     assert often.time == pytest.approx(0.02, abs=1e-15)
     np.testing.assert_allclose(often.outputs(), once.outputs(), rtol=1e-8, atol=1e-8)
-
-
-@BOTH
-def test_time_may_start_anywhere(open_unit):
-    """The plant does not depend on time: started at 1e4 s it moves to the same bits."""
+    # The plant does not depend on time: started at 1e4 s it moves to the same bits.
     early, late = open_unit("plant").start(0.0, q_0=0.3), open_unit("plant").start(1e4, q_0=0.3)
     for k in range(10):
         early.fmu.doStep(k * 2.0**-10, 2.0**-10)  # a step that is exact in binary

@@ -17,7 +17,6 @@ def interface(robots, robot_name, unit_name):
 
 
 def first_joint(robot: Robot) -> Robot:
-    """Return the robot cut off after its first joint."""
     n, fields = robot.n, {f.name: getattr(robot, f.name) for f in dataclasses.fields(robot)}
     per_joint = {k: v[:1] for k, v in fields.items() if k == "joint_types" or np.shape(v)[:1] == (n,)}
     return check_robot(dataclasses.replace(robot, **per_joint))
@@ -27,7 +26,7 @@ def shapes(unit: str, robot: Robot) -> dict[str, tuple[int, ...]]:
     return {array.name: array.shape for array in Interface(shipped_units()[unit], robot).arrays}
 
 
-def test_the_memory_is_the_table_then_derivatives_then_time(interface, unit_name):
+def test_the_memory_is_the_table_then_derivatives_in_their_units_then_time(interface, unit_name):
     N, n = len(interface), interface.robot.n
     n_x = 4 * n if unit_name == "plant" else 0
     assert interface.memory[:N] == interface.variables
@@ -38,9 +37,6 @@ def test_the_memory_is_the_table_then_derivatives_then_time(interface, unit_name
     states, derivatives = interface.memory[interface.states], interface.memory[interface.derivatives]
     assert [f"der({v.name})" for v in states] == [v.name for v in derivatives]
     assert {v.group for v in states} == ({"q", "q_dot", "kappa_dot", "tau_s"} if n_x else set())
-
-
-def test_a_derivative_has_the_unit_of_its_state_per_second(interface):
     for state, rate in zip(interface.memory[interface.states], interface.memory[interface.derivatives], strict=True):
         of_state, of_rate = measure(state.unit or "").exponents, measure(rate.unit or "").exponents
         expected = of_state | {"s": of_state.get("s", 0) - 1}
@@ -72,37 +68,25 @@ def test_arrays_fill_the_memory_row_by_row(interface):
     ]
 
 
-def test_what_is_whole_and_of_one_unit_is_an_array(planar):
+def test_what_is_whole_and_of_one_unit_is_an_array(planar, general, robots):
     found = shapes("plant", planar)
     expected = {
         "tau": (2,), "q": (2,), "p_O": (3,), "R_O": (3, 3), "E_kin": (), "mass": (2,), "equilibrium": (),
         "der(q)": (2,), "der(tau_s)": (2,), "time": (), "F_e[1]": (), "F_e[6]": (),
     }  # fmt: skip
     assert {name: found.get(name) for name in expected} == expected
-
-
-def test_the_elements_that_a_robot_keeps_of_a_vector_stay_scalars(planar):
-    """``tool_offset[1]`` alone would look like a whole vector of one element."""
+    # ``tool_offset[1]`` alone would look like a whole vector of one element.
     found = shapes("plant", planar)
     assert found["tool_offset[1]"] == found["gravity[3]"] == found["offset[2,1]"] == ()
     assert not {"tool_offset", "gravity", "offset"} & set(found)
-
-
-def test_a_robot_without_zeros_has_whole_arrays(general):
     found = shapes("plant", general)
     n = general.n
     assert (found["gravity"], found["offset"], found["centroid"]) == ((3,), (n, 3), (n, 3))
     assert "inertia[1,1,2]" in found  # the lower triangle is folded
-
-
-def test_groups_of_mixed_units_are_scalars(robots):
     found = shapes("plant", robots["slider_3dof"])
     assert found["tau"] == found["mass"] == (3,)
     assert not {"q", "q_0", "der(q)", "ell", "F_e"} & set(found)
     assert found["q[3]"] == found["der(q_dot[2])"] == found["ell[1]"] == ()
-
-
-def test_one_joint_makes_arrays_of_one_element(planar):
     one = first_joint(planar)
     found = shapes("plant", one)
     assert found["q"] == found["der(q)"] == found["mass"] == (1,)
@@ -119,7 +103,7 @@ def test_the_description_of_an_array_names_no_element(interface):
             assert text == interface.memory[array.first].description
 
 
-def test_dependencies_name_what_is_known(interface):
+def test_dependencies_name_what_is_known_and_only_the_trajectory_time(interface, unit_name):
     states, end = range(interface.states.start, interface.states.stop), interface.time
     for position, variable in enumerate(interface.memory):
         step, start = interface.step_dependencies(position), interface.start_dependencies(position)
@@ -133,9 +117,6 @@ def test_dependencies_name_what_is_known(interface):
             assert (step, start) == (sorted(step), sorted(start))
         else:
             assert step == start == []
-
-
-def test_only_the_trajectory_depends_on_time(interface, unit_name):
     calculated = [i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")]
     for dependencies in (interface.step_dependencies, interface.start_dependencies):
         assert {interface.time in dependencies(i) for i in calculated} == {unit_name == "trajectory"}

@@ -14,45 +14,38 @@ NAN, INF = float("nan"), float("inf")
 
 
 def initializing(unit: Any) -> Any:
-    """Take a unit into initialization mode."""
     unit.setup()
     unit.fmu.enterInitializationMode()
     return unit
 
 
-# ------------------------------------------------------------------ values that are refused
-
-
-@pytest.mark.parametrize(
-    ("name", "variable", "value", "words"),
-    [
-        ("plant", "mass[1]", 0.0, r"mass\[1\]: expected a number above 0, got 0 kg\."),
-        ("plant", "mass[2]", -1.0, r"mass\[2\]: expected a number above 0, got -1 kg\."),
-        ("plant", "mass[1]", NAN, r"mass\[1\]: expected a finite number, got nan kg\."),
-        ("plant", "I_m[1]", 0.0, r"I_m\[1\]: expected a number above 0, got 0 kg.m2\."),
-        ("plant", "ell[1]", 0.5, r"ell\[1\]: expected at least 1, got 0.5\."),
-        ("plant", "K_f0[2]", 0.0, r"K_f0\[2\]: expected a number above 0, got 0 N.m/rad\."),
-        ("plant", "c_w[1]", -2.0, r"c_w\[1\]: expected a number above 0, got -2 1/\(N.m\)\."),
-        ("plant", "f_v[1]", -0.1, r"f_v\[1\]: expected at least 0 N.m.s/rad, got -0.1 N.m.s/rad\."),
-        ("plant", "eps[1]", 0.0, r"eps\[1\]: expected a number above 0, got 0 rad/s\."),
-        ("plant", "tolerance", 0.5, r"tolerance: expected at most 0.1, got 0.5\."),
-        ("plant", "tolerance", 0.0, r"tolerance: expected a number above 0, got 0\."),
-        ("plant", "tolerance", 1e-15, r"tolerance: expected at least 1e-12, got 1e-15\."),
-        ("plant", "gravity[3]", INF, r"gravity\[3\]: expected a finite number, got inf m/s2\."),
-        ("plant", "q_0[1]", NAN, r"q_0\[1\]: expected a finite number, got nan rad\."),
-        ("plant", "tau[2]", NAN, r"tau\[2\]: expected a finite number, got nan N.m\."),
-        ("plant", "F_e[6]", -INF, r"F_e\[6\]: expected a finite number, got -inf N.m\."),
-        ("feedforward", "q_d_ddddot[1]", INF, r"q_d_ddddot\[1\]: expected a finite number, got inf rad/s4\."),
-        ("feedforward", "mode", 2, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 2\."),
-        ("feedforward", "mode", -1, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got -1\."),
-        ("feedforward", "Lambda[1]", -1.0, r"Lambda\[1\]: expected at least 0 1/s, got -1 1/s\."),
-        ("controller", "velocity", 7, r"velocity: expected 0 \(kappa_dot\) or 1 \(q_dot\) or 2 \(mixed\), got 7\."),
-        ("controller", "tau_max[1]", -1.0, r"tau_max\[1\]: expected at least 0 N.m, got -1 N.m\."),
-        ("controller", "q[1]", NAN, r"q\[1\]: expected a finite number, got nan rad\."),
-        ("trajectory", "T", 0.0, r"T: expected at least 1e-06 s, got 0 s\."),
-        ("trajectory", "q_end[2]", INF, r"q_end\[2\]: expected a finite number, got inf rad\."),
-    ],
-)
+@pytest.mark.parametrize(("name", "variable", "value", "words"), [
+    ("plant", "mass[1]", 0.0, r"mass\[1\]: expected a number above 0, got 0 kg\."),
+    ("plant", "mass[2]", -1.0, r"mass\[2\]: expected a number above 0, got -1 kg\."),
+    ("plant", "mass[1]", NAN, r"mass\[1\]: expected a finite number, got nan kg\."),
+    ("plant", "I_m[1]", 0.0, r"I_m\[1\]: expected a number above 0, got 0 kg.m2\."),
+    ("plant", "ell[1]", 0.5, r"ell\[1\]: expected at least 1, got 0.5\."),
+    ("plant", "K_f0[2]", 0.0, r"K_f0\[2\]: expected a number above 0, got 0 N.m/rad\."),
+    ("plant", "c_w[1]", -2.0, r"c_w\[1\]: expected a number above 0, got -2 1/\(N.m\)\."),
+    ("plant", "f_v[1]", -0.1, r"f_v\[1\]: expected at least 0 N.m.s/rad, got -0.1 N.m.s/rad\."),
+    ("plant", "eps[1]", 0.0, r"eps\[1\]: expected a number above 0, got 0 rad/s\."),
+    ("plant", "tolerance", 0.5, r"tolerance: expected at most 0.1, got 0.5\."),
+    ("plant", "tolerance", 0.0, r"tolerance: expected a number above 0, got 0\."),
+    ("plant", "tolerance", 1e-15, r"tolerance: expected at least 1e-12, got 1e-15\."),
+    ("plant", "gravity[3]", INF, r"gravity\[3\]: expected a finite number, got inf m/s2\."),
+    ("plant", "q_0[1]", NAN, r"q_0\[1\]: expected a finite number, got nan rad\."),
+    ("plant", "tau[2]", NAN, r"tau\[2\]: expected a finite number, got nan N.m\."),
+    ("plant", "F_e[6]", -INF, r"F_e\[6\]: expected a finite number, got -inf N.m\."),
+    ("feedforward", "q_d_ddddot[1]", INF, r"q_d_ddddot\[1\]: expected a finite number, got inf rad/s4\."),
+    ("feedforward", "mode", 2, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 2\."),
+    ("feedforward", "mode", -1, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got -1\."),
+    ("feedforward", "Lambda[1]", -1.0, r"Lambda\[1\]: expected at least 0 1/s, got -1 1/s\."),
+    ("controller", "velocity", 7, r"velocity: expected 0 \(kappa_dot\) or 1 \(q_dot\) or 2 \(mixed\), got 7\."),
+    ("controller", "tau_max[1]", -1.0, r"tau_max\[1\]: expected at least 0 N.m, got -1 N.m\."),
+    ("controller", "q[1]", NAN, r"q\[1\]: expected a finite number, got nan rad\."),
+    ("trajectory", "T", 0.0, r"T: expected at least 1e-06 s, got 0 s\."),
+    ("trajectory", "q_end[2]", INF, r"q_end\[2\]: expected a finite number, got inf rad\."),
+])  # fmt: skip
 @BOTH
 def test_a_value_out_of_bounds_is_refused_where_it_is_set(open_unit, name, variable, value, words):
     unit = open_unit(name)
@@ -63,17 +56,14 @@ def test_a_value_out_of_bounds_is_refused_where_it_is_set(open_unit, name, varia
     assert np.array_equal(unit.get(variable), before)
 
 
-@pytest.mark.parametrize(
-    ("name", "variable", "value", "words"),
-    [
-        ("plant", "f_s[1]", 0.1, r"f_s\[1\]: expected f_s >= f_c, got f_s\[1\] = 0.1 N.m, f_c\[1\] = 0.3 N.m\."),
-        ("feedforward", "f_c[2]", 0.9, r"f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.2 N.m, f_c\[2\] = 0.9 N.m\."),
-        ("plant", "inertia[1,1,1]", 0.5,
-         r"inertia\[1,1,1\]: expected no principal moment of inertia above .*, got inertia\[1,1,1\] = 0.5 kg.m2"),
-        ("plant", "inertia[2,2,2]", -0.1,
-         r"inertia\[2,1,1\]: expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "variable", "value", "words"), [
+    ("plant", "f_s[1]", 0.1, r"f_s\[1\]: expected f_s >= f_c, got f_s\[1\] = 0.1 N.m, f_c\[1\] = 0.3 N.m\."),
+    ("feedforward", "f_c[2]", 0.9, r"f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.2 N.m, f_c\[2\] = 0.9 N.m\."),
+    ("plant", "inertia[1,1,1]", 0.5,
+     r"inertia\[1,1,1\]: expected no principal moment of inertia above .*, got inertia\[1,1,1\] = 0.5 kg.m2"),
+    ("plant", "inertia[2,2,2]", -0.1,
+     r"inertia\[2,1,1\]: expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2"),
+])  # fmt: skip
 def test_values_that_only_together_are_not_physical_are_refused_when_initialization_starts(
     open_unit, name, variable, value, words
 ):
@@ -104,28 +94,17 @@ def test_values_that_do_not_fit_together_are_refused_in_initialization_mode_too(
 
 
 @BOTH
-def test_a_call_sets_all_of_its_values_or_none(open_unit):
+def test_a_call_sets_all_of_its_values_or_none_and_sums_that_overflow_or_cancel_are_seen(open_unit):
     unit = open_unit("plant").start()
     unit.set(tau=[0.1, 0.2])
     with unit.refuses(r"unit: setReal at t = 0 s failed: tau\[2\]: expected a finite number"):
         unit.set(tau=[0.3, NAN])
     assert np.array_equal(unit.get("tau"), [0.1, 0.2])
-
-
-@BOTH
-def test_numbers_whose_sum_overflows_are_finite(open_unit):
-    unit = open_unit("controller").start(q_d=[1e308, 1e308])
-    assert np.array_equal(unit.get("q_d"), [1e308, 1e308])
-
-
-@BOTH
-def test_infinities_that_cancel_are_not_finite(open_unit):
     unit = open_unit("plant").start()
     with unit.refuses(r"tau\[1\]: expected a finite number, got inf N.m"):
         unit.set(tau=[INF, -INF])
-
-
-# ------------------------------------------------------------------ variables that cannot be set or read so
+    unit = open_unit("controller").start(q_d=[1e308, 1e308])
+    assert np.array_equal(unit.get("q_d"), [1e308, 1e308])
 
 
 @pytest.mark.parametrize(
@@ -152,18 +131,15 @@ def test_a_fixed_parameter_is_refused_after_initialization(open_unit, name, vari
     unit.set_one(variable, value)
 
 
-@pytest.mark.parametrize(
-    ("name", "variable", "inputs", "effect"),
-    [
-        ("controller", "K_p", {"q_d": 0.1}, "tau_e"),
-        ("controller", "K_v", {"kappa_dot_d": 0.1}, "tau_e"),
-        ("controller", "tau_max", {"q_d": 0.1}, "tau"),
-        ("feedforward", "Lambda", {"q_d": 0.1}, "tau_m"),
-        ("feedforward", "K_V", {"q_d_dot": 0.1}, "tau_m"),
-        ("feedforward", "k_vq", {"q_d_dot": 0.1}, "tau_m"),
-        ("feedforward", "k_vkappa", {"q_d_dot": 0.1}, "tau_m"),
-    ],
-)
+@pytest.mark.parametrize(("name", "variable", "inputs", "effect"), [
+    ("controller", "K_p", {"q_d": 0.1}, "tau_e"),
+    ("controller", "K_v", {"kappa_dot_d": 0.1}, "tau_e"),
+    ("controller", "tau_max", {"q_d": 0.1}, "tau"),
+    ("feedforward", "Lambda", {"q_d": 0.1}, "tau_m"),
+    ("feedforward", "K_V", {"q_d_dot": 0.1}, "tau_m"),
+    ("feedforward", "k_vq", {"q_d_dot": 0.1}, "tau_m"),
+    ("feedforward", "k_vkappa", {"q_d_dot": 0.1}, "tau_m"),
+])  # fmt: skip
 @BOTH
 def test_a_tunable_parameter_takes_effect_at_the_next_step(open_unit, name, variable, inputs, effect):
     unit = open_unit(name)
@@ -197,15 +173,12 @@ def test_an_unknown_value_reference_is_refused(open_unit):
                 call(reference)
 
 
-@pytest.mark.parametrize(
-    ("kind", "variable", "words"),
-    [
-        ("Real", "mode", r"expected variables of type Real, got mode \(value reference \d+\) of type Integer\."),
-        ("Integer", "Lambda[1]", r"expected variables of type Integer, got Lambda\[1\] .* of type Real\."),
-        ("Boolean", "mode", r"expected variables of type Boolean, got mode .* of type Integer\."),
-        ("String", "mode", r"expected variables of type String, got mode .* of type Integer\."),
-    ],
-)
+@pytest.mark.parametrize(("kind", "variable", "words"), [
+    ("Real", "mode", r"expected variables of type Real, got mode \(value reference \d+\) of type Integer\."),
+    ("Integer", "Lambda[1]", r"expected variables of type Integer, got Lambda\[1\] .* of type Real\."),
+    ("Boolean", "mode", r"expected variables of type Boolean, got mode .* of type Integer\."),
+    ("String", "mode", r"expected variables of type String, got mode .* of type Integer\."),
+])  # fmt: skip
 @BOTH
 def test_a_call_of_the_wrong_type_is_refused(open_unit, kind, variable, words):
     unit = open_unit("feedforward")
@@ -218,7 +191,7 @@ def test_a_call_of_the_wrong_type_is_refused(open_unit, kind, variable, words):
 
 
 @BOTH
-def test_the_type_is_checked_for_references_that_were_read_before(open_unit):
+def test_references_in_any_order_twice_or_none_are_what_they_name_and_their_type_is_checked(open_unit):
     unit = open_unit("feedforward")
     references = unit.references("mode")
     assert unit.fmu.getInteger(references) == [0]
@@ -228,27 +201,16 @@ def test_the_type_is_checked_for_references_that_were_read_before(open_unit):
     for call in (unit.fmu.getReal, unit.fmu.getInteger):
         with unit.refuses(r"expected variables of type"):
             call(mixed)
-
-
-@BOTH
-def test_a_call_for_nothing_does_nothing(open_unit):
     unit = open_unit("plant").start()
     assert unit.fmu.getReal([]) == unit.fmu.getInteger([]) == unit.fmu.getString([]) == []
     unit.fmu.setReal([], [])
     unit.fmu.setBoolean([], [])
-
-
-@BOTH
-def test_references_in_any_order_and_twice_are_what_they_name(open_unit):
     unit = open_unit("controller").start(K_p=[1.0, 2.0], K_v=[3.0, 4.0])
     p, v = unit.references("K_p"), unit.references("K_v")
     assert unit.fmu.getReal([v[1], p[0], p[0], v[0]]) == [4.0, 1.0, 1.0, 3.0]
     assert unit.fmu.getReal([p[0], p[0], v[0]]) == [1.0, 1.0, 3.0]
     unit.fmu.setReal([v[1], p[0]], [5.0, 6.0])
     assert unit.fmu.getReal([*p, *v]) == [6.0, 2.0, 3.0, 5.0]
-
-
-# ------------------------------------------------------------------ calls at the wrong time
 
 
 def test_outputs_have_no_value_before_the_initialization(open_unit, unit_name):
@@ -267,20 +229,17 @@ AFTER = "it is allowed only after exitInitializationMode and before terminate"
 BETWEEN = "it is allowed only between enterInitializationMode and exitInitializationMode"
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda unit: unit.fmu.doStep(0.0, 1e-3), f"doStep failed: {AFTER}"),
-        (lambda unit: unit.fmu.exitInitializationMode(), f"exitInitializationMode failed: {BETWEEN}"),
-        (lambda unit: unit.fmu.terminate(), f"terminate failed: {AFTER}"),
-        (lambda unit: initializing(unit).fmu.doStep(0.0, 1e-3), f"doStep failed: {AFTER}"),
-        (lambda unit: initializing(unit).setup(), f"setupExperiment failed: {BEFORE}"),
-        (lambda unit: initializing(unit).fmu.enterInitializationMode(), f"enterInitializationMode failed: {BEFORE}"),
-        (lambda unit: unit.start().setup(), f"setupExperiment at t = 0 s failed: {BEFORE}"),
-        (lambda unit: unit.start().fmu.enterInitializationMode(), f"Mode at t = 0 s failed: {BEFORE}"),
-        (lambda unit: unit.start().fmu.exitInitializationMode(), f"Mode at t = 0 s failed: {BETWEEN}"),
-    ],
-)
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda unit: unit.fmu.doStep(0.0, 1e-3), f"doStep failed: {AFTER}"),
+    (lambda unit: unit.fmu.exitInitializationMode(), f"exitInitializationMode failed: {BETWEEN}"),
+    (lambda unit: unit.fmu.terminate(), f"terminate failed: {AFTER}"),
+    (lambda unit: initializing(unit).fmu.doStep(0.0, 1e-3), f"doStep failed: {AFTER}"),
+    (lambda unit: initializing(unit).setup(), f"setupExperiment failed: {BEFORE}"),
+    (lambda unit: initializing(unit).fmu.enterInitializationMode(), f"enterInitializationMode failed: {BEFORE}"),
+    (lambda unit: unit.start().setup(), f"setupExperiment at t = 0 s failed: {BEFORE}"),
+    (lambda unit: unit.start().fmu.enterInitializationMode(), f"Mode at t = 0 s failed: {BEFORE}"),
+    (lambda unit: unit.start().fmu.exitInitializationMode(), f"Mode at t = 0 s failed: {BETWEEN}"),
+])  # fmt: skip
 @BOTH
 def test_a_call_in_the_wrong_phase_is_refused(open_unit, unit_name, call, words):
     unit = open_unit(unit_name)
@@ -302,15 +261,12 @@ def test_after_the_end_values_can_be_read_but_nothing_moves(open_unit):
     assert np.array_equal(unit.outputs(), last)
 
 
-@pytest.mark.parametrize(
-    ("point", "size", "words"),
-    [
-        *((1e-3, size, rf"a finite positive communication step, got {size} s\.")
-          for size in (0.0, -1e-3, NAN, INF, -INF)),
-        *((point, 1e-3, rf"the communication point t = 0.001 s, where the last step ended, got t = {point!r} s\.")
-          for point in (0.0, 2e-3, 1e-3 + 2e-9, -1e-3, NAN, INF)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("point", "size", "words"), [
+    *((1e-3, size, rf"a finite positive communication step, got {size} s\.")
+      for size in (0.0, -1e-3, NAN, INF, -INF)),
+    *((point, 1e-3, rf"the communication point t = 0.001 s, where the last step ended, got t = {point!r} s\.")
+      for point in (0.0, 2e-3, 1e-3 + 2e-9, -1e-3, NAN, INF)),
+])  # fmt: skip
 def test_a_step_of_no_length_or_from_elsewhere_is_refused(open_unit, unit_name, point, size, words):
     unit = open_unit(unit_name).start()
     before = unit.step().outputs()
@@ -322,10 +278,8 @@ def test_a_step_of_no_length_or_from_elsewhere_is_refused(open_unit, unit_name, 
 
 @BOTH
 def test_rounding_of_the_communication_point_is_no_error(open_unit):
-    """Importers add steps up or multiply them.
-
-    After 2e4 steps of 1e-4 s the two differ by less than 2e4 * 1.1e-16 * 2 s = 5e-12 s, 5e-8 of a step.
-    """
+    """Importers add steps up or multiply them."""
+    # After 2e4 steps of 1e-4 s the two differ by less than 2e4 * 1.1e-16 * 2 s = 5e-12 s, 5e-8 of a step.
     unit = open_unit("trajectory").start()
     added = 0.0
     for k in range(20_000):
@@ -334,20 +288,14 @@ def test_rounding_of_the_communication_point_is_no_error(open_unit):
     assert added != 20_000 * 1e-4
 
 
-@pytest.mark.parametrize(
-    ("experiment", "words"),
-    [
-        *(({"time": x}, rf"start time, got {x} s\.") for x in (NAN, INF)),
-        *(({"tolerance": x}, rf"positive tolerance, got {x}\.") for x in (0.0, -1e-6, NAN, INF)),
-    ],
-)
+@pytest.mark.parametrize(("experiment", "words"), [
+    *(({"time": x}, rf"start time, got {x} s\.") for x in (NAN, INF)),
+    *(({"tolerance": x}, rf"positive tolerance, got {x}\.") for x in (0.0, -1e-6, NAN, INF)),
+])  # fmt: skip
 def test_a_start_time_and_a_tolerance_that_make_no_sense_are_refused(open_unit, unit_name, experiment, words):
     unit = open_unit(unit_name)
     with unit.refuses(f"unit: setupExperiment failed: expected a finite {words}"):
         unit.setup(**experiment)
-
-
-# ------------------------------------------------------------------ the solver
 
 
 @pytest.mark.parametrize("torque", [1e12, 1e300])
@@ -370,10 +318,7 @@ def test_a_tolerance_of_the_experiment_is_within_the_limits_of_the_parameter(ope
     open_unit("controller").start(tolerance=1e-17)
 
 
-# ------------------------------------------------------------------ how the words arrive
-
-
-def test_an_error_is_one_message_of_status_fatal(open_unit):
+def test_an_error_is_one_message_of_status_fatal_whatever_the_name_of_the_instance_holds(open_unit):
     """Also where the same call had something else to say."""
     unit = open_unit("plant").start()
     assert (unit.messages, unit.statuses) == (["unit: starts at t = 0 s"], [0])
@@ -383,10 +328,7 @@ def test_an_error_is_one_message_of_status_fatal(open_unit):
     head, words = unit.messages[-1].splitlines()
     assert head == "Fatal py exception encountered: [doStep] PyObject_CallMethod"
     assert words.startswith("unit: doStep at t = 0 s failed: expected a finite positive communication step")
-
-
-def test_the_name_of_the_instance_may_hold_anything(open_unit):
-    """A percent sign must not reach the importer, whose printf would read arguments that are not there."""
+    # A percent sign must not reach the importer, whose printf would read arguments that are not there.
     unit = open_unit("plant", instance="arm 100%s %n 'a' \u00e4").start()
     assert unit.messages == ["arm 100 percents  percentn 'a' \u00e4: starts at t = 0 s"]
     with unit.refuses("^Fatal .*\narm 100 percents  percentn 'a' \u00e4: doStep at t = 0 s failed"):

@@ -48,12 +48,8 @@ except KeyboardInterrupt:
 
 @pytest.fixture
 def cold(monkeypatch, tmp_path):
-    """Empty cache; what zig compiles for itself stays where it is."""
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     return tmp_path / "cache"
-
-
-# ------------------------------------------------------------------ the same bits
 
 
 @pytest.mark.heavy
@@ -120,9 +116,6 @@ def test_the_compiler_says_nothing_about_any_file(planar, version):
             compile_library(sources, platform, name=unit, flags=("-Werror",))
 
 
-# ------------------------------------------------------------------ what is up to date
-
-
 @pytest.mark.heavy
 def test_an_fmu_that_is_up_to_date_is_left_alone(planar, tmp_path):
     def build(platforms: list[str] | None = None) -> os.stat_result:
@@ -143,10 +136,8 @@ def test_backends_and_versions_replace_each_other(planar, tmp_path):
         return build_fmus(planar, tmp_path, units=["controller"], **options)["controller"].read_bytes()
 
     python, native, native_3 = (
-        build(backend="python"),
-        build(backend="native"),
-        build(backend="native", fmi_version="3.0"),
-    )
+        build(backend="python"), build(backend="native"), build(backend="native", fmi_version="3.0"),
+    )  # fmt: skip
     assert len({python, native, native_3}) == 3
     assert build(backend="python") == python
     assert build() == native  # the default
@@ -192,9 +183,6 @@ def test_a_damaged_cache_is_made_anew(damage, cold):
     assert compile_library(SMALL, this_platform(), name="Small") == first
 
 
-# ------------------------------------------------------------------ builds that cannot be
-
-
 def test_a_missing_compiler_is_told_with_the_way_out(planar, tmp_path, cold, monkeypatch):
     monkeypatch.setattr(platforms, "find_spec", lambda name: None)
     compile.zig.cache_clear()
@@ -226,7 +214,7 @@ def test_a_unit_is_compiled_while_the_next_is_traced(monkeypatch, cold):
     assert small == again != other
 
 
-def test_what_runs_rarely_is_not_optimised():
+def test_what_runs_rarely_is_not_optimised_and_nothing_has_debug_information(cold):
     """Derivatives, and the step where it has a copy for AVX2, which other processors than x86-64 never run."""
     names = ("kernel_a_step.c", "kernel_a_step_avx2.c", "kernel_a_outputs.c", "kernel_a_outputs_forward_reverse.c")
     for platform, expected in (
@@ -235,9 +223,6 @@ def test_what_runs_rarely_is_not_optimised():
     ):
         job = Compilation("a", dict.fromkeys(names, b""), platform)
         assert ["-O0" in job.flags_of(name) for name in names] == expected
-
-
-def test_objects_have_no_debug_information(cold):
     compile_library(SMALL, "x86_64-linux", name="Small")
     stored = [file.read_bytes() for file in (cold / "native").iterdir()]
     assert stored
@@ -255,19 +240,16 @@ def test_a_file_that_the_compiler_refuses_is_named(cold):
         compile_library({"unit.c": unresolved}, "aarch64-linux", name="Plant", flags=("-Wl,-z,defs",))
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"backend": "native", "platforms": ["x86_64-linux", "win64"]},
-         r"no platform 'win64'. There are: x86_64-linux.*; and all\."),
-        ({"platforms": ["all", "foo"]}, "no platform 'foo'"),  # platforms ask for native FMUs
-        ({"backend": "native", "platforms": []}, "No platform is chosen"),
-        ({"backend": "rust"}, "no backend 'rust'. There are: python, native"),
-        ({"backend": "native", "fmi_version": "1.0"}, r"no FMI '1.0' here. There are: '2.0', '3.0'"),
-        ({"backend": "python", "fmi_version": "3.0"}, r"Python FMUs are of FMI 2.0, got 3.0"),
-        ({"backend": "python", "platforms": "all"}, "Platforms can be chosen for native FMUs only"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "words"), [
+    ({"backend": "native", "platforms": ["x86_64-linux", "win64"]},
+     r"no platform 'win64'. There are: x86_64-linux.*; and all\."),
+    ({"platforms": ["all", "foo"]}, "no platform 'foo'"),  # platforms ask for native FMUs
+    ({"backend": "native", "platforms": []}, "No platform is chosen"),
+    ({"backend": "rust"}, "no backend 'rust'. There are: python, native"),
+    ({"backend": "native", "fmi_version": "1.0"}, r"no FMI '1.0' here. There are: '2.0', '3.0'"),
+    ({"backend": "python", "fmi_version": "3.0"}, r"Python FMUs are of FMI 2.0, got 3.0"),
+    ({"backend": "python", "platforms": "all"}, "Platforms can be chosen for native FMUs only"),
+])  # fmt: skip
 def test_unknown_names_are_refused_with_the_known_ones(planar, tmp_path, options, words):
     with pytest.raises(UsageError, match=words):
         build_fmus(planar, tmp_path, **options)
@@ -308,9 +290,6 @@ def test_each_link_says_why_the_libraries_to_link_with_are_not_there(tmp_path, m
     for _ in range(2):  # links run side by side, and any of them may be the first whose error is told
         with pytest.raises(FmuError, match="no room"):
             workshop._system_libraries(Compilation("Small", SMALL, "x86_64-linux"))
-
-
-# ------------------------------------------------------------------ several at once
 
 
 @pytest.mark.heavy

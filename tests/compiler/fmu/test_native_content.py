@@ -27,14 +27,12 @@ pytestmark = pytest.mark.heavy  # FMUs for all platforms
 
 @pytest.fixture(scope="module")
 def native(planar, tmp_path_factory):
-    """Native FMUs of the planar robot for all platforms."""
     out = tmp_path_factory.mktemp("native")
     return Lazy(lambda v: build_fmus(planar, out / v, backend="native", fmi_version=v, platforms="all"))
 
 
 @pytest.fixture(params=VERSIONS)
 def version(request):
-    """Version of FMI."""
     return request.param
 
 
@@ -99,16 +97,13 @@ def test_the_libraries_of_macos_know_their_name_and_one_file_serves_both_process
     assert b"@rpath/Trajectory.dylib" in three["binaries/x86_64-darwin/Trajectory.dylib"]
 
 
-@pytest.mark.parametrize(
-    ("chosen", "folders"),
-    [
-        (["aarch64-linux"], {"aarch64-linux", "linux64"}),
-        (["x86_64-linux", "aarch64-linux"], {"aarch64-linux", "linux64"}),
-        (["aarch64-darwin"], {"aarch64-darwin", "darwin64"}),
-        (["x86_64-darwin"], {"darwin64"}),
-        (["x86_64-windows"], {"win64"}),
-    ],
-)
+@pytest.mark.parametrize(("chosen", "folders"), [
+    (["aarch64-linux"], {"aarch64-linux", "linux64"}),
+    (["x86_64-linux", "aarch64-linux"], {"aarch64-linux", "linux64"}),
+    (["aarch64-darwin"], {"aarch64-darwin", "darwin64"}),
+    (["x86_64-darwin"], {"darwin64"}),
+    (["x86_64-windows"], {"win64"}),
+])  # fmt: skip
 def test_importers_of_fmi_2_find_a_library_in_the_folder_of_their_system(chosen, folders):
     files = platforms.binaries("Plant", {name: name.encode() for name in chosen}, "2.0")
     assert {path.split("/")[1] for path in files} == folders
@@ -116,7 +111,9 @@ def test_importers_of_fmi_2_find_a_library_in_the_folder_of_their_system(chosen,
         assert files["binaries/linux64/Plant.so"] == b"x86_64-linux"
 
 
-def test_the_page_shows_equations_and_every_variable_and_needs_nothing_else(native, version, unit_name, planar):
+def test_the_page_shows_equations_and_every_variable_and_the_files_about_it_what_was_built(
+    native, version, unit_name, planar
+):
     page = html.fromstring(members(native[version][unit_name])["documentation/index.html"].decode())
     text = page.text_content()
     assert "Robot: planar_2dof." in text
@@ -128,9 +125,6 @@ def test_the_page_shows_equations_and_every_variable_and_needs_nothing_else(nati
     if unit_name == "plant":
         assert "no event indicators" in text
         assert "q[1] .. q[2]" in names or "q  (2)" in names
-
-
-def test_the_files_about_the_content_tell_what_was_built(native, planar, version):
     path = native[version]["plant"]
     data = json.loads(members(path)["extra/vdfmu/vdfmu.json"])
     assert data["platforms"] == list(ALL)
@@ -138,9 +132,6 @@ def test_the_files_about_the_content_tell_what_was_built(native, planar, version
     assert data["robot"] == planar.to_dict()
     assert data["tool"].startswith("ziglang 0.")
     assert "MIT License" in members(path)["documentation/licenses/license.txt"].decode()
-
-
-# ------------------------------------------------------------------ reference results
 
 
 def test_the_manifest_is_that_of_the_layered_standard(native, version, unit_name):

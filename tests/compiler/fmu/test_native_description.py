@@ -28,7 +28,6 @@ def root_of(interface: Interface, version: int) -> Element:
 
 
 def read(root: Element) -> ModelDescription:
-    """Return what fmpy makes of a model description, after all its checks."""
     build = build_description(SOURCES, {"DISABLE_PREFIX": "1"}, root.get("modelName", ""))
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as archive:
@@ -70,16 +69,12 @@ def numbers(text: str | None) -> list[int]:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_fmpy_finds_no_problem(interface, version):
+def test_fmpy_finds_no_problem_and_the_plant_has_model_exchange(interface, version, unit_name):
     """Schema, names, units, start values, structure."""
     description = read(root_of(interface, version))
     assert description.fmiVersion == f"{version}.0"
     assert description.guid == GUID
     assert description.modelName == interface.model_name
-
-
-@pytest.mark.parametrize("version", VERSIONS)
-def test_the_plant_has_model_exchange_and_all_have_co_simulation(interface, unit_name, version):
     description = read(root_of(interface, version))
     assert description.coSimulation.modelIdentifier == interface.model_name
     assert (description.modelExchange is not None) == (unit_name == "plant")
@@ -112,15 +107,12 @@ def test_capabilities_of_fmi_3(root3, unit_name):
     assert {k for k, v in root3.find("CoSimulation").attrib.items() if v == "true"} == flags | simulation
 
 
-def test_variables_of_fmi_2_are_those_of_the_python_fmu(interface, root2):
+def test_variables_of_fmi_2_are_those_of_the_python_fmu_and_structure_that_of_the_layout(interface, root2):
     python = model_description(interface, GUID, TOOL, ABOUT)
     ours = [tostring(v) for v in root2.iterfind("ModelVariables/ScalarVariable")]
     theirs = [tostring(v) for v in python.iterfind("ModelVariables/ScalarVariable")]
     assert ours[: len(theirs)] == theirs
     assert len(ours) == interface.time
-
-
-def test_derivatives_of_fmi_2_name_their_states(interface, root2):
     description = read(root2)
     assert [u.variable.name for u in description.derivatives] == [
         v.name for v in interface.memory[interface.derivatives]
@@ -128,9 +120,6 @@ def test_derivatives_of_fmi_2_name_their_states(interface, root2):
     assert [u.variable.derivative.name for u in description.derivatives] == [
         v.name for v in interface.memory[interface.states]
     ]
-
-
-def test_structure_of_fmi_2_is_that_of_the_layout_without_time(interface, root2):
     outputs = [i for i, v in enumerate(interface.memory) if v.causality == "output"]
     derivatives = [i for i, v in enumerate(interface.memory) if v.causality == "local"]
     for tag, unknowns, dependencies in (
@@ -171,16 +160,13 @@ def test_arrays_of_fmi_3_are_those_of_the_layout(interface, root3):
         assert element.get("intermediateUpdate") == ("true" if continuous else None)
 
 
-def test_derivatives_of_fmi_3_name_their_states(interface, root3):
+def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements_and_derivatives_name_their_states(interface, root3):
     description = read(root3)
     derivatives = [u.variable for u in description.derivatives]
     assert [v.name for v in derivatives] == [f"der({v.derivative.name})" for v in derivatives]
     assert [v.shape for v in derivatives] == [v.derivative.shape for v in derivatives]
     positions = [v.derivative.valueReference + k for v in derivatives for k in range(int(np.prod(v.shape)))]
     assert positions == list(range(interface.states.start, interface.states.stop))
-
-
-def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements(interface, root3):
     of_position = {i: array.first for array in interface.arrays for i in range(array.first, array.first + array.size)}
     calculated = {i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")}
     for tag, kinds, dependencies in (
@@ -196,9 +182,6 @@ def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements(interface, ro
         found = structure(root3, tag)
         assert [numbers(u.get("valueReference")) for u in found] == [[first] for first in expected]
         assert [numbers(u.get("dependencies")) for u in found] == [sorted(k) for k in expected.values()]
-
-
-def test_time_is_the_one_independent_variable_of_fmi_3(interface, root3):
     (time,) = (v for v in read(root3).modelVariables if v.causality == "independent")
     assert (time.name, time.valueReference, time.unit, time.start) == ("time", interface.time, "s", None)
 

@@ -31,8 +31,6 @@ TRACED = ("LowPass", "Encoder", "Mixer", "Clock", "Weights", "Words")
 
 @pytest.fixture(scope="module")
 def own_fmu(robots, tmp_path_factory):
-    """Build a unit of own_units.py in a form."""
-
     @cache
     def build(name: str, form: str) -> Path:
         backend, version = form.split()
@@ -46,7 +44,6 @@ def own_fmu(robots, tmp_path_factory):
 
 @pytest.fixture
 def own(own_fmu, tmp_path_factory):
-    """Instantiate a unit in a form; freed at the end of the test."""
     opened: list[Any] = []
 
     def instantiate(name: str, form: str, **options: Any) -> Any:
@@ -96,10 +93,8 @@ def test_a_filter_follows_its_closed_form(own, form):
 @pytest.mark.parametrize("size", [1e-3, 3e-4, 2.5e-3, 7e-3 / 3.0])
 @pytest.mark.parametrize("start", [0.0, 0.4137])
 def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(own, form, size, start):
-    """A sample sees the inputs of the step that it lies in, one at the end of a step those of the next.
-
-    The rounding, halves to even too, product and quotient are alike in numpy and C: the numbers are the same bits.
-    """
+    """A sample sees the inputs of the step that it lies in, one at the end of a step those of the next."""
+    # The rounding, halves to even too, product and quotient are alike in numpy and C: the numbers are the same bits.
     period, increment = 1e-3, 0.01
     inputs = [np.array([np.cos(0.3 * k), 0.005 * k + 0.02]) for k in range(12)]
     unit = own("Encoder", form).start(start, q=inputs[0])
@@ -122,16 +117,13 @@ def test_choices_and_switches_decide_what_runs(own, form, way, inverted):
         assert unit.step(u=u).get("y") == (-expected if inverted else expected)
 
 
-def test_an_input_is_held_to_its_limits(own, form):
+def test_an_input_is_held_to_its_limits_and_a_unit_without_is_a_function_of_time(own, form):
     unit = own("Mixer", form).start(u=[1e3, -1e3])
     with pytest.raises((AssertionError, FMICallException)):
         unit.set(u=[0.0, 2e3])
     assert "u[2]: expected at most 1000, got 2000." in str(unit.messages[-1])
     assert np.ravel(unit.step().get("y")) == [0.0]
-
-
-def test_a_unit_without_inputs_is_a_function_of_time(own, form):
-    """The C library's sine and numpy's differ by rounding, 2e-16."""
+    # The C library's sine and numpy's differ by rounding, 2e-16.
     unit = own("Clock", form).start(0.5)
     for size in (0.1, 0.25, 1.0):
         assert np.ravel(unit.step(size).get("y")) == pytest.approx(np.sin(2.0 * unit.time), abs=4e-16)
@@ -219,15 +211,12 @@ def test_a_step_that_fails_at_a_later_sample_changes_nothing(own, form):
 
 
 @pytest.mark.parametrize("form", NATIVE)
-@pytest.mark.parametrize(
-    ("name", "values", "unknown", "known"),
-    [
-        ("LowPass", {"u": 0.3, "T": 0.2}, "der(y)", "u"),
-        ("Mixer", {"u": [0.3, 0.7], "way": 1}, "y", "u"),
-        ("Weights", {"q": [0.4, -0.3, 0.8]}, "y", "q"),
-        ("Words", {"w1": 0.3}, "der(h)", "d_x"),
-    ],
-)
+@pytest.mark.parametrize(("name", "values", "unknown", "known"), [
+    ("LowPass", {"u": 0.3, "T": 0.2}, "der(y)", "u"),
+    ("Mixer", {"u": [0.3, 0.7], "way": 1}, "y", "u"),
+    ("Weights", {"q": [0.4, -0.3, 0.8]}, "y", "q"),
+    ("Words", {"w1": 0.3}, "der(h)", "d_x"),
+])  # fmt: skip
 def test_directional_derivatives_are_the_limits_of_differences(own, form, name, values, unknown, known):
     """Differences over 2e-4: their error is 1e-8 / 6 of a third derivative, and 1e-12 of rounding."""
     unit = own(name, form)

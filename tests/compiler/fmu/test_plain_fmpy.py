@@ -21,17 +21,14 @@ def test_every_unit_runs_with_defaults(fmus, unit_name):
     assert all(np.all(np.isfinite(result[name])) for name in result.dtype.names)
 
 
-def test_every_unit_of_every_robot_starts(fmus, robot_name, unit_name):
+def test_every_unit_of_every_robot_starts_and_fmpy_prints_what_the_plant_is(fmus, robot_name, unit_name):
     result = simulate(fmus[robot_name][unit_name], stop_time=5e-3)
     assert all(np.all(np.isfinite(result[name])) for name in result.dtype.names)
-
-
-def test_fmpy_prints_what_the_unit_is(fmus):
     text = fmu_info(str(fmus["planar_2dof"]["plant"]))
     assert "Co-Simulation" in text and "Serial manipulator with flexible harmonic-drive joints" in text
 
 
-def test_the_trajectory_goes_from_start_to_end(fmus):
+def test_the_trajectory_goes_from_start_to_end_and_a_signal_reaches_the_controller(fmus):
     result = simulate(
         fmus["planar_2dof"]["trajectory"],
         start_values={"q_start[1]": -0.2, "q_end[1]": 0.4, "T": 2.0, "t_start": 0.5},
@@ -44,9 +41,6 @@ def test_the_trajectory_goes_from_start_to_end(fmus):
     assert q[3] == pytest.approx(0.1, abs=1e-15)
     assert q[-1] == q[-2] == pytest.approx(0.4, abs=1e-15)
     assert abs(result["q_d_dot[1]"][-1]) < 1e-15
-
-
-def test_an_input_signal_reaches_the_controller(fmus):
     signal = np.array([(0.0, 0.1), (1.0, 0.1)], dtype=[("time", float), ("q_d[2]", float)])
     result = simulate(fmus["planar_2dof"]["controller"], input=signal, stop_time=0.01, start_values={"K_p[2]": 300.0})
     assert result["tau_e[2]"][-1] == pytest.approx(30.0, rel=1e-15)
@@ -63,18 +57,13 @@ def energy(result: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-7, 1e-9])
 def test_free_fall_conserves_energy_within_the_tolerance(fmus, tolerance):
-    """Without friction and torque the arm swings for ever; the solver alone loses or gains energy.
-
-    A step errs by at most `tolerance` SI units in a state, the energy's derivatives by the states are up to
-    10 J, and there are some 100 steps whose errors do not add up: 1 J times the tolerance. Seen: 3e-3 of it.
-    """
+    """Without friction and torque the arm swings for ever; the solver alone loses or gains energy."""
+    # A step errs by at most `tolerance` SI units in a state, the energy's derivatives by the states are up to 10 J,
+    # and there are some 100 steps whose errors do not add up: 1 J times the tolerance. Seen: 3e-3 of it.
     result = simulate(
-        fmus["planar_2dof"]["plant"],
-        start_values=FREE | {"q_0[1]": 0.3},
-        stop_time=1.0,
-        output_interval=0.01,
+        fmus["planar_2dof"]["plant"], start_values=FREE | {"q_0[1]": 0.3}, stop_time=1.0, output_interval=0.01,
         relative_tolerance=tolerance,
-    )
+    )  # fmt: skip
     total = energy(result)
     assert np.abs(total - total[0]).max() < 1.0 * tolerance
     assert np.ptp(result["E_pot"]) > 1.0  # it did fall
@@ -86,12 +75,9 @@ def test_the_tolerance_of_the_experiment_is_the_solvers(fmus):
 
     def fall(tolerance: float) -> np.ndarray:
         result = simulate(
-            fmus["planar_2dof"]["plant"],
-            start_values=FREE | {"tolerance": 1e-4},
-            stop_time=0.3,
-            output_interval=0.01,
-            relative_tolerance=tolerance,
-        )
+            fmus["planar_2dof"]["plant"], start_values=FREE | {"tolerance": 1e-4}, stop_time=0.3,
+            output_interval=0.01, relative_tolerance=tolerance,
+        )  # fmt: skip
         return np.array([result["q[1]"], result["q[2]"]])
 
     exact = fall(1e-11)

@@ -60,11 +60,9 @@ def loop(request, tmp_path_factory):
 
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
 def test_an_importer_follows_the_samples(loop, kind):
-    """Both kinds of FMU give the closed form.
-
-    Local errors of 1e-10 (1 + x), x < 1, in less than 500 internal steps of a loop that contracts add up to less than
-    1e-7. A row at a sample is before it in one kind and after it in the other, and left out.
-    """
+    """Both kinds of FMU give the closed form."""
+    # Local errors of 1e-10 (1 + x), x < 1, in less than 500 internal steps of a loop that contracts add up to less
+    # than 1e-7. A row at a sample is before it in one kind and after it in the other, and left out.
     assert validate_fmu(str(loop)) == []
     assert read_model_description(loop).modelExchange is not None
     rows = fmpy.simulate_fmu(
@@ -88,7 +86,6 @@ def unit(loop, tmp_path):
 
 
 def samples(unit: Instance) -> float | None:
-    """Iterate over the events; return the time of the next one."""
     if unit.model.major == "2":
         info = fmpy.fmi2.fmi2EventInfo()
         unit.do("NewDiscreteStates", ct.byref(info))
@@ -102,7 +99,6 @@ def samples(unit: Instance) -> float | None:
 
 
 def at(unit: Instance, time: float) -> Instance:
-    """Go on to a time and enter event mode."""
     return unit.continuous().do("SetTime", time).do("EnterEventMode")
 
 

@@ -11,7 +11,6 @@ from vdfmu.arm.units import shipped_units
 
 
 def stepped(unit: Any, seed: int, count: int = 15) -> list[np.ndarray]:
-    """Make steps with random inputs of its own; return the outputs after each."""
     rng = np.random.default_rng(seed)
     inputs = [v.valueReference for v in unit.description.modelVariables if v.causality == "input"]
     rows = []
@@ -37,7 +36,7 @@ def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit):
 
 
 @BOTH
-def test_two_robots_in_one_process_do_not_meet(open_unit):
+def test_robots_and_copies_in_one_process_do_not_meet(open_unit):
     """The scripts of their FMUs have the same names, and Python imports a name once."""
     robots = ("planar_2dof", "slider_3dof")
     alone = {robot: stepped(open_unit("plant", robot).start(), 3) for robot in robots}
@@ -46,10 +45,6 @@ def test_two_robots_in_one_process_do_not_meet(open_unit):
         assert len(unit.get("q")) == int(robot.split("_")[1][0])
     for robot in reversed(robots):
         assert np.array_equal(stepped(units[robot], 3), alone[robot])
-
-
-@BOTH
-def test_parameters_of_one_copy_do_not_reach_the_other(open_unit):
     light, heavy = open_unit("plant").setup(), open_unit("plant").setup()
     heavy.set(mass=[4.0, 2.0])
     light.start()

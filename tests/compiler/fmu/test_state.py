@@ -1,7 +1,5 @@
 """The complete state: saved, restored, serialized and moved, every run continues to the bit."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 
@@ -14,12 +12,10 @@ H = 1e-3
 
 
 def torque(k: int, n: int) -> list[float]:
-    """Motor torques that shake the arm: every step another."""
     return [0.05 * np.sin(0.7 * k + i) for i in range(n)]
 
 
 def drive(unit: Any, name: str, first: int, count: int) -> np.ndarray:
-    """Make some steps with inputs that change; return the outputs after each."""
     rows = []
     for k in range(first, first + count):
         inputs = [v for v in unit.description.modelVariables if v.causality == "input"]
@@ -69,7 +65,7 @@ def test_a_rollback_near_standstill_restores_the_solver_too(open_unit):
 
 
 @BOTH
-def test_a_state_is_a_copy(open_unit):
+def test_a_state_is_a_copy_with_inputs_and_parameters(open_unit):
     unit = open_unit("plant").start()
     state = unit.fmu.getFMUstate()
     before = unit.outputs()
@@ -79,10 +75,6 @@ def test_a_state_is_a_copy(open_unit):
     assert np.array_equal(unit.outputs(), before)
     unit.fmu.setFMUstate(later)
     assert not np.array_equal(unit.outputs(), before)
-
-
-@BOTH
-def test_a_state_saves_inputs_and_parameters(open_unit):
     unit = open_unit("controller").start(K_p=500.0, q_d=0.1)
     state = unit.fmu.getFMUstate()
     before = unit.step(H).outputs()
@@ -117,7 +109,7 @@ def test_a_state_saves_the_phase(open_unit):
     unit.step(H)
 
 
-def test_a_state_saves_the_tolerance_of_the_experiment(open_unit):
+def test_a_state_saves_the_tolerance_of_the_experiment_and_moves_to_another_instance(open_unit, unit_name):
     fine, coarse = (open_unit("plant").start(tolerance=t, q_0=[0.3, 0.0]) for t in (1e-10, 1e-3))
     fine_run = drive(fine, "plant", 0, 5)
     assert not np.array_equal(drive(coarse, "plant", 0, 5), fine_run)
@@ -125,9 +117,6 @@ def test_a_state_saves_the_tolerance_of_the_experiment(open_unit):
     coarse.fmu.setFMUstate(start.fmu.getFMUstate())
     coarse.time = 0.0
     assert np.array_equal(drive(coarse, "plant", 0, 5), fine_run)
-
-
-def test_a_state_moves_to_another_instance(open_unit, unit_name):
     unit, other = open_unit(unit_name).start(), open_unit(unit_name, instance="other")
     drive(unit, unit_name, 0, 10)
     state = unit.fmu.getFMUstate()
@@ -178,34 +167,25 @@ def test_a_state_moves_to_another_process(open_unit, folders, tmp_path, run_pyth
     assert np.array_equal(there, here)
 
 
-# ------------------------------------------------------------------ what is no state of this unit
-
-
-def test_a_state_of_another_unit_is_refused(open_unit):
+def test_a_state_of_another_unit_or_robot_is_refused(open_unit):
     plant, controller = open_unit("plant").start(), open_unit("controller").start()
     before = plant.outputs()
     with plant.refuses(r"unit: setFMUstate.* expected a state of Plant with GUID \{.*got one with GUID \{"):
         plant.fmu.setFMUstate(controller.fmu.getFMUstate())
     assert np.array_equal(plant.outputs(), before)
-
-
-def test_a_state_of_the_same_unit_for_another_robot_is_refused(open_unit):
     unit, other = open_unit("plant").start(), open_unit("plant", "slider_3dof").start()
     with unit.refuses(r"expected a state of Plant with GUID"):
         unit.fmu.setFMUstate(other.fmu.getFMUstate())
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda state: state | {"memory": state["memory"][:-1]}, r"the state is damaged: ValueError: .*reshape"),
-        (lambda state: {"guid": state["guid"]}, r"the state is damaged: KeyError: 'phase'"),
-        (lambda state: [1, 2, 3], r"expected a state of Plant with GUID .*, got something else"),
-        (lambda state: state | {"guid": 3}, r"expected a state of Plant .*, got one with GUID 3"),
-        (lambda state: state | {"phase": "ended"}, r"the state is damaged: KeyError"),
-        (lambda state: state | {"solver": {}}, r"the state is damaged: KeyError: 'h'"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda state: state | {"memory": state["memory"][:-1]}, r"the state is damaged: ValueError: .*reshape"),
+    (lambda state: {"guid": state["guid"]}, r"the state is damaged: KeyError: 'phase'"),
+    (lambda state: [1, 2, 3], r"expected a state of Plant with GUID .*, got something else"),
+    (lambda state: state | {"guid": 3}, r"expected a state of Plant .*, got one with GUID 3"),
+    (lambda state: state | {"phase": "ended"}, r"the state is damaged: KeyError"),
+    (lambda state: state | {"solver": {}}, r"the state is damaged: KeyError: 'h'"),
+])  # fmt: skip
 def test_a_damaged_state_is_refused_and_changes_nothing(open_unit, change, words):
     unit = open_unit("plant").start(q_0=[0.3, -0.2])
     unit.step(H)
@@ -222,9 +202,6 @@ def test_bytes_that_are_no_state_are_refused(open_unit, data):
     unit = open_unit("plant").start()
     with unit.refuses(rf"deSerializeFMUstate failed: expected the bytes of a state, got {len(data)} other bytes"):
         unit.fmu.deSerializeFMUstate(data)
-
-
-# ------------------------------------------------------------------ reset
 
 
 def test_reset_returns_to_the_start_values(open_unit, unit_name):

@@ -33,7 +33,6 @@ def read(interface: Interface, fmi: FmiVersion) -> etree._Element:
 
 
 def members(interface: Interface, fmi: FmiVersion) -> dict[str, dict[str, str]]:
-    """Return terminal and member to the name of the variable."""
     return {
         terminal.get("name"): {
             m.get("memberName"): m.get("variableName") for m in terminal.findall("TerminalMemberVariable")
@@ -42,11 +41,8 @@ def members(interface: Interface, fmi: FmiVersion) -> dict[str, dict[str, str]]:
     }
 
 
-def test_it_obeys_the_schema_of_the_standard(interface, fmi):
+def test_it_obeys_the_schema_of_the_standard_and_members_are_inputs_and_outputs_of_the_unit(interface, fmi):
     assert SCHEMA.validate(read(interface, fmi)), SCHEMA.error_log
-
-
-def test_members_are_inputs_and_outputs_of_the_unit(interface, fmi):
     if fmi is FMI_2:
         causality = {v.name: v.causality for v in interface}
     else:
@@ -102,14 +98,11 @@ def test_all_pictures_are_there_and_small(interface, fmi):
     assert ("model.png" in files) == (fmi is FMI_2)
 
 
-def test_each_unit_has_its_own_icon(robots):
+def test_each_unit_has_its_own_icon_or_that_of_all_units(robots):
     robot = robots["planar_2dof"]
     files = [icon_files(Interface(shipped_units()[unit], robot), FMI_3) for unit in shipped_units()]
     assert len({f["terminalsAndIcons/icon.png"] for f in files}) == len(shipped_units())
-
-
-def test_a_unit_without_a_picture_has_that_of_all_units():
-    """And no terminals, where it declares none."""
+    # And no terminals, where it declares none.
     interface = Interface(find_unit(Path(__file__).parent / "own_units.py:LowPass"), None)
     files = icon_files(interface, FMI_2)
     for kind in ("png", "svg"):

@@ -39,7 +39,6 @@ _TYPES = {"Float64": "Real", "Int32": "Integer", "Real": "Real", "Integer": "Int
 
 
 def read_variables(root: ET.Element) -> list[Variable]:
-    """Variables of a model description of either version."""
     found: list[Variable] = []
     for element in root.iterfind("ModelVariables/*"):
         kind = element[0].tag if element.tag == "ScalarVariable" else element.tag
@@ -49,14 +48,10 @@ def read_variables(root: ET.Element) -> list[Variable]:
         names = tuple(f"{name}[{','.join(map(str, i))}]" if i else name for i in indices)
         found.append(
             Variable(
-                name,
-                int(element.attrib["valueReference"]),
-                _TYPES[kind],
-                element.attrib["causality"],
-                element.get("variability", "continuous"),
-                names,
+                name, int(element.attrib["valueReference"]), _TYPES[kind], element.attrib["causality"],
+                element.get("variability", "continuous"), names,
             )  # fmt: skip
-        )
+        )  # fmt: skip
     return found
 
 
@@ -101,13 +96,11 @@ class Model:
 
 
 def doubles(values: Any) -> Any:
-    """C array of numbers."""
     flat = np.ravel(np.asarray(values, dtype=float))
     return (ct.c_double * len(flat))(*flat)
 
 
 def references(values: Sequence[int]) -> Any:
-    """C array of value references."""
     return (ct.c_uint32 * len(values))(*values)
 
 
@@ -174,8 +167,6 @@ class Instance:
         ask[0] = wanted is not None
         when[0] = 0.0 if wanted is None else wanted
 
-    # ---------------------------------------------------------------- calls
-
     def call(self, name: str, *arguments: Any) -> int:
         """Call a function of FMI with this instance and return its status."""
         return self.model.function(name)(self.pointer, *arguments)
@@ -206,8 +197,6 @@ class Instance:
             assert re.search(words, said.text), said.text
 
         yield refused
-
-    # ---------------------------------------------------------------- life cycle
 
     def setup(self, time: float = 0.0, tolerance: float | None = None) -> Instance:
         """Take the start time; in FMI 3 it is told when the initialization starts."""
@@ -253,8 +242,6 @@ class Instance:
     def early(self) -> bool:
         """Whether the last step of FMI 3 ended early."""
         return self._flags[2]
-
-    # ---------------------------------------------------------------- values
 
     def read(self, variables: Sequence[Variable]) -> np.ndarray:
         """Values of variables of one type, one after the other."""
@@ -318,8 +305,6 @@ class Instance:
         """Set all inputs in order."""
         return self.write(self.model.of("input"), values)
 
-    # ---------------------------------------------------------------- model exchange
-
     def states(self, x: Any) -> Instance:
         """Set the continuous states."""
         return self.do("SetContinuousStates", doubles(x), len(x))
@@ -336,8 +321,6 @@ class Instance:
         room = (ct.c_double * self.model.n_states)()
         self.do(name, room, len(room))
         return np.array(room[:])
-
-    # ---------------------------------------------------------------- derivatives
 
     def directional(self, unknowns: Sequence[Variable], knowns: Sequence[Variable], seed: Any) -> np.ndarray:
         """Directional derivative of unknowns in direction `seed` of knowns."""
@@ -357,8 +340,6 @@ class Instance:
             tail = (seed, len(seed), room, len(room))
         self.do(name, lists[0], len(lists[0]), lists[1], len(lists[1]), *tail)
         return np.array(room[:])
-
-    # ---------------------------------------------------------------- saved states
 
     @property
     def _state(self) -> str:
@@ -406,5 +387,4 @@ class Instance:
 
 
 def same_bits(a: Any, b: Any) -> bool:
-    """Whether two arrays are equal to the bit, NaN and the sign of zero included."""
     return np.asarray(a, dtype=float).tobytes() == np.asarray(b, dtype=float).tobytes()

@@ -25,8 +25,6 @@ def native_fmu(built):
 
 @pytest.fixture(scope="session")
 def model(native_fmu, tmp_path_factory):
-    """Unpacked FMU of a unit."""
-
     @cache
     def unpack(unit: str, version: str = "2.0", robot: str = "planar_2dof") -> Model:
         folder = tmp_path_factory.mktemp(f"{unit}_{version[0]}")
@@ -52,15 +50,10 @@ def native(model):
 
 @pytest.fixture(params=VERSIONS)
 def version(request):
-    """Both versions of FMI."""
     return request.param
 
 
-# ------------------------------------------------------------------ programs of this machine
-
-
 def program(name: str, package: str, *places: str) -> str:
-    """Path of a program; the test is skipped where its package is not installed."""
     for place in (name, *places):
         found = shutil.which(place)
         if found:
@@ -69,7 +62,6 @@ def program(name: str, package: str, *places: str) -> str:
 
 
 def run(command: list[Any], *, seconds: float = 120.0, cwd: Path | None = None, **environment: str) -> str:
-    """Run a program that must succeed; return what it prints."""
     done = subprocess.run(
         [str(word) for word in command],
         capture_output=True, text=True, timeout=seconds, cwd=cwd, env=os.environ | environment, check=False,
@@ -124,7 +116,6 @@ def driver(tmp_path_factory):
 
 
 def sanitized_objects(sources: Path, out: Path) -> list[Path]:
-    """Compile the sources of a unit with gcc and its sanitizers."""
     flags = (*GCC, *SANITIZERS, "-DDISABLE_PREFIX", "-ffp-contract=off", f"-I{sources}")
     run([program("gcc", "gcc"), *flags, "-c", *sorted(sources.glob("*.c"))], seconds=300, cwd=out)
     return sorted(out.glob("*.o"))

@@ -43,7 +43,6 @@ class Callbacks(ct.Structure):
 
 @lru_cache
 def signatures(version: str) -> dict[str, tuple[Any, tuple[Any, ...]]]:
-    """Return function name without prefix to its result and arguments, from the header."""
     major = version[0]
     text = (HEADERS / f"fmi{major}FunctionTypes.h").read_text(encoding="utf-8", errors="replace")
     text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)

@@ -15,10 +15,8 @@ from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
 
 def results_of(text, function, given, tmp_path, name="kernel", level="-O1"):
-    """Compile the C text of a function, without a warning, and return its results for given arguments.
-
-    It is called twice: the second time has what the first has left in memory.
-    """
+    """Compile the C text of a function, without a warning, and return its results for given arguments."""
+    # It is called twice: the second time has what the first has left in memory.
     source, library = tmp_path / f"{name}.c", tmp_path / f"{name}.so"
     source.write_text(f"#include <math.h>\n{c_prototype(function)};\n{text}")
     for file, other in c_operations().items():

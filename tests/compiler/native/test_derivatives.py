@@ -28,7 +28,6 @@ def random_point(unit: Instance, variables: Sequence[Variable]) -> np.ndarray:
 
 
 def configure(unit: Instance, choices: dict[str, Any]) -> tuple[list[Variable], np.ndarray]:
-    """Set the integers and booleans of a point; return all real knowns with values, `choices` among them."""
     knowns = unit.model.of("input", "parameter")
     point = random_point(unit, knowns)
     names = elements(knowns)
@@ -44,9 +43,6 @@ def step_sizes(point: np.ndarray, names: Sequence[str]) -> np.ndarray:
     """Return a thousandth of the value: within the limits, and inertias within the triangle inequality."""
     assert np.all(point != 0.0), [name for name, value in zip(names, point, strict=True) if value == 0.0]
     return 1e-3 * np.abs(point)
-
-
-# ------------------------------------------------------------------ during initialization
 
 
 def initial_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
@@ -71,9 +67,6 @@ def test_during_initialization_they_are_slopes_in_inputs_and_parameters(native, 
         expected = slopes(evaluate, point, h)
         assert_slopes(found, expected, evaluate(point), h)
         assert np.any(found != 0.0)
-
-
-# ------------------------------------------------------------------ after initialization
 
 
 def exchange_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
@@ -134,7 +127,7 @@ def test_in_step_mode_they_are_slopes_in_inputs(native, version, unit_name, robo
         assert_slopes(found, slopes(evaluate, point, h), evaluate(point), h)
 
 
-def test_the_plant_in_step_mode_gives_those_of_its_state(native, version):
+def test_the_plant_in_step_mode_gives_those_of_its_state_and_the_trajectory_those_in_time(native, version):
     """Co-simulation and model exchange at the same point: the same bits."""
     start = {"q_0": [0.3, -0.2], "q_dot_0": [0.1, 0.4], "tau": [0.1, 0.2]}
     simulation = native("plant", version).start(**start)
@@ -142,10 +135,7 @@ def test_the_plant_in_step_mode_gives_those_of_its_state(native, version):
     unknowns = simulation.model.of("output", "local")
     knowns = [*simulation.model.of("input"), *(v for v in simulation.model.of("output") if v.group in ("q", "tau_s"))]
     assert directional(simulation, unknowns, knowns).tolist() == directional(exchange, unknowns, knowns).tolist()
-
-
-def test_of_the_trajectory_in_time_they_are_its_derivatives(native):
-    """FMI 3 offers time as a known. The five groups are derivatives of one another."""
+    # FMI 3 offers time as a known. The five groups are derivatives of one another.
     unit = native("trajectory", "3.0").start(0.7, q_end=[1.0, -2.0], T=3.0).step(0.25)
     (time,) = unit.model.of("independent")
     found = unit.directional(unit.model.of("output"), [time], [1.0]).reshape(5, 2)
@@ -155,10 +145,7 @@ def test_of_the_trajectory_in_time_they_are_its_derivatives(native):
     assert not plant.directional(plant.model.of("output"), plant.model.of("independent"), [1.0]).any()
 
 
-# ------------------------------------------------------------------ seeds
-
-
-def test_a_seed_is_a_direction(native, version):
+def test_a_seed_is_a_direction_and_derivatives_change_nothing(native, version, unit_name):
     """Linear in the seed, to rounding: 1e-12 of the sum of the parts. A value that is named twice counts twice."""
     unit = native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2], q_dot_0=[0.5, 0.4]).continuous()
     knowns, unknowns = unit.model.of("input"), unit.model.of("output", "local")
@@ -170,9 +157,6 @@ def test_a_seed_is_a_direction(native, version):
     twice = unit.directional(unknowns, [knowns[0], knowns[0]], np.ones(2 * len(knowns[0].names)))
     np.testing.assert_allclose(twice, 2.0 * unit.directional(unknowns, [knowns[0]], np.ones(len(knowns[0].names))))
     assert not unit.directional(unknowns, [], []).any()
-
-
-def test_derivatives_change_nothing(native, version, unit_name):
     unit = native(unit_name, version).start()
     unit.step(1e-3)
     unit.outputs()
@@ -203,9 +187,6 @@ def test_adjoint_derivatives_are_the_transpose(native, unit_name, robot_name):
             assert np.all(np.abs(forward - backward) <= 1e-11 * (0.01 + scale)), phase
 
 
-# ------------------------------------------------------------------ dependencies
-
-
 def structure(unit: Instance, tag: str) -> dict[str, set[str]]:
     """Element to elements it is declared to depend on, from the ModelStructure of FMI 2."""
     names = [v.name for v in unit.model.variables]
@@ -219,7 +200,6 @@ def structure(unit: Instance, tag: str) -> dict[str, set[str]]:
 
 
 def per_element(unit: Instance, positions: Sequence[str]) -> dict[str, set[str]]:
-    """Return the same from the functions of FMI 3, in the phase that the unit is in; names are those of FMI 2."""
     found: dict[str, set[str]] = {}
     for v in unit.model.of("output", "local"):
         n = ct.c_size_t()
@@ -248,7 +228,7 @@ def without_choices(unit: Instance, found: set[tuple[str, str]]) -> set[tuple[st
     return {(a, b) for a, b in found if unit.model.references[b][0].type == "Real"}
 
 
-def test_dependencies_of_elements_are_those_of_the_model_structure(native, unit_name, robot_name):
+def test_dependencies_of_elements_and_arrays_are_those_of_the_model_structure(native, unit_name, robot_name):
     """Those of FMI 3 also name the time, and what it moves is what depends on it: the trajectory."""
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
@@ -261,10 +241,7 @@ def test_dependencies_of_elements_are_those_of_the_model_structure(native, unit_
         timed = {name for name, knowns in found.items() if "time" in knowns}
         assert timed == (set(found) if unit_name == "trajectory" else set())
         assert {name: knowns - {"time"} for name, knowns in found.items()} == structure(two, tag), phase
-
-
-def test_dependencies_of_arrays_are_those_of_their_elements(native, unit_name, robot_name):
-    """The ModelStructure of FMI 3 names whole arrays."""
+    # The ModelStructure of FMI 3 names whole arrays.
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
     owner = {positions[v.reference + i]: v.reference for v in three.model.variables for i in range(len(v.names))}
@@ -301,16 +278,11 @@ def test_nothing_depends_on_what_is_not_declared_and_declared_dependencies_are_s
 
 
 def hidden(unknown: str, known: str) -> bool:
-    """Whether the equations have a dependency and the start has not.
-
-    In equilibrium the rotors move with their links: der(tau_s) is the stiffness times zero, and what changes the
-    stiffness, the torque that holds the arm, has no effect.
-    """
+    """Whether the equations have a dependency and the start has not."""
+    # In equilibrium the rotors move with their links: der(tau_s) is the stiffness times zero, and what changes the
+    # stiffness, the torque that holds the arm, has no effect.
     holds = ("F_e", "centroid", "gravity", "mass", "offset", "q_0", "tool_offset")
     return unknown.startswith("der(tau_s") and known.split("[")[0] in holds
-
-
-# ------------------------------------------------------------------ wrong use
 
 
 @pytest.mark.parametrize("name", ["GetDirectionalDerivative", "GetAdjointDerivative"])

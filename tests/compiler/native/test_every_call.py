@@ -11,7 +11,6 @@ from tests.compiler.native.phases import CASES, bring
 
 
 def finish(instance, phase):
-    """Use an instance from a phase on, and return all that comes of it."""
     n = instance.model.n_states
     if phase == "instantiated":
         instance.enter()
@@ -30,7 +29,6 @@ def finish(instance, phase):
 
 
 def functions(version):
-    """Return all functions with an instance that return a status, with the types of their further arguments."""
     others = ("GetTypesPlatform", "GetVersion", "FreeInstance", "Instantiate")
     return {name: types[1:] for name, (_, types) in signatures(version).items() if not name.startswith(others)}
 

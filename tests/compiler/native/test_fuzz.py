@@ -32,7 +32,6 @@ def test_random_calls_find_nothing(model, sanitized, tmp_path, unit, version):
 
 
 def fuzzer(tmp_path: Path) -> str:
-    """Path of a clang with libFuzzer."""
     clang = program("clang", "clang")
     (tmp_path / "empty.c").write_text("int LLVMFuzzerTestOneInput(void) { return 0; }\n")
     done = subprocess.run(
@@ -48,11 +47,9 @@ def test_calls_that_reach_new_code_find_nothing(model, tmp_path, version):
     """LibFuzzer changes inputs towards code that none has reached; VDFMU_FUZZ_CORPUS keeps them."""
     folder, target = model("plant", version).folder / "sources", tmp_path / "fuzz"
     flags = [
-        "-fsanitize=fuzzer,address,undefined,float-cast-overflow",
-        "-fno-sanitize-recover=all",
-        "-DDISABLE_PREFIX",
+        "-fsanitize=fuzzer,address,undefined,float-cast-overflow", "-fno-sanitize-recover=all", "-DDISABLE_PREFIX",
         *version_flags(version),
-    ]
+    ]  # fmt: skip
     run([fuzzer(tmp_path), *GCC, *flags, f"-I{folder}", *sorted(folder.glob("*.c")), HERE / "fuzz.c",
          "-o", target, "-lm"], seconds=300)  # fmt: skip
     corpus = Path(os.environ.get("VDFMU_FUZZ_CORPUS", tmp_path / "corpus"))

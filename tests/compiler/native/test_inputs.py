@@ -21,7 +21,6 @@ def state(instance: Instance) -> np.ndarray:
 
 
 def rate_arguments(instance: Instance, rates: dict[str, Any], order: int = 1) -> tuple[Any, ...]:
-    """Arguments of setRealInputDerivatives for groups."""
     refs = [v.reference for group in rates for v in instance.model.group(group)]
     values = np.concatenate([np.atleast_1d(rate) for rate in rates.values()])
     return references(refs), len(refs), (ct.c_int * len(refs))(*[order] * len(refs)), doubles(values)
@@ -29,9 +28,6 @@ def rate_arguments(instance: Instance, rates: dict[str, Any], order: int = 1) ->
 
 def set_rates(instance: Instance, **rates: Any) -> Instance:
     return instance.do("SetRealInputDerivatives", *rate_arguments(instance, rates))
-
-
-# ------------------------------------------------------------------ rates of inputs
 
 
 def test_a_torque_with_a_rate_is_a_ramp(native, planar):
@@ -89,16 +85,13 @@ def test_a_unit_without_states_gives_the_outputs_of_the_end_of_the_step(native, 
     assert same_bits(moving.get(group), ended.get(group))
 
 
-def test_a_rate_holds_for_one_step(native):
+def test_a_rate_holds_for_one_step_and_is_saved_with_the_state(native):
     unit, twin = native().start(q_0=[0.3, 0.1]), native().start(q_0=[0.3, 0.1])
     for instance in (unit, twin):
         set_rates(instance.set(tau=0.1), tau=[50.0, -50.0]).step(H)
     unit.step(H)
     set_rates(twin, tau=[0.0, 0.0]).step(H)
     assert same_bits(unit.outputs(), twin.outputs())
-
-
-def test_rates_are_saved_with_the_state(native):
     unit = native().start(q_0=[0.3, 0.1])
     set_rates(unit, tau=[50.0, -50.0])
     saved, data = unit.save(), unit.complete()
@@ -112,7 +105,7 @@ def test_rates_are_saved_with_the_state(native):
     assert not same_bits(native().start(q_0=[0.3, 0.1]).step(H).outputs(), first)
 
 
-def test_a_step_that_fails_leaves_inputs_and_rates(native):
+def test_a_step_that_fails_or_a_rate_beyond_all_numbers_leaves_inputs_and_rates(native):
     unit, twin = native().start(q_0=[0.3, 0.1]), native().start(q_0=[0.3, 0.1])
     for instance in (unit, twin):
         set_rates(instance.set(tau=0.1), tau=[50.0, -50.0])
@@ -123,9 +116,6 @@ def test_a_step_that_fails_leaves_inputs_and_rates(native):
         no("DoStep", 0.5, H, 1)
     assert unit.complete() == before
     assert same_bits(unit.step(H).outputs(), twin.step(H).outputs())
-
-
-def test_a_rate_that_takes_the_input_beyond_all_numbers_is_refused(native):
     unit = native().start()
     set_rates(unit, tau=[1e308, 0.0])
     before = unit.complete()
@@ -134,27 +124,21 @@ def test_a_rate_that_takes_the_input_beyond_all_numbers_is_refused(native):
     assert unit.complete() == before
 
 
-@pytest.mark.parametrize(
-    ("rates", "order", "words"),
-    [
-        ({"tau": [1.0, 2.0]}, 2, r"tau\[1\]: expected a derivative of order 1, got one of order 2\."),
-        ({"tau": [1.0, 2.0]}, 0, r"of order 0\."),
-        ({"tau": [1.0, 2.0]}, -1, r"of order -1\."),
-        ({"tau": [1.0, np.nan]}, 1, r"tau\[2\]: expected a finite derivative, got nan\."),
-        ({"tau": [1.0, np.inf]}, 1, r"tau\[2\]: expected a finite derivative, got inf\."),
-        ({"tau": [1.0, 1.0], "q": [0.0, 0.0]}, 1, r"expected inputs, got q\[1\]\."),
-        ({"mass": [0.0, 0.0]}, 1, r"expected inputs, got mass\[1\]\."),
-    ],
-)
+@pytest.mark.parametrize(("rates", "order", "words"), [
+    ({"tau": [1.0, 2.0]}, 2, r"tau\[1\]: expected a derivative of order 1, got one of order 2\."),
+    ({"tau": [1.0, 2.0]}, 0, r"of order 0\."),
+    ({"tau": [1.0, 2.0]}, -1, r"of order -1\."),
+    ({"tau": [1.0, np.nan]}, 1, r"tau\[2\]: expected a finite derivative, got nan\."),
+    ({"tau": [1.0, np.inf]}, 1, r"tau\[2\]: expected a finite derivative, got inf\."),
+    ({"tau": [1.0, 1.0], "q": [0.0, 0.0]}, 1, r"expected inputs, got q\[1\]\."),
+    ({"mass": [0.0, 0.0]}, 1, r"expected inputs, got mass\[1\]\."),
+])  # fmt: skip
 def test_a_rate_that_makes_no_sense_is_refused_and_none_of_the_call_is_set(native, rates, order, words):
     unit = native().start()
     before = unit.complete()
     with unit.refuses(rf"unit: setRealInputDerivatives at t = 0 s failed: .*{words}") as no:
         no("SetRealInputDerivatives", *rate_arguments(unit, rates, order))
     assert unit.complete() == before
-
-
-# ------------------------------------------------------------------ intermediate updates
 
 
 def with_updates(native: Native, update: Callable[..., float | None], name: str = "plant", **options: Any) -> Instance:
@@ -240,7 +224,7 @@ def test_a_step_returns_early_at_the_time_that_is_asked_for(native, wanted, expe
     np.testing.assert_allclose(unit.outputs(), other.step(0.01).outputs(), rtol=1e-8, atol=1e-8)
 
 
-def test_an_early_return_that_was_not_allowed_is_not_made(native):
+def test_an_early_return_that_was_not_allowed_is_not_made_and_without_states_there_is_one_update(native):
     flags: list[bool] = []
 
     def stop(unit: Instance, time: float, requested: bool, early: bool) -> float:
@@ -251,9 +235,6 @@ def test_an_early_return_that_was_not_allowed_is_not_made(native):
     assert unit.time == 0.01
     assert not unit.early
     assert not any(flags)
-
-
-def test_a_unit_without_states_is_updated_once_at_the_end_of_the_step(native):
     seen: list[tuple[float, bool, bool]] = []
 
     def look(unit: Instance, *said: Any) -> None:

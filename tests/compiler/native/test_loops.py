@@ -47,13 +47,10 @@ def recursion(n=N, seed=None):
     return ca.Function("chain", [x, p, g], results, ["x", "p", "g"], ["y", "u"])
 
 
-def test_a_recursion_up_and_down_is_as_many_loops(tmp_path):
+def test_a_recursion_up_and_down_is_as_many_loops_whose_text_does_not_grow_with_the_joints(tmp_path):
     text = check_bits(chain := recursion(), find_loops(chain, N), tmp_path)
     assert text.count("for (int i") == 3
     assert text.count("i++") == 2 and text.count("i--") == 1
-
-
-def test_the_text_does_not_grow_with_the_joints():
     short, long = (find_loops(recursion(n), n) for n in (12, 200))
     for text in (c_loops, c_derivatives):
         assert len(text(long)) < 1.1 * len(text(short))  # more digits
@@ -98,17 +95,19 @@ def test_arguments_may_be_called_as_what_loops_count_with(tmp_path):
     assert "for (int i" in check_bits(function, find_loops(function, N), tmp_path)
 
 
-def test_every_operation_is_in_one_series():
+def test_every_operation_is_in_one_series_and_joints_with_nothing_in_common_have_no_loops(tmp_path):
     trace = Trace(recursion(seed=3))
     layout = find_series(trace, N, 1, trace.digests(0))
     assert layout is not None
     members = [operation for one in layout.series for operation in one.members]
     assert sorted(members) == [k for k in range(len(trace.operations)) if not trace.is_leaf(k)]
-
-
-def test_a_function_without_loops_has_the_same_table(tmp_path):
     chain = recursion(9, seed=1)
     check_derivatives(chain, straight(chain), tmp_path)
+    assert find_loops(recursion(9), 9) is None
+    x = ca.SX.sym("x", N)
+    functions = [ca.sin, ca.cos, ca.tan, ca.exp, ca.sqrt, ca.tanh, ca.atan, ca.log1p, ca.sinh, ca.cosh, ca.fabs]
+    y = [functions[k % 11](functions[(k + 1 + k // 11) % 11](x[k])) for k in range(N)]
+    assert find_loops(ca.Function("unlike", [x], [ca.vertcat(*y)], ["x"], ["y"]), N) is None
 
 
 def test_a_branch_that_is_not_taken_has_no_slope_where_its_own_is_infinite(tmp_path):
@@ -118,11 +117,3 @@ def test_a_branch_that_is_not_taken_has_no_slope_where_its_own_is_infinite(tmp_p
     for direction in DIRECTIONS:
         given = [np.array([0.0]), np.array([2.0])]
         assert results_of(text, derivative(root, direction), given, tmp_path, direction) == 6.0
-
-
-def test_few_joints_and_joints_with_nothing_in_common_have_no_loops():
-    assert find_loops(recursion(9), 9) is None
-    x = ca.SX.sym("x", N)
-    functions = [ca.sin, ca.cos, ca.tan, ca.exp, ca.sqrt, ca.tanh, ca.atan, ca.log1p, ca.sinh, ca.cosh, ca.fabs]
-    y = [functions[k % 11](functions[(k + 1 + k // 11) % 11](x[k])) for k in range(N)]
-    assert find_loops(ca.Function("unlike", [x], [ca.vertcat(*y)], ["x"], ["y"]), N) is None

@@ -20,12 +20,10 @@ def library(model: Model) -> str:
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)
 def test_the_sources_are_clean_under_the_sanitizers(model, sanitized, driver, tmp_path, unit, version):
-    """Compiled by gcc, with the leak check on; beside, the shipped library computes the same.
-
-    Both compute the same operations in the same order in doubles, without contraction. The two may take sin and
-    tanh from different versions of the C library's code, so numbers are compared to 1e-9, far above what 1000 steps
-    of damped motion grow a rounding to, and below the solver's tolerance.
-    """
+    """Compiled by gcc, with the leak check on; beside, the shipped library computes the same."""
+    # Both compute the same operations in the same order in doubles, without contraction. The two may take sin and tanh
+    # from different versions of the C library's code, so numbers are compared to 1e-9, far above what 1000 steps of
+    # damped motion grow a rounding to, and below the solver's tolerance.
     found = model(unit, version)
     program_path = tmp_path / "driver"
     run([program("gcc", "gcc"), *GCC, *SANITIZERS, *version_flags(version), "-DSTATIC", HERE / "driver.c",

@@ -19,7 +19,6 @@ H = 1e-3
 
 
 def refused_step(unit, words, point, size):
-    """Make a step that must fail and change nothing."""
     before = unit.complete()
     with unit.refuses(words) as no:
         no("DoStep", *unit.step_arguments(point, size))
@@ -27,11 +26,7 @@ def refused_step(unit, words, point, size):
 
 
 def entering(unit):
-    """Return the arguments with which a unit enters initialization mode."""
     return () if unit.model.major == "2" else (False, 0.0, 0.0, False, 0.0)
-
-
-# ------------------------------------------------------------------ numbers that are none, steps, times
 
 
 def test_discard_where_the_standard_says_so(native, version):
@@ -56,42 +51,33 @@ def test_discard_where_the_standard_says_so(native, version):
     assert same_bits(unit.states(x).derivatives(), twin.derivatives())
 
 
-@pytest.mark.parametrize(
-    ("point", "size", "words"),
-    [
-        *((H, size, rf"a finite positive communication step, got {size} s\.") for size in (0.0, -0.0, -H, NAN, INF)),
-        *((point, H, r"the communication point t = 0.001 s, .*, got t = \S+ s\.")
-          for point in (0.0, 2 * H, H + 2e-9, -H, NAN, INF, 1e308)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("point", "size", "words"), [
+    *((H, size, rf"a finite positive communication step, got {size} s\.") for size in (0.0, -0.0, -H, NAN, INF)),
+    *((point, H, r"the communication point t = 0.001 s, .*, got t = \S+ s\.")
+      for point in (0.0, 2 * H, H + 2e-9, -H, NAN, INF, 1e308)),
+])  # fmt: skip
 def test_a_step_of_no_length_or_from_elsewhere_is_refused(native, version, unit_name, point, size, words):
     unit, twin = (native(unit_name, version).start().step() for _ in range(2))
     refused_step(unit, f"unit: doStep at t = 0.001 s failed: expected {words}", point, size)
     assert same_bits(unit.step().outputs(), twin.step().outputs())
 
 
-@pytest.mark.parametrize(
-    ("name", "start", "size", "words"),
-    [
-        ("controller", 1.7e308, 1e308, "expected a step that ends at a finite time, got 1e"),
-        ("plant", 1e9, 1e-8, r"expected a step that moves the time t = 1000000000\.0 s, got one of 1e-08 s"),
-    ],
-)
+@pytest.mark.parametrize(("name", "start", "size", "words"), [
+    ("controller", 1.7e308, 1e308, "expected a step that ends at a finite time, got 1e"),
+    ("plant", 1e9, 1e-8, r"expected a step that moves the time t = 1000000000\.0 s, got one of 1e-08 s"),
+])  # fmt: skip
 def test_a_step_to_a_time_that_numbers_do_not_have_is_refused(native, version, name, start, size, words):
     refused_step(native(name, version).start(start), words, start, size)
 
 
-@pytest.mark.parametrize(
-    ("experiment", "words"),
-    [
-        *(((1, x, 0.0, 0, 0.0), rf"a finite positive tolerance, got {x}\.") for x in (0.0, -1e-6, NAN, INF)),
-        ((1, 1e-17, 0.0, 0, 0.0), r"at least 1e-12, got 1e-17\."),
-        ((1, 0.5, 0.0, 0, 0.0), r"at most 0.1, got 0.5\."),
-        *(((0, 0.0, x, 0, 0.0), rf"a finite start time, got {x} s\.") for x in (NAN, INF)),
-        *(((0, 0.0, 1.0, 1, x), rf"a finite stop time not before the start time 1\.0 s, got {x} s\.")
-          for x in (0.5, NAN, INF)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("experiment", "words"), [
+    *(((1, x, 0.0, 0, 0.0), rf"a finite positive tolerance, got {x}\.") for x in (0.0, -1e-6, NAN, INF)),
+    ((1, 1e-17, 0.0, 0, 0.0), r"at least 1e-12, got 1e-17\."),
+    ((1, 0.5, 0.0, 0, 0.0), r"at most 0.1, got 0.5\."),
+    *(((0, 0.0, x, 0, 0.0), rf"a finite start time, got {x} s\.") for x in (NAN, INF)),
+    *(((0, 0.0, 1.0, 1, x), rf"a finite stop time not before the start time 1\.0 s, got {x} s\.")
+      for x in (0.5, NAN, INF)),
+])  # fmt: skip
 @pytest.mark.parametrize("kind", PHASES)
 def test_an_experiment_that_makes_no_sense_is_refused(native, version, kind, experiment, words):
     unit, twin = (native("plant", version, kind=kind) for _ in range(2))
@@ -119,23 +105,13 @@ def test_a_step_beyond_the_stop_time_is_refused(native, version, unit_name):
     refused_step(unit, words, 1.002, 1e-3)
 
 
-def test_a_unit_without_a_solver_takes_any_positive_tolerance(native, version):
-    native("controller", version).start(tolerance=1e-17).step()
-
-
-# ------------------------------------------------------------------ parameters that are not physical
-
-
-@pytest.mark.parametrize(
-    ("name", "variable", "value", "words"),
-    [
-        ("plant", "f_s[1]", 0.1, r"f_s\[1\]: expected f_s >= f_c, got f_s\[1\] = 0.1 N.m, f_c\[1\] = 0.3 N.m\."),
-        ("feedforward", "f_c[2]", 0.9, r"f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.2 N.m, f_c\[2\] = 0.9 N.m\."),
-        ("plant", "inertia[2,2,2]", -0.1, r"expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2"),
-        ("plant", "inertia[1,1,1]", 0.5, r"expected no principal moment of inertia above the sum .*, got .*0.5 kg.m2"),
-        ("plant", "f_s", [0.1, 0.05], r"f_s\[1\]: .*f_s\[2\]: "),  # all at once
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "variable", "value", "words"), [
+    ("plant", "f_s[1]", 0.1, r"f_s\[1\]: expected f_s >= f_c, got f_s\[1\] = 0.1 N.m, f_c\[1\] = 0.3 N.m\."),
+    ("feedforward", "f_c[2]", 0.9, r"f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.2 N.m, f_c\[2\] = 0.9 N.m\."),
+    ("plant", "inertia[2,2,2]", -0.1, r"expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2"),
+    ("plant", "inertia[1,1,1]", 0.5, r"expected no principal moment of inertia above the sum .*, got .*0.5 kg.m2"),
+    ("plant", "f_s", [0.1, 0.05], r"f_s\[1\]: .*f_s\[2\]: "),  # all at once
+])  # fmt: skip
 @pytest.mark.parametrize("late", [False, True])
 def test_parameters_that_do_not_fit_together_are_refused_when_the_unit_starts(
     native, version, name, variable, value, words, late
@@ -165,9 +141,6 @@ def test_outputs_have_no_value_before_the_initialization(native, version, unit_n
             no(f"Get{unit._type('Real')}", *unit._values([v], unit._room("Real", len(v.names))))
 
 
-# ------------------------------------------------------------------ the solver
-
-
 END = r"Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance\.$"
 
 
@@ -194,9 +167,6 @@ def test_a_step_of_too_many_internal_steps_ends_with_an_error(native, version):
     refused_step(unit, words, 10.0, 1e300)
 
 
-# ------------------------------------------------------------------ instantiation, messages
-
-
 @pytest.mark.parametrize("guid", ["", "{0}", "{" + "a" * 5000, "%s%n%d"])
 def test_another_guid_is_refused_with_both(model, version, guid):
     found = model("plant", version)
@@ -209,21 +179,18 @@ def test_another_guid_is_refused_with_both(model, version, guid):
     assert message.text == f"unit: {call} failed: expected the GUID or instantiation token {found.guid}, got {shown}."
 
 
-@pytest.mark.parametrize(
-    ("unit_name", "options", "words"),
-    [
-        ("plant", {"name": ""}, "failed: expected a name of the instance, got an empty one."),
-        *((name, {"kind": "ModelExchange"}, "has no continuous states and is for co-simulation only.")
-          for name in ("trajectory", "feedforward", "controller")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("unit_name", "options", "words"), [
+    ("plant", {"name": ""}, "failed: expected a name of the instance, got an empty one."),
+    *((name, {"kind": "ModelExchange"}, "has no continuous states and is for co-simulation only.")
+      for name in ("trajectory", "feedforward", "controller")),
+])  # fmt: skip
 def test_an_instance_without_a_name_or_of_another_kind_is_refused(model, version, unit_name, options, words):
     instance = Instance(model(unit_name, version), **options)
     assert instance.pointer is None
     assert words in instance.messages[-1].text
 
 
-def test_null_pointers_at_instantiation_of_fmi_2_are_refused(model):
+def test_instantiations_without_what_they_need_are_refused(model):
     said = []
     log = LOG_2(lambda *a: said.append(a[4].decode()))
     two, talking = model("plant", "2.0"), ct.byref(Callbacks(log))
@@ -239,9 +206,6 @@ def test_null_pointers_at_instantiation_of_fmi_2_are_refused(model):
     two.function("FreeInstance")(None)
     assert make(b"unit", 7, guid, None, talking, 0, 0) is None
     assert "expected an instance for model exchange (0) or co-simulation (1)" in said[-1]
-
-
-def test_instantiations_of_fmi_3_without_what_they_need_are_refused(model):
     three = model("plant", "3.0")
     start, token, unknown = three.function("InstantiateCoSimulation"), three.guid.encode(), references([9999])
     for name, guid, event_mode, intermediate in (
@@ -257,16 +221,13 @@ def test_instantiations_of_fmi_3_without_what_they_need_are_refused(model):
     three.function("FreeInstance")(None)
 
 
-def test_a_percent_sign_in_a_name_does_not_reach_printf(native, version):
+def test_a_percent_sign_does_not_reach_printf_and_events_are_told_with_logging_on_only(native, version):
     """FMI 2 passes the text as a format: importers print it, and with arguments that are not there."""
     name = "arm 100%s %n ä"
     unit = native("plant", version, name=name).start()
     refused_step(unit, "failed: expected a finite positive", 0.0, -1.0)
     shown = name.replace("%", "%%") if version == "2.0" else name
     assert unit.messages[-1].text.startswith(f"{shown}: doStep at t = 0 s failed")
-
-
-def test_errors_are_told_with_logging_off_and_events_only_with_it_on(native, version):
     quiet, loud = native("plant", version), native("plant", version, logging=True)
     quiet.start()
     loud.start(2.0)

@@ -18,7 +18,6 @@ H = 1e-3
 
 
 def motion(n: int, k: int) -> np.ndarray:
-    """Return inputs of step `k`: each moves on its own."""
     return 0.05 * np.sin(0.7 * k + 0.3 * np.arange(n))
 
 
@@ -27,7 +26,6 @@ def n_inputs(instance: Instance) -> int:
 
 
 def run(instance: Instance, steps: int, size: float = 1.0) -> np.ndarray:
-    """Return the outputs after each step, with inputs of the given size."""
     n = n_inputs(instance)
     rows = []
     for k in range(steps):
@@ -35,9 +33,6 @@ def run(instance: Instance, steps: int, size: float = 1.0) -> np.ndarray:
             instance.inputs(size * motion(n, k))
         rows.append(instance.step(H).outputs())
     return np.array(rows)
-
-
-# ------------------------------------------------------------------ versions and backends
 
 
 def test_both_versions_of_fmi_give_the_same_bits(native, unit_name, robot_name):
@@ -50,8 +45,6 @@ def test_both_versions_of_fmi_give_the_same_bits(native, unit_name, robot_name):
 
 @pytest.fixture(scope="module")
 def python_folders(robots, tmp_path_factory):
-    """Unpacked Python FMU of a unit."""
-
     def unpack(unit: str, robot: str) -> Path:
         out = tmp_path_factory.mktemp(f"python_{robot}")
         built = build_fmus(robots[robot], out, units=[unit], backend="python")
@@ -62,12 +55,10 @@ def python_folders(robots, tmp_path_factory):
 
 @pytest.mark.parametrize("robot", ["planar_2dof", "slider_3dof"])
 def test_the_python_unit_gives_the_same_numbers(native, python_folders, unit_name, robot):
-    """Both run the same traced operations; the compilers contract and reorder none.
-
-    Only sin, tanh and their like may differ by a unit in the last place, which the states' feedback does not grow
-    within 25 ms: 1e-12 of the largest value is some thousand units. The plant's step control may take the other
-    side of a decision at such a difference, then the solver's tolerance 1e-7 would show: with the same h it does not.
-    """
+    """Both run the same traced operations; the compilers contract and reorder none."""
+    # Only sin, tanh and their like may differ by a unit in the last place, which the states' feedback does not grow
+    # within 25 ms: 1e-12 of the largest value is some thousand units. The plant's step control may take the other side
+    # of a decision at such a difference, then the solver's tolerance 1e-7 would show: with the same h it does not.
     other = PythonUnit(python_folders(unit_name, robot))
     try:
         inputs = [v.valueReference for v in other.description.modelVariables if v.causality == "input"]
@@ -84,16 +75,11 @@ def test_the_python_unit_gives_the_same_numbers(native, python_folders, unit_nam
     assert np.all(np.abs(found - expected) <= 1e-12 * scale)
 
 
-# ------------------------------------------------------------------ model exchange
-
-
 @pytest.mark.parametrize("robot", ["planar_2dof", "manipulator_6dof"])
 def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(native, native_fmu, version, robot):
-    """CVODE of fmpy at relative tolerance 1e-10, the unit's own solver at 1e-10: the issue asks for 1e-7 rad.
-
-    fmpy gives CVODE the absolute tolerance 1e-10 times the nominal values, 1. Errors of some thousand steps add up
-    to some 1e-8 in tau_s, divided by the stiffness, 1e4 N.m/rad, far less in q.
-    """
+    """CVODE of fmpy at relative tolerance 1e-10, the unit's own solver at 1e-10: the issue asks for 1e-7 rad."""
+    # fmpy gives CVODE the absolute tolerance 1e-10 times the nominal values, 1. Errors of some thousand steps add up
+    # to some 1e-8 in tau_s, divided by the stiffness, 1e4 N.m/rad, far less in q.
     fmu = native_fmu("plant", version, robot)
     start = {"q_0[1]": 0.3, "q_0[2]": -0.2}
     step, stop = 1e-3, 0.1  # CVODE may make 500 steps of its own between two outputs

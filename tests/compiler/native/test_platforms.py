@@ -22,7 +22,6 @@ UNITS = [("plant", "2.0"), ("feedforward", "2.0"), ("plant", "3.0")]
 
 @pytest.fixture(scope="module")
 def everywhere(planar, tmp_path_factory, kernel_cache):
-    """Unpacked FMUs with the libraries of all platforms."""
     found: dict[str, dict[str, Path]] = {}
 
     def build(version: str) -> dict[str, Path]:
@@ -46,7 +45,6 @@ def library(folder: Path, version: str, platform: str) -> Path:
 
 @pytest.fixture(scope="module")
 def cross_driver(tmp_path_factory):
-    """Compile driver.c for another platform with the project's compiler."""
     found: dict[tuple[str, str], Path] = {}
 
     def make(platform: str, version: str) -> Path:
@@ -65,13 +63,11 @@ def cross_driver(tmp_path_factory):
 
 
 def assert_same_motion(found: str, expected: str) -> None:
-    """Hold a run on one platform against that on another.
-
-    The C libraries' sin, tanh and pow differ by a unit in the last place, 1e-16; all other operations are the same.
-    Start: some tens of such operations. Then every internal step of the solver, some 10 a millisecond, adds a unit of
-    sines and one of cosines, and the motion is damped: 1e4 steps of 2e-16 of states up to 100 are 2e-10. A change of an
-    accepted step's length by such a difference changes its local error, 1e-7, in the same proportion.
-    """
+    """Hold a run on one platform against that on another."""
+    # The C libraries' sin, tanh and pow differ by a unit in the last place, 1e-16; all other operations are the same.
+    # Start: some tens of such operations. Then every internal step of the solver, some 10 a millisecond, adds a unit
+    # of sines and one of cosines, and the motion is damped: 1e4 steps of 2e-16 of states up to 100 are 2e-10. A change
+    # of an accepted step's length by such a difference changes its local error, 1e-7, in the same proportion.
     a, b = bits(found), bits(expected)
     assert a.keys() == b.keys()
     for name, tolerance in {"start": 1e-13, "step": 2e-10, "x": 1e-12, "outputs": 1e-12}.items():
@@ -96,7 +92,6 @@ def test_the_library_for_linux_on_arm_computes_the_same(everywhere, cross_driver
 
 @pytest.fixture(scope="module")
 def wine(tmp_path_factory):
-    """Wine with a prefix of its own."""
     found = program("wine64", "wine64", "/usr/lib/wine/wine64", "wine")
     environment = {"WINEPREFIX": str(tmp_path_factory.mktemp("wine")), "WINEDEBUG": "-all", "DISPLAY": ""}
     yield found, environment
@@ -113,8 +108,6 @@ def test_the_library_for_windows_computes_the_same(everywhere, cross_driver, dri
     found = run([*command, *arguments], seconds=300, **environment)
     assert_same_motion(found, run([driver(version), model.library._name, *arguments]))
 
-
-# ------------------------------------------------------------------ form of the libraries
 
 _CPU = {"x86_64-darwin": 0x01000007, "aarch64-darwin": 0x0100000C}
 

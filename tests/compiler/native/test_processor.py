@@ -18,7 +18,6 @@ void plant_step_avx2(void) { __builtin_trap(); }
 
 
 def library(model: Model, folder: Path, *flags: str, **replaced: bytes) -> Path:
-    """Compile the sources of a unit anew."""
     sources = {file.name: file.read_bytes() for file in (model.folder / "sources").glob("*.[ch]")}
     sources |= {f"{name}.c": text for name, text in replaced.items()}
     path = folder / f"{model.name}{PLATFORMS[this_platform()].suffix}"

@@ -48,7 +48,7 @@ def test_native_and_python_units_take_the_same_steps(native, planar):
     np.testing.assert_allclose(found, solver.x, rtol=1e-11, atol=1e-11)
 
 
-def test_intermediate_updates_come_after_each_of_the_steps_and_may_end_them(native):
+def test_intermediate_updates_may_end_steps_and_states_that_are_not_finite_are_an_error(native, version):
     seen: list[float] = []
 
     def update(_: Instance, time: float, __: bool, early: bool) -> float | None:
@@ -58,9 +58,6 @@ def test_intermediate_updates_come_after_each_of_the_steps_and_may_end_them(nati
     unit = start(native, "3.0", "fixed_4", update=update, early=True).step(H)
     assert seen == [H / 4, H / 2, 0.6 * H]
     assert (unit.early, unit.time) == (True, 0.6 * H)
-
-
-def test_states_that_are_not_finite_are_an_error_that_names_the_way_out(native, version):
     unit = start(native, version, "fixed_2")
     before = unit.set(tau=[1e300, 0.0]).outputs()
     with unit.refuses(
@@ -69,9 +66,6 @@ def test_states_that_are_not_finite_are_an_error_that_names_the_way_out(native, 
         no("DoStep", *unit.step_arguments(0.0, H))
     np.testing.assert_array_equal(unit.outputs(), before)
     unit.step(H, tau=[0.2, -0.1])
-
-
-# ------------------------------------------------------------------ what a step may not do
 
 
 @pytest.fixture
@@ -128,9 +122,6 @@ def test_each_step_has_the_same_instructions(stepping, tmp_path):
         assert n == 2999
         assert own[0] == own[2] > 10_000
         assert worst / median < 1.1  # of 10,000 steps 1.06; one internal step more or less is 1.25
-
-
-# ------------------------------------------------------------------ C99
 
 
 @pytest.mark.parametrize("unit", ["plant", "controller"])

@@ -20,7 +20,6 @@ KINDS = ("CoSimulation", "ModelExchange")
 
 
 def started(native: Native, kind: str, version: str, unit: str = "plant", **options: Any) -> Instance:
-    """Instance in step mode, or in continuous-time mode, that has moved a little."""
     values = {"q_0": [0.3, -0.2], "q_dot_0": [0.2, 0.1]} if unit == "plant" else {}
     instance = native(unit, version, kind=kind, **options).start(**values)
     if kind == "ModelExchange":
@@ -29,11 +28,8 @@ def started(native: Native, kind: str, version: str, unit: str = "plant", **opti
     return instance
 
 
-# ------------------------------------------------------------------ save, restore, serialize
-
-
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_restored_state_continues_to_the_bit(native, version, kind):
+def test_a_restored_or_serialized_state_continues_to_the_bit(native, version, kind):
     unit = started(native, kind, version)
     state, time, data = unit.save(), unit.time, unit.complete()
     first = drive(unit, 5, 20)
@@ -46,10 +42,6 @@ def test_a_restored_state_continues_to_the_bit(native, version, kind):
     assert state.value is None
     unit.forget(state)  # freeing nothing is allowed
     assert len(np.unique(first, axis=0)) == 20
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_serialized_state_continues_in_another_instance_to_the_bit(native, version, kind):
     unit = started(native, kind, version)
     data, time = unit.complete(), unit.time
     first = drive(unit, 5, 20)
@@ -122,11 +114,7 @@ def test_states_of_every_phase_can_be_saved_and_restored(native, version, name):
     unit.step()
 
 
-# ------------------------------------------------------------------ what is no state
-
-
 def variants(data: bytes) -> Iterator[tuple[str, bytes]]:
-    """Damaged copies of a state."""
     for cut in (0, 1, 7, 8, 27, 28, 60, len(data) // 2, len(data) - 8, len(data) - 1):
         yield f"{cut} bytes", data[:cut]
     yield "one more byte", data + b"\0"
@@ -210,7 +198,7 @@ def test_a_state_of_another_kind_of_instance_unit_or_robot_is_refused(native, ve
     assert unit.complete() == before
 
 
-def test_a_pointer_that_is_no_state_of_the_instance_is_refused(native, version):
+def test_a_pointer_that_is_no_state_of_the_instance_and_room_of_the_wrong_size_are_refused(native, version):
     unit, other = (started(native, "CoSimulation", version) for _ in range(2))
     foreign, freed, size = other.save(), unit.save(), ct.c_size_t()
     gone = ct.c_void_p(freed.value)
@@ -229,9 +217,6 @@ def test_a_pointer_that_is_no_state_of_the_instance_is_refused(native, version):
                 no(f"Get{unit._state}", ct.byref(pointer))
     assert unit.complete() == before
     other.forget(foreign)
-
-
-def test_room_of_the_wrong_size_is_refused_and_not_written(native, version):
     unit = started(native, "CoSimulation", version)
     pointer = unit.save()
     whole = len(unit.serialize(pointer))
@@ -240,9 +225,6 @@ def test_room_of_the_wrong_size_is_refused_and_not_written(native, version):
         with unit.refuses(rf"expected room for {whole} bytes, got {size}\.") as no:
             no(f"Serialize{unit._state}", pointer, room, size)
         assert not any(room)
-
-
-# ------------------------------------------------------------------ reset, many instances
 
 
 @pytest.mark.parametrize("phase", ["instantiated", "initialization", "step", "terminated"])
@@ -299,12 +281,10 @@ for _ in range(4):
 
 
 def test_two_thousand_instances_leave_no_memory_behind(model, run_python, pytestconfig):
-    """Blocks of malloc that are in use are counted: Python has those of less than 512 bytes elsewhere.
-
-    The least of four rounds counts. What instances leave behind is in each; a table of Python's own that it doubles
-    is in one, such as that of interned strings in Python 3.13, 540 kB. glibc's smallest block has 32 bytes: less than
-    a byte an instance is less than one block of one in 32.
-    """
+    """Blocks of malloc that are in use are counted: Python has those of less than 512 bytes elsewhere."""
+    # The least of four rounds counts. What instances leave behind is in each; a table of Python's own that it doubles
+    # is in one, such as that of interned strings in Python 3.13, 540 kB. glibc's smallest block has 32 bytes: less
+    # than a byte an instance is less than one block of one in 32.
     count = 500
     folders = [model("plant", version).folder for version in ("2.0", "3.0")]
     grown = run_python(MANY, pytestconfig.rootpath, count, *folders).split()

@@ -20,11 +20,10 @@ from vdfmu.engine.fmu.description import inspect_description
 from vdfmu.engine.package.archive import Archive
 
 
-def test_the_validator_of_fmpy_has_nothing_to_say(native_fmu, unit_name, version, robot_name):
+def test_the_validator_of_fmpy_has_nothing_to_say_and_an_fmu_holds_what_the_standard_says(
+    native_fmu, unit_name, version, robot_name
+):
     assert validate_fmu(str(native_fmu(unit_name, version, robot_name))) == []
-
-
-def test_an_fmu_holds_what_the_standard_says(native_fmu, unit_name, version):
     with zipfile.ZipFile(native_fmu(unit_name, version)) as archive:
         names = set(archive.namelist())
         assert archive.testzip() is None
@@ -35,9 +34,6 @@ def test_an_fmu_holds_what_the_standard_says(native_fmu, unit_name, version):
     assert not any(name.startswith("resources/") for name in names)
     known = {"binaries", "documentation", "extra", "modelDescription.xml", "sources", "terminalsAndIcons"}
     assert {name.split("/")[0] for name in names} - known <= {"icon.png", "icon.svg", "model.png"}
-
-
-# ------------------------------------------------------------------ symbols
 
 
 @pytest.mark.skipif(fmpy.system != "linux", reason="reads ELF, the format of Linux libraries")
@@ -54,17 +50,11 @@ def test_the_library_says_its_version(model, unit_name, version):
         assert ctypes.string_at(found.function("GetTypesPlatform")()) == b"default"
 
 
-# ------------------------------------------------------------------ sources
-
-
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "flags",
-    [
-        ("-std=c11", "-O1", "-Wpedantic", "-Wconversion", "-Wno-sign-conversion", "-Wshadow"),
-        ("-std=gnu17", "-O0", "-Wmissing-prototypes"),
-    ],
-)
+@pytest.mark.parametrize("flags", [
+    ("-std=c11", "-O1", "-Wpedantic", "-Wconversion", "-Wno-sign-conversion", "-Wshadow"),
+    ("-std=gnu17", "-O0", "-Wmissing-prototypes"),
+])  # fmt: skip
 @pytest.mark.parametrize("unit", ["plant", "controller"])
 def test_gcc_has_no_warning(model, tmp_path, unit, version, flags):
     folder = model(unit, version).folder / "sources"
@@ -76,11 +66,9 @@ def test_gcc_has_no_warning(model, tmp_path, unit, version, flags):
 
 @pytest.mark.heavy
 def test_the_sources_link_with_prefixes_into_one_program(model, tmp_path, version):
-    """The functions of two units have their model identifiers as prefix, as the standard says for source code.
-
-    Their other names are hidden in one object a unit. fmpy's header of FMI 2.0 leaves the prefix out; the official
-    one has it, and the line is put back here.
-    """
+    """The functions of two units have their model identifiers as prefix, as the standard says for source code."""
+    # Their other names are hidden in one object a unit. fmpy's header of FMI 2.0 leaves the prefix out; the official
+    # one has it, and the line is put back here.
     gcc, major = program("gcc", "gcc"), version[0]
     for header in HEADERS.glob(f"fmi{major}*.h"):
         text = header.read_text(encoding="utf-8", errors="replace")
@@ -119,11 +107,9 @@ def steps(instance: Instance, count: int = 20) -> np.ndarray:
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", ["plant", "trajectory"])
 def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, model, tmp_path, unit, version):
-    """With cmake and the system's compiler; their C library's sin and tanh may differ by a unit in the last place.
-
-    The importer's compiler may contract products and sums on processors that can; on x86-64 it does not. 20 steps
-    of some ten internal ones, 1e-16 each of states up to 100: 1e-11.
-    """
+    """With cmake and the system's compiler; their C library's sin and tanh may differ by a unit in the last place."""
+    # The importer's compiler may contract products and sums on processors that can; on x86-64 it does not. 20 steps of
+    # some ten internal ones, 1e-16 each of states up to 100: 1e-11.
     program("cmake", "cmake")
     folder = Path(fmpy.extract(native_fmu(unit, version), tmp_path / "fmu"))
     for binary in (folder / "binaries").rglob("*.*"):
@@ -137,9 +123,6 @@ def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, 
 def _made(folder: Path) -> Path:
     folder.mkdir()
     return folder
-
-
-# ------------------------------------------------------------------ reference results
 
 
 # The table has 12 digits: 5e-12. Rounding is less. The plant: its solver runs at 1e-9, and what amplifies a local error

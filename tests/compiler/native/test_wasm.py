@@ -102,7 +102,6 @@ class Module:
 
 @pytest.fixture(scope="module", params=VERSIONS)
 def wasm(request, planar, tmp_path_factory, kernel_cache):
-    """Return unit to its description, with the library of this machine, and its module."""
     version = request.param
     out = tmp_path_factory.mktemp(f"wasm_{version[0]}")
     with alone(kernel_cache):

@@ -14,7 +14,6 @@ from vdfmu.compiler.unit.solver import MAXIMUM_STEPS, MINIMUM_STEP, Integrator
 
 
 def start_of(robot):
-    """Return a state that swings: at rest links, rotors that turn, springs away from equilibrium."""
     n = robot.n
     q = np.linspace(0.3, 0.9, n)
     return np.concatenate([q, np.full(n, 0.5), np.full(n, 0.4), 0.7 * equilibrium_torque(robot, q)])
@@ -91,15 +90,12 @@ def test_continuation_from_a_copy_of_state_and_step_is_bit_identical(robot):
     assert (third.x != first.x).any()
 
 
-def test_zero_duration_changes_nothing(planar):
+def test_short_communication_steps_change_nothing_but_the_time(planar):
     integrator = integrator_of(planar)
     x, h = integrator.x.copy(), integrator.h
     integrator.advance(1.0, 0.0)
     np.testing.assert_array_equal(integrator.x, x)
     assert integrator.h == h and integrator.steps == 0
-
-
-def test_short_communication_step_does_not_shrink_the_internal_one(planar):
     integrator = integrator_of(planar, 1e-6)
     integrator.advance(0.0, 0.02)
     h = integrator.h
@@ -109,7 +105,6 @@ def test_short_communication_step_does_not_shrink_the_internal_one(planar):
 
 
 def fails(integrator, message):
-    """Assert that advance fails with the message and leaves state and step as they were."""
     x, h = integrator.x.copy(), integrator.h
     with pytest.raises(KernelError, match=message):
         integrator.advance(0.25, 0.01)
@@ -139,16 +134,13 @@ def test_input_too_large_names_time_and_state(planar, field, i, value):
     fails(integrator, r"at t = 0\.25 s (state|the local error of state) (q|q_dot|kappa_dot|tau_s)\[[12]\]")
 
 
-def test_state_that_is_not_finite_is_named(planar):
+def test_state_that_is_not_finite_is_named_with_its_time(planar):
     integrator = integrator_of(planar)
     integrator.x[3] = np.nan
     x = integrator.x.copy()
     with pytest.raises(KernelError, match=r"at t = 0 s state \S+ is not finite"):
         integrator.advance(0.0, 0.001)
     np.testing.assert_array_equal(integrator.x, x)
-
-
-def test_failure_in_the_middle_names_its_time(planar):
     # A torque that grows the speed without bound: the state leaves the numbers at some time after the start.
     integrator = integrator_of(planar.with_parameters(f_v=-1e4), 1e-3)
     x, h = integrator.x.copy(), integrator.h

@@ -14,7 +14,7 @@ def observed_orders(errors):
     return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
 
 
-def test_order_four_on_a_scalar_problem():
+def test_order_four_on_a_scalar_problem_and_a_balance_whose_mass_changes_with_the_state():
     # The logistic equation, x_dot = x (1 - x), has x = 1 / (1 + 9 exp(-t)) from 0.1. It is autonomous and
     # smooth.
     x, h = ca.SX.sym("x", 1), ca.SX.sym("h")
@@ -36,9 +36,6 @@ def test_order_four_on_a_scalar_problem():
     # Local error of the embedded method of order 3: h^4. The first step is a quarter and less of the time
     # constant.
     assert observed_orders(estimates)[-1] == pytest.approx(ORDER, abs=0.2)
-
-
-def test_order_four_on_a_balance_whose_mass_changes_with_the_state():
     # (1 + x^2) x_dot = 1 + t from x = 0: x + x^3 / 3 = t + t^2 / 2, which is 4 at t = 2. The mass in E is that of the
     # start of a step; what it changes by is in the balance of the stages.
     x, h, t = ca.SX.sym("x", 1), ca.SX.sym("h"), ca.SX.sym("t")
@@ -62,13 +59,11 @@ F_E = np.array([40.0, 30.0, -20.0, 8.0, -6.0, 9.0])
 
 
 def smooth_state(robot):
-    """Return a state and motor torques where the plant is smooth on the scale of 10 milliseconds.
-
-    Friction: every rotor turns at 1 rad/s, 1000 times eps and at least 5 times v_s. There tanh is 1 and the
-    Stribeck term exp(-25) of itself, so what is left is viscous. Springs: D has a kink in its second
-    derivative at zero torque, by sgn(tau), so no torque may come near zero. The wrench F_E loads all of them;
-    they start in balance with it, so that the elastic modes are barely excited and no sign changes.
-    """
+    """Return a state and motor torques where the plant is smooth on the scale of 10 milliseconds."""
+    # Friction: every rotor turns at 1 rad/s, 1000 times eps and at least 5 times v_s. There tanh is 1 and the Stribeck
+    # term exp(-25) of itself, so what is left is viscous. Springs: D has a kink in its second derivative at zero
+    # torque, by sgn(tau), so no torque may come near zero. The wrench F_E loads all of them; they start in balance
+    # with it, so that the elastic modes are barely excited and no sign changes.
     n = robot.n
     q, speed = np.linspace(0.3, 0.9, n), np.ones(n)
     tau_s = inverse_dynamics(robot, q, speed, np.zeros(n), F_E)
@@ -77,7 +72,6 @@ def smooth_state(robot):
 
 
 def integrate(function, x, tau, p, duration, steps):
-    """Return states after each of `steps` equal steps, (steps, 4 n)."""
     function.args["x"][:] = x
     function.args["tau"][:] = tau
     function.args["F_e"][:] = F_E

@@ -15,7 +15,6 @@ from vdfmu.system.scenario.values import system_values
 
 
 def command(*words):
-    """Run a command in this process."""
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
@@ -24,7 +23,6 @@ EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "units"
 
 @pytest.fixture(scope="session")
 def example():
-    """Return the class of an example by the name of its file."""
     return lambda name: find_unit(EXAMPLES / f"{name}.py")
 
 
@@ -41,7 +39,6 @@ class System:
 
 @pytest.fixture(scope="session")
 def system(tmp_path_factory, kernel_cache):
-    """Return the system of the examples."""
     return System(tmp_path_factory.mktemp("own_units"))
 
 

@@ -5,6 +5,5 @@ from vdfmu.compiler.unit.interface import Interface
 
 
 def both(unit, robot=None):
-    """Return a unit traced and in plain numpy."""
     interface = Interface(unit, robot)
     return Traced(interface), Plain(interface)

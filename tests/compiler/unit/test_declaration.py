@@ -58,7 +58,7 @@ def many():
     return Interface(Many, SLIDER)
 
 
-def test_variables_stand_in_the_order_of_inputs_states_sampled_outputs_parameters_robot(many):
+def test_variables_stand_in_the_order_of_their_kinds_with_shapes_and_units_of_measurement_of_the_joints(many):
     assert list(many.groups) == [
         "u", "q", "s", "y", "k", "period", "mode", "on", "M", "g", "s_0", "q_0", "tolerance", "solver", "ell",
     ]  # fmt: skip
@@ -69,17 +69,11 @@ def test_variables_stand_in_the_order_of_inputs_states_sampled_outputs_parameter
     # behind the variables the derivatives of the continuous states, and the time
     assert [v.name for v in many.memory[len(many) :]] == ["der(q[1])", "der(q[2])", "der(q[3])", "time"]
     assert many.states == many.groups["q"] and many.size == len(many) + 4
-
-
-def test_shapes_count_joints_or_are_fixed(many):
     sizes = {group: where.stop - where.start for group, where in many.groups.items()}
     assert sizes["q"] == sizes["y"] == sizes["g"] == sizes["ell"] == 3
     assert (sizes["u"], sizes["k"], sizes["M"]) == (2, 1, 4)
     assert [v.name for v in many if v.group == "M"] == ["M[1,1]", "M[1,2]", "M[2,1]", "M[2,2]"]
     assert many.find("k").index == ()
-
-
-def test_units_of_measurement_follow_the_type_of_the_joint(many):
     units = {v.name: v.unit for v in many.memory}
     assert [units[f"q[{i}]"] for i in (1, 2, 3)] == ["rad", "m", "rad"]
     assert [units[f"y[{i}]"] for i in (1, 2, 3)] == ["N.m", "N", "N.m"]
@@ -88,7 +82,7 @@ def test_units_of_measurement_follow_the_type_of_the_joint(many):
     assert units["mode"] is None and units["on"] is None  # not real
 
 
-def test_descriptions_name_the_joint_or_the_indices(many):
+def test_descriptions_name_the_joint_or_the_indices_and_start_values_are_broadcast_or_come_from_the_robot(many):
     texts = {v.name: v.description for v in many.memory}
     assert texts["q[2]"] == "Joint 2: position"
     assert texts["q_0[2]"] == "Joint 2: start of position"
@@ -103,9 +97,6 @@ def test_descriptions_name_the_joint_or_the_indices(many):
     assert (texts["der(x[2])"], texts["der(v)"]) == ("Derivative of x 2", "Derivative of the speed")
     assert general_description(texts["x[1]"]) == ""
     assert many.description == "One of each kind. The rest of the docstring is for the page"
-
-
-def test_start_values_are_broadcast_or_come_from_the_robot(many):
     starts = {v.name: v.start for v in many}
     assert [starts[f"q_0[{i}]"] for i in (1, 2, 3)] == [0.0, 0.1, 0.2]
     assert [starts[f"s_0[{i}]"] for i in (1, 2, 3)] == [0.5] * 3
@@ -113,9 +104,6 @@ def test_start_values_are_broadcast_or_come_from_the_robot(many):
     assert (starts["mode"], starts["on"], starts["y[1]"], starts["q[1]"]) == (0, True, None, None)
     assert starts["ell[1]"] == many.robot.ell[0]
     assert many.start_values()[many.groups["g"]].tolist() == [2.0] * 3
-
-
-def test_kinds_have_their_type_and_variability(many):
     found = {v.group: (v.type, v.variability) for v in many}
     assert found["k"] == ("Real", "fixed") and found["g"] == ("Real", "tunable")
     assert found["q"] == ("Real", "continuous") and found["s"] == ("Real", "discrete")
@@ -148,47 +136,40 @@ def test_a_unit_without_start_gets_a_parameter_for_each_state_and_a_tolerance(ma
     assert not Interface(OnlySampled, None).has_states and Interface(OnlySampled, None).is_sampled
 
 
-def test_declared_start_parameters_keep_their_place_and_start():
-    class Own(Unit):
-        x = State("m", start=1.0)
-        x_dot = Derivative(x)
-        x_0 = Parameter("m", text="of my own", start=7.0)
-
-    assert Own.declared["x_0"].text == "of my own"
-    assert Interface(type("Moving", (Own,), {"derivatives": lambda self: None}), None).find("x_0").start == 7.0
-
-
-def test_a_subclass_has_the_variables_of_its_base():
+def test_declared_start_parameters_keep_their_start_and_a_subclass_has_those_of_its_base():
+    x_0 = Parameter("m", text="of my own", start=7.0)
+    own = type("Own", (Unit,), {"x": (x := State("m", start=1.0)), "x_dot": Derivative(x), "x_0": x_0})
+    assert own.declared["x_0"].text == "of my own"
+    assert Interface(type("Moving", (own,), {"derivatives": lambda self: None}), None).find("x_0").start == 7.0
     base = type("Base", (Unit,), {"u": Input("1")})
     more = type("More", (base,), {"y": Output("1")})
     assert list(more.declared) == ["u", "y"] and list(base.declared) == ["u"]
 
 
-@pytest.mark.parametrize(
-    ("unit", "name", "words"),
-    [
-        *(("Bad", name, f"Bad: a variable cannot be called {name}: every unit has it")
-          for name in ("t", "n", "start", "outputs", "store", "declared", "balance", "of_robot")),
-        *(("Bad", name, f"Bad: a variable cannot be called {name}: expected a letter, then")
-          for name in ("_u", "u__2", "time", "\u03c4")),
-        *((unit, "u", f"a unit cannot be called {unit}: expected a letter, then letters, digits and")
-          for unit in ("_Gain", "My__Gain", "Gain_", "Größe")),
+REFUSED_NAMES = {
+    "a variable cannot be called {}: every unit has it": [
+        "t", "n", "start", "outputs", "store", "declared", "balance", "of_robot",
     ],
-)  # fmt: skip
-def test_names_that_are_taken_or_that_tools_and_c_cannot_take_are_refused(unit, name, words):
-    with pytest.raises(UnitError, match=words):
-        Interface(type(unit, (Unit,), {name: Input("1")}), None)
+    "a variable cannot be called {}: expected a letter, then": ["_u", "u__2", "time", "\u03c4"],
+}  # fmt: skip
 
 
-def test_a_unit_with_joints_needs_a_robot():
+@pytest.mark.parametrize("words", REFUSED_NAMES)
+def test_names_that_are_taken_or_that_tools_and_c_cannot_take_are_refused(words):
+    for name in REFUSED_NAMES[words]:
+        with pytest.raises(UnitError, match=f"Bad: {words.format(name)}"):
+            Interface(type("Bad", (Unit,), {name: Input("1")}), None)
+    for name in ("_Gain", "My__Gain", "Gain_", "Größe"):
+        with pytest.raises(UnitError, match=f"a unit cannot be called {name}: expected a letter, then letters, digits"):
+            Interface(type(name, (Unit,), {"u": Input("1")}), None)
+
+
+def test_a_unit_with_joints_needs_a_robot_and_its_instance_has_values():
     with pytest.raises(UnitError, match="Many needs a robot, for its joints"):
         Many()
     with pytest.raises(UnitError, match="Many needs a robot"):
         Interface(Many, None)
     assert not type("Free", (Unit,), {"u": Input("1", 3)}).needs_robot()
-
-
-def test_an_instance_has_values():
     unit = Many(SLIDER, k=4.0, g=[1.0, 2.0, 3.0], mode="fast")
     unit.start()
     unit.q = [1.0, 2.0, 3.0]
@@ -203,84 +184,64 @@ def test_an_instance_has_values():
         _ = Many(SLIDER).y
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("K", 1.0, r" has no 'K' to set\. There are: k, period, mode"),
-        ("g", [1.0, 2.0], r"\.g: expected shape \(3,\), got \(2,\)"),
-        ("mode", "quick", r"\.mode: expected slow or fast, got 'quick'"),
-        ("on", 0.5, r"\.on: expected True or False, got 0\.5"),
-        ("k", "stiff", r"\.k: expected numbers, got 'stiff'"),
-        ("k", None, r"\.k: expected numbers, got None"),
-    ],
-)
+@pytest.mark.parametrize(("name", "value", "words"), [
+    ("K", 1.0, r" has no 'K' to set\. There are: k, period, mode"),
+    ("g", [1.0, 2.0], r"\.g: expected shape \(3,\), got \(2,\)"),
+    ("mode", "quick", r"\.mode: expected slow or fast, got 'quick'"),
+    ("on", 0.5, r"\.on: expected True or False, got 0\.5"),
+    ("k", "stiff", r"\.k: expected numbers, got 'stiff'"),
+    ("k", None, r"\.k: expected numbers, got None"),
+])  # fmt: skip
 def test_an_instance_refuses_other_values(name, value, words):
     with pytest.raises(UsageError, match=f"Many{words}"):
         Many(SLIDER, **{name: value})
 
 
-def test_the_experiment_keeps_inputs_within_their_limits():
+def test_start_values_of_an_interface_are_checked_and_the_experiment_keeps_inputs_within_their_limits():
+    for values, words in (
+        ({"k": 7.0, "y[1]": 1.0}, r"k: expected at most 5 N/m, got 7 N/m\. y\[1\] is an output"),  # all at once
+        ({"on": 0.5}, "on: expected true or false, got 0.5"),
+    ):
+        with pytest.raises(UsageError, match=f"start values of many: {words}"):
+            Interface(Many, SLIDER, values)
+    changed = Interface(Many, SLIDER, {"mode": 1, "on": False, "g[2]": 5})
+    assert [changed.find(name).start for name in ("mode", "on", "g[2]")] == [1, False, 5.0]
+    with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
+        type("Bad", (Unit,), {"g": Parameter("1", JOINTS, start=[1.0, 2.0])})(SLIDER)
     unit = type("Narrow", (Unit,), {"u": Input("1", 2, start=3.0, minimum=2.0, maximum=4.0), "v": Input("1")})()
     unit.t = 1.0
     unit.experiment()
     assert unit.u.tolist() == [2.0, 2.0] and unit.v == 0.1 * np.sin(3.0)
 
 
-def test_a_start_value_of_another_shape_is_refused():
-    bad = type("Bad", (Unit,), {"g": Parameter("1", JOINTS, start=[1.0, 2.0])})
-    with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
-        bad(SLIDER)
-    with pytest.raises(UnitError, match=r"Bad: g: start: expected numbers of shape \(3,\), got \[1"):
-        Interface(bad, SLIDER)
+ONE_EACH = "expected parameters with one number for each"
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"k": 7.0, "y[1]": 1.0}, r"k: expected at most 5 N/m, got 7 N/m\. y\[1\] is an output"),  # all at once
-        ({"on": 0.5}, "on: expected true or false, got 0.5"),
-    ],
-)
-def test_start_values_of_an_interface_are_checked(values, words):
-    with pytest.raises(UsageError, match=f"start values of many: {words}"):
-        Interface(Many, SLIDER, values)
-    changed = Interface(Many, SLIDER, {"mode": 1, "on": False, "g[2]": 5})
-    assert [changed.find(name).start for name in ("mode", "on", "g[2]")] == [1, False, 5.0]
+@pytest.mark.parametrize(("declared", "words"), [
+    *(
+        ({"robot": RobotParameters(n)}, rf"RobotParameters\('{n}'\): {ONE_EACH}")
+        for n in ("rotation", "gravity", "mas")
+    ),
+    ({"u": Input("1", when="pyload")}, r"u: when: expected one of payload, limits, .*, got 'pyload'"),
+    ({"g": Parameter("1", JOINTS, start=[1.0, 2.0])}, r"Bad: g: start: expected numbers of shape \(3,\), got \[1"),
+])  # fmt: skip
+def test_declarations_that_do_not_fit_the_robot_are_refused(declared, words):
+    with pytest.raises(UnitError, match=words):
+        Interface(type("Bad", (Unit,), declared), SLIDER)
 
 
-@pytest.mark.parametrize("field", ["rotation", "gravity", "mas"])
-def test_only_parameters_of_each_joint_can_be_taken_one_by_one(field):
-    unit = type("Bad", (Unit,), {"robot": RobotParameters(field)})
-    with pytest.raises(UnitError, match=rf"RobotParameters\('{field}'\): expected parameters with one number for each"):
-        Interface(unit, SLIDER)
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"), [("PDController", "pd_controller"), ("Wall", "wall"), ("Encoder2Bit", "encoder2_bit")]
-)
-def test_names_of_units_are_words(name, expected):
-    assert unit_name(type(name, (Unit,), {})) == expected
+def test_names_of_units_are_words():
+    for name, expected in {"PDController": "pd_controller", "Wall": "wall", "Encoder2Bit": "encoder2_bit"}.items():
+        assert unit_name(type(name, (Unit,), {})) == expected
     assert [unit_name(unit) for unit in shipped_units().values()] == list(shipped_units())
 
 
-# --------------------------------------------------------------------------------------- units of measurement
-
-
-@pytest.mark.parametrize(
-    ("name", "exponents"),
-    [
-        ("1", {}),
-        ("N.m", {"kg": 1, "m": 2, "s": -2}),
-        ("m/s2", {"m": 1, "s": -2}),
-        ("1/(N.m)", {"kg": -1, "m": -2, "s": 2}),
-        ("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}),
-        ("V.s/m", {"kg": 1, "m": 1, "s": -2, "A": -1}),
-        ("kg.m2", {"kg": 1, "m": 2}),
-        ("s-1", {"s": -1}),
-        ("m/m", {}),
-        ("J/(kg.K)", {"m": 2, "s": -2, "K": -1}),
-    ],
-)
+@pytest.mark.parametrize(("name", "exponents"), [
+    ("1", {}), ("N.m", {"kg": 1, "m": 2, "s": -2}), ("m/s2", {"m": 1, "s": -2}), ("kg.m2", {"kg": 1, "m": 2}),
+    ("1/(N.m)", {"kg": -1, "m": -2, "s": 2}), ("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}),
+    ("V.s/m", {"kg": 1, "m": 1, "s": -2, "A": -1}), ("s-1", {"s": -1}), ("m/m", {}),
+    ("J/(kg.K)", {"m": 2, "s": -2, "K": -1}),
+])  # fmt: skip
 def test_a_unit_of_measurement_has_the_exponents_of_its_factors(name, exponents):
     assert measure(name).exponents == exponents
     assert measure(name).name == name
@@ -304,14 +265,11 @@ def test_the_derivative_has_one_second_more(name, expected):
     assert after == {key: value for key, value in (before | seconds).items() if value}
 
 
-@pytest.mark.parametrize(("quantity", "units"), [("torque", ["N.m", "N"]), ("N.m", ["N.m", "N.m"])])
-def test_a_quantity_of_a_joint_has_two_units(quantity, units):
-    assert [unit_of(quantity, kind) for kind in ("revolute", "prismatic")] == units
+def test_a_quantity_of_a_joint_has_two_units_and_a_unit_of_measurement_one_for_displays():
+    for quantity, units in (("torque", ["N.m", "N"]), ("N.m", ["N.m", "N.m"])):
+        assert [unit_of(quantity, kind) for kind in ("revolute", "prismatic")] == units
     with pytest.raises(UsageError, match="got 'torqe'"):
         unit_of("torqe", "revolute")
-
-
-def test_units_of_measurement_have_display_units():
     assert measure("rad").display == {"deg": pytest.approx(57.29577951308232)}
     assert measure("V").display == {}
 
@@ -378,9 +336,3 @@ def test_a_unit_has_the_variables_of_the_options_that_its_robot_has(with_options
         _ = Loaded(SLIDER).u
     with pytest.raises(UsageError, match="Loaded has no 'x_0' to set"):
         Loaded(SLIDER, x_0=1.0)
-
-
-def test_an_option_that_no_robot_has_is_refused():
-    wrong = type("Wrong", (Unit,), {"u": Input("1", when="pyload")})
-    with pytest.raises(UnitError, match=r"u: when: expected one of payload, limits, .*, got 'pyload'"):
-        check_unit(wrong, SLIDER)

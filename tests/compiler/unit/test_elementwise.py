@@ -24,7 +24,6 @@ VALUES = np.concatenate(
 
 
 def unit_of(function):
-    """Return a unit with the outputs of a function of an array and of its first element: arrays, and scalars."""
     arrays, scalars = function(np.full(3, 0.5), 0.5)
 
     def outputs(self):
@@ -36,7 +35,6 @@ def unit_of(function):
 
 
 def assert_same(unit, roundings=0):
-    """Assert that outputs are the same on symbols as on floats, for random inputs."""
     traced, plain = both(unit)
     moved = set()
     for row in VALUES:
@@ -50,7 +48,6 @@ def assert_same(unit, roundings=0):
 
 
 def chosen(u, a):
-    """Return what vdfmu.unit gives."""
     return [
         where(np.logical_and(u > 0.3, np.logical_not(u > 1.0)) | np.logical_or(u < -2.0, u > 3.0), u, 1.0),
         where(u > 0.3, u, -u), where(u <= 0.5, 1.0, u), clip(u, -1.0, 1.0), clip(0.5, u, 2.0), minimum(u, 0.5),
@@ -62,7 +59,6 @@ def chosen(u, a):
 
 
 def rounded(u, a):
-    """Return steps of all kinds."""
     return [
         np.floor(u), np.ceil(u), np.rint(u), np.round(u / 0.25) * 0.25, u // 0.3, u % 0.3, 1.5 // (u + 0.1),
         np.floor(u / 0.01) * 0.01,
@@ -70,7 +66,6 @@ def rounded(u, a):
 
 
 def combined(u, a):
-    """Return conditions on what arrays of arrays give."""
     pair = np.concatenate([u, -u])
     limited, partly = zeros((3,), u), zeros((3,), u)  # symbols, then symbols and numbers
     for i in range(3):
@@ -81,7 +76,6 @@ def combined(u, a):
 
 
 def functions(u, a):
-    """Return functions of numpy."""
     s, M = 0.99 * np.tanh(u), np.outer(u, u) + np.eye(3)
     return [
         np.sin(u), np.cos(u), np.tan(s), np.arcsin(s), np.arccos(s), np.arctan(u), np.arctan2(u, u[::-1]),
@@ -91,7 +85,6 @@ def functions(u, a):
 
 
 def further(u, a):
-    """Return functions of numpy that compare, take no objects, or take a number before a symbol."""
     v, s = u[::-1], 0.99 * np.tanh(u)
     return [
         np.hypot(u, v), np.hypot(3.0, u), np.arctan2(1.0, u), np.copysign(u, v), np.copysign(2.0, u),
@@ -151,9 +144,6 @@ def test_the_slope_of_the_square_of_a_rounding_is_that_of_its_line(rounding, bel
         assert float(derivative(function, "forward")(value, 1.0)) == 0.0
 
 
-# ------------------------------------------------------------------ tables
-
-
 class Table(Unit):
     """Interpolation in a table of parameters."""
 
@@ -168,7 +158,7 @@ class Table(Unit):
         self.z = interpolate(self.u[0], self.points, self.values)
 
 
-def test_interpolation_is_that_of_numpy():
+def test_interpolation_is_that_of_numpy_and_a_table_to_look_up_may_have_one_dimension():
     assert_same(Table, roundings=8)
     plain = Plain(Interface(Table, None))
     for row in VALUES:
@@ -177,9 +167,6 @@ def test_interpolation_is_that_of_numpy():
         expected = np.interp(row, plain.group("points"), plain.group("values"))
         # three pieces of size 5, each with some roundings
         np.testing.assert_allclose(plain.group("y"), expected, rtol=0, atol=50 * EPS)
-
-
-def test_a_table_to_look_up_may_have_one_dimension():
     unit = unit_of(lambda u, a: ([[lookup(x, [-1.0, 0.0, 1.0, 2.0], [5.0, 7.0, -2.0]) for x in u]], [a]))
     assert_same(unit)
     traced = Traced(Interface(unit, None))
@@ -188,17 +175,14 @@ def test_a_table_to_look_up_may_have_one_dimension():
     assert traced.group("y").tolist() == [5.0, 7.0, -2.0]
 
 
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        (lambda a: lookup(a, [0.0, 1.0, 2.0], [0.0, 1.0, 4.0]),
-         r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. Values at points are for interpolate"),
-        (lambda a: lookup(np.ones(2) * a, [0.0, 1.0, 2.0], [0.0, 1.0])[0],
-         r"lookup: expected a scalar x, .*got the shapes \(2,\), \(3,\) and \(2,\)"),
-        (lambda a: interpolate(a, [0.0, 1.0, 2.0], [0.0, 1.0]),
-         r"interpolate: expected points \(m,\) and values \(m, \.\.\.\), got \(3,\) and \(2,\)"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("value", "words"), [
+    (lambda a: lookup(a, [0.0, 1.0, 2.0], [0.0, 1.0, 4.0]),
+     r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. Values at points are for interpolate"),
+    (lambda a: lookup(np.ones(2) * a, [0.0, 1.0, 2.0], [0.0, 1.0])[0],
+     r"lookup: expected a scalar x, .*got the shapes \(2,\), \(3,\) and \(2,\)"),
+    (lambda a: interpolate(a, [0.0, 1.0, 2.0], [0.0, 1.0]),
+     r"interpolate: expected points \(m,\) and values \(m, \.\.\.\), got \(3,\) and \(2,\)"),
+])  # fmt: skip
 def test_tables_of_shapes_that_do_not_fit_are_refused(value, words):
     class Misshapen(Unit):
         """A table with edges or values too many."""

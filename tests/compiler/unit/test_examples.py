@@ -142,21 +142,13 @@ def test_the_wall_pushes_and_never_pulls_and_gives_no_energy(example, planar):
 @pytest.mark.heavy
 def test_a_unit_in_place_of_one_of_the_system_in_a_word(examples):
     """Connections to signals that it lacks are left out with a note, inputs that are its own joined by terminals."""
-    done = command(
-        "run", "planar_tracking", "--stop", 0.2, "--out", "results",
-        "--unit", f"controller={examples / 'friction_torque.py'}",
-    )  # fmt: skip
+    unit = f"controller={examples / 'friction_torque.py'}"
+    done = command("run", "planar_tracking", "--stop", 0.2, "--out", "results", "--unit", unit)
     assert done.exit_code == 0, done.output
-    notes = " ".join(done.output.split())
-    assert (
-        "note: feedforward.tau_m -> controller.tau_m, feedforward.kappa_dot_d -> controller.kappa_dot_d: left out"
-        in notes
-    )
+    left_out = [f"feedforward.{name} -> controller.{name}" for name in ("tau_m", "kappa_dot_d")]
+    assert f"note: {', '.join(left_out)}: left out" in " ".join(done.output.split())
     summary = json.loads((examples.parent / "results" / "summary.json").read_text())
-    assert summary["left_out"] == [
-        "feedforward.tau_m -> controller.tau_m",
-        "feedforward.kappa_dot_d -> controller.kappa_dot_d",
-    ]
+    assert summary["left_out"] == left_out
     assert summary["joined"] == ["trajectory.q_d_ddot -> controller.q_d_ddot"]
     # the plant at its tolerance 1e-7, as in every shipped scenario; 3e-10 is seen
     assert summary["reference"]["sampled"]["max_difference"]["plant.q"] <= 1e-7

@@ -68,7 +68,7 @@ def test_exponentials_are_those_of_scipy(n, norm):
         np.testing.assert_allclose(found, expected, rtol=0, atol=bound)
 
 
-def test_an_exponential_beyond_its_squarings_is_refused():
+def test_an_exponential_beyond_its_squarings_is_refused_and_derivatives_are_those_at_hand():
     a, A = symbols("A", 2, 2)
     assert np.isnan(np.array(ca.Function("expm", [a], [to_sx(expm(A))])([-5000.0, 0.0, 0.0, -1.0]))).all()
     with pytest.raises(UsageError, match=r"expm: expected a matrix of a norm up to 4096, got 5000\."):
@@ -77,10 +77,7 @@ def test_an_exponential_beyond_its_squarings_is_refused():
         expm(np.zeros((2, 3)))
     with pytest.raises(UsageError, match=r"solve: expected shapes .*, got \(2, 2\) and \(3,\)"):
         solve(np.eye(2), np.ones(3))
-
-
-def test_derivatives_are_those_of_the_case_at_hand():
-    """d(A^-1) = -A^-1 dA A^-1; of an exponential, its Frechet derivative."""
+    # d(A^-1) = -A^-1 dA A^-1; of an exponential, its Frechet derivative.
     a, A = symbols("A", 3, 3)
     along = ca.SX.sym("along", 9)
     both = ca.vertcat(to_sx(inv(A)), to_sx(expm(A)))

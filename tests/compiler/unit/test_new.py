@@ -46,27 +46,21 @@ def test_a_file_that_is_there_is_not_replaced(tmp_path, there):
     assert (tmp_path / there).read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("name", "out", "match"),
-    [
-        ("my-filter", None, "expected CamelCase or snake_case"),
-        ("2nd", None, "expected CamelCase or snake_case"),
-        ("my_Filter", None, "expected CamelCase or snake_case"),
-        ("Größe", None, "expected CamelCase or snake_case"),
-        ("state", None, "State is a name that units need of vdfmu.unit"),
-        ("Random", None, "random is a name of Python's own"),
-        ("lambda", None, "lambda is a name of Python's own"),
-        ("MyFilter", "my_filter.txt", "expected a Python file"),
-        ("MyFilter", "my-filter.py", "expected a Python file"),
-    ],
-)
-def test_a_name_that_cannot_be_one_is_refused(tmp_path, monkeypatch, name, out, match):
+REFUSED = {
+    "expected CamelCase or snake_case": ["my-filter", "2nd", "my_Filter", "Größe"],
+    "State is a name that units need of vdfmu.unit": ["state"],
+    "random is a name of Python's own": ["Random"],
+    "lambda is a name of Python's own": ["lambda"],
+    "expected a Python file": ["MyFilter --out my_filter.txt", "MyFilter --out my-filter.py"],
+}
+
+
+@pytest.mark.parametrize("match", REFUSED)
+def test_a_name_that_cannot_be_one_is_refused(tmp_path, monkeypatch, match):
     monkeypatch.chdir(tmp_path)
-    options = ["--out", out] if out else []
-    done = command("unit", "new", name, *options)
-    assert isinstance(done.exception, UsageError)
-    with pytest.raises(UsageError, match=match):
-        raise done.exception
+    for words in REFUSED[match]:
+        done = command("unit", "new", *words.split())
+        assert isinstance(done.exception, UsageError) and match in str(done.exception)
     assert not list(tmp_path.iterdir())
 
 
@@ -74,9 +68,10 @@ def test_the_examples_are_written_and_load(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = command("unit", "examples", "mine")
     assert done.exit_code == 0 and "vdfmu run mine" in done.output, done.output
-    assert {part.unit.name for part in vdfmu.load_scenario("mine/scenario.toml").system.parts.values() if
-            isinstance(part.unit, Path)} <= {file.name for file in Path("mine").iterdir()}  # fmt: skip
-    assert {"encoder.py", "friction_torque.py", "waypoints.csv"} <= {file.name for file in Path("mine").iterdir()}
+    files = {file.name for file in Path("mine").iterdir()}
+    parts = vdfmu.load_scenario("mine/scenario.toml").system.parts.values()
+    assert {part.unit.name for part in parts if isinstance(part.unit, Path)} <= files
+    assert {"encoder.py", "friction_torque.py", "waypoints.csv"} <= files
     Path("mine/wall.py").write_text("mine")
     with pytest.raises(UsageError, match="are there already, and not replaced"):
         copy_examples(Path("mine"))

@@ -16,15 +16,11 @@ from vdfmu.unit import Choice, Input, Output, Parameter, Unit
 WORDS = "normal[1]: expected a direction, got normal[1] = 0, normal[2] = 0, normal[3] = 0."
 
 
-@pytest.mark.parametrize("unit", ["wall", "screw"])
-def test_a_direction_of_no_length_is_refused_from_python(unit):
-    group = {"wall": "normal", "screw": "axis"}[unit]
-    with pytest.raises(UsageError) as caught:
-        find_unit(unit)(**{group: np.zeros(3)}).simulate(stop=0.1, step=0.01)
-    assert str(caught.value) == f"{unit}: {WORDS.replace('normal', group)}"
-
-
-def test_a_scenario_is_refused_before_its_run_with_the_component():
+def test_a_direction_of_no_length_is_refused_from_python_and_in_a_scenario_before_its_run():
+    for unit, group in (("wall", "normal"), ("screw", "axis")):
+        with pytest.raises(UsageError) as caught:
+            find_unit(unit)(**{group: np.zeros(3)}).simulate(stop=0.1, step=0.01)
+        assert str(caught.value) == f"{unit}: {WORDS.replace('normal', group)}"
     with pytest.raises(UsageError) as caught:
         system_values(vdfmu.load_scenario("wall"), {"wall.normal": 0.0})
     assert str(caught.value) == f"wall.{WORDS}"
@@ -46,10 +42,9 @@ def test_fmus_of_both_kinds_refuse_the_initialization(backend, tmp_path, caplog)
 
 
 def test_start_values_that_are_not_met_are_refused_by_the_build(tmp_path):
+    values = {"wall": {"normal[1]": 0.0}}
     with pytest.raises(UsageError, match=r"start values of wall: normal\[1\]: expected a direction"):
-        build_fmus(
-            None, tmp_path, units=[find_unit("wall")], start_values={"wall": {"normal[1]": 0.0}}, backend="python"
-        )
+        build_fmus(None, tmp_path, units=[find_unit("wall")], start_values=values, backend="python")
 
 
 class Early(Unit):
@@ -71,17 +66,11 @@ def test_what_is_no_parameter_is_not_required(name):
         traced_requirements(Interface(unit, None))
 
 
-@pytest.mark.parametrize(
-    ("returned", "got"),
-    [
-        (None, "None"),
-        (["k"], r"\['k'\]"),
-        ({"stiffness": ("k > 0", 1.0)}, "'stiffness', which is not a parameter"),
-        ({"y": ("k > 0", 1.0)}, "'y', which is not a parameter"),
-        ({"k": 1.0}, "'k': 1.0"),
-        ({"k": ("k > 0", np.ones(3))}, r"'k': \('k > 0', array"),
-    ],
-)
+@pytest.mark.parametrize(("returned", "got"), [
+    (None, "None"), (["k"], r"\['k'\]"), ({"stiffness": ("k > 0", 1.0)}, "'stiffness', which is not a parameter"),
+    ({"y": ("k > 0", 1.0)}, "'y', which is not a parameter"), ({"k": 1.0}, "'k': 1.0"),
+    ({"k": ("k > 0", np.ones(3))}, r"'k': \('k > 0', array"),
+])  # fmt: skip
 def test_requirements_of_another_form_are_told_with_what_is_expected(returned, got):
     unit = type("Early", (Early,), {"requirements": lambda self: returned})
     words = f"requirements.. of Early: expected a parameter's name to its condition and one number.*got {got}"

@@ -64,37 +64,23 @@ def last(folder, a, b, backend="python", **options):
 
 
 @pytest.mark.heavy
-def test_units_of_one_name_in_two_files_are_two_units(tmp_path):
-    (tmp_path / "one.py").write_text(GAIN.format(start=3.0))
-    (tmp_path / "two.py").write_text(GAIN.format(start=7.0))
+def test_units_and_modules_of_one_name_are_two_and_a_change_of_a_start_value_is_built(tmp_path):
+    for name, start in (("one", 3.0), ("two", 7.0)):
+        (tmp_path / f"{name}.py").write_text(GAIN.format(start=start))
     assert last(tmp_path, "one.py", "two.py") == (3.0, 21.0)
-
-
-@pytest.mark.heavy
-def test_a_change_of_a_start_value_is_built(tmp_path):
+    vdfmu.build_fmus(None, tmp_path / "fmus", units=[tmp_path / "one.py"], backend="python")
+    assert last(tmp_path, "two.py", "fmus/Gain.fmu") == (7.0, 21.0)
+    for folder, factor in (("p", 3.0), ("q", 7.0)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "helped.py").write_text(HELPED)
+        (tmp_path / folder / "factor.py").write_text(f"FACTOR = {factor}\n")
+    assert last(tmp_path, "p/helped.py", "q/helped.py", reference=False) == (3.0, 21.0)
     (tmp_path / "one.py").write_text(GAIN.format(start=3.0))
     before = Content(find_unit(tmp_path / "one.py"), None, {}).guid
     assert last(tmp_path, "one.py", "one.py", reference=False) == (3.0, 9.0)
     (tmp_path / "one.py").write_text(GAIN.format(start=8.0))
     assert Content(find_unit(tmp_path / "one.py"), None, {}).guid != before
     assert last(tmp_path, "one.py", "one.py", reference=False) == (8.0, 64.0)
-
-
-@pytest.mark.heavy
-def test_an_fmu_keeps_its_own_beside_a_unit_of_its_name(tmp_path):
-    for name, start in (("one", 3.0), ("two", 7.0)):
-        (tmp_path / f"{name}.py").write_text(GAIN.format(start=start))
-    vdfmu.build_fmus(None, tmp_path / "fmus", units=[tmp_path / "one.py"], backend="python")
-    assert last(tmp_path, "two.py", "fmus/Gain.fmu") == (7.0, 21.0)
-
-
-@pytest.mark.heavy
-def test_modules_of_one_name_beside_units_are_two_and_go_with_python_fmus(tmp_path):
-    for folder, factor in (("p", 3.0), ("q", 7.0)):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "helped.py").write_text(HELPED)
-        (tmp_path / folder / "factor.py").write_text(f"FACTOR = {factor}\n")
-    assert last(tmp_path, "p/helped.py", "q/helped.py", reference=False) == (3.0, 21.0)
 
 
 HELD = '''
@@ -187,16 +173,13 @@ def test_a_change_within_a_second_and_of_no_size_is_seen(tmp_path, monkeypatch):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["factor.py", "helped.py"]
 
 
-def test_a_file_that_ends_python_has_no_unit(tmp_path):
-    (tmp_path / "ends.py").write_text("import sys\n\nsys.exit()\n")
-    with pytest.raises(UnitError, match="ends.py, line 3: SystemExit"):
-        find_unit(tmp_path / "ends.py")
-
-
-def test_a_file_that_fails_leaves_no_module(tmp_path):
+@pytest.mark.parametrize(
+    ("text", "words"), [("import sys\n\nsys.exit()\n", "SystemExit"), ("import beside\n\n1 / 0\n", "ZeroDivisionError")]
+)
+def test_a_file_that_ends_python_or_fails_has_no_unit_and_leaves_no_module(tmp_path, text, words):
     (tmp_path / "beside.py").write_text("VALUE = 1\n")
-    (tmp_path / "failing.py").write_text("import beside\n\n1 / 0\n")
+    (tmp_path / "failing.py").write_text(text)
     before = set(sys.modules)
-    with pytest.raises(UnitError, match="failing.py, line 3: ZeroDivisionError"):
+    with pytest.raises(UnitError, match=f"failing.py, line 3: {words}"):
         find_unit(tmp_path / "failing.py")
     assert set(sys.modules) == before

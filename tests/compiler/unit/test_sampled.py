@@ -116,8 +116,6 @@ SYSTEMS = {
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory):
-    """Return the function that writes the scenario of one of `SYSTEMS`."""
-
     def write(system: str, master: str = "gauss-seidel", delayed: bool = False) -> Path:
         folder = tmp_path_factory.mktemp(system)
         (folder / "loop.py").write_text(UNITS.replace("DELAYED", f"delayed={delayed}"))
@@ -140,11 +138,9 @@ def run(tmp_path):
 
 
 def own_loop(delay: int = 0, every: int = 1, measured: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions at the communication points and forces of the steps.
-
-    The force acts `delay` steps after its sample, the position is `measured` steps old, a sample is taken at each
-    `every`-th step.
-    """
+    """Return positions at the communication points and forces of the steps."""
+    # The force acts `delay` steps after its sample, the position is `measured` steps old, a sample is taken at each
+    # `every`-th step.
     A = np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]])
     E = expm(STEP * A)
     x, old, held, forces, rows = np.array([START, 0.0]), START, 0.0, [0.0] * delay, [START]
@@ -185,12 +181,16 @@ def test_a_slower_controller_holds_between_its_samples(scenario, run, every):
 
 
 @pytest.mark.heavy
-def test_a_chain_of_sampled_units_has_no_delay_either(scenario, run):
+def test_a_chain_of_sampled_units_has_no_delay_but_a_delayed_state_which_breaks_a_loop(scenario, run):
     """Encoder, controller and cart in one step, in whatever order they are listed, as in the references."""
     results = run(scenario("chain"), reference=True)
     np.testing.assert_allclose(results["cart.x"], own_loop()[0], **CLOSE)
     for compared in results.summary["reference"].values():
         assert compared["max_difference"]["cart.x"] < 1e-10  # as above
+    with pytest.raises(SspError, match="algebraic loop in the steps: .*control.*encoder"):
+        run(scenario("ring"))
+    results = run(scenario("plain", delayed=True))
+    np.testing.assert_allclose(results["cart.x"], own_loop(delay=1)[0], **CLOSE)
 
 
 @pytest.mark.heavy
@@ -202,14 +202,6 @@ def test_jacobi_has_a_step_of_delay_for_each_unit_and_says_so(scenario, run):
     results = run(scenario("chain", "jacobi"))
     np.testing.assert_allclose(results["cart.x"], own_loop(delay=1, measured=1)[0], **CLOSE)
     assert len(results.summary["notes"]) == 2
-
-
-@pytest.mark.heavy
-def test_a_delayed_state_breaks_a_loop_of_sampled_units(scenario, run):
-    with pytest.raises(SspError, match="algebraic loop in the steps: .*control.*encoder"):
-        run(scenario("ring"))
-    results = run(scenario("plain", delayed=True))
-    np.testing.assert_allclose(results["cart.x"], own_loop(delay=1)[0], **CLOSE)
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])

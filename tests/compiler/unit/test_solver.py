@@ -81,7 +81,6 @@ class Ramp(Unit):
 
 
 def solver_of(unit, tolerance=1e-9, robot=None, **values):
-    """Return the solver of a unit at its start."""
     evaluated = Traced(Interface(unit, robot))
     for name, value in values.items():
         evaluated.group(name)[:] = value
@@ -92,7 +91,6 @@ def solver_of(unit, tolerance=1e-9, robot=None, **values):
 
 
 def stepped(unit, end, steps, rates=None, **values):
-    """Return the states after equal steps without error control."""
     evaluated = solver_of(unit, **values).unit
     (call,) = (
         c for c in evaluated.interface.program.step
@@ -116,23 +114,17 @@ def stepped(unit, end, steps, rates=None, **values):
 
 
 CASES = [
-    (Logistic, {}, 4.0, 1.0 / (1.0 + 9.0 * np.exp(-4.0))),
-    (Fading, {}, 2.0, 0.2),
-    (Chosen, {"law": 0}, 1.0, np.exp(-2.0)),
-    (Chosen, {"law": 1}, 1.0, 1.0 / 3.0),
-]
+    (Logistic, {}, 4.0, 1.0 / (1.0 + 9.0 * np.exp(-4.0))), (Fading, {}, 2.0, 0.2),
+    (Chosen, {"law": 0}, 1.0, np.exp(-2.0)), (Chosen, {"law": 1}, 1.0, 1.0 / 3.0),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("unit", "values", "end", "exact"), CASES)
-def test_a_step_has_order_four_on_any_unit(unit, values, end, exact):
+def test_a_step_has_order_four_on_any_unit_and_the_solver_keeps_its_tolerance(unit, values, end, exact):
     errors = [abs(stepped(unit, end, n, **values)[0] - exact) for n in (64, 128, 256)]
     assert errors[-1] > 1e-13  # above rounding
     # The next term of the error is smaller by the step, 1/64 and less: the last pair shows the order to 0.1.
     assert np.log2(errors[-2] / errors[-1]) == pytest.approx(ORDER, abs=0.1)
-
-
-@pytest.mark.parametrize(("unit", "values", "end", "exact"), CASES)
-def test_the_solver_keeps_its_tolerance(unit, values, end, exact):
     solver = solver_of(unit, 1e-9, **values)
     solver.advance(0.0, end)
     assert solver.x[0] == pytest.approx(exact, abs=1e-7)  # 100 local errors of 1e-9
@@ -179,13 +171,10 @@ class Coupled(Unit):
 
 
 def jacobian_of(unit, robot):
-    """Return a function's Jacobian and the evaluation with random states and inputs."""
     evaluated = Traced(Interface(unit, robot))
-    evaluated.memory[: evaluated.interface.groups["tolerance"].start] = np.random.default_rng(91).uniform(
-        -0.5, 0.5, evaluated.interface.groups["tolerance"].start
-    )
-    name = f"{evaluated.interface.name}_jacobian"
-    functions = evaluated.interface.functions
+    random = evaluated.memory[: evaluated.interface.groups["tolerance"].start]
+    random[:] = np.random.default_rng(91).uniform(-0.5, 0.5, random.size)
+    name, functions = f"{evaluated.interface.name}_jacobian", evaluated.interface.functions
     names = functions.casadi_function(name).name_in()
     function = functions.function(name, **{n: evaluated.argument(n) for n in names})
     function.run()
@@ -193,7 +182,7 @@ def jacobian_of(unit, robot):
     return function.results["J"].reshape(m, m, order="F"), evaluated
 
 
-def test_the_jacobian_of_any_unit_agrees_with_differences():
+def test_the_jacobian_of_any_unit_agrees_with_differences_and_that_from_the_balance():
     J, evaluated = jacobian_of(Coupled, load_robot("slider_3dof"))
     x = evaluated.x.copy()
     for j in range(len(x)):
@@ -202,8 +191,6 @@ def test_the_jacobian_of_any_unit_agrees_with_differences():
         # Rounding 1e-16 / 1e-5; truncation h^2 / 6 times a third derivative of up to 6.
         np.testing.assert_allclose(J[:, j], (high - low) / 2e-5, rtol=0, atol=2e-10)
 
-
-def test_the_jacobian_from_the_balance_is_that_of_the_derivatives():
     class Direct(Plant):
         """The plant without its balance."""
 
@@ -231,9 +218,8 @@ class Swapped(Unit):
 @pytest.mark.parametrize("kind", ["step", "jacobian"])
 def test_a_balance_without_the_derivative_of_its_row_is_refused_with_its_unit(kind):
     interface = Interface(Swapped, None)
-    with pytest.raises(
-        UnitError, match=r"test_solver\.py, line \d+: balance\(\) of Swapped .* row 1 .*the order of the states"
-    ):
+    words = r"test_solver\.py, line \d+: balance\(\) of Swapped .* row 1 .*the order of the states"
+    with pytest.raises(UnitError, match=words):
         interface.functions.casadi_function(interface.program.step[0].function.replace("step", kind))
 
 
@@ -311,27 +297,20 @@ def test_a_long_chain_moves_as_scipy_moves_it():
 
 
 def callees(step):
-    """Return the functions that a step calls, one for each call."""
     calls = [k for k in range(step.n_instructions()) if step.instruction_id(k) == ca.OP_CALL]
     return [step.instruction_MX(k).which_function() for k in calls]
 
 
-def test_the_stages_of_a_step_balance_forces_and_solve_for_no_acceleration():
+def test_the_stages_of_a_step_solve_for_no_acceleration_and_grow_linearly_along_the_chain():
     names = [function.name() for function in callees(step_of(Plant, load_robot("manipulator_6dof")))]
     # The first of the six stages is at the start, where the matrix of the step gives the accelerations.
     assert names.count("plant_step_balance") == 5
     assert "plant_derivatives" not in names
-
-
-def test_operations_of_a_step_along_the_chain_grow_linearly():
     steps = [callees(step_of(Plant, repeated_link(n))) for n in (9, 12, 15)]
     counts = [sum(function.n_instructions() for function in step) for step in steps]
     # Every joint adds the same operations; the first links and CasADi's choice of temporaries make up for 1 %.
     assert counts[2] - counts[1] == pytest.approx(counts[1] - counts[0], rel=0.01)
     assert counts[1] > counts[0]
-
-
-# --------------------------------------------------------------------------------------------------- sampled states
 
 
 class Delay(Unit):
@@ -393,7 +372,7 @@ def test_a_motion_samples_at_every_period_however_it_is_cut(kind, parts):
     assert unit.memory[-1] == 0.35
 
 
-def test_samples_are_multiples_of_the_period_from_the_start():
+def test_samples_are_multiples_of_the_period_and_a_motion_that_runs_away_is_not_a_number():
     unit = Traced(Interface(Delay, None))
     assert [(round(a, 12), round(b, 12), s) for a, b, s in samples(unit, 0.0, 0.05, 0.3)] == [
         (0.05, 0.1, False), (0.1, 0.2, True), (0.2, 0.3, True),
@@ -403,8 +382,6 @@ def test_samples_are_multiples_of_the_period_from_the_start():
     assert [s for *_, s in samples(unit, 0.0, sum([0.1] * 10), 1.1)] == [True]
     assert list(samples(Traced(Interface(Logistic, None)), 0.0, 0.05, 0.3)) == [(0.05, 0.3, False)]
 
-
-def test_a_motion_that_runs_away_is_not_a_number():
     class Exploding(Unit):
         """Infinite at t = 1."""
 

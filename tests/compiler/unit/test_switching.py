@@ -66,14 +66,12 @@ def motor(tmp_path_factory):
 
 
 def moved(x: np.ndarray, voltage: float, duration: float) -> np.ndarray:
-    """Return current and speed after a time at a voltage, exactly."""
     whole = np.zeros((4, 4))
     whole[:2, :2], whole[:2, 2:] = A, GIVEN
     return (expm(whole * duration) @ [*x, voltage, 0.01])[:2]
 
 
 def pulses(duty: float) -> np.ndarray:
-    """Return current and speed at the end, pulse by pulse."""
     x = np.zeros(2)
     for _ in range(round(STOP * 1e3)):
         x = moved(moved(x, 24.0, duty * 1e-3), 0.0, (1 - duty) * 1e-3)
@@ -159,18 +157,15 @@ def test_reference_results_and_references_have_them(fmu, motor, tmp_path):
         assert max(compared["max_difference"][f"m.{name}"] for name in "iw") < 1e-6  # as `CLOSE`
 
 
-@pytest.mark.parametrize(
-    ("function", "integral"),
-    [
-        ("where((self.t > 0.5) & (self.t < 0.5 + 1e-6), 1e6, 0.0)", 1.0),
-        ("clip(1e6 * (self.t - 0.5), 0.0, 1.0)", 0.5 - 0.5e-6),
-        ("interpolate(self.t, np.array([0.4, 0.4001, 0.4002]), np.array([0.0, 1e4, 0.0]))", 1.0),
-        ("where((-3.0 * self.t) % 0.3 < 1e-4, 3e4, 0.0)", 10.0),
-        ("1.0 - np.sign(self.t - 0.25)", 0.5),
-        ("where(np.abs(self.t - 0.7) < 1e-5, 1e5, 0.0)", 2.0),
-        ("np.sin(self.t)", 1 - np.cos(1.0)),
-    ],
-)
+@pytest.mark.parametrize(("function", "integral"), [
+    ("where((self.t > 0.5) & (self.t < 0.5 + 1e-6), 1e6, 0.0)", 1.0),
+    ("clip(1e6 * (self.t - 0.5), 0.0, 1.0)", 0.5 - 0.5e-6),
+    ("interpolate(self.t, np.array([0.4, 0.4001, 0.4002]), np.array([0.0, 1e4, 0.0]))", 1.0),
+    ("where((-3.0 * self.t) % 0.3 < 1e-4, 3e4, 0.0)", 10.0),
+    ("1.0 - np.sign(self.t - 0.25)", 0.5),
+    ("where(np.abs(self.t - 0.7) < 1e-5, 1e5, 0.0)", 2.0),
+    ("np.sin(self.t)", 1 - np.cos(1.0)),
+])  # fmt: skip
 def test_one_pulse_in_a_long_step_counts(motor, function, integral):
     path = motor(function, ONE)
     x = find_unit(path)().simulate(stop=1.0, step=1.0, tolerance=1e-9)["x"][-1]
@@ -178,14 +173,11 @@ def test_one_pulse_in_a_long_step_counts(motor, function, integral):
     assert x == pytest.approx(integral, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("function", "reason"),
-    [
-        ("where(np.sin(self.t) > 0.9, 1.0, 0.0)", "a condition is not linear in time"),
-        ("np.floor(self.t**2)", "a condition is not linear in time"),
-        ("lookup(self.t, np.arange(3.0), np.arange(2.0))", "it reads a table by lookup, and the time"),
-    ],
-)
+@pytest.mark.parametrize(("function", "reason"), [
+    ("where(np.sin(self.t) > 0.9, 1.0, 0.0)", "a condition is not linear in time"),
+    ("np.floor(self.t**2)", "a condition is not linear in time"),
+    ("lookup(self.t, np.arange(3.0), np.arange(2.0))", "it reads a table by lookup, and the time"),
+])  # fmt: skip
 def test_what_cannot_be_located_is_refused(motor, tmp_path, function, reason):
     with pytest.raises(UnitError, match=rf"motor\.py, line \d+: derivatives\(\) of One may switch by time: {reason}"):
         vdfmu.build_fmus(None, tmp_path, units=[motor(function, ONE)])

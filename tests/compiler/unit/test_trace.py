@@ -105,9 +105,6 @@ def test_an_output_that_is_not_set_for_a_choice_is_named():
         _ = Interface(Incomplete, None).program
 
 
-# ---------------------------------------------------------------------------------------- names and robot, dependencies
-
-
 class Clashing(Unit):
     """Variables called as the arguments of traced functions, and as words of C, are."""
 
@@ -136,7 +133,7 @@ class Clashing(Unit):
         self.sin = self.sin + np.sin(self.x)
 
 
-def test_a_variable_may_be_called_as_an_argument_is():
+def test_a_variable_may_be_called_as_an_argument_is_and_keeps_what_an_array_was():
     for unit in both(Clashing):
         unit.group("p")[:], unit.group("rate_p")[:] = 5.0, 7.0
         unit.start()
@@ -147,6 +144,13 @@ def test_a_variable_may_be_called_as_an_argument_is():
         assert unit.group("double").tolist() == [1.0 + 20.0 + 500.0 + 3000.0 + 0.5]
         assert unit.group("norm").tolist() == [0.25]
         assert unit.group("sin").tolist() == [pytest.approx(0.25 + math.sin(1.0), rel=EPS)]
+    for unit in both(Reused):
+        unit.group("u")[:] = 3.0
+        unit.outputs()
+        assert (unit.group("y").tolist(), unit.group("z").tolist()) == ([3.0, 0.0], [3.0, 5.0])
+    for kind in (Traced, Plain):
+        with pytest.raises(UnitError, match=r"line \d+: outputs\(\) of Touched fails: an element of a variable"):
+            kind(Interface(Touched, None)).outputs()
 
 
 class Geared(Unit):
@@ -182,13 +186,6 @@ class Reused(Unit):
         self.z = array
 
 
-def test_a_variable_keeps_what_an_array_was_when_it_was_set():
-    for unit in both(Reused):
-        unit.group("u")[:] = 3.0
-        unit.outputs()
-        assert (unit.group("y").tolist(), unit.group("z").tolist()) == ([3.0, 0.0], [3.0, 5.0])
-
-
 class Touched(Unit):
     """Changes an element of a parameter that has its start value."""
 
@@ -198,12 +195,6 @@ class Touched(Unit):
     def outputs(self) -> None:
         self.K[0] = 7.0
         self.y = self.K
-
-
-def test_an_element_of_a_parameter_is_not_set():
-    for kind in (Traced, Plain):
-        with pytest.raises(UnitError, match=r"line \d+: outputs\(\) of Touched fails: an element of a variable"):
-            kind(Interface(Touched, None)).outputs()
 
 
 class ManyWays(Unit):
@@ -223,7 +214,7 @@ def test_generated_files_have_the_order_of_names_whatever_python_makes_of_texts(
     assert listed == sorted(listed) and len(listed) == 6
 
 
-def test_a_field_of_the_robot_is_a_parameter():
+def test_a_field_of_the_robot_is_a_parameter_and_dependencies_are_those_of_the_trace():
     robot = load_robot("planar_2dof")
     for unit in both(Geared, robot):
         unit.group("tau")[:], unit.group("ell")[1] = [1.0, 2.0], 50.0
@@ -231,9 +222,6 @@ def test_a_field_of_the_robot_is_a_parameter():
         assert unit.group("y").tolist() == [robot.ell[0], 100.0]
     with pytest.raises(UnitError, match=r"declares no mass of the robot\. Write RobotParameters\('ell', 'mass'\)"):
         _ = Interface(Undeclared, robot).program
-
-
-def test_dependencies_are_those_of_the_trace():
     interface = Interface(Chosen, None)
     at = interface.reference
     assert interface.step_dependencies(at["y[2]"]) == [at["u[2]"]]

@@ -98,7 +98,6 @@ UNTRACEABLE = {  # the words of the refusal, and what Python gives, if that is k
 
 
 def bad(method, **more):
-    """Return a unit with a method, `outputs` unless `more` has others."""
     return type("Wrong", (Bad,), {"outputs": method, "__module__": __name__, **more})
 
 
@@ -182,17 +181,14 @@ def kept(self):
         self.before = self.u[0]  # here
 
 
-@pytest.mark.parametrize(
-    ("method", "reason"),
-    [
-        (excepted, "a condition on a value is not known"),
-        (suppressed, "has no value while equations are traced"),
-        (everything, "a condition on a value is not known"),
-        (types, "UFuncTypeError: Cannot cast ufunc"),
-        (attributes, "AttributeError: 'Symbol' object has no attribute 'is_integer'"),
-        (kept, "outputs() sets before, which Wrong does not declare"),
-    ],
-)
+@pytest.mark.parametrize(("method", "reason"), [
+    (excepted, "a condition on a value is not known"),
+    (suppressed, "has no value while equations are traced"),
+    (everything, "a condition on a value is not known"),
+    (types, "UFuncTypeError: Cannot cast ufunc"),
+    (attributes, "AttributeError: 'Symbol' object has no attribute 'is_integer'"),
+    (kept, "outputs() sets before, which Wrong does not declare"),
+])  # fmt: skip
 def test_what_is_refused_cannot_be_caught(method, reason):
     line = line_here(_asked if method is everything else method)
     with pytest.raises(UnitError, match=rf"line {line}: outputs\(\) of Wrong .*{re.escape(reason)}") as raised:
@@ -290,22 +286,19 @@ REMEMBERS = bad(remembers, before=0.0)
 WAY = "Memory from one call to the next is a Sampled state. Within a call use a local variable"
 
 
-@pytest.mark.parametrize(
-    ("unit", "words"),
-    [
-        (bad(writes), r"outputs\(\) of Wrong fails: outputs\(\) must not set u, an input\."),
-        (bad(shapes), r"outputs\(\) of Wrong fails: Wrong\.y: expected shape \(\), got \(3,\)\."),
-        (Silent, r"outputs\(\) of Silent never sets y\."),
-        (bad(reads), r"outputs\(\) of Wrong fails: y is read before it is set\."),
-        (bad(raises), r"outputs\(\) of Wrong fails: KeyError: 'no such thing'\."),
-        (bad(endless), r"outputs\(\) of Wrong fails: it calls itself without end\."),
-        (bad(nothing), r"outputs\(\) of Wrong fails: Wrong\.y: expected numbers, got None\."),
-        (REMEMBERS, rf"outputs\(\) of Wrong fails: outputs\(\) sets before, which Wrong does not declare\. {WAY}\."),
-        (Counts, rf"outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 from the same values\. {WAY}, for noise an "
-                 r"input or `normal` of vdfmu\.unit\."),
-        (Early, r"start\(\) of Early fails: x is a state and gets its first value by start\(\)\."),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("unit", "words"), [
+    (bad(writes), r"outputs\(\) of Wrong fails: outputs\(\) must not set u, an input\."),
+    (bad(shapes), r"outputs\(\) of Wrong fails: Wrong\.y: expected shape \(\), got \(3,\)\."),
+    (Silent, r"outputs\(\) of Silent never sets y\."),
+    (bad(reads), r"outputs\(\) of Wrong fails: y is read before it is set\."),
+    (bad(raises), r"outputs\(\) of Wrong fails: KeyError: 'no such thing'\."),
+    (bad(endless), r"outputs\(\) of Wrong fails: it calls itself without end\."),
+    (bad(nothing), r"outputs\(\) of Wrong fails: Wrong\.y: expected numbers, got None\."),
+    (REMEMBERS, rf"outputs\(\) of Wrong fails: outputs\(\) sets before, which Wrong does not declare\. {WAY}\."),
+    (Counts, rf"outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 from the same values\. {WAY}, for noise an "
+             r"input or `normal` of vdfmu\.unit\."),
+    (Early, r"start\(\) of Early fails: x is a state and gets its first value by start\(\)\."),
+])  # fmt: skip
 def test_a_method_that_is_wrong_is_named_with_its_line(unit, words):
     with pytest.raises(UnitError, match=rf"^({HERE}|{__file__}), line \d+: {words}$"):
         Traced(Interface(unit, None))

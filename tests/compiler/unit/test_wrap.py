@@ -45,7 +45,6 @@ def design(tmp_path, monkeypatch):
 
 
 def made(source, name=None):
-    """Return the unit of a source."""
     return find_unit(str(unit_from(source, name)[0]))
 
 
@@ -84,7 +83,7 @@ def test_a_discrete_system_gives_the_output_of_each_sample(design, source, syste
         type(unit)(period=2 * dt).simulate(stop=2 * dt, step=dt)
 
 
-def test_a_casadi_function_is_a_unit_with_its_states(design):
+def test_a_casadi_function_is_a_unit_with_its_states_and_matrices_in_their_places(design):
     PENDULUM.save("pendulum.casadi")
     with pytest.raises(UsageError, match=r"pendulum\.casadi: a CasADi file can hold code that runs"):
         casadi_unit("pendulum.casadi")
@@ -98,9 +97,6 @@ def test_a_casadi_function_is_a_unit_with_its_states(design):
     # 1e-12 in each of 1000 steps, and errors grow by exp(3.1) at most
     assert np.abs(found["x"][-1] - end).max() < 3e-8
     assert (found["y"] == found["x"][:, 0] ** 2).all()
-
-
-def test_matrices_of_a_function_keep_their_places(design):
     a = np.random.default_rng(2).normal(size=(2, 3))
     unit = made("design.py:maps")(a=a, b=2.0)
     unit.outputs()
@@ -144,50 +140,41 @@ d, q = ca.SX.sym("d", ca.Sparsity.diag(2)), ca.MX.sym("q")
 ROOT = ca.rootfinder("r", "newton", {"x": u, "g": u**2 - 2})(x0=q)["x"]
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (lambda: linear_unit(A, np.ones((3, 1)), C, D), r"B must have shape \(2, 2\), .*got \(3, 1\)"),
-        (lambda: linear_unit(A, B, np.full((3, 2), np.nan), D), "C must hold finite real numbers"),
-        (lambda: linear_unit(A * 1j, B, C, D), "A must hold finite real numbers"),
-        (lambda: linear_unit([], [], [], []), "must have an input and an output"),
-        (lambda: linear_unit(A, B, C, D, -1.0), "dt must be the time between samples in s, .*got -1"),
-        (lambda: casadi_unit(ca.Function("f", [x], [x[0]], ["x"], ["ode"])), r"shape of x, \(2, 1\), got \(1, 1\)"),
-        (lambda: casadi_unit(ca.Function("f", [d], [ca.sum1(d)], ["u"], ["y"])), "u must be dense, .*sparse"),
-        (lambda: casadi_unit(ca.Function("f", [x, u], [x, u], ["x", "z"], ["ode", "alg"])), "must not have .* alg"),
-        (lambda: casadi_unit(ca.Function("f", [q], [ROOT], ["q"], ["y"])), "must have scalar operations only"),
-        (lambda: table_unit({"a": [1, 2]}), "must have names, and two columns"),
-        (lambda: table_unit({"a": [1, 2], "b": [1, np.nan]}), "rows of finite numbers"),
-        (lambda: table_unit({"a": [1, 0], "b": [2, 3]}), "Column a must increase"),
-        (lambda: table_unit({"a": [1, 2], "b b": [2, 3], "b_b": [2, 3]}), "b_b must be one column"),
-        (lambda: table_unit({"a": [1, 2], "outputs": [2, 3]}), "cannot be called outputs"),
-        (lambda: table_unit({"a": [1, 2], "b [furlong]": [2, 3]}), "expected a unit of measurement"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("make", "match"), [
+    (lambda: linear_unit(A, np.ones((3, 1)), C, D), r"B must have shape \(2, 2\), .*got \(3, 1\)"),
+    (lambda: linear_unit(A, B, np.full((3, 2), np.nan), D), "C must hold finite real numbers"),
+    (lambda: linear_unit(A * 1j, B, C, D), "A must hold finite real numbers"),
+    (lambda: linear_unit([], [], [], []), "must have an input and an output"),
+    (lambda: linear_unit(A, B, C, D, -1.0), "dt must be the time between samples in s, .*got -1"),
+    (lambda: casadi_unit(ca.Function("f", [x], [x[0]], ["x"], ["ode"])), r"shape of x, \(2, 1\), got \(1, 1\)"),
+    (lambda: casadi_unit(ca.Function("f", [d], [ca.sum1(d)], ["u"], ["y"])), "u must be dense, .*sparse"),
+    (lambda: casadi_unit(ca.Function("f", [x, u], [x, u], ["x", "z"], ["ode", "alg"])), "must not have .* alg"),
+    (lambda: casadi_unit(ca.Function("f", [q], [ROOT], ["q"], ["y"])), "must have scalar operations only"),
+    (lambda: table_unit({"a": [1, 2]}), "must have names, and two columns"),
+    (lambda: table_unit({"a": [1, 2], "b": [1, np.nan]}), "rows of finite numbers"),
+    (lambda: table_unit({"a": [1, 0], "b": [2, 3]}), "Column a must increase"),
+    (lambda: table_unit({"a": [1, 2], "b b": [2, 3], "b_b": [2, 3]}), "b_b must be one column"),
+    (lambda: table_unit({"a": [1, 2], "outputs": [2, 3]}), "cannot be called outputs"),
+    (lambda: table_unit({"a": [1, 2], "b [furlong]": [2, 3]}), "expected a unit of measurement"),
+])  # fmt: skip
 def test_a_factory_refuses_what_is_no_unit(make, match):
     with pytest.raises((UsageError, UnitError), match=match):
         make()
 
 
-@pytest.mark.parametrize(
-    ("source", "content", "match"),
-    [
-        ("none.mat", None, "there is no such file"),
-        ("model.txt", "1", "must be model.mat"),
-        ("broken.npz", "1", "broken.npz: cannot be read"),
-        ("broken.casadi", "1", "broken.casadi: cannot be read"),
-        ("empty.npz", "", "empty.npz: cannot be read"),
-        ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
-        ("design.py:nothing", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
-        ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
-        ("fails.py:x", "1 / 0", r"fails\.py:x: ZeroDivisionError"),
-        ("ends.py:x", "raise SystemExit(3)", r"ends\.py:x: SystemExit: 3"),
-        ("empty.csv", "", "must have names"),
-        ("odd.csv", "a,1b\n1,2\n2,3\n", r"^odd\.csv: Odd: a variable cannot be called 1b"),
-        ("short.csv", "a,b\n1,2\n", "two rows"),
-        ("words.csv", "a,b\n1,2\n3,x\n", "words.csv: Row 2 must have 2 numbers, got '3,x'"),
-    ],
-)
+@pytest.mark.parametrize(("source", "content", "match"), [
+    ("none.mat", None, "there is no such file"), ("model.txt", "1", "must be model.mat"),
+    ("broken.npz", "1", "broken.npz: cannot be read"), ("broken.casadi", "1", "broken.casadi: cannot be read"),
+    ("empty.npz", "", "empty.npz: cannot be read"), ("empty.csv", "", "must have names"),
+    ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
+    ("design.py:nothing", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
+    ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
+    ("fails.py:x", "1 / 0", r"fails\.py:x: ZeroDivisionError"),
+    ("ends.py:x", "raise SystemExit(3)", r"ends\.py:x: SystemExit: 3"),
+    ("odd.csv", "a,1b\n1,2\n2,3\n", r"^odd\.csv: Odd: a variable cannot be called 1b"),
+    ("short.csv", "a,b\n1,2\n", "two rows"),
+    ("words.csv", "a,b\n1,2\n3,x\n", "words.csv: Row 2 must have 2 numbers, got '3,x'"),
+])  # fmt: skip
 def test_a_bad_source_is_named_and_leaves_no_file(design, source, content, match):
     if content is not None:
         (design / source.partition(":")[0]).write_text(content)
@@ -197,29 +184,19 @@ def test_a_bad_source_is_named_and_leaves_no_file(design, source, content, match
     assert sorted(design.iterdir()) == before
 
 
-def test_units_of_one_name_are_refused(design):
-    (design / "two.py").write_text(
-        "from vdfmu.unit import table_unit\na = table_unit({'t': [0, 1], 'y': [1, 2]})\n"
-        "b = table_unit({'t': [0, 1], 'y': [2, 3]})\n"
-    )
-    with pytest.raises(UnitError, match=r"two\.py: TableUnit must be the name of one unit, got two"):
-        find_unit("two.py")
-
-
 def test_two_units_of_one_name_are_refused(design):
-    (design / "two.py").write_text("from vdfmu.unit import *\na, b = (linear_unit([], [], [], [k]) for k in (1, 2))\n")
-    with pytest.raises(UnitError, match=r"two\.py: LinearUnit must be the name of one unit, got two"):
-        find_unit("two.py")
+    linear, table = "linear_unit([], [], [], [k])", "table_unit({'t': [0, 1], 'y': [1, k]})"
+    for name, one in (("LinearUnit", linear), ("TableUnit", table)):
+        (design / "two.py").write_text(f"from vdfmu.unit import *\na, b = ({one} for k in (2, 3))\n")
+        with pytest.raises(UnitError, match=rf"two\.py: {name} must be the name of one unit, got two"):
+            find_unit("two.py")
 
 
-def test_a_file_name_and_decimal_commas_do_no_harm(design):
+def test_odd_names_and_decimal_commas_do_no_harm_and_the_command_names_what_it_wrote(design):
     """A quote in a name ended the text of the unit."""
     (design / 'q"uo\\Ute.csv').write_text('Time [s];b\n0;1,5\n\n1;"2,5"\n')
     found = made('q"uo\\Ute.csv', "quoted")().simulate(stop=1.0, step=0.5)
     assert found["b"].tolist() == [1.5, 2.0, 2.5]
-
-
-def test_the_command_names_what_it_wrote(design):
     words = "unit", "from", "design.py:maps", "--name", "MyMaps"
     done, again = command(*words), command(*words)
     assert done.exit_code == 0 and "my_maps.casadi" in done.output and "vdfmu build my_maps.py" in done.output

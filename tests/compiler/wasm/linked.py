@@ -6,7 +6,6 @@ from vdfmu.compiler.wasm import base_module
 
 
 def linked(growth: tuple[int, int]) -> tuple[wasmtime.Store, wasmtime.Linker]:
-    """Return a linker that has the shipped module, whose memory and table have grown."""
     engine = wasmtime.Engine()
     store, linker = wasmtime.Store(engine), wasmtime.Linker(engine)
     base = wasmtime.Instance(store, wasmtime.Module(engine, base_module()), [])

@@ -1,7 +1,5 @@
 """Traced functions as WebAssembly, in wasmtime: single operations and whole functions have the bits of CasADi."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -44,7 +42,6 @@ class Instance:
         self.exports = linker.instantiate(self.store, module).exports(self.store)
 
     def _called(self, functions: Sequence[ca.Function]) -> Iterator[tuple[str, Callable[..., Any]]]:
-        """Yield functions of CasADi, and a function that looks up the row of a table."""
         symbols = ca.SX.sym("x"), ca.SX.sym("y")
         for name in IMPORTED.keys() - {"table_row", "move_unit"}:
             operation = next(key for key, pieces in OPERATIONS.items() if name in pieces)
@@ -73,7 +70,6 @@ class Instance:
 
 
 def expected(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    """Return CasADi's values."""
     given = [values.reshape(function.size_in(i), order="F") for i, values in enumerate(arguments)]
     return [np.array(one.full()).ravel(order="F") for one in function.call(given)]
 
@@ -85,7 +81,6 @@ def assert_same_bits(found: np.ndarray, values: np.ndarray, where: str) -> None:
 
 
 def operation_functions() -> dict[int, ca.Function]:
-    """Return a function of each operation, of all operands side by side."""
     found = {}
     for key, pieces in OPERATIONS.items():
         given = [ca.SX.sym(name) for name in "xy"[: 2 if 1 in pieces else 1]]

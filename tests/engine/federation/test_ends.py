@@ -22,7 +22,6 @@ STEP = 0.1
 
 @pytest.fixture
 def package(pack):
-    """Return a package of four components in a ring, of which one fails when it is told to."""
     return pack(
         ["r Ramp y:output", "f Fragile y:output", "a Adder a:input b:input y:output", "p Plant u:input y:output"],
         ["f.y -> a.a", "p.y -> a.b", "a.y -> p.u"],
@@ -49,7 +48,6 @@ def test_a_component_that_fails_in_its_initialization_does_not_leave_the_others_
 
 
 def run_of(federates: dict[str, object]) -> Federated:
-    """Return a run of stand-ins for the processes of its federates."""
     run = Federated.__new__(Federated)
     run._federates, run._first, run._lock = federates, None, threading.Lock()
     return run
@@ -141,14 +139,11 @@ def bad(tmp_path, pack):
     return write
 
 
-@pytest.mark.parametrize(
-    ("code", "reason"),
-    [
-        ("os.kill(os.getpid(), 11)", r"the component crashed the process \(SIGSEGV\) \(federate g\)"),
-        ("os._exit(3)", r"the component ended the process \(exit code 3\) \(federate g\)"),
-        *heavy(("time.sleep(60.0)", r"no return within 6 s; .* \(federate g\)")),
-    ],
-)
+@pytest.mark.parametrize(("code", "reason"), [
+    ("os.kill(os.getpid(), 11)", r"the component crashed the process \(SIGSEGV\) \(federate g\)"),
+    ("os._exit(3)", r"the component ended the process \(exit code 3\) \(federate g\)"),
+    *heavy(("time.sleep(60.0)", r"no return within 6 s; .* \(federate g\)")),
+])  # fmt: skip
 def test_a_component_that_takes_its_federate_along_is_named_with_it(bad, federates, code, reason):
     """The others wait for it; none is left, and their rows are kept."""
     with pytest.raises(CosimError, match=rf"bad failed at t = 0\.5 s in doStep: {reason}") as info:

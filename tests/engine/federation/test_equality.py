@@ -1,7 +1,5 @@
 """A system over several processes gives what one process gives with jacobi, to the last bit."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -117,13 +115,11 @@ def test_signals_from_files_units_of_measurement_and_own_steps(pack, xml, federa
     )
     path = pack(
         [
-            "deg Degrees y:output mm:output",
-            "rad Radians u:input m:input",
-            c("p", "Plant", "u:input load:input y:output", own),
-            "g Gain u:input y:output",
+            "deg Degrees y:output mm:output", "rad Radians u:input m:input",
+            c("p", "Plant", "u:input load:input y:output", own), "g Gain u:input y:output",
         ],
         ["deg.y -> rad.u", "deg.mm -> rad.m", "g.y -> p.u", "p.y -> g.u"],
-    )
+    )  # fmt: skip
     t = np.linspace(0.0, 1.0, 5)
     options = {"stop": 1.0, "step": 0.25, "inputs": {"p.load": (t, np.sin(3.0 * t))}}
     one = vdfmu.simulate(path, algorithm="jacobi", **options)
@@ -132,7 +128,7 @@ def test_signals_from_files_units_of_measurement_and_own_steps(pack, xml, federa
 
 
 @pytest.mark.heavy
-def test_a_component_that_ends_the_simulation_ends_it_for_all(system, federates):
+def test_a_component_that_ends_the_simulation_ends_it_for_all_and_for_model_exchange(system, federates):
     """As in one process: with the same rows, and the same words."""
     path = system({"b": (models.BOUNCING_BALL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["b.h -> c.Float64_input"])
     for options in ({"stop": 3.0, "step": 0.05},):
@@ -142,10 +138,6 @@ def test_a_component_that_ends_the_simulation_ends_it_for_all(system, federates)
         assert {k: results.summary.get(k) for k in ("ended", "stop", "steps", "notes")} == {
             k: one.summary.get(k) for k in ("ended", "stop", "steps", "notes")
         }
-
-
-@pytest.mark.heavy
-def test_components_for_model_exchange(system, federates):
     path = system({"d": (models.VAN_DER_POL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["d.x0 -> c.Float64_input"])
     one = vdfmu.simulate(path, algorithm="jacobi", stop=1.0, step=0.1)
     assert_same(vdfmu.federate(path, ["d"], stop=1.0, step=0.1), one)

@@ -21,7 +21,6 @@ PROGRAM = Path(HELICS.origin).parent / "install" / "bin" / "helics_broker"
 
 @pytest.fixture
 def package(pack, xml):
-    """Return a package of a plant with feedback through a gain, which another drives; one can fail."""
     c = xml.component
     return pack(
         [
@@ -49,8 +48,6 @@ def broker():
 
 @pytest.fixture
 def start(package, broker, tmp_path):
-    """Return a function that starts a federate, p or g, with more options."""
-
     def command(name: str, *options: str) -> subprocess.Popen:
         return subprocess.Popen(
             [sys.executable, "-m", "vdfmu.cli", "federate", package, "--split", "p", "--federate", name, "--broker",
@@ -79,17 +76,13 @@ def test_each_has_the_rows_of_its_components(package, start, tmp_path):
 
 
 @pytest.mark.heavy
-def test_a_failure_is_told_to_all(start, tmp_path):
+def test_a_failure_is_told_to_all_and_all_must_run_the_same(start, tmp_path):
     for code, shown in ends(*(start(name, "--set", "f.at=0.5") for name in "pg")):
         assert code == 1
         assert re.search(r"f failed at t = 0\.5 s in doStep: .*q\[3\] is not finite", shown)
     for name in "pg":
         assert len(vdfmu.Results.read(tmp_path / name / "partial" / "results.csv")) == 6
-
-
-@pytest.mark.heavy
-def test_all_must_run_the_same(start):
-    """Another step, of which the first exchange after the first step tells."""
+    # Another step, of which the first exchange after the first step tells.
     (one, shown_p), (other, shown_g) = ends(start("p"), start("g", "--step", "0.05"))
     assert (one, other) == (1, 1)
     for shown in (shown_p, shown_g):

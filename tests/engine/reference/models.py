@@ -66,7 +66,6 @@ class Model:
 
 
 def initial(v: V) -> str:
-    """C of the start value."""
     if v.type in ("String", "Binary"):
         content = (v.start or "").encode() if v.type == "String" else bytes.fromhex(v.start or "")
         return f"{{{len(content)}, {{{', '.join(str(b) for b in content) or '0'}}}}}"
@@ -85,7 +84,6 @@ EMPTY = {
 
 
 def c_files(model: Model) -> dict[str, str]:
-    """Text of model.h and model.c."""
     ordered = [v for s in model.states for v in model.variables if v.name == s]
     ordered += [v for s in model.states for v in model.variables if v.name == f"der({s})"]
     ordered += [v for v in model.variables if v not in ordered]
@@ -114,7 +112,6 @@ def c_files(model: Model) -> dict[str, str]:
 
 
 def description_3(model: Model) -> Element:
-    """Model description of FMI 3.0."""
     root = Element("fmiModelDescription", fmiVersion="3.0", modelName=model.name, instantiationToken="{own}")
     common = {"modelIdentifier": model.name, "canGetAndSetFMUState": "true"}
     if "ModelExchange" in model.kinds:
@@ -174,7 +171,6 @@ def description_3(model: Model) -> Element:
 
 
 def description_2(model: Model) -> Element:
-    """Model description of FMI 2.0."""
     root = Element("fmiModelDescription", fmiVersion="2.0", modelName=model.name, guid="{own}",
                    numberOfEventIndicators=str(model.indicators))  # fmt: skip
     common = {"modelIdentifier": model.name, "canGetAndSetFMUstate": "true"}
@@ -212,7 +208,6 @@ def description_2(model: Model) -> Element:
 
 
 def build(model: Model, version: str, folder: Path) -> Path:
-    """Write the FMU of a model."""
     work = folder / f"{model.name}_{version}_sources"
     work.mkdir(parents=True, exist_ok=True)
     for name, text in c_files(model).items():
@@ -318,7 +313,6 @@ SCALARS = {"Float64": 0.0, "Float32": 0.0, **dict.fromkeys(INTEGERS, 0), "Boolea
 
 
 def feedthrough(types: tuple[str, ...], suffix: str = "", simulation: dict[str, str] | None = None) -> Model:
-    """Return the model that puts out its inputs."""
     variables = [V("k", "parameter", "Float64", 1.0, "fixed")]
     for kind in types:
         variables.append(V(f"{kind}_input", "input", kind, SCALARS[kind]))

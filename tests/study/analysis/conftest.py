@@ -8,6 +8,5 @@ from tests.study.analysis.lift import ONE_JOINT
 
 @pytest.fixture
 def lift(tmp_path):
-    """Return the robot of a mass on a vertical slide."""
     (tmp_path / "lift.toml").write_text(ONE_JOINT)
     return vdfmu.load_robot(tmp_path / "lift.toml")

@@ -5,10 +5,8 @@ import numpy as np
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 
 POSES = {
-    "planar_2dof": [0.3, -0.5],
-    "slider_3dof": [0.4, 0.1, -0.7],
-    "manipulator_6dof": [0.3, 0.2, 0.5, -0.4, 0.6, 0.1],
-}
+    "planar_2dof": [0.3, -0.5], "slider_3dof": [0.4, 0.1, -0.7], "manipulator_6dof": [0.3, 0.2, 0.5, -0.4, 0.6, 0.1],
+}  # fmt: skip
 
 MASS, GRAVITY = 2.5, 9.81
 

@@ -51,13 +51,10 @@ def agree(loops, rows):
     return abs(found.modulus - least) <= max(0.05 * least, 1e-3)
 
 
-def test_the_margin_is_the_smallest_over_the_run():
+def test_the_margin_is_the_smallest_over_the_run_where_a_wrist_is_slow():
     loops, rows, _ = on_a_grid("planar_tracking", 200)
     assert len(rows) == 201 and agree(loops, rows)
-
-
-def test_the_margin_of_the_first_example_is_where_its_wrist_is_slow():
-    """An independent linearisation has 0.163 on the circle of 2 1/s at 9.167 s, and 0.146 on the unit circle at 0.8."""
+    # An independent linearisation has 0.163 on the circle of 2 1/s at 9.167 s, and 0.146 on the unit circle at 0.8.
     found = margins_along("tracking", at=[0.8])
     nearest = found.judged.loops.nearest()
     assert nearest.name == "plant.tau[6]" and 0.13 < nearest.modulus < 0.15
@@ -114,9 +111,6 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
     before, after = (apart[a : a + 95].max() for a in (640, 950))  # a period, of the begin and the end of the growth
     # the first window has what grows until 0.73 s, 1.2, and links that swing
     assert 0.5 * factor < after / before <= factor
-
-
-def test_words_of_a_growth():
     growth = Growth(np.log(1.25), 0.5, 1.25, 0.3, "plant.tau_s[2]", False)
     with run_along(dataclasses.replace(prepare("planar_tracking"), stop=0.01)) as (poses, _, _):
         loops = poses.loops
@@ -183,7 +177,5 @@ def test_a_run_that_fails_has_margins_until_then():
     with pytest.raises(CosimError):
         vdfmu.run("tracking", master="jacobi", settings=settings, out=False, reference=False)
     found = margins_along("tracking", master="jacobi", settings=settings)
-    assert words_of(found.judged)[0] == "failed" and any(
-        "the run fails: plant failed at" in note for note in found.notes
-    )
-    assert max(found.times) < 3.0
+    assert words_of(found.judged)[0] == "failed" and max(found.times) < 3.0
+    assert any("the run fails: plant failed at" in note for note in found.notes)

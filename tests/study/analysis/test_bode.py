@@ -42,29 +42,21 @@ def test_two_masses_on_a_spring_have_their_resonance_and_anti_resonance(smooth):
 
 def mjcf(robot):
     """Return the arm and its rotors, which tendons join to the links, with the stiffness at the pose."""
-    body, close, rotors = "", "", ""
+    body, rotors = "", ""
     for i in range(robot.n):
-        x = robot.rotation[i].ravel().tolist()
         quat = np.zeros(4)
-        mujoco.mju_mat2Quat(quat, np.array(x))
-        full = robot.inertia[i]
-        six = " ".join(map(repr, [*np.diag(full).tolist(), full[0, 1], full[0, 2], full[1, 2]]))
+        mujoco.mju_mat2Quat(quat, robot.rotation[i].ravel())
+        full, J = robot.inertia[i], text(3 * [robot.I_m[i] * robot.ell[i]])
+        six = text([*np.diag(full), full[0, 1], full[0, 2], full[1, 2]])
         body += (
-            (
-                f'<body pos="{text(robot.offset[i])}" quat="{text(quat)}"><joint name="q{i}" axis="0 0 1"/>'
-                f'<inertial pos="{text(robot.centroid[i])}" mass="{robot.mass[i]!r}" fullinertia="{six}"/>'
-            )
-            .replace("np.float64", "")
-            .replace("(", "")
-            .replace(")", "")
+            f'<body pos="{text(robot.offset[i])}" quat="{text(quat)}"><joint name="q{i}" axis="0 0 1"/>'
+            f'<inertial pos="{text(robot.centroid[i])}" mass="{text([robot.mass[i]])}" fullinertia="{six}"/>'
         )
-        close += "</body>"
-        J = float(robot.I_m[i] * robot.ell[i])
         rotors += (
-            f'<body><joint name="k{i}" axis="0 0 1" damping="{float(robot.f_v[i])!r}"/>'
-            f'<inertial pos="0 0 0" mass="1" diaginertia="{J!r} {J!r} {J!r}"/></body>'
+            f'<body><joint name="k{i}" axis="0 0 1" damping="{text([robot.f_v[i]])}"/>'
+            f'<inertial pos="0 0 0" mass="1" diaginertia="{J}"/></body>'
         )
-    return body + close, rotors
+    return body + robot.n * "</body>", rotors
 
 
 def text(values):

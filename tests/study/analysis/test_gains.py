@@ -38,20 +38,14 @@ def test_a_joint_has_the_margin_that_is_promised(J, M, K):
     assert found == pytest.approx(margin, rel=0.01)  # both are minima over grids of frequencies
 
 
-def test_a_stiff_joint_has_the_poles_that_are_placed():
+def test_a_stiff_joint_has_the_poles_that_are_placed_and_a_soft_one_a_quarter_of_its_spring():
     J, M = 0.1, 0.5
     K_p, K_v, _ = joint_gains(J, 1e9, np.array([M]), STEP)
     damping = K_v / (2 * np.sqrt(K_p * (J + M)))
     assert damping == pytest.approx(0.5, rel=1e-12)  # by its formula
     assert 0.1 < K_v * STEP / J <= 0.4
-
-
-def test_a_soft_joint_is_no_stiffer_than_a_quarter_of_its_spring():
     K_p, _, _ = joint_gains(0.1, 500.0, np.array([0.02]), STEP)
     assert K_p <= 125.0
-
-
-def test_all_inertias_that_a_joint_sees_count():
     one = joint_gains(0.1, 1e4, np.array([0.5]), STEP)
     both = joint_gains(0.1, 1e4, np.array([0.5, 5.0]), STEP)
     assert both[0] < one[0]
@@ -75,16 +69,13 @@ def test_the_loops_of_every_other_shipped_arm_do_too(name):
     assert margins_along(scenario).judged.loops.modulus.min() > 0.5
 
 
-def test_gains_follow_the_step():
+def test_gains_follow_the_step_and_those_that_miss_their_margin_are_refused():
     robot = load_robot("planar_2dof")
     q = np.zeros((1, 2))
     fast, slow = arm_gains(robot, q, 1e-3), arm_gains(robot, q, 4e-3)
     assert (slow.K_v < fast.K_v / 2).all()
     assert (slow.K_p < fast.K_p).all()
-
-
-def test_gains_that_miss_their_margin_are_refused():
-    """No gains have more than the 1 of none at all."""
+    # No gains have more than the 1 of none at all.
     with pytest.raises(UsageError, match=r"joint 1: expected gains with a modulus margin of 1.1, got 0.9.* smaller"):
         arm_gains(load_robot("planar_2dof"), np.zeros((1, 2)), 1e-3, margin=1.1)
 
@@ -99,7 +90,7 @@ def arm(tmp_path):
 
 
 @pytest.mark.heavy
-def test_the_motion_keeps_clear_of_end_stops(arm, tmp_path):
+def test_the_motion_keeps_clear_of_end_stops_and_motors_that_are_too_weak_are_said(arm, tmp_path):
     found = write_reach(arm, tmp_path / "reach.toml")
     scenario = load_scenario(tmp_path / "reach.toml")
     robot = scenario.robot
@@ -109,10 +100,6 @@ def test_the_motion_keeps_clear_of_end_stops(arm, tmp_path):
         assert (away > 0.09 * np.minimum(robot.q_max - robot.q_min, 10.0)).all()
     assert scenario.sections["controller"]["K_p"] == [float(f"{k:.4g}") for k in found.gains.K_p]
     assert found.notes == []
-
-
-@pytest.mark.heavy
-def test_motors_that_are_too_weak_are_said(arm, tmp_path):
     text = arm.read_text(encoding="utf-8")
     assert text.count("tau_stall = 0.5\n") == 2
     arm.write_text(text.replace("tau_stall = 0.5\n", "tau_stall = 0.01\n"), encoding="utf-8")

@@ -12,7 +12,6 @@ STEP = 1e-3
 
 
 def late(loop):
-    """Return a loop of one input whose feedback comes a sample later."""
     (A, B), n = loop.plant, len(loop.plant.A)
     whole = np.zeros((n + 1, n + 1))
     whole[:n, :n], whole[:n, n:] = A, B
@@ -114,15 +113,12 @@ def test_a_mode_that_grows_fast_or_by_the_loop_leaves_no_margin(rate, moved):
     assert found.rate > 0.0 and found.modulus[0] == found.phase[0] == found.delay[0] == 0.0
 
 
-def test_a_mode_that_decays_faster_than_the_loop_could_move_it_counts():
+def test_a_mode_that_decays_faster_than_the_loop_could_move_it_counts_and_what_stays_constant_does_not():
     loop = oscillator(-1.8, 1.0)
     w = np.linspace(500.0, 700.0, 200_000)  # 2e-3 rad/s apart, of a peak of 1.8 rad/s
     assert loop.modulus[0] == pytest.approx(distances(loop, w).min(), rel=1e-3)
     assert 0.5 < loop.modulus[0] < 0.8  # 1.8 of 2.8 1/s
-
-
-def test_what_stays_constant_takes_no_margin():
-    """A mass held by a spring and by an element that is one at rest, as hysteresis is: the states of both are one."""
+    # A mass held by a spring and by an element that is one at rest, as hysteresis is: the states of both are one.
     m, k, k_h, d = 2.0, 3e4, 2e3, 5.0
     one = np.array([[-d / m, -1 / m], [k + k_h, 0.0]])  # speed, torque of both springs
     two = np.array([[-d / m, -1 / m, -1 / m], [k, 0.0, 0.0], [k_h, 0.0, 0.0]])
@@ -135,18 +131,23 @@ def test_what_stays_constant_takes_no_margin():
     assert wanted.modulus[0] > 0.1
 
 
-def test_a_mass_that_nothing_holds_has_the_margins_of_no_loop():
+def test_a_mass_that_nothing_holds_an_unstable_loop_and_one_that_is_zero_at_a_frequency_have_their_margins():
     """Position and speed have one eigenvector."""
     plant = held(Linear(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])), STEP)
     found = Loop(plant, np.zeros((1, 2)), STEP).margins()
     assert found.modulus.tolist() == [1.0] and found.gain.tolist() == [np.inf] and found.rate == -np.inf
-
-
-def test_an_unstable_loop_has_no_margin():
     loop = Loop(held(Linear(np.zeros((1, 1)), np.ones((1, 1))), STEP), np.array([[-1.1 / STEP]]), STEP)
     assert loop.modulus[0] > 0.0  # k h below 2
     then = late(loop).margins()  # k h above 1
     assert then.rate > 0.0 and then.modulus[0] == then.phase[0] == then.delay[0] == 0.0
+    with pytest.raises(UsageError, match="Plain is not traced and has no derivatives"):
+        Plain().linearize()
+    w = np.geomspace(0.1, 10.0, 200)
+    loop = 4.0 / (1.0 + 1j * w[:, None]) ** 3
+    cut = loop.copy()
+    cut[-1] = 0.0  # beyond all crossings
+    with np.errstate(all="raise"):
+        np.testing.assert_array_equal(_margins(cut, w, True), _margins(loop, w, True))
 
 
 class Plain(Unit):
@@ -158,17 +159,3 @@ class Plain(Unit):
     def outputs(self):
         """Set y."""
         self.y = 1.0
-
-
-def test_what_cannot_be_traced_cannot_be_linearised():
-    with pytest.raises(UsageError, match="Plain is not traced and has no derivatives"):
-        Plain().linearize()
-
-
-def test_a_loop_that_is_zero_at_a_frequency_has_the_margins_of_its_other_frequencies():
-    w = np.geomspace(0.1, 10.0, 200)
-    loop = 4.0 / (1.0 + 1j * w[:, None]) ** 3
-    cut = loop.copy()
-    cut[-1] = 0.0  # beyond all crossings
-    with np.errstate(all="raise"):
-        np.testing.assert_array_equal(_margins(cut, w, True), _margins(loop, w, True))

@@ -110,14 +110,12 @@ def test_springs_without_load_deflect_by_their_compliance():
     """Three joints of the arm carry no weight; |tau| has no slope there, the deformation has."""
     robot = vdfmu.load_robot("manipulator_6dof")
     system, joints = vdfmu.linearize(robot, np.zeros(6)), range(1, 7)
-    kappa, tau_s = (
-        [system.outputs.index(f"kappa[{i}]") for i in joints],
-        [system.states.index(f"tau_s[{i}]") for i in joints],
-    )
+    kappa = [system.outputs.index(f"kappa[{i}]") for i in joints]
+    tau_s = [system.states.index(f"tau_s[{i}]") for i in joints]
     assert (system.x[tau_s] == 0.0).sum() == 3
-    slopes = system.C[np.ix_(kappa, tau_s)]
     # a sum of two terms, each of some 5 operations
-    np.testing.assert_allclose(slopes, np.diag(deformation_derivative(robot, system.x[tau_s])), rtol=1e-15 * 10)
+    expected = np.diag(deformation_derivative(robot, system.x[tau_s]))
+    np.testing.assert_allclose(system.C[np.ix_(kappa, tau_s)], expected, rtol=1e-15 * 10)
 
 
 def plain_plant(robot, dry):

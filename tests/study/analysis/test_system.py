@@ -153,7 +153,6 @@ def test_what_cannot_be_linearised_is_said():
             lambda: vdfmu.linearize("planar_tracking", [0.1, 0.2]),
             "expected a Robot, got str .* A scenario or a package takes a time in s instead of positions",
         ),
-        (lambda: vdfmu.linearize(vdfmu.load_robot("planar_2dof"), [0.1, 0.2], sampled=True), "for systems at a time"),
         (lambda: vdfmu.linearize("planar_tracking", -1.0), "at: expected a time of the run from 0 s"),
         (lambda: margins_along("planar_tracking", at=[np.nan]), "at: expected times of the run, .* got nan s"),
         (lambda: margins_along("planar_tracking", at=[2.5, 1.0]), "at: expected times .* 0 s to 2 s, got 2.5 s"),

@@ -9,7 +9,6 @@ REST = 1e-7
 
 
 def scenario_file(folder, units):
-    """Write a system and its scenario, and return the latter."""
     (folder / "system.toml").write_text(f'name = "own"\ndescription = "units of a user"\n\n[units]\n{units}')
     (folder / "scenario.toml").write_text(
         'name = "own"\ndescription = "units of a user"\nsystem = "system.toml"\n'
@@ -68,3 +67,11 @@ class Noisy(Unit):
         \"\"\"Integrate.\"\"\"
         self.s_dot = self.y + self.z
 """
+
+
+def switched_file(folder):
+    """Write a scenario of a chopper and a noisy, sampled unit, each of which reads the other."""
+    (folder / "chopper.py").write_text(CHOPPER)
+    (folder / "noisy.py").write_text(NOISY)
+    units = 'a = "chopper.py"\nb = "noisy.py"\n\n[connections]\n"a.y" = ["b.y"]\n"b.z" = ["a.u"]\n'
+    return scenario_file(folder, units)

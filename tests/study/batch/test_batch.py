@@ -9,7 +9,7 @@ import pytest
 
 import vdfmu
 from tests.conftest import heavy
-from tests.study.batch.scenarios import CHOPPER, NOISY, POSITION, REST, scenario_file
+from tests.study.batch.scenarios import POSITION, REST, scenario_file, switched_file
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.job import Bench
@@ -100,9 +100,12 @@ def test_inputs_from_outside_and_both_masters(bench, master):
         assert not bench.needed
 
 
-def test_a_solver_with_a_fixed_number_of_steps(bench):
-    options = {"stop": 0.05, "settings": {"plant.solver": "fixed_2"}}
-    rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0], "controller.K_p[1]": [1e3, 2e3]}, **options)
+@pytest.mark.parametrize("options", [
+    {"settings": {"plant.solver": "fixed_2"}},
+    *heavy(*({"units": {"controller": law}} for law in ("disturbance_observer", "virtual_decomposition"))),
+], ids=str)  # fmt: skip
+def test_a_solver_with_a_fixed_number_of_steps_and_sampled_laws_of_control(bench, options):
+    rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, stop=0.05, **options)
     assert_same_runs(rows, others)
     assert not bench.needed
 
@@ -181,14 +184,11 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
     np.testing.assert_allclose(found["end"][rest], well["end"][rest], rtol=0.0, atol=POSITION)
 
 
-@pytest.mark.parametrize(
-    ("over", "options", "words"),
-    [
-        ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
-        ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: decides what is compiled"),
-        ({"plant.mass[1]": "1, 2"}, {"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
-    ],
-)
+@pytest.mark.parametrize(("over", "options", "words"), [
+    ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
+    ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: decides what is compiled"),
+    ({"plant.mass[1]": "1, 2"}, {"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
+])  # fmt: skip
 def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options, words):
     with pytest.raises(UsageError, match=f"engine: batch: {words}(.|\n)*Take the engine fmu"):
         make_plan("planar_tracking", over, **options, engine="batch")
@@ -197,18 +197,16 @@ def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options,
     assert make_plan("planar_tracking", many, **options).facts["engine"] == "fmu"
 
 
-def test_an_engine_that_there_is_not_is_said():
-    with pytest.raises(UsageError, match="engine: expected fmu or batch, got 'gpu'"):
-        make_plan("planar_tracking", {"plant.mass[1]": "1, 2"}, engine="gpu")
-
-
-def test_packages_and_few_points_are_run_by_fmus(tmp_path, bench):
-    few = make_plan("planar_tracking", {"plant.mass[1]": "1, 2"})
+def test_packages_and_few_points_are_run_by_fmus_and_an_engine_that_there_is_not_is_said(tmp_path):
+    over = {"plant.mass[1]": "1, 2"}
+    few = make_plan("planar_tracking", over)
     assert few.facts["engine"] == "fmu"
     path = tmp_path / "system.ssp"
     path.write_bytes(few.job.systems[0].content)
     with pytest.raises(UsageError, match="engine: batch needs a scenario"):
-        make_plan(path, {"plant.mass[1]": "1, 2"}, measure=["m=max(plant.q)"], engine="batch")
+        make_plan(path, over, measure=["m=max(plant.q)"], engine="batch")
+    with pytest.raises(UsageError, match="engine: expected fmu or batch, got 'gpu'"):
+        make_plan("planar_tracking", over, engine="gpu")
 
 
 @pytest.mark.heavy
@@ -216,14 +214,13 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     (tmp_path / "wave.py").write_text(
         "import numpy as np\n\nfrom vdfmu.unit import Output, Parameter, Unit\n\n\n"
         'class Wave(Unit):\n    """A wave."""\n\n    f = Parameter("1/s", text="angular frequency", start=30.0)\n'
-        '    y = Output("1", text="wave")\n\n    def outputs(self) -> None:\n        """Its value."""\n'
+        '    y = Output("1", text="wave")\n\n    def outputs(self) -> None:\n'
         "        self.y = np.sin(self.f * self.t)\n"
     )
-    filter_ = (Path(__file__).parents[3] / "examples" / "units" / "low_pass.py").read_text()
-    (tmp_path / "low_pass.py").write_text(filter_)
-    units = (
-        'wave = "wave.py"\na = "low_pass.py"\nb = "low_pass.py"\n\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
-    )
+    low_pass = Path(__file__).parents[3] / "examples" / "units" / "low_pass.py"
+    (tmp_path / "low_pass.py").write_text(low_pass.read_text())
+    parts = 'wave = "wave.py"\na = "low_pass.py"\nb = "low_pass.py"\n'
+    units = parts + '\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
     over = {"a.T": "0.01, 0.1", "b.T": "0.02, 1e-4, 0.05", "wave.f": "10, 60"}
     rows, others = bench(scenario_file(tmp_path, units), over, measure=["end=final(b.y)"])
     assert_same_runs(rows, others)
@@ -233,25 +230,14 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
 
 @pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])
 def test_units_that_are_sampled_or_switched_by_time(bench, tmp_path, master):
-    (tmp_path / "chopper.py").write_text(CHOPPER)
-    (tmp_path / "noisy.py").write_text(NOISY)
-    units = 'a = "chopper.py"\nb = "noisy.py"\n\n[connections]\n"a.y" = ["b.y"]\n"b.z" = ["a.u"]\n'
+    scenario = switched_file(tmp_path)
     over = {"b.period": "0.01, 0.02, 0.07", "b.seed": "3, 4", "a.f": "7, 100"}
-    rows, others = bench(scenario_file(tmp_path, units), over, measure=["end=final(b.s)"], master=master)
+    rows, others = bench(scenario, over, measure=["end=final(b.s)"], master=master)
     assert_same_runs(rows, others)
     assert not bench.needed
     assert len({row["end"] for row in rows}) == 12
-    for row in bench(scenario_file(tmp_path, units), {"b.period": "0.015, 0.005"}, measure=["end=final(b.s)"])[0]:
+    for row in bench(scenario, {"b.period": "0.015, 0.005"}, measure=["end=final(b.s)"])[0]:
         assert "expected a whole multiple of its step 0.01 s" in row["failed"]  # by the FMUs, to which it was left
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("law", ["disturbance_observer", "virtual_decomposition"])
-def test_sampled_laws_of_control(bench, law):
-    options = {"units": {"controller": law}, "stop": 0.1}
-    rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, **options)
-    assert_same_runs(rows, others)
-    assert not bench.needed
 
 
 @pytest.mark.heavy

@@ -11,7 +11,7 @@ import wasmtime
 import vdfmu
 from tests.compiler.wasm.linked import linked
 from tests.conftest import heavy
-from tests.study.batch.scenarios import CHOPPER, NOISY, POSITION, REST, scenario_file
+from tests.study.batch.scenarios import POSITION, REST, switched_file
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.program import SystemProgram, write_module
@@ -66,31 +66,21 @@ def assert_same_run(scenario: Any, settings: dict[str, Any] | None = None) -> No
 
 @pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])
 def test_units_that_are_sampled_or_switched_by_time(tmp_path, master):
-    (tmp_path / "chopper.py").write_text(CHOPPER)
-    (tmp_path / "noisy.py").write_text(NOISY)
-    units = 'a = "chopper.py"\nb = "noisy.py"\n\n[connections]\n"a.y" = ["b.y"]\n"b.z" = ["a.u"]\n'
-    scenario = prepare(scenario_file(tmp_path, units), master=master)
-    assert_same_run(scenario, {"b.period": 0.02, "a.f": 33.0})
+    assert_same_run(prepare(switched_file(tmp_path), master=master), {"b.period": 0.02, "a.f": 33.0})
 
 
-@pytest.mark.parametrize(
-    "options", [{"stop": 0.1}, *heavy({"stop": 0.05, "units": {"controller": "disturbance_observer"}})]
-)
-def test_an_arm_and_a_sampled_law(options):
-    assert_same_run(prepare("planar_tracking", **options))
+@pytest.mark.parametrize(("name", "options", "settings"), [
+    ("planar_tracking", {"stop": 0.1}, {}),
+    ("planar_tracking", {"stop": 0.05}, {"plant.solver": "fixed_2"}),
+    *heavy(("planar_tracking", {"stop": 0.05, "units": {"controller": "disturbance_observer"}}, {})),
+    *heavy(*((n, {"stop": 0.1}, {}) for n in ("tracking", "two_arms", "slider_tracking", "wall", "screw"))),
+    *heavy(("estimation", {"stop": 0.1}, {})),
+])  # fmt: skip
+def test_an_arm_with_fixed_steps_or_a_sampled_law_and_the_shipped_scenarios(name, options, settings):
+    assert_same_run(prepare(name, **options), settings)
 
 
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", ["tracking", "two_arms", "slider_tracking", "wall", "screw", "estimation"])
-def test_the_shipped_scenarios(name):
-    assert_same_run(prepare(name, stop=0.1))
-
-
-def test_a_fixed_number_of_steps():
-    assert_same_run(prepare("planar_tracking", stop=0.05), {"plant.solver": "fixed_2"})
-
-
-def test_what_is_not_met_and_what_stops_are_told():
+def test_what_is_not_met_what_stops_and_all_reasons_for_no_program_are_told():
     scenario = prepare("planar_tracking", stop=0.2)
     module = Module(scenario, {}, **{"plant.f_s[1]": 0.01})
     words = [words for condition in module.program.conditions for words in condition.words]
@@ -99,9 +89,6 @@ def test_what_is_not_met_and_what_stops_are_told():
     assert unstable.begun == 0
     (stopped,) = {found for found in unstable.steps() if found}
     assert unstable.program.moving[stopped - 1].name == "plant"
-
-
-def test_a_system_that_has_no_program_has_all_reasons():
     scenario = dataclasses.replace(prepare("planar_tracking"), master="iterative", adaptive=1e-3)
     with pytest.raises(vdfmu.VdfmuError, match="master: expected gauss-seidel or jacobi, got iterative\nadaptive: "):
         SystemProgram(SystemDescription(scenario))

@@ -44,7 +44,7 @@ def test_the_check_of_gymnasium_passes(arm):
     made.close()
 
 
-def test_numbers_have_names_units_and_limits(arm):
+def test_numbers_have_names_units_and_limits_and_a_seed_gives_an_episode(arm):
     task = arm.task
     assert task.inputs == ["plant.tau[1]", "plant.tau[2]"] and task.action_units == ["N.m", "N.m"]
     assert dict(zip(task.signals, task.units, strict=True))["plant.kappa_dot[2]"] == "rad/s"
@@ -52,8 +52,6 @@ def test_numbers_have_names_units_and_limits(arm):
     assert arm.observation_space.high[:2].tolist() == [2.0 * np.pi] * 2
     assert set(task.scenario.system.parts) == {"trajectory", "plant"}  # the law and its feedforward are left out
 
-
-def test_a_seed_gives_an_episode(arm):
     def episode(seed):
         seen, info = arm.reset(seed=seed)
         rows = [seen, *(arm.step(np.array([0.1, 0.0]))[0] for _ in range(5))]
@@ -86,7 +84,7 @@ def test_an_episode_is_a_run_of_the_scenario_with_its_torques(arm):
     assert ends == [(False, False)] * 199 + [(False, True)]
 
 
-def test_what_leaves_the_limits_ends_the_episode_at_the_worst_cost():
+def test_what_leaves_the_limits_or_fails_ends_the_episode_at_the_worst_cost():
     env = vdfmu.ArmEnv(short(), limits={"plant.q_dot": 0.5}, hold=10)
     env.reset()
     ended, count = False, 0
@@ -98,9 +96,6 @@ def test_what_leaves_the_limits_ends_the_episode_at_the_worst_cost():
     assert reward == pytest.approx(-1.01 * (21 - count), rel=1e-12)  # of this action and those that are left
     assert env.reset()[0][2] == 0.0
     env.close()
-
-
-def test_a_step_that_fails_ends_the_episode_and_the_next_begins():
     env = vdfmu.ArmEnv(short(), limit=1e6, hold=10)
     env.reset()
     _, reward, ended, _, info = env.step(np.array([1e6, -1e6]))
@@ -133,31 +128,28 @@ def test_devices_of_a_system_are_part_of_what_the_agent_acts_through(tmp_path):
     env.close()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"hold": 7}, "whole multiple, got 7"),
-        ({"action": "plant.torque"}, "'plant.torque': expected a group of inputs"),
-        ({"seen": ("arm.q",)}, "arm: expected components of"),
-        ({"track": ("trajectory.q_d", "plant.kappa")}, "plant.kappa: expected one of what is seen"),
-        ({"limits": {"plant.x": 1.0}}, "plant.x: expected one of what is seen"),
-        ({"limits": {"plant.q": np.nan}}, "limits: plant.q: expected a finite number above 0, got nan"),
-        ({"hold": 2.5}, "whole multiple, got 2.5"),
-        ({"limit": [1.0, -1.0]}, "limit: expected a finite number above 0, got -1"),
-        ({"limit": [1, 2, 3]}, "limit: expected one number, or 2 for plant.tau, got"),
-        ({"error": 0.0}, "error: expected a finite number above 0, got 0"),
-        ({"effort": -1.0}, "effort: expected a finite number of at least 0, got -1"),
-        (
-            {"vary": {"plant.mass[2]": (1.5, 0.5)}},
-            r"vary: plant.mass\[2\]: expected two finite numbers, the lower first",
-        ),
-        ({"vary": {"plant.mass[2]": 1.0}}, "expected two finite numbers, the lower first, got 1.0"),
-        ({"vary": {"plant.mas[2]": (0.5, 1.5)}}, "plant.mas"),
-        ({"vary": {"plant.mass": (0.5, 1.5)}}, "vary: plant.mass: expected one parameter"),
-        ({"vary": 3}, "^vary: expected a mapping with texts as keys, got 3"),
-        ({"seen": "plant.q"}, "^seen: expected a sequence of texts, got 'plant.q'. Put it into a list"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"hold": 7}, "whole multiple, got 7"),
+    ({"action": "plant.torque"}, "'plant.torque': expected a group of inputs"),
+    ({"seen": ("arm.q",)}, "arm: expected components of"),
+    ({"track": ("trajectory.q_d", "plant.kappa")}, "plant.kappa: expected one of what is seen"),
+    ({"limits": {"plant.x": 1.0}}, "plant.x: expected one of what is seen"),
+    ({"limits": {"plant.q": np.nan}}, "limits: plant.q: expected a finite number above 0, got nan"),
+    ({"hold": 2.5}, "whole multiple, got 2.5"),
+    ({"limit": [1.0, -1.0]}, "limit: expected a finite number above 0, got -1"),
+    ({"limit": [1, 2, 3]}, "limit: expected one number, or 2 for plant.tau, got"),
+    ({"error": 0.0}, "error: expected a finite number above 0, got 0"),
+    ({"effort": -1.0}, "effort: expected a finite number of at least 0, got -1"),
+    (
+        {"vary": {"plant.mass[2]": (1.5, 0.5)}},
+        r"vary: plant.mass\[2\]: expected two finite numbers, the lower first",
+    ),
+    ({"vary": {"plant.mass[2]": 1.0}}, "expected two finite numbers, the lower first, got 1.0"),
+    ({"vary": {"plant.mas[2]": (0.5, 1.5)}}, "plant.mas"),
+    ({"vary": {"plant.mass": (0.5, 1.5)}}, "vary: plant.mass: expected one parameter"),
+    ({"vary": 3}, "^vary: expected a mapping with texts as keys, got 3"),
+    ({"seen": "plant.q"}, "^seen: expected a sequence of texts, got 'plant.q'. Put it into a list"),
+])  # fmt: skip
 def test_what_is_not_there_is_refused(options, message):
     with pytest.raises(UsageError, match=message):
         TrackingTask(short(), **options)
@@ -192,9 +184,6 @@ def test_a_seed_reaches_the_random_numbers_of_devices(tmp_path):
         fixed = {"parameters": {"sensor.seed": 7}}
         assert np.array_equal(episode(seed=1, options=fixed), episode(seed=2, options=fixed))
         assert env.task.seeds == ["sensor.seed"]
-
-
-# ---------------------------------------------------------------- many arms
 
 
 @pytest.mark.heavy
@@ -243,9 +232,6 @@ def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():
             assert np.array_equal(seen[1], first[1]) and reward[1] == 0.0
     again, *_ = many.step(calm)
     assert np.array_equal(again[[0, 2]], first[[0, 2]]) and not np.array_equal(again[1], first[1])
-
-
-def test_many_are_made_by_name():
     many = gymnasium.make_vec("vdfmu/Arm-v0", num_envs=2, vectorization_mode="vector_entry_point", scenario=short())
     seen, _ = many.reset(seed=0)
     assert seen.shape == (2, 12) and many.observation_space.contains(seen)
@@ -328,16 +314,13 @@ def test_a_scenario_is_opened_at_the_actions_of_an_environment():
     env.close()
 
 
-@pytest.mark.parametrize(
-    ("actions", "seen", "options", "message"),
-    [
-        ({"load.w": 1.0}, ["load.q"], {}, "'load.w': action must be a free input, but a connection feeds it"),
-        ({"motor.u": 1.0}, ["load.p"], {}, "'load.p': expected a group of outputs"),
-        ({"motor.u": (1.0, -1.0)}, ["load.q"], {}, "limit: expected finite bounds, the lower first"),
-        ({"motor.u": 1.0}, ["load.q"], {"vary": {"motor.R": (1, 2)}}, "vary: motor.R: must be one parameter"),
-        ({"motor.u": 1.0}, ["load.q"], {"hold": 7}, "whole multiple, got 7"),
-    ],
-)
+@pytest.mark.parametrize(("actions", "seen", "options", "message"), [
+    ({"load.w": 1.0}, ["load.q"], {}, "'load.w': action must be a free input, but a connection feeds it"),
+    ({"motor.u": 1.0}, ["load.p"], {}, "'load.p': expected a group of outputs"),
+    ({"motor.u": (1.0, -1.0)}, ["load.q"], {}, "limit: expected finite bounds, the lower first"),
+    ({"motor.u": 1.0}, ["load.q"], {"vary": {"motor.R": (1, 2)}}, "vary: motor.R: must be one parameter"),
+    ({"motor.u": 1.0}, ["load.q"], {"hold": 7}, "whole multiple, got 7"),
+])  # fmt: skip
 def test_wrong_environments_are_refused(drive, actions, seen, options, message):
     with pytest.raises(UsageError, match=message):
         drive.environment(actions, seen, reward_of, **options)

@@ -37,7 +37,6 @@ def noisy(log, robot, seed):
 
 
 def thinned(log, stride):
-    """Return every so many rows of a log: a fit takes as much less time."""
     return log._replace(**{name: getattr(log, name)[::stride] for name in ("t", "kappa", "q", "tau")})
 
 

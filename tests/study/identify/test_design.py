@@ -21,11 +21,6 @@ from vdfmu.study.identify.rows import slope
 STEP = 0.004
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return vdfmu.load_robot("planar_2dof")
-
-
 @pytest.mark.parametrize("name", ["planar_2dof", "slider_3dof", "kr300_6dof"])
 def test_the_log_of_a_motion_is_what_the_feedforward_gives(name):
     """Of links that follow it: positions of rotors and torques of motors, the counterbalance of the KR 300 included."""

@@ -21,20 +21,32 @@ from vdfmu.study.identify.score import score
 PHYSICAL = ("I_m", "f_c", "f_s", "v_s", "f_v")
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return vdfmu.load_robot("planar_2dof")
+def multisine_run(out, **settings):
+    """Run the planar arm along a multisine for 60 s, under feedforward and feedback."""
+    sines = motion.multisine([-1.2, 0.4], 1.2, [1, 2, 5, 9], period=15.0, periods=2, phases="random")
+    vdfmu.run(
+        "planar_tracking", units={"trajectory": sines.unit()}, stop=60.0, reference=False, out=out, overwrite=True,
+        settings=settings,
+    )  # fmt: skip
+    return out
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Return the folder of a run of 60 s along a multisine, under feedforward and feedback."""
-    out = tmp_path_factory.mktemp("run")
-    sines = motion.multisine([-1.2, 0.4], 1.2, [1, 2, 5, 9], period=15.0, periods=2, phases="random")
-    vdfmu.run(
-        "planar_tracking", units={"trajectory": sines.unit()}, stop=60.0, reference=False, out=out, overwrite=True
-    )
-    return out
+    return multisine_run(tmp_path_factory.mktemp("run"))
+
+
+@pytest.fixture(scope="module")
+def sticking(tmp_path_factory, robot):
+    """Return the log of a loop whose feedforward knows no friction: it sticks and slips, above any band."""
+    weak = {"controller.K_p": [150.0, 50.0], "controller.K_v": [4.0, 2.0]}
+    out = multisine_run(tmp_path_factory.mktemp("sticking"), **weak, **{"feedforward.f_c": 0.0, "feedforward.f_s": 0.0})
+    return read_log(out / "results.csv", robot)
+
+
+def named(found, robot):
+    """Return the values that were found and those of a robot by name."""
+    return tuple(dict(zip(found.names, values, strict=True)) for values in (found.values, found.of(robot)))
 
 
 @pytest.fixture(scope="module")
@@ -64,11 +76,10 @@ def true_stiffness(robot, found):
 
 
 @pytest.mark.heavy
-def test_noisy_logs_give_the_truth_within_a_per_cent(clean, robot, guess):
+def test_noisy_logs_give_the_truth_within_a_per_cent_and_those_without_what_the_method_leaves(clean, robot, guess):
     """Encoders of 17 bits and torques with 0.5 % noise: of 60 s, from a start 10 to 40 % off."""
     found = identify(noisy(clean, robot, 1), guess)
-    true = dict(zip(found.names, found.of(robot), strict=True))
-    values = dict(zip(found.names, found.values, strict=True))
+    values, true = named(found, robot)
     for name in (f"{p}[{i}]" for p in PHYSICAL for i in (1, 2)):
         assert name not in found.held
         assert values[name] == pytest.approx(true[name], rel=0.01), name
@@ -78,10 +89,6 @@ def test_noisy_logs_give_the_truth_within_a_per_cent(clean, robot, guess):
     np.testing.assert_allclose(found.stiffness, true_stiffness(robot, found), rtol=0.01)
     # a torque holds over a step of 1 ms, so on average it is half of one late
     assert found.delay == pytest.approx(0.5e-3, abs=0.1e-3)
-
-
-@pytest.mark.heavy
-def test_a_log_without_noise_leaves_what_the_method_does(clean, robot, guess):
     found = identify(clean, guess)
     true = np.array(found.of(robot))
     ratio = np.array([v / t if t else 1.0 for v, t in zip(found.values, true, strict=True)])
@@ -89,19 +96,6 @@ def test_a_log_without_noise_leaves_what_the_method_does(clean, robot, guess):
     own[found.links] = True
     # filters and held torques distort friction at its reversals: a half of the per cent that noise may take
     np.testing.assert_allclose(ratio[own], 1.0, atol=0.005)
-
-
-@pytest.fixture(scope="module")
-def sticking(tmp_path_factory, robot):
-    """Return the log of a loop whose feedforward knows no friction: it sticks and slips, above any band."""
-    out = tmp_path_factory.mktemp("run")
-    sines = motion.multisine([-1.2, 0.4], 1.2, [1, 2, 5, 9], period=15.0, periods=2, phases="random")
-    weak = {"controller.K_p": [150.0, 50.0], "controller.K_v": [4.0, 2.0]}
-    vdfmu.run(
-        "planar_tracking", units={"trajectory": sines.unit()}, stop=60.0, reference=False, out=out, overwrite=True,
-        settings={"feedforward.f_c": 0.0, "feedforward.f_s": 0.0, **weak},
-    )  # fmt: skip
-    return read_log(out / "results.csv", robot)
 
 
 @pytest.mark.heavy
@@ -129,21 +123,18 @@ def test_intervals_cover_the_truth_where_torques_go_through_zero(tmp_path):
     """The slider, whose first axis is vertical: its spring's law is nowhere linear over a filter's length."""
     slider = vdfmu.load_robot("slider_3dof")
     sines = motion.multisine([0.0, 0.0, 0.0], [0.8, 0.15, 0.8], [1, 2, 5, 9], period=15.0, periods=2, phases="random")
-    vdfmu.run(
-        "slider_tracking", units={"trajectory": sines.unit()}, stop=60.0, reference=False, out=tmp_path, overwrite=True
-    )
+    units = {"trajectory": sines.unit()}
+    vdfmu.run("slider_tracking", units=units, stop=60.0, reference=False, out=tmp_path, overwrite=True)
     log = read_log(tmp_path / "results.csv", slider)
     exact = identify(log, slider)
-    true = dict(zip(exact.names, exact.of(slider), strict=True))
-    values = dict(zip(exact.names, exact.values, strict=True))
+    values, true = named(exact, slider)
     # without noise what is left is the method's, as of the planar arm; with the law of filtered torques it was 11 %
     assert values["I_m[1]"] == pytest.approx(true["I_m[1]"], rel=0.01)
     np.testing.assert_allclose(exact.stiffness, true_stiffness(slider, exact), rtol=0.005)
     inside: list[bool] = []
     for seed in range(6):
         found = identify(noisy(thinned(log, 2), slider, seed), slider)
-        low, high = found.interval()
-        for name, a, b in zip(found.names, low, high, strict=True):
+        for name, a, b in zip(found.names, *found.interval(), strict=True):
             inside.append(a <= (0.5e-3 if name == "delay_tau" else true[name]) <= b)
     # 6 x 45 intervals, those of a log correlated: as 60 independent ones, 0.95 has a deviation of 0.028, three of them
     assert np.mean(inside) > 0.87, np.mean(inside)
@@ -165,12 +156,11 @@ def test_faults_of_sensors_are_found(clean, robot):
 
 
 @pytest.mark.heavy
-def test_without_link_positions_the_springs_are_kept_and_said(clean, robot):
+def test_without_link_positions_of_all_joints_or_one_the_springs_are_kept_and_said(clean, robot):
     found = identify(clean._replace(q=None), robot)
     assert not any(name.startswith("K_") for name in found.names)
     assert "log them by encoders behind the gears" in found.advice[0]
-    true = dict(zip(found.names, found.of(robot), strict=True))
-    values = dict(zip(found.names, found.values, strict=True))
+    values, true = named(found, robot)
     assert not found.held
     # links lie by the springs of the robot file, quasi-static: of their accelerations a per cent of the deformation's
     for name in ("f_c[1]", "f_s[2]", "mx2"):
@@ -178,17 +168,12 @@ def test_without_link_positions_the_springs_are_kept_and_said(clean, robot):
     for i, name in enumerate(("Izz1 + 0.25 m2", "Izz2")):  # only the robot file parts it from the rotor's inertia
         whole = [each[name] + robot.ell[i] * each[f"I_m[{i + 1}]"] for each in (values, true)]
         assert whole[0] == pytest.approx(whole[1], rel=0.01), name
-
-
-@pytest.mark.heavy
-def test_a_joint_without_link_positions_is_beside_one_with(clean, robot):
     q = clean.q.copy()
     q[:, 1] = np.nan
     found = identify(clean._replace(q=q), robot)
     assert {"K_f0[2]", "K_w0[2]"} <= set(found.held) and "joint 2," in found.advice[0]
     assert not found.deformation_error[:, 1].any() and np.isfinite(found.deviation).all()
-    true = dict(zip(found.names, found.of(robot), strict=True))
-    values = dict(zip(found.names, found.values, strict=True))
+    values, true = named(found, robot)
     # as without link positions at all; what both encoders see of joint 1 is as in the log without noise
     for name in ("f_c[1]", "f_s[2]", "mx2", "Izz2", "Izz1 + 0.25 m2", "I_m[1]"):
         assert values[name] == pytest.approx(true[name], rel=0.01), name
@@ -236,21 +221,16 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
 
 
 @pytest.mark.heavy
-def test_a_score_needs_the_encoders_of_the_fit(clean, exact, robot):
+def test_a_score_needs_the_encoders_of_the_fit_and_torques_that_do_not_fit_are_said(clean, exact, robot):
     bare = clean._replace(q=None, where="bare")
+    words = r"expected a log with(out)? encoders behind the gears, as .*, got one with"
     for found, one, other in ((exact, clean, bare), (identify(bare, robot), bare, clean)):
-        with pytest.raises(
-            UsageError, match=r"expected a log with(out)? encoders behind the gears, as .*, got one with"
-        ):
+        with pytest.raises(UsageError, match=words):
             score(found, robot, one, other)
     own = score(exact, robot, clean, clean)
     # the log that was fitted leaves what the fit left: sums in another order
     np.testing.assert_allclose(own.torque_error, exact.torque_error, rtol=1e-9, atol=1e-12)
     assert np.all(own.torque_left < 0.01 * own.torque) and np.all(own.rigid_left > own.torque_left)
-
-
-@pytest.mark.heavy
-def test_torques_that_do_not_fit_the_motion_are_said(clean, exact, robot):
     found = identify(thinned(clean._replace(tau=-clean.tau), 2), robot)
     assert any("joint 2: the model leaves more than 30 % of the torque; check" in note for note in found.advice)
     assert exact.advice == []

@@ -20,17 +20,11 @@ from vdfmu.study.identify.log import read_log
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return vdfmu.load_robot("planar_2dof")
-
-
-@pytest.fixture(scope="module")
 def data(robot):
     return motion(robot, T)
 
 
 def table(data, **other):
-    """Return the columns of a CSV of this project."""
     arrays = dict(zip(("kappa", "q", "tau"), data, strict=True)) | other
     return {f"{name}[{i + 1}]": column for name, each in arrays.items() for i, column in enumerate(each.T)}
 
@@ -54,6 +48,8 @@ def test_a_log_without_a_fault_is_taken_as_it_is(robot, data, tmp_path):
     for mine, other in zip((log.t, log.kappa, log.q, log.tau), (T, *data), strict=True):
         assert mine.tobytes() == np.ascontiguousarray(other).tobytes()
     assert log.notes == ()
+    kappa, q, tau = (each[:, [0, 0]] for each in data)  # joints that move alike are not taken for each other
+    assert read_log(write(tmp_path / "log.csv", table((kappa, q * [1, 1.001], tau))), robot).notes == ()
 
 
 def test_a_csv_of_another_tool(robot, data, tmp_path):
@@ -84,19 +80,23 @@ def test_joints_that_a_tool_counts_from_0(robot, data, tmp_path):
     assert log.notes[1] == "q: joint 1 is q_0: counted from 0" and len(log.notes) == 3
 
 
+def write_hdf5(path, columns):
+    """Write a MATLAB file of version 7.3."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in columns.items():
+            file[name] = values
+        file.create_dataset("name", data=np.array([[120]], np.uint16)).attrs["MATLAB_class"] = b"char"
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + b"\x00\x02IM")
+
+
 def test_matlab_files_of_both_versions(robot, data, tmp_path):
     """Version 5 by scipy, with a row for each joint in a struct; version 7.3 by h5py, as MATLAB writes it."""
     kappa, q, tau = data
     rec = {"t": T, "pos_deg": np.rad2deg(kappa.T), "se": q.T, "torque": tau.T, "name": "x", "n": 2.0}
     scipy.io.savemat(tmp_path / "5.mat", {"rec": rec})
-    with h5py.File(tmp_path / "7.mat", "w", userblock_size=512) as file:
-        group = file.create_group("rec")
-        for name in ("pos_deg", "se", "torque"):
-            group[name] = rec[name]  # HDF5 has MATLAB's arrays transposed: here (m, 2)
-        group["t"] = T[None]
-        file.create_dataset("name", data=np.array([[120]], np.uint16)).attrs["MATLAB_class"] = b"char"
-    with open(tmp_path / "7.mat", "r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + b"\x00\x02IM")
+    # HDF5 has MATLAB's arrays transposed: here (m, 2)
+    write_hdf5(tmp_path / "7.mat", {"rec/t": T[None]} | {f"rec/{n}": rec[n] for n in ("pos_deg", "se", "torque")})
     for name in ("5.mat", "7.mat"):
         columns = {"kappa": "rec.pos_deg[{}] [deg]", "q": "rec.se[{}]", "tau": "rec.torque[{}]"}
         log = read_log(tmp_path / name, robot, columns)
@@ -194,34 +194,21 @@ def test_a_clock_that_jitters_is_told_from_samples_that_do(robot, data, tmp_path
 def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path):
     kappa, q, tau = data
     path = tmp_path / "log.csv"
-    for other, message in (
-        ({"q": q[:, ::-1]}, r"q\[1\] moves with kappa\[2\], correlation 1.000.*\n.*q\[2\] moves with kappa\[1\]"),
-        ({"q": q * [1, -1]}, r"q\[2\] moves -1 times as far as kappa\[2\], expected 1: a sign differs: --column"),
-        ({"q": np.rad2deg(q * 0.05), "kappa": kappa * 0.05}, r"q\[1\] moves 57.\d+ .* the link's look like degrees"),
-        (
-            {"q": q * 0.05, "kappa": np.rad2deg(kappa * 0.05)},
-            r"q\[1\] moves 0.0174\d* .* the rotor's look like degrees",
-        ),
-        ({"kappa": kappa * robot.ell * 0.02, "q": q * 0.02}, "the rotor's look like the motor's, .* theta"),
-        ({"tau": tau * [1, 0]}, r"tau\[2\]: expected a measured torque, got 0 N.m in all rows"),
+    back = np.where(np.arange(M) == 700, T[698], T)
+    for other, t, message in (
+        ({"q": q[:, ::-1]}, T, r"q\[1\] moves with kappa\[2\], correlation 1.000.*\n.*q\[2\] moves with kappa\[1\]"),
+        ({"q": q * [1, -1]}, T, r"q\[2\] moves -1 times as far as kappa\[2\], expected 1: a sign differs: --column"),
+        ({"q": np.rad2deg(q * 0.05), "kappa": kappa * 0.05}, T, r"q\[1\] moves 57.\d+ .* the link's look like degrees"),
+        ({"q": q * 0.05, "kappa": np.rad2deg(kappa * 0.05)}, T, r"q\[1\] moves 0.0174\d* .* rotor's look like degrees"),
+        ({"kappa": kappa * robot.ell * 0.02, "q": q * 0.02}, T, "the rotor's look like the motor's, .* theta"),
+        ({"tau": tau * [1, 0]}, T, r"tau\[2\]: expected a measured torque, got 0 N.m in all rows"),
+        ({}, back, r"row 701: time: expected .* more than the 2.796 s of the row before, got 2.792"),
+        ({}, 1e3 * T, "expected a row every few ms, got one every 4 s: give the unit, --time"),
     ):
         with pytest.raises(UsageError, match=message):
-            read_log(write(path, table(data, **other)), robot)
-    back = np.where(np.arange(M) == 700, T[698], T)
-    with pytest.raises(
-        UsageError, match=r"row 701: time: expected .* more than the 2.796 s of the row before, got 2.792"
-    ):
-        read_log(write(path, table(data), back), robot)
-    with pytest.raises(UsageError, match="expected a row every few ms, got one every 4 s: give the unit, --time"):
-        read_log(write(path, table(data), 1e3 * T), robot)
+            read_log(write(path, table(data, **other), t), robot)
     same(read_log(write(path, table(data), 1e3 * T), robot, time="time [ms]"), data)
     assert any("q[1] moves 0.9" in note for note in read_log(write(path, table(data, q=0.9 * q)), robot).notes)
-
-
-def test_joints_that_move_alike_are_not_taken_for_each_other(robot, data, tmp_path):
-    kappa, q, tau = data
-    columns = table((kappa[:, [0, 0]], q[:, [0, 0]] * [1, 1.001], tau[:, [0, 0]]))
-    assert read_log(write(tmp_path / "log.csv", columns), robot).notes == ()
 
 
 def test_the_way_out_is_one(robot, data, tmp_path):
@@ -263,16 +250,13 @@ def test_a_robot_with_stops_shows_degrees_without_links(robot, data, tmp_path):
 
 def test_torques_that_fit_otherwise_are_noted(robot, data, tmp_path):
     _, _, tau = data
-    path = tmp_path / "log.csv"
+    sign = "tau[1]: its friction would drive the joint: check the sign, --column 'tau[1]=NAME [-1 N.m]'"
     for other, notes in (
         (tau[:, ::-1], ["tau[1] fits joint 2, whose motion leaves", "tau[2] fits joint 1, whose motion leaves"]),
-        (
-            tau * [-1, 1],
-            ["tau[1]: its friction would drive the joint: check the sign, --column 'tau[1]=NAME [-1 N.m]'"],
-        ),
+        (tau * [-1, 1], [sign]),
         (tau * robot.ell, ["torques are "]),
     ):
-        found = read_log(write(path, table(data, tau=other)), robot).notes
+        found = read_log(write(tmp_path / "log.csv", table(data, tau=other)), robot).notes
         assert len(found) == len(notes)
         assert all(each.startswith(start) for each, start in zip(found, notes, strict=True)), found
 
@@ -306,15 +290,12 @@ def test_a_record_of_the_kuka_kr300_counts_from_its_start(tmp_path):
 
 @pytest.mark.heavy
 def test_without_h5py_a_file_of_version_7_3_is_not_read_and_the_way_is_said(tmp_path):
-    with h5py.File(tmp_path / "7.mat", "w", userblock_size=512) as file:
-        file["t"] = T[None]
-    with open(tmp_path / "7.mat", "r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + b"\x00\x02IM")
+    write_hdf5(tmp_path / "7.mat", {"t": T[None]})
     code = "import sys; sys.modules['h5py'] = None; import vdfmu.cli; vdfmu.cli.main()"
+    words = ["identify", str(tmp_path / "7.mat"), "--robot", "planar_2dof"]
     done = subprocess.run(
-        [sys.executable, "-c", code, "identify", str(tmp_path / "7.mat"), "--robot", "planar_2dof"],
-        check=False, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        [sys.executable, "-c", code, *words], check=False, capture_output=True, text=True, timeout=120
+    )
     said = " ".join(done.stderr.split())
     assert done.returncode == 2 and "a MATLAB file of version 7.3 needs the package h5py" in said
     assert "'pip install vdfmu[matlab]'" in said

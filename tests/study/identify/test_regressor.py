@@ -22,7 +22,7 @@ def states(n, count=5):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_regressor_is_pinocchios(name):
+def test_the_regressor_is_pinocchios_and_with_rotors_gives_the_torques_of_the_recursion(name):
     robot = vdfmu.load_robot(name)
     model = build_pinocchio_model(robot)
     q, q_dot, q_ddot, *rotors = states(robot.n)
@@ -31,11 +31,7 @@ def test_the_regressor_is_pinocchios(name):
         theirs = pin.computeJointTorqueRegressor(model, model.createData(), q[k], q_dot[k], q_ddot[k])
         # rounding of numbers up to 100
         np.testing.assert_allclose(mine[k], theirs, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_with_rotors_it_gives_the_torques_of_the_recursion(name):
-    """(44)-(47) with the rotors' forces (7), (10)-(11)."""
+    # (44)-(47) with the rotors' forces (7), (10)-(11).
     robot = dataclasses.replace(vdfmu.load_robot(name), rotor_coupling=True)
     q, q_dot, q_ddot, kappa_dot, kappa_ddot = states(robot.n)
     Y = regressor(robot, q, q_dot, q_ddot, kappa_dot, kappa_ddot)

@@ -145,12 +145,9 @@ class Browser:
     ) -> None:
         """Open a file or an address in a window of a size; `scale`: pixels of the screen to each of the page."""
         self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=scale,
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale,
             mobile=width < 600,
-        )
+        )  # fmt: skip
         features = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
         media = [{"name": name, "value": value} for name, value in features.items()]
         self.call("Emulation.setEmulatedMedia", features=media)
@@ -204,6 +201,5 @@ def centre(browser: Browser, selector: str) -> tuple[float, float]:
 
 
 def number(text: str) -> float:
-    """Return the number that a page writes as 1.5 or 1.5·10⁻³."""
     mantissa, _, power = text.replace("−", "-").partition("·10")
     return float(mantissa) * 10.0 ** int((power or "⁰").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))

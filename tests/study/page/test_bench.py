@@ -54,7 +54,7 @@ def test_arm_slider_and_figure_are_in_sight_together(run, browser, size):
         assert plot[0] > slider[1] and (plot[1] if tile else plot[0] + 0.75 * (plot[1] - plot[0])) <= size[1]
 
 
-def test_on_a_phone_the_arm_stays_above_the_sliders(run, browser):
+def test_on_a_phone_the_arm_stays_above_the_sliders_and_tiles_lead_to_their_figure(run, browser):
     show(browser, run / "report.html", *PHONE)
     tile, canvas = browser.run(f"{SEEN}('.tile', '.canvas')")
     assert tile[1] < canvas[0]  # the numbers come first
@@ -62,9 +62,6 @@ def test_on_a_phone_the_arm_stays_above_the_sliders(run, browser):
         centre(browser, selector)
         (top, bottom), under = browser.run(f"{SEEN}('.canvas', {selector!r})")
         assert (top, bottom) == (0, 200) and under[0] >= bottom
-
-
-def test_tiles_lead_to_their_moment_and_figure(run, browser):
     show(browser, run / "report.html")
     figures = json.loads((run / "summary.json").read_text())["key_figures"]
     for words, key, figure in (

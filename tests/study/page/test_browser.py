@@ -24,7 +24,6 @@ PHONE = (390, 844)
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Return the folder of a run of the six-joint arm: short, with the start and some of the motion."""
     folder = tmp_path_factory.mktemp("tracking")
     vdfmu.run("tracking", stop=1.0, out=folder, settings={"trajectory.T": 1.0})
     return folder
@@ -181,7 +180,7 @@ def test_a_figure_is_saved_as_drawing_picture_and_table(run, browser):
     assert size == [3 * wanted[0], 3 * (wanted[1] + 26)]  # with the title
 
 
-def test_units_that_fit_are_those_of_the_pictures(run, browser):
+def test_units_are_those_of_the_pictures_and_a_click_on_a_wire_shows_its_signal(run, browser):
     show(browser, run / "report.html")
     cases = [(unit, 2.5 * 10.0**k) for unit in ("deg", "mm", "N.m", "rad/s", "m²", "Hz", "") for k in range(-14, 8)]
     fit = "report.charts[0].fit.call({ unit }, value)"
@@ -189,9 +188,6 @@ def test_units_that_fit_are_those_of_the_pictures(run, browser):
     for (unit, value), (name, exponent) in zip(cases, made, strict=True):
         wanted, power = fitted(unit, value)
         assert exponent == power and (name == wanted or (name.startswith("10") and not wanted)), (unit, value)
-
-
-def test_a_click_on_a_wire_shows_its_signal(run, browser):
     show(browser, run / "report.html")
     browser.run("document.querySelector('.system .hit').dispatchEvent(new MouseEvent('click', { bubbles: true }))")
     browser.settle()
@@ -200,7 +196,7 @@ def test_a_click_on_a_wire_shows_its_signal(run, browser):
     assert browser.run("document.querySelectorAll('.system .wire.on').length") == 1
 
 
-def test_keys_play_and_step(run, browser):
+def test_keys_play_step_and_read_the_values_of_a_figure(run, browser):
     show(browser, run / "report.html")
     browser.key("ArrowRight", 39)
     assert browser.run("report.view.time") == pytest.approx(0.005)  # 200 steps of the run
@@ -214,9 +210,6 @@ def test_keys_play_and_step(run, browser):
     browser.key(" ", 32)
     assert not browser.run("report.player.playing")
     assert 0.02 < browser.run("report.view.time") < 1.0
-
-
-def test_keys_read_the_values_of_a_figure(run, browser):
     show(browser, run / "report.html", 1280, 1400)
     centre(browser, "#figures .chart:nth-child(1) .u-over")
     browser.run("document.querySelector('#figures .plot').focus()")
@@ -265,13 +258,10 @@ def test_a_button_that_is_up_can_be_read(run, browser, scheme):
     assert contrast >= 4.5  # of WCAG 2, level AA, for small text
 
 
-def test_reduced_motion_is_respected(run, browser):
+def test_reduced_motion_is_respected_and_several_runs_are_drawn_over_each_other(run, browser, tmp_path):
     show(browser, run / "report.html", motion="reduce")
     assert not browser.run("report.player.scene.controls.enableDamping")
     assert browser.run("getComputedStyle(document.querySelector('button')).transitionDuration") == "0s"
-
-
-def test_several_runs_are_drawn_over_each_other(run, browser, tmp_path):
     one = read_run(run)
     path = write_report([one, one._replace(name="other")], tmp_path / "comparison.html")
     show(browser, path)

@@ -14,7 +14,6 @@ from vdfmu.system.scenario.values import system_values
 
 @pytest.fixture(scope="module")
 def two(tmp_path_factory):
-    """Return the folders of two short runs of an arm with two joints, with other gains and another step."""
     folder = tmp_path_factory.mktemp("two")
     gains = {"controller.K_p": [100.0, 150.0], "controller.K_v[2]": 5.0}
     given: dict = {"reference": False, "stop": 0.2}
@@ -29,7 +28,7 @@ def sheet_of(folders, without=False):
     return difference_sheet(["a", "b"], [run.summary for run in runs], packages)
 
 
-def test_what_differs_has_the_values_of_both_and_nothing_else(two):
+def test_what_differs_has_the_values_of_both_or_the_settings_and_nothing_else(two):
     was = system_values(vdfmu.load_scenario("planar_tracking"))["controller"]
     rows = {row[0]: row[1:] for row in sheet_of(two).rows}
     assert rows["Step"] == ("0.001 s", "0.002 s", "")
@@ -37,9 +36,6 @@ def test_what_differs_has_the_values_of_both_and_nothing_else(two):
     assert rows["controller.K_v[2] [N.m.s/rad]"][1:] == ("5", change(was["K_v[2]"], 5.0))
     assert len(rows) == 3
     assert sheet_of([two[0], two[0]]).notes == ["The settings of the runs are the same."]
-
-
-def test_without_packages_the_settings_are_compared(two):
     sheet = sheet_of(two, without=True)
     assert [row[0] for row in sheet.rows] == ["Step", "controller.K_p", "controller.K_v[2]"]
     assert sheet.rows[1][1:] == ("as in the scenario", "[100.0, 150.0]")
@@ -55,7 +51,7 @@ def test_changes_are_in_per_cent_or_factors(before, after, words):
     assert change(before, after) == words
 
 
-def test_errors_of_two_runs_have_their_change_and_those_of_three_have_not(two):
+def test_errors_of_two_runs_have_their_change_and_those_of_one_or_three_have_not(two):
     summaries = [read_run(folder).summary for folder in two]
     sheet = joint_sheets(["a", "b"], summaries)[0]
     first, second = (one["rms_position_error_deg"] for one in summaries)
@@ -63,9 +59,6 @@ def test_errors_of_two_runs_have_their_change_and_those_of_three_have_not(two):
     # the change is that of numbers with three digits: 0.5 % of each
     assert [row[-1] for row in sheet.rows] == [change(a, b) for a, b in zip(first, second, strict=True)]
     assert len(joint_sheets(["a", "b", "c"], [*summaries, summaries[0]])[0].columns) == 4
-
-
-def test_a_page_of_one_run_compares_nothing(two):
     runs = [read_run(folder) for folder in two]
     assert b'id="comparison"' not in report_page(runs[:1])
     page = report_page(runs).decode()

@@ -127,12 +127,9 @@ def test_figures_have_degrees_or_millimetres_and_torques_on_the_link(kind, angle
     values = {key: (one["unit"], *curves(one)[1][:, 0].tolist()) for key, one in found.items()}
     force = {"deg": "N.m", "mm": "N"}[unit]
     assert values == {
-        "position": (unit, *np.float32([0.25 * angle, 0.5 * angle])),
-        "tracking": (unit, np.float32(0.25 * angle)),
-        "torque": (force, 300.0, 200.0),
-        "compensation": (force, 100.0),
-        "torsion": (unit, np.float32(0.75 * angle)),
-    }
+        "position": (unit, *np.float32([0.25 * angle, 0.5 * angle])), "tracking": (unit, np.float32(0.25 * angle)),
+        "torque": (force, 300.0, 200.0), "compensation": (force, 100.0), "torsion": (unit, np.float32(0.75 * angle)),
+    }  # fmt: skip
 
 
 @pytest.mark.heavy
@@ -174,12 +171,9 @@ def test_figures_and_frames_are_sums_of_outputs(planar):
         np.testing.assert_array_equal(again.astype("<f4"), numbers(frames[name]))
 
 
-def test_the_arm_has_the_values_of_the_run(planar):
+def test_the_arm_has_the_values_of_the_run_and_rails_reach_as_far(planar):
     _, results = planar
     assert results.summary["arm"]["offset"] == [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
-
-
-def test_rails_reach_as_far_as_the_run_and_the_page_has_what_it_draws():
     arm = arm_of(vdfmu.load_robot("slider_3dof"), {})
     signals = [Signal(f"plant.q[{i + 1}]", "real", unit, i) for i, unit in enumerate(("rad", "m", "rad"))]
     q = np.array([[9.0, 0.1, 0.0], [0.0, -0.3, -5.0], [1.0, 0.2, 0.0]])
@@ -198,13 +192,10 @@ def test_rails_reach_as_far_as_the_run_and_the_page_has_what_it_draws():
     np.testing.assert_allclose(boxes[0]["offset"], offset + 0.15 * axis)
 
 
-def test_the_page_of_a_folder_is_that_of_the_run(planar, tmp_path):
+def test_the_page_of_a_folder_is_that_of_the_run_and_without_its_data_below_its_limit(planar, tmp_path):
     folder, _ = planar
     again = data_of(write_report([read_run(folder)], tmp_path / "again.html"))
     assert again == data_of(folder / "report.html")
-
-
-def test_a_page_without_its_data_stays_below_its_limit(planar):
     folder, _ = planar
     text = (folder / "report.html").read_text()
     assert len(text.encode()) - len(DATA.findall(text)[0]) < LIMIT
@@ -233,7 +224,7 @@ def test_several_runs_stand_beside_each_other(planar):
     assert [cells[0], cells[4]] == ["1", "2"] and cells[1] == cells[2]
 
 
-def test_the_command_writes_one_page_of_its_folders(planar, tmp_path, monkeypatch):
+def test_the_command_writes_one_page_of_its_folders_and_says_which_has_no_run(planar, tmp_path, monkeypatch):
     folder, _ = planar
     done = CliRunner().invoke(
         app, ["report", str(folder), str(folder), "--no-simulate", "--out", str(tmp_path / "both.html")]
@@ -246,16 +237,13 @@ def test_the_command_writes_one_page_of_its_folders(planar, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     (tmp_path / "results").symlink_to(folder.parent)
     assert newest_run(Path("results")).resolve() == folder.resolve()
-
-
-def test_a_folder_without_a_run_is_said(tmp_path):
     with pytest.raises(UsageError, match="expected the folder of a run.*'vdfmu run' writes one"):
         read_run(tmp_path)
     with pytest.raises(UsageError, match="has no results of a run"):
         newest_run(tmp_path)
 
 
-def test_checks_pass_and_fail_by_their_limits():
+def test_checks_pass_and_fail_by_their_limits_and_a_chaotic_loop_by_statistics():
     summary = {
         "reference": {"sampled": {"name": "sampled", "max_position_difference_rad": 1e-8}},
         "max_position_error_deg": [1e-3], "position_units": ["deg"],
@@ -272,9 +260,6 @@ def test_checks_pass_and_fail_by_their_limits():
         summary["reference"]["sampled"]["max_position_difference_rad"] = apart
         (check,) = run_checks(summary)
         assert check.state == state and "limit 1e-11, the absolute tolerance" in check.text
-
-
-def test_a_chaotic_loop_is_held_against_statistics():
     sampled = {"name": "sampled", "max_position_difference_rad": 1.0, "rms_position_difference": 0.01,
                "rms_torque_difference": 0.02}  # fmt: skip
     summary = {"reference": {"sampled": sampled}, "separation": {}, "max_position_error_deg": [1.0],
@@ -304,11 +289,9 @@ def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
         console.print(verdict_table(changed.summary))
     lines = [line.strip() for line in shown.get().splitlines()]
     assert lines[1:] == [
-        "1 of 3 checks pass, 1 doubtful, 1 failed",
-        "✓ good     First: as it should",
-        "✗ failed   Second <b>: 2 > 1",
+        "1 of 3 checks pass, 1 doubtful, 1 failed", "✓ good     First: as it should", "✗ failed   Second <b>: 2 > 1",
         "! doubtful Third: 3, of which there is more to say",
-    ]
+    ]  # fmt: skip
     assert checks_of({}) == []
 
 
@@ -344,11 +327,14 @@ def test_modules_join_into_one_script(modules):
     assert not re.search("^(import|export) ", script(modules), re.MULTILINE)
 
 
-def test_the_pages_own_modules_are_all_used_and_few():
+def test_the_pages_own_modules_are_all_used_and_a_comparison_names_the_robots_of_all_runs(planar):
     listed = {path.name for path in WEB.glob("*.js")} - {"three_uplot.min.js"}
     assert {*MODULES, *WORKER, *STUDY_ALONE, *ROBOT, *WORDS} == listed
     own = [*WEB.glob("*.css"), *(WEB / name for name in listed)]
     assert sum(len(p.read_text().splitlines()) for p in own if not p.name.endswith("min.css")) < 4000
+    run = read_run(planar[0])
+    other = run._replace(summary={**run.summary, "robot": "another"})
+    assert "Robot planar_2dof; robot another, 2 runs of vdfmu" in report_page([run, other]).decode()
 
 
 def test_the_file_is_written_where_it_belongs(planar, tmp_path, monkeypatch):
@@ -357,9 +343,3 @@ def test_the_file_is_written_where_it_belongs(planar, tmp_path, monkeypatch):
     assert "report.html" in json.loads((folder / "summary.json").read_text())["files"]
     with pytest.raises(UsageError, match="cannot write"):
         write_report([read_run(folder)], tmp_path / "missing" / page.NAME)
-
-
-def test_a_comparison_names_the_robots_of_all_runs(planar):
-    run = read_run(planar[0])
-    other = run._replace(summary={**run.summary, "robot": "another"})
-    assert "Robot planar_2dof; robot another, 2 runs of vdfmu" in report_page([run, other]).decode()

@@ -42,7 +42,7 @@ def test_an_arm_that_moves_for_2_of_300_s_is_drawn_where_it_is(monkeypatch, bloc
     assert np.abs(even - results["plant.q"][:, 0]).max() > 0.005
 
 
-def test_bends_halve_the_stretches_of_a_parabola():
+def test_bends_halve_the_stretches_of_a_parabola_a_short_run_keeps_every_row_and_arms_are_fixed():
     t = np.linspace(0.0, 1.0, 1025)
     rows, distances = bends(t, np.array([t**2, -t]), np.array([0, 1024]), 63, 0.0)
     # the farthest point of a parabola from its chord is the middle, off by h^2 / 4 (second derivative 2): 63 = 2^6 - 1
@@ -54,14 +54,8 @@ def test_bends_halve_the_stretches_of_a_parabola():
     assert len(bends(t, np.array([t]), np.array([0, 1024]), 63, 1e-12)[0]) == 0
     gap = np.where(t > 0.5, np.nan, t**2)
     assert len(bends(t, np.array([gap]), np.array([0, 512, 1024]), 3, 0.0)[0]) == 3
-
-
-def test_a_short_run_keeps_every_row():
     t, q = frames_of(still_and_quick(1001, 2.0))
     assert len(t) == 1001 and q.shape == (2, 1001)
-
-
-def test_arms_are_fixed_where_their_first_link_is_not():
     down, up = [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]
     for name, side in (
         ("manipulator_6dof", down), ("ur5e_6dof", down), ("snake_24dof", up), ("planar_2dof", [0.0, 1.0, 0.0])
@@ -75,7 +69,7 @@ def test_arms_are_fixed_where_their_first_link_is_not():
     assert chain.mount(np.ones(4)) @ chain.up > 0.99
 
 
-def test_a_payload_is_a_box_of_its_inertia():
+def test_a_payload_is_a_box_of_its_inertia_and_a_base_moves_as_its_signals_say():
     sides, mass = np.array([0.1, 0.2, 0.3]), 2.0
     inertia = np.diag(mass / 12.0 * (sides @ sides - sides**2))
     robot = dataclasses.replace(
@@ -90,9 +84,6 @@ def test_a_payload_is_a_box_of_its_inertia():
     point = {"payload_mass": 2.7} | {f"payload_inertia[{i},{i}]": 0.0 for i in (1, 2, 3)}
     (cube,) = [part for part in Chain(arm_of(robot, point)).parts(0.0, 1.0) if part.shape == "box"]
     assert cube.size == pytest.approx([0.1] * 3)  # 2.7 kg of aluminium
-
-
-def test_a_base_moves_as_its_signals_say_and_inputs_that_nothing_feeds_are_constant():
     results = still_and_quick(501, 2.5)
     base = [f"boat.p_S[{i}]" for i in (1, 2, 3)] + [f"boat.R_S[{i},{j}]" for i in (1, 2, 3) for j in (1, 2, 3)]
     arm = results.summary["arm"] | {
@@ -109,7 +100,7 @@ def test_a_base_moves_as_its_signals_say_and_inputs_that_nothing_feeds_are_const
     assert made["frames"]["recipes"]["base"][2] == [1.0, [[0.5, ""]]]
 
 
-def test_the_scene_has_what_the_system_has():
+def test_the_scene_has_what_the_system_has_an_arm_after_the_one_that_carries_it():
     scene = scene_of(SystemDescription(load_scenario("two_arms")))
     assert [(arm["component"], arm["mounted"], len(arm["types"])) for arm in scene["arms"]] == [
         ("plant", "", 3), ("plant_2", "plant", 2)
@@ -123,17 +114,11 @@ def test_the_scene_has_what_the_system_has():
     assert "F_e" not in scene["arms"][0]["signals"]  # of a load with a mass it is a part of the wrench
     (wall,) = scene_of(SystemDescription(load_scenario("wall")))["objects"]
     assert (wall["kind"], wall["direction"], wall["distance"], wall["tool"]) == (
-        "plane",
-        [0.0, 0.0, 1.0],
-        0.73,
-        "plant",
-    )
+        "plane", [0.0, 0.0, 1.0], 0.73, "plant",
+    )  # fmt: skip
     (screw,) = scene_of(SystemDescription(load_scenario("screw")))["objects"]
     assert (screw["kind"], screw["turn"], screw["pitch"]) == ("screw", "screw.turn", 0.5e-3)
     assert screw["forces"] == {"screw.N": "Axial force", "screw.T": "Torque about the axis"}
-
-
-def test_an_arm_comes_after_the_one_that_carries_it():
     arms = [{"component": name, "mounted": on} for name, on in ("cb", "ba", "a ", "xy", "yx")]
     found = carriers_first([arm | {"mounted": arm["mounted"].strip()} for arm in arms])
     assert [arm["component"] for arm in found] == ["a", "b", "c", "x", "y"]

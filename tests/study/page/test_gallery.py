@@ -68,7 +68,7 @@ def test_broken_folders_are_named_and_deleted_ones_are_gone(results):
     assert rows(gallery_page(results)).keys() == {"first run"}
 
 
-def test_nothing_but_the_summary_is_opened(results):
+def test_nothing_but_the_summary_is_opened_whose_names_and_verdicts_are_text(results):
     """Results, package and page may be anything, even pipes that never end."""
     whole = rows(gallery_page(results))
     for name in ("results.csv", "system.ssp"):
@@ -76,9 +76,6 @@ def test_nothing_but_the_summary_is_opened(results):
         os.mkfifo(results / "first run" / name)
     (results / "first run" / "report.html").write_text("<script>alert(1)</script>")
     assert rows(gallery_page(results)) == whole
-
-
-def test_names_and_verdicts_are_text(results):
     wild = results / "<b>&'\udcff"
     (results / "package").rename(wild)
     changed(wild, system="<i>x</i>", verdict={"state": "failed", "words": "<u>w</u>", "checks": []})
@@ -95,14 +92,11 @@ def test_a_verdict_is_seen_and_counted(results):
         assert f'<span class="verdict {state}">{state.capitalize()}: off its path' in rows(page)["first run"]
 
 
-def test_the_newest_run_is_first_and_its_date_is_the_run_s(results):
+def test_the_newest_run_is_first_and_the_command_writes_the_list(results, tmp_path):
     for first, date in (("package", "2020-02-03T04:05:06+00:00"), ("first run", "2099-02-03T04:05:06+00:00")):
         changed(results / "first run", date=date)
         page = gallery_page(results)
         assert next(iter(rows(page))) == first and f"{date[:10]} 04:05 UTC" in rows(page)["first run"]
-
-
-def test_the_command_writes_it(results, tmp_path):
     done = CliRunner().invoke(app, ["report", str(results)])
     assert done.exit_code == 0 and (results / "index.html").exists(), done.output
     done = CliRunner().invoke(app, ["report", str(results), "--out", str(tmp_path / "all.html")])

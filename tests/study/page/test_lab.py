@@ -15,7 +15,6 @@ PHONE = (390, 844)
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """Return a study of two gains, a mass and the master, whose points keep their positions."""
     over = ["controller.K_p=*1, 2, 3", "plant.mass[2]=*0.8, 1.2", "master=gauss-seidel, jacobi"]
     found = vdfmu.sweep(
         "planar_tracking", over, stop=0.2, workers=1, record=("plant.q[*]",),
@@ -69,7 +68,7 @@ def test_dragging_along_an_axis_chooses_points_in_all_pictures(study, browser):
     assert browser.run(shown) == [0, 0, 0]
 
 
-def test_a_click_on_a_point_opens_it(study, browser):
+def test_a_click_on_a_point_opens_it_and_without_a_simulation_the_page_has_all_else(study, browser, tmp_path):
     show(browser, study.folder / "report.html")
     row = browser.run("report.lab.all.findIndex(row => report.lab.colour.share(row) === 1)")
     centre(browser, "#lab .study")
@@ -79,9 +78,6 @@ def test_a_click_on_a_point_opens_it(study, browser):
     browser.mouse("mousePressed", x, y, button="left", clickCount=1)
     browser.mouse("mouseReleased", x, y, button="left", clickCount=1)
     assert browser.run("document.querySelector('.panel h3').textContent") == f"Point {study['point'][row]}"
-
-
-def test_without_a_simulation_the_page_is_small_and_has_all_else(study, browser, tmp_path):
     path = Sweep(study.path).report(tmp_path / "report.html", simulate=False)
     assert path.stat().st_size < 200_000
     show(browser, path, *PHONE)

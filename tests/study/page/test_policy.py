@@ -67,16 +67,11 @@ def pages(tmp_path):
     view.close()
     about = {"arm": arm_of(vdfmu.load_robot("planar_2dof"), {})}
     return {
-        "run": report_page([shown]),
-        "runs": report_page([shown, shown]),
-        "sweep": report_page([shown], study=study),
-        "study": study_page(study),
-        "gallery": write_gallery(tmp_path).read_bytes(),
-        "robot": view._server.content,
+        "run": report_page([shown]), "runs": report_page([shown, shown]), "sweep": report_page([shown], study=study),
+        "study": study_page(study), "gallery": write_gallery(tmp_path).read_bytes(), "robot": view._server.content,
         "live": live_page("live", about, ["plant.q[1]", "plant.q[2]"], 0.0, 1.0),
-        "words": words_page("words", "none"),
-        "package": frame.page("package", "", "", 76),
-    }
+        "words": words_page("words", "none"), "package": frame.page("package", "", "", 76),
+    }  # fmt: skip
 
 
 def test_each_page_names_its_scripts_by_their_hashes_and_no_other(pages):

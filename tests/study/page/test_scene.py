@@ -19,7 +19,6 @@ SCENE = """const scene = report.player.scene, [{ arms, objects }] = scene.puppet
 
 
 def asked(browser, expression: str):
-    """Value of an expression about the scene."""
     return browser.run(f"(() => {{ {SCENE} return {expression}; }})()")
 
 
@@ -28,7 +27,6 @@ def shown_at(browser, time: float) -> None:
 
 
 def swinging(name: str, amplitude: float) -> ShownRun:
-    """Return a run of an arm whose joints swing, without forces."""
     robot = vdfmu.load_robot(name)
     t = np.linspace(0.0, 2.0, 201)
     signals = [Signal(f"plant.q[{i + 1}]", "real", "rad", i) for i in range(robot.n)]
@@ -39,7 +37,6 @@ def swinging(name: str, amplitude: float) -> ShownRun:
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """Return the folders of runs with a wall, a screw and two arms."""
     found = {name: tmp_path_factory.mktemp(name) for name in ("wall", "screw", "two_arms")}
     for name, folder in found.items():
         vdfmu.run(name, stop=2.2 if name == "wall" else 0.3, out=folder, reference=False)

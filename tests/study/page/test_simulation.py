@@ -22,19 +22,15 @@ from vdfmu.study.report.simulation import ROWS, knobs, simulation_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 
-# ------------------------------------------------------------------ without a browser
-
 
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory) -> Path:
-    """Return the folder of a short run of the planar arm."""
     folder = tmp_path_factory.mktemp("simulation")
     vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False, settings={"controller.K_p": 1500})
     return folder
 
 
 def found_in(folder: Path, **changed: Any) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return simulation and modules of a run, whose summary is changed."""
     run, binaries = read_run(folder), dict[str, str]()
     package = changed.pop("package", run.package)
     return simulation_of(run.results, {**run.summary, **changed}, package, binaries), binaries
@@ -68,7 +64,7 @@ def test_the_page_has_the_program_of_the_run(planar):
         assert gzip.decompress(base64.b64decode(module)).startswith(b"\0asm\1\0\0\0")
 
 
-def test_recorded_rows_are_those_of_the_run(planar):
+def test_recorded_rows_are_those_of_the_run_and_separate_solutions_are_judged_by_how_far(planar):
     recorded = found_in(planar)[0]["recorded"]
     results = Results.read(planar / "results.csv")
     values = np.frombuffer(base64.b64decode(recorded["values"]), "<f8").reshape(len(recorded["rows"]), -1)
@@ -76,32 +72,26 @@ def test_recorded_rows_are_those_of_the_run(planar):
     assert len(recorded["rows"]) == ROWS + 1 and recorded["rows"][-1] == 200
     for name, column in zip(recorded["names"], values.T, strict=True):
         np.testing.assert_array_equal(column, results[name][recorded["rows"]])
-
-
-def test_a_loop_whose_solutions_separate_is_judged_by_how_far(planar):
     assert found_in(planar)[0]["recorded"]["limit"] == simulation.LIMIT
     apart = {"change": 1e-9, "max_position_difference_rad": 1e-3}
     recorded = found_in(planar, separation=apart)[0]["recorded"]
     assert recorded["limit"] == pytest.approx(3e-3, rel=1e-12) and "separate" in recorded["note"]
 
 
-def test_knobs_are_parameters_of_the_run(planar):
+def test_knobs_are_parameters_of_the_run_and_friction_that_of_the_rotors_too(planar):
     found = found_in(planar)[0]
-    knobs = {knob["key"]: knob for knob in found["knobs"]}
-    assert list(knobs) == ["controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0", "plant.f_c", "trajectory.T"]
-    gains = knobs["controller.K_p"]
+    shown = {knob["key"]: knob for knob in found["knobs"]}
+    assert list(shown) == ["controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0", "plant.f_c", "trajectory.T"]
+    gains = shown["controller.K_p"]
     assert (gains["values"], gains["units"]) == ([1500.0, 1500.0], ["N.m/rad", "N.m/rad"])
-    assert knobs["plant.mass"]["known"] == [
+    assert shown["plant.mass"]["known"] == [
         {"unit": "feedforward", "name": "mass"}, {"unit": "feedforward", "name": "inertia"},
     ]  # fmt: skip
     parameters = {unit["name"]: unit["parameters"] for unit in found["units"]}
-    for knob in knobs.values():
+    for knob in shown.values():
         for target in (*knob["targets"], *knob["known"]):
             own = [name.partition("[")[0] for name in parameters[target["unit"]]]
             assert target["name"] in own
-
-
-def test_friction_is_that_of_the_rotors_too():
     system = SystemDescription(load_scenario("tracking_split"))
     (friction,) = [knob for knob in knobs(system) if knob["words"] == "Friction"]
     assert [target["name"] for target in friction["targets"]] == ["f_c", "f_s", "f_v", "f_ck"]
@@ -140,13 +130,10 @@ def test_a_page_stays_below_its_size(planar, monkeypatch):
     assert re.search(r"larger than 1 MB; make a page of this run alone\.$", found["reason"])
 
 
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"package": Path("none.ssp")}, "its package, system.ssp, is not beside the results"),
-        ({"package": Path(__file__)}, "it was not made with this cache"),
-    ],
-)
+@pytest.mark.parametrize(("changed", "words"), [
+    ({"package": Path("none.ssp")}, "its package, system.ssp, is not beside the results"),
+    ({"package": Path(__file__)}, "it was not made with this cache"),
+])  # fmt: skip
 def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
     found, binaries = found_in(planar, **changed)
     assert list(found) == ["reason"] and not binaries
@@ -154,32 +141,24 @@ def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
     assert words in found["reason"]
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
-        ({"inputs": {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}}, "some of its inputs come from files"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ({"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
+    ({"inputs": {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}}, "some of its inputs come from files"),
+])  # fmt: skip
 def test_a_system_without_a_program_is_not_simulated(tmp_path, options, words):
     vdfmu.run("planar_tracking", stop=0.01, out=tmp_path, reference=False, **options)
     assert words in found_in(tmp_path)[0]["reason"]
 
 
-def test_a_long_run_and_one_of_a_package_are_not_simulated(planar, monkeypatch):
+def test_a_long_run_and_one_of_a_package_are_not_simulated_and_a_page_says_how_to_get_it(planar, monkeypatch):
     run = read_run(planar)
     summary = {name: value for name, value in run.summary.items() if name != "scenario"}
     assert "only runs of scenarios" in simulation_of(run.results, summary, run.package, {})["reason"]
     monkeypatch.setattr(simulation, "MOST_VALUES", 1000)
     assert re.search("it has 200 steps of .* signals, too much for a page", found_in(planar)[0]["reason"])
-
-
-def test_a_page_says_how_to_get_its_simulation(planar):
     text = (planar / "report.html").read_text()
     assert simulation.NOT_MADE in text and 'id="worker"' not in text
 
-
-# ------------------------------------------------------------------ in a browser
 
 TOLERANCES = {"rad": 1e-9, "m": 1e-9, "1": 1e-9, "rad/s": 1e-7, "N.m": 1e-5, "J": 1e-7}
 """Of angles 1e-9 rad, which is promised; they swing below 100/s, and gains of 3e3 N.m/rad make 3e-6 N.m of it.
@@ -219,11 +198,8 @@ def simulated(browser: Browser, page: Path, changes: list[dict[str, Any]]) -> di
 def assert_same(found: dict[str, np.ndarray], results: Results) -> None:
     compared = [name for name in found if name in set(results.names)]
     assert {name.split("[")[0] for name in compared} >= {
-        "plant.q",
-        "plant.kappa_dot",
-        "controller.tau",
-        "trajectory.q_d",
-    }
+        "plant.q", "plant.kappa_dot", "controller.tau", "trajectory.q_d",
+    }  # fmt: skip
     for name in compared:
         tolerance = TOLERANCES.get(results.units[name], 1e-5)
         np.testing.assert_allclose(found[name], results[name][::10], rtol=0, atol=tolerance, err_msg=name)

@@ -23,7 +23,6 @@ DONE = "while (report.simulation.busy) await new Promise((done) => setTimeout(do
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
-    """Return the folder of a short run of the six-joint arm, with a page that simulates."""
     folder = tmp_path_factory.mktemp("sliders")
     vdfmu.run("tracking", stop=1.0, out=folder, settings={"trajectory.T": 1.0}, reference=False)
     write_report([read_run(folder)], folder / "report.html", simulate=True)
@@ -31,7 +30,6 @@ def run(tmp_path_factory) -> Path:
 
 
 def opened(browser: Browser, page: Path, *size: int, **more: str) -> None:
-    """Open a page with its panel in view, and wait for its own run."""
     show(browser, page, *size, **more)
     centre(browser, "#simulate")
     browser.run(f"(async () => {{ while (!document.querySelector('#simulate li')) await 0; {DONE} }})()".replace(
@@ -41,7 +39,6 @@ def opened(browser: Browser, page: Path, *size: int, **more: str) -> None:
 
 
 def slide(browser: Browser, words: str, place: int, joint: int = 0) -> None:
-    """Move the slider of a parameter, of all joints or of one, and wait for the run."""
     browser.run(f"""(async () => {{
         const knob = report.simulation.sliders.find(({{ knob }}) => knob.words.startsWith({words!r})).element;
         const [select, slider] = ["select", "input"].map((tag) => knob.querySelector(tag));
@@ -59,7 +56,6 @@ def words_of(browser: Browser, selector: str) -> str:
 
 
 def simulated(browser: Browser, figure: int) -> np.ndarray:
-    """Curves of the simulated run in a figure: (curves, rows)."""
     return np.array(browser.run(f"""(() => {{
         const last = report.runs.length - 1;
         const curves = report.charts[{figure}].curves().filter(({{ run }}) => run === last);
@@ -80,7 +76,7 @@ def test_the_pages_own_run_equals_the_recorded_one(run, browser):
     assert changes == ["none"] * 5
 
 
-def test_a_run_that_differs_says_what_may_be_why(run, browser):
+def test_a_run_that_differs_says_what_may_be_why_and_what_was_not_in_sight_is_printed(run, browser):
     opened(browser, run / "report.html")
     browser.run(f"""(async () => {{
         report.runs[0].simulation.recorded.limit = -1;
@@ -89,9 +85,6 @@ def test_a_run_that_differs_says_what_may_be_why(run, browser):
     }})()""")
     verdict = words_of(browser, "#simulate li")
     assert verdict.startswith("failed") and "the run has no reference" in verdict
-
-
-def test_what_was_not_yet_in_sight_is_printed(run, browser):
     show(browser, run / "report.html")
     drawn = "report.charts.map(chart => chart.place.querySelector('canvas') !== null)"
     assert not all(browser.run(drawn))
@@ -226,10 +219,8 @@ def test_a_link_opens_the_sliders_as_they_were(run, browser):
     browser.run("document.querySelectorAll('.knob .chip')[0].click()")
     browser.run(f"(async () => {{ {DONE} await new Promise(d => setTimeout(d, 400)); }})()")
     address, changes, curves = (
-        browser.run("location.href"),
-        browser.run("report.simulation.changes()"),
-        simulated(browser, 1),
-    )
+        browser.run("location.href"), browser.run("report.simulation.changes()"), simulated(browser, 1),
+    )  # fmt: skip
     assert address.endswith("#controller.K_p=1_1_1.58&plant.mass=2_known")
     browser.open("about:blank")
     browser.open(address)

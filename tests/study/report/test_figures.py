@@ -80,7 +80,7 @@ def test_a_new_figure_has_the_unit_of_its_quantity(made, monkeypatch):
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), factor * results[f"plant.q_dot[{joint}]"])
 
 
-def test_torques_are_link_side_and_the_feedforward_is_dashed_on_top(made, types):
+def test_torques_are_link_side_the_feedforward_dashed_on_top_and_errors_have_one_figure_a_unit(made, types):
     results, robot, figures = figures_of(made, types)
     for kind in set(types):
         axes = draw([figures[f"torque.{kind}"]], {"": results}).axes[0]
@@ -93,9 +93,6 @@ def test_torques_are_link_side_and_the_feedforward_is_dashed_on_top(made, types)
             assert feedforward.is_dashed() and not control.is_dashed()
             assert feedforward.get_linewidth() < control.get_linewidth()
         assert axes.get_ylabel() == ("Control forces [N]" if kind == "prismatic" else "Control torques [N m]")
-
-
-def test_errors_have_one_figure_a_unit(made, types):
     results, robot, figures = figures_of(made, types)
     error = results["trajectory.q_d"] - results["plant.q"]
     compensation = robot.ell * (results["controller.tau"] - results["feedforward.tau_m"])
@@ -126,7 +123,7 @@ def test_torsion_and_the_error_of_the_tool_in_mm(made):
     np.testing.assert_allclose(tool, 1e3 * np.einsum("mij,mj->im", rotation, moved), atol=1e-6)
 
 
-def test_a_joint_has_one_look_in_all_figures(made):
+def test_a_joint_has_one_look_in_all_figures_and_many_joints_differ(made):
     pictures = every_picture(made, ("revolute",) * 6)
     looks = {key: [(line.get_color(), line.get_linestyle()) for line in pictures[f"{key}.revolute"].axes[0].lines[:6]]
              for key in KEYS}  # fmt: skip
@@ -135,9 +132,6 @@ def test_a_joint_has_one_look_in_all_figures(made):
     assert all(look == entries for look in looks.values()) and len(set(entries)) == 6
     words = [text.get_text() for text in legend.get_texts()]
     assert words == [*(f"joint {i}" for i in range(1, 7)), "ℓτ", "ℓτ_m"]
-
-
-def test_many_joints_still_differ():
     looks = {(style.joint_look(i)["color"], style.joint_look(i)["linestyle"]) for i in range(28)}
     assert len(looks) == 28
 

@@ -38,24 +38,13 @@ STABLE = Check("Sampled loops", "good", "stable")
 BOND = {"residual_energy_abs_j": [0.004, 0.004], "exchanged_energy_j": [16.0, 20.0]}
 
 
-@pytest.mark.parametrize(
-    ("value", "unit", "peak", "text"),
-    [
-        (2.89e-6, "m", 0, "2.89 µm"),
-        (0.00289, "mm", 0, "2.89 µm"),
-        (9.72e-5, "deg", 0, "97.2 µdeg"),
-        (999.6e-6, "m", 0, "1 mm"),
-        (0.763, "deg", 0, "0.763 deg"),
-        (0.0999, "deg", 0, "99.9 mdeg"),
-        (-1234.5, "N.m", 0, "−1230 N.m"),
-        (-12345.0, "N.m", 0, "−12.3 kN.m"),
-        (2350.0, "deg", 0, "2350 deg"),
-        (1.68e-18, "N.m", 1.0, "0 N.m"),
-        (4.56e-13, "rad", 0, "4.56·10⁻¹³ rad"),
-        (0.54, "", 0, "0.54"),
-        (float("nan"), "m", 0, "–"),
-    ],
-)
+@pytest.mark.parametrize(("value", "unit", "peak", "text"), [
+    (2.89e-6, "m", 0, "2.89 µm"), (0.00289, "mm", 0, "2.89 µm"), (9.72e-5, "deg", 0, "97.2 µdeg"),
+    (999.6e-6, "m", 0, "1 mm"), (0.763, "deg", 0, "0.763 deg"), (0.0999, "deg", 0, "99.9 mdeg"),
+    (-1234.5, "N.m", 0, "−1230 N.m"), (-12345.0, "N.m", 0, "−12.3 kN.m"), (2350.0, "deg", 0, "2350 deg"),
+    (1.68e-18, "N.m", 1.0, "0 N.m"), (4.56e-13, "rad", 0, "4.56·10⁻¹³ rad"), (0.54, "", 0, "0.54"),
+    (float("nan"), "m", 0, "–"),
+])  # fmt: skip
 def test_a_number_has_three_digits_and_a_unit_that_fits(value, unit, peak, text):
     assert quantity(value, unit, peak) == text
 
@@ -81,51 +70,32 @@ def test_a_good_run_is_told_by_its_numbers():
 
 SATURATED = {"value": 0.69, "place": "torque limit of joint 1", "at_s": 0.621}
 LOOPS = Check("Sampled loops", "failed", "unstable: a long text", "unstable since 0.49 s, joint 5")
+BLIND = Check("Sampled loops", "doubtful", "not judged: blind", "stability not judged (no derivatives)")
+LIMIT = "saturated, at the torque limit of joint 1 for 69 % of the time"
 OFF = {"value": 1.2, "size": 1.66, "unit": "m", "place": "tool", "at_s": 2.0}
 CONTACT = {"value": 85.8, "unit": "N", "at_s": 0.53}
 
 
-@pytest.mark.parametrize(
-    ("figures", "loops", "line"),
-    [
-        ({"unstable": UNSTABLE}, [LOOPS], "Failed: unstable since 0.49 s, joint 5"),
-        (
-            {"unstable": UNSTABLE, "saturated": SATURATED},  # the limit is a consequence
-            [LOOPS],
-            "Failed: unstable since 0.49 s, joint 5; saturated, at the torque limit of joint 1 for 69 % of the time, "
-            "since 0.621 s",
-        ),
-        (
-            {"unstable": UNSTABLE, "saturated": SATURATED | {"at_s": 0.0}},  # the cause
-            [LOOPS],
-            "Failed: saturated, at the torque limit of joint 1 for 69 % of the time, from the start; "
-            "unstable since 0.49 s, joint 5",
-        ),
-        (
-            {"saturated": SATURATED, "joint_error": FIGURES["joint_error"], "margin": FIGURES["margin"]},
-            [STABLE],
-            "Doubtful: saturated, at the torque limit of joint 1 for 69 % of the time, since 0.621 s; "
-            "joint 2 worst, 97.2 µdeg",
-        ),
-        ({"path": OFF}, [], "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s"),
-        (
-            {"path": OFF | {"value": 0.17}, "tool_error": {"value": 0.17, "at_s": 2.0}},
-            [],
-            "Doubtful: off its path, tool off by 0.17 m at most, in a motion of 1.66 m, at 2 s",
-        ),
-        ({"path": OFF | {"value": 0.16}, "margin": FIGURES["margin"]}, [STABLE], "Good: stable; modulus margin 0.54"),
-        ({"path": OFF | {"value": 0.17}, "contact": CONTACT}, [],
-         "Good: in contact as meant since 0.53 s, 85.8 N at most"),
-        (
-            {"path": OFF, "contact": CONTACT},  # even there an arm has to follow
-            [],
-            "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s",
-        ),
-        ({"path": OFF | {"value": 0.8, "place": "joint 6"}}, [STABLE], "Good: stable"),
-        ({}, [Check("Sampled loops", "doubtful", "not judged: blind", "stability not judged (no derivatives)")],
-         "Doubtful: stability not judged (no derivatives)"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("figures", "loops", "line"), [
+    ({"unstable": UNSTABLE}, [LOOPS], "Failed: unstable since 0.49 s, joint 5"),
+    # the limit is a consequence, or the cause
+    ({"unstable": UNSTABLE, "saturated": SATURATED}, [LOOPS],
+     f"Failed: unstable since 0.49 s, joint 5; {LIMIT}, since 0.621 s"),
+    ({"unstable": UNSTABLE, "saturated": SATURATED | {"at_s": 0.0}}, [LOOPS],
+     f"Failed: {LIMIT}, from the start; unstable since 0.49 s, joint 5"),
+    ({"saturated": SATURATED, "joint_error": FIGURES["joint_error"], "margin": FIGURES["margin"]}, [STABLE],
+     f"Doubtful: {LIMIT}, since 0.621 s; joint 2 worst, 97.2 µdeg"),
+    ({"path": OFF}, [], "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s"),
+    ({"path": OFF | {"value": 0.17}, "tool_error": {"value": 0.17, "at_s": 2.0}}, [],
+     "Doubtful: off its path, tool off by 0.17 m at most, in a motion of 1.66 m, at 2 s"),
+    ({"path": OFF | {"value": 0.16}, "margin": FIGURES["margin"]}, [STABLE], "Good: stable; modulus margin 0.54"),
+    ({"path": OFF | {"value": 0.17}, "contact": CONTACT}, [],
+     "Good: in contact as meant since 0.53 s, 85.8 N at most"),
+    ({"path": OFF, "contact": CONTACT}, [],  # even there an arm has to follow
+     "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s"),
+    ({"path": OFF | {"value": 0.8, "place": "joint 6"}}, [STABLE], "Good: stable"),
+    ({}, [BLIND], "Doubtful: stability not judged (no derivatives)"),
+])  # fmt: skip
 def test_what_a_run_is_known_by_is_told_first(figures, loops, line):
     summary = {"key_figures": figures}
     summary["verdict"] = verdict(summary, [*loops])
@@ -133,7 +103,7 @@ def test_what_a_run_is_known_by_is_told_first(figures, loops, line):
     assert line.startswith(state_of(summary).capitalize())
 
 
-def test_a_check_that_failed_is_quoted_unless_something_else_tells_why():
+def test_a_check_that_failed_is_quoted_and_numbers_that_are_not_known_have_no_tile():
     summary = {"key_figures": {}, "witness": None}
     assert line_of({"verdict": verdict_of([CHECK["failed"]])}) == "Failed: Energy residual of the coupling: 31 %"
     both = verdict_of([LOOPS, CHECK["failed"]], "numbers")
@@ -145,9 +115,6 @@ def test_a_check_that_failed_is_quoted_unless_something_else_tells_why():
     summary["verdict"] = verdict(summary, [])
     assert (state_of(summary), checks_line(summary)) == ("doubtful", "")
     assert line_of(summary) == "Doubtful: not judged, since no check applies to this run"
-
-
-def test_numbers_that_are_not_known_have_no_tile():
     assert not [*tiles_of({})] and not line_of({}) and not state_of({}) and not verdict_text({})
     (tile,) = tiles_of({"key_figures": {"margin": FIGURES["margin"] | {"value": 0.0}}})
     assert tile.value == "none"
@@ -159,7 +126,7 @@ def test_numbers_that_are_not_known_have_no_tile():
     ]
 
 
-def test_the_line_in_the_terminal_has_a_sign_a_word_and_a_colour():
+def test_the_line_in_the_terminal_has_a_colour_and_key_figures_are_those_of_the_results(planar):
     checks = [CHECK["good"], Check("a", "doubtful", "b", "saturated")]
     with Console(file=io.StringIO(), width=80, color_system="standard", force_terminal=True) as console:
         with console.capture() as shown:
@@ -167,20 +134,8 @@ def test_the_line_in_the_terminal_has_a_sign_a_word_and_a_colour():
     yellow = 33
     assert f"\x1b[{yellow}m! \x1b[0m" in shown.get()
     assert "Doubtful: saturated; 1 of 2 checks pass, 1 doubtful" in shown.get()
-
-
-def test_a_torque_with_a_limit_is_a_share_of_it():
     (tile,) = tiles_of({"key_figures": {"torque": FIGURES["torque"] | {"limit": 71.0}}})
     assert tile[1:3] == ("50 %", "of its limit, 35.5 N.m, joint 2 at 0.941 s")
-
-
-@pytest.fixture(scope="module")
-def planar(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("headline")
-    return vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False), folder
-
-
-def test_key_figures_are_those_of_the_results(planar):
     results, _ = planar
     found = results.summary["key_figures"]
     row = round(found["tool_error"]["at_s"] / results.summary["step"])
@@ -199,6 +154,12 @@ def test_key_figures_are_those_of_the_results(planar):
     assert 0.0 < found["margin"]["value"] <= 1.0
 
 
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("headline")
+    return vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False), folder
+
+
 def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is_another(planar):
     short: dict[str, Any] = {"stop": 0.05, "out": False, "reference": False}
     own = planar[0].summary["key_figures"]["mode"]["value"]
@@ -212,7 +173,7 @@ def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is
     assert "tool_error" not in longer.summary["key_figures"] and "mode" in longer.summary["key_figures"]
 
 
-def test_the_page_begins_with_the_verdict(planar):
+def test_the_page_begins_with_the_verdict_and_the_command_that_makes_the_run_again(planar):
     results, folder = planar
     page = (folder / "report.html").read_text()
     assert f'<p class="verdict good">{line_of(results.summary)}</p>' in page
@@ -223,9 +184,6 @@ def test_the_page_begins_with_the_verdict(planar):
     page = report_page([ShownRun("bad", results, results.summary | {"verdict": bad}, folder / "system.ssp")]).decode()
     assert '<p class="verdict failed">Failed: Energy residual of the coupling: 31 %</p>' in page
     assert '<details class="checks failed" open>' in page
-
-
-def test_the_command_makes_the_run_again(planar):
     assert run_command(planar[0].summary) == "vdfmu run planar_tracking --stop 0.2"
     own = planar[0].summary | {"scenario": "my own", "settings": {"controller.K_p[1]": "3"}}
     # a scenario that no file has any more: all its options

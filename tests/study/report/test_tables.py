@@ -11,39 +11,24 @@ from vdfmu.study.report.sheets import Sheet, facts, reference_sheet, sheets, tra
 from vdfmu.study.report.tables import run_panel, sheet_table
 
 TRACKING: dict[str, Any] = {
-    "scenario": "two_joint",
-    "robot": "manipulator_6dof",
-    "friction": "lumped",
-    "backend": "python",
-    "master": "gauss-seidel",
-    "step": 0.001,
-    "stop": 30.0,
-    "tolerance": 1e-7,
-    "steps": 30000,
-    "wall_s": 6.774,
-    "real_time_factor": 4.4287,
-    "position_units": ["deg"] * 3,
-    "torque_units": ["N.m"] * 3,
+    "scenario": "two_joint", "robot": "manipulator_6dof", "friction": "lumped", "backend": "python",
+    "master": "gauss-seidel", "step": 0.001, "stop": 30.0, "tolerance": 1e-7, "steps": 30000, "wall_s": 6.774,
+    "real_time_factor": 4.4287, "position_units": ["deg"] * 3, "torque_units": ["N.m"] * 3,
     "rms_position_error_deg": [4.55149e-3, 1.22387e-2, 1.59958e-8],
     "max_position_error_deg": [5.01096e-3, 1.36230e-2, 2.57374e-8],
     "rms_torque_compensation_error_nm": [1.58905e-1, 4.27694e-1, 2.83864e-7],
     "paper": {
-        "source": "Table 5, joints 1 and 2",
-        "rms_position_error_deg": [0.0456, 0.0227],
-        "max_position_error_deg": [0.2, 0.2],
-        "rms_torque_compensation_error_nm": [0.1173, 0.2981],
+        "source": "Table 5, joints 1 and 2", "rms_position_error_deg": [0.0456, 0.0227],
+        "max_position_error_deg": [0.2, 0.2], "rms_torque_compensation_error_nm": [0.1173, 0.2981],
     },
     "reference": {
-        "sampled": {
-            "name": "sampled-delayed",
-            "max_position_difference_rad": 1.234e-8,
-            "max_torque_difference_nm": 5.678e-5,
-        },
-        "continuous": {"name": "continuous", "max_position_difference_rad": 3.2e-6, "max_torque_difference_nm": 2.3e-2},
+        name: {"name": full, "max_position_difference_rad": position, "max_torque_difference_nm": torque}
+        for name, full, position, torque in (
+            ("sampled", "sampled-delayed", 1.234e-8, 5.678e-5), ("continuous", "continuous", 3.2e-6, 2.3e-2),
+        )
     },
-    "warnings": ["Joint 1: K_v*step is [bold]above[/bold] 0.5."],
-    "settings": {"controller.K_p[1]": "1500"},
-}
+    "warnings": ["Joint 1: K_v*step is [bold]above[/bold] 0.5."], "settings": {"controller.K_p[1]": "1500"},
+}  # fmt: skip
 
 
 def shown(renderable, width: int = 80) -> str:
@@ -53,11 +38,7 @@ def shown(renderable, width: int = 80) -> str:
     return capture.get()
 
 
-def without(*keys: str) -> dict[str, Any]:
-    return {key: value for key, value in TRACKING.items() if key not in keys}
-
-
-def test_tracking_rows():
+def test_tracking_rows_with_and_without_a_paper_and_units_behind_the_numbers_where_joints_differ():
     sheet = tracking_sheet(TRACKING)
     assert sheet.columns[1] == "Position\nRMS\n[deg]"
     # 100 * 4.55149e-3 / 0.0456 = 9.98, 100 * 5.01096e-3 / 0.2 = 2.51, 100 * 0.158905 / 0.1173 = 135.5
@@ -66,15 +47,9 @@ def test_tracking_rows():
     assert sheet.rows[1][3::3] == ("54", "6.8", "143")
     assert sheet.rows[2] == ("3", "1.6e-08", "-", "-", "2.57e-08", "-", "-", "2.84e-07", "-", "-")
     assert "Table 5, joints 1 and 2" in sheet.notes[1]
-
-
-def test_tracking_without_a_paper_has_no_columns_for_it():
     sheet = tracking_sheet({**TRACKING, "paper": {}})
     assert len(sheet.columns) == 4
-    assert "aper" not in shown(sheet_table(tracking_sheet({**TRACKING, "paper": {}})))
-
-
-def test_units_stand_behind_the_numbers_where_joints_differ():
+    assert "aper" not in shown(sheet_table(sheet))
     summary = {**TRACKING, "position_units": ["deg", "mm", "deg"], "torque_units": ["N.m", "N", "N.m"], "paper": {}}
     sheet = tracking_sheet(summary)
     assert sheet.columns == ("Joint", "Position\nRMS", "Position\nmaximum", "Torque\nRMS")
@@ -82,20 +57,17 @@ def test_units_stand_behind_the_numbers_where_joints_differ():
     assert reference_sheet(summary).columns == ("Reference", "Position\n[rad or m]", "Torque\n[N.m or N]")
 
 
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        ({}, "An ideal case: plant and model are identical, and the gains are chosen."),
-        ({"plant_factors": {"mass": 1.02}}, "The plant differs from the model by chosen values."),
-        ({"settings": {"plant.K_f0": "500"}}, "The plant differs from the model by chosen values."),
-    ],
-)
+@pytest.mark.parametrize(("changed", "said"), [
+    ({}, "An ideal case: plant and model are identical, and the gains are chosen."),
+    ({"plant_factors": {"mass": 1.02}}, "The plant differs from the model by chosen values."),
+    ({"settings": {"plant.K_f0": "500"}}, "The plant differs from the model by chosen values."),
+])  # fmt: skip
 def test_below_the_errors_stands_why_they_are_small(changed, said):
     assert tracking_sheet({**TRACKING, **changed}).notes[-1].startswith(said)
     assert "chosen" not in str(tracking_sheet({**TRACKING, **changed, "paper": {}}).notes)
 
 
-def test_where_solutions_separate_the_statistics_are_compared():
+def test_statistics_are_compared_where_solutions_separate_and_the_energy_residual_is_a_sum():
     summary = copy.deepcopy(TRACKING) | {"separation": {"change": 1e-9, "max_position_difference_rad": 5.9e-4}}
     for entry, k in zip(summary["reference"].values(), (1.0, 2.0), strict=True):
         entry |= {"rms_position_difference": 0.0123 * k, "rms_torque_difference": 0.0345 * k}
@@ -109,48 +81,34 @@ def test_where_solutions_separate_the_statistics_are_compared():
         summary
     )
     assert "Chaotic loop" not in [name for name, _ in facts(TRACKING)]
-
-
-def test_the_energy_residual_says_that_it_is_a_sum_of_absolute_values():
-    bond = {
-        "residual_energy_j": [3e-3, -1e-3],
-        "residual_energy_abs_j": [4e-3, 4e-3],
-        "exchanged_energy_j": [30.0, 10.0],
-    }
-    said = dict(facts({**TRACKING, "power_bond": bond}))["Energy residual"]
-    assert said.startswith("0.008 J, the sum of absolute values, at tau and kappa_dot, where 40 J are exchanged")
-    assert said.endswith("; net 0.002 J")
-
-
-def test_reference_rows():
-    assert reference_sheet(TRACKING).rows == [
-        ("sampled-delayed", "1.23e-08", "5.68e-05"),
-        ("continuous", "3.2e-06", "0.023"),
-    ]
-    text = shown(sheet_table(reference_sheet(TRACKING)))
+    energies = {"residual": [3e-3, -1e-3], "residual_energy_abs": [4e-3, 4e-3], "exchanged": [30.0, 10.0]}
+    bond = {"residual_energy_j": energies["residual"], "residual_energy_abs_j": energies["residual_energy_abs"]}
+    said = dict(facts({**TRACKING, "power_bond": bond | {"exchanged_energy_j": energies["exchanged"]}}))
+    assert said["Energy residual"].startswith(
+        "0.008 J, the sum of absolute values, at tau and kappa_dot, where 40 J are exchanged"
+    )
+    assert said["Energy residual"].endswith("; net 0.002 J")
+    sheet = reference_sheet(TRACKING)
+    assert sheet.rows == [("sampled-delayed", "1.23e-08", "5.68e-05"), ("continuous", "3.2e-06", "0.023")]
+    text = shown(sheet_table(sheet))
     assert "[rad]" in text and "[N.m]" in text and "sampled-delayed" in text
+    for summary in ({**TRACKING, "reference": {}}, {k: v for k, v in TRACKING.items() if k != "reference"}):
+        assert "No reference was solved." in shown(sheet_table(reference_sheet(summary)))
+        assert "reference" not in "".join(sheet.title for sheet in sheets(summary))
+    said = ("No reference", "tool: an FMU has no equations to solve here")
+    assert said in facts({"no_reference": said[1]})
 
 
-@pytest.mark.parametrize("summary", [without("reference"), {**TRACKING, "reference": {}}])
-def test_no_reference(summary):
-    assert "No reference was solved." in shown(sheet_table(reference_sheet(summary)))
-    assert "reference" not in "".join(sheet.title for sheet in sheets(summary))
+@pytest.mark.parametrize("sheet", [tracking_sheet, reference_sheet])
+def test_a_terminal_of_80_columns_shows_every_number_whole_and_a_narrow_one_cuts_nothing_off(sheet):
+    text = shown(sheet_table(sheet(TRACKING)))
+    for row in sheet(TRACKING).rows:
+        assert any(line.split() == list(row) for line in text.splitlines()), row
+    for each in (text, shown(sheet_table(sheet(TRACKING)), width=40)):
+        assert "\N{HORIZONTAL ELLIPSIS}" not in each
 
 
-@pytest.mark.parametrize(("sheet", "summary"), [(tracking_sheet, TRACKING), (reference_sheet, TRACKING)])
-def test_a_terminal_of_80_columns_shows_every_number_whole(sheet, summary):
-    lines = shown(sheet_table(sheet(summary))).splitlines()
-    for row in sheet(summary).rows:
-        assert any(line.split() == list(row) for line in lines), row
-    assert "\N{HORIZONTAL ELLIPSIS}" not in "".join(lines)
-
-
-def test_a_narrow_terminal_cuts_nothing_off():
-    text = shown(sheet_table(tracking_sheet(TRACKING)), width=40)
-    assert "\N{HORIZONTAL ELLIPSIS}" not in text
-
-
-def test_the_widest_numbers_fit_80_columns():
+def test_the_widest_numbers_fit_80_columns_and_facts_are_those_of_the_run():
     summary = copy.deepcopy(TRACKING)
     for key in ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm"):
         summary[key] = [1.234e-5] * 6
@@ -158,37 +116,18 @@ def test_the_widest_numbers_fit_80_columns():
     summary |= {"position_units": ["deg"] * 6, "torque_units": ["N.m"] * 6}
     row = ["6", *["1.23e-05", "0.1234", "0.01"] * 3]
     assert any(line.split() == row for line in shown(sheet_table(tracking_sheet(summary))).splitlines())
-
-
-def test_facts_of_a_run():
+    before = copy.deepcopy(TRACKING)
     assert list(facts(TRACKING)) == [
-        ("Scenario", "two_joint"),
-        ("Robot", "manipulator_6dof"),
-        ("Friction", "lumped"),
-        ("Units", "python FMUs"),
-        ("Master", "gauss-seidel"),
-        ("Step", "0.001 s"),
-        ("Stop", "30 s"),
-        ("Tolerance", "1e-07"),
-        ("Steps", "30000"),
-        ("Wall time", "6.77 s"),
-        ("Real-time factor", "4.43"),
-        ("Settings", "controller.K_p[1] = 1500"),
-    ]
+        ("Scenario", "two_joint"), ("Robot", "manipulator_6dof"), ("Friction", "lumped"), ("Units", "python FMUs"),
+        ("Master", "gauss-seidel"), ("Step", "0.001 s"), ("Stop", "30 s"), ("Tolerance", "1e-07"), ("Steps", "30000"),
+        ("Wall time", "6.77 s"), ("Real-time factor", "4.43"), ("Settings", "controller.K_p[1] = 1500"),
+    ]  # fmt: skip
     text = shown(run_panel(TRACKING))
     assert all(name in text and value in text for name, value in facts(TRACKING))
-
-
-def test_summaries_are_only_read():
-    before = copy.deepcopy(TRACKING)
-    sheets(TRACKING), shown(run_panel(TRACKING))
-    assert before == TRACKING
-
-
-def test_facts_say_why_there_is_no_reference():
-    assert ("No reference", "tool: an FMU has no equations to solve here") in facts(
-        {"no_reference": "tool: an FMU has no equations to solve here"}
-    )
+    sheets(TRACKING)
+    assert before == TRACKING  # summaries are only read
+    why = ("No reference", "tool: an FMU has no equations to solve here")
+    assert why in facts({"no_reference": why[1]})
 
 
 def test_tables_are_latex_of_the_same_rows(tmp_path):

@@ -32,7 +32,6 @@ GAIN = {
 
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory) -> Checked:
-    """Return the system of the planar arm, with a fast motion."""
     folder = tmp_path_factory.mktemp("tracks")
     vdfmu.run("planar_tracking", stop=0.01, out=folder, reference=False)
     return check_system(load_ssp(folder / "system.ssp"), algorithm="gauss-seidel")
@@ -40,7 +39,6 @@ def planar(tmp_path_factory) -> Checked:
 
 @pytest.fixture(scope="module")
 def described() -> SystemDescription:
-    """Return its description."""
     return SystemDescription(load_scenario("planar_tracking"))
 
 
@@ -75,18 +73,14 @@ def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_non
     assert found(planar, chosen) == list(of.values())  # from the cache
 
 
-def test_an_arm_whose_friction_excites_itself_is_taken_without_it(described):
-    falling = {name: value for name, value in values_of(described)["plant"].items() if name.startswith(("f_", "v_s"))}
-    assert {"f_c[1]", "f_s[1]", "f_v[1]"} <= falling.keys()
-    of_plant, of_controller = (least_dry_friction(values_of(described)[unit]) for unit in ("plant", "controller"))
-    assert of_plant == {f"{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)}
-    assert of_controller == {}
-
-
-def test_factors_of_a_slider():
+def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(described):
     knob = {"least": 0.1, "most": 10.0}
     assert [factor(knob, place) for place in (-100, 0, 50, 100)] == [0.1, 1.0, pytest.approx(10**0.5, rel=1e-15), 10.0]
     assert factor({"least": 0.0, "most": 3.0}, -100) == 0.0
+    values = values_of(described)
+    assert {"f_c[1]", "f_s[1]", "f_v[1]"} <= values["plant"].keys()
+    assert least_dry_friction(values["plant"]) == {f"{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)}
+    assert least_dry_friction(values["controller"]) == {}
 
 
 class Look(Tap):

@@ -10,7 +10,6 @@ from vdfmu.engine.rules import Finding
 
 
 def members(path):
-    """Return the content of a zip file by name."""
     with zipfile.ZipFile(path) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 

@@ -39,13 +39,16 @@ def lacking(T: float, h: float) -> float:
     return float(ARM.I_m[0] * np.abs(np.diff(places, 2)).max() / h**2)
 
 
-def test_a_run_says_what_the_inverse_of_coupled_rotors_leaves_out():
+def test_a_run_says_what_the_inverse_leaves_out_and_that_stiff_springs_depend_on_the_tolerance():
     _, (note,) = run({"trajectory.T": 0.25}, 0.3)
     assert "motor 1 in a step, for its rotors are coupled and the motion is fast" in note
     said = float(note.partition("leaves out ")[2].partition(" of ")[0])
     # the note takes the slope of D once, at the middle of three steps in which the springs go through 10 % of it
     np.testing.assert_allclose(said, lacking(0.25, 1e-3), rtol=0.25)
     assert run({}, 2.0)[1] == []  # T = 2 s
+    _, (note,) = run(STIFF | LET_GO, 0.1)
+    assert "of up to" in note and note.endswith("Compare with plant.tolerance = 1e-9.")
+    assert [run(settings, 0.1)[1] for settings in QUIET] == [[], [], []]
 
 
 STIFF = {"plant.K_f0": 1e4 * ARM.K_f0, "plant.K_w0": 1e4 * ARM.K_w0}
@@ -58,12 +61,6 @@ LINEAR = {"plant.c_f": 1e-4 * ARM.c_f, "plant.c_w": 1e-4 * ARM.c_w}
 
 QUIET = (STIFF | LET_GO | LINEAR, STIFF | LET_GO | {"plant.kappa_dot_0": 0.0}, LET_GO)
 """Springs that do not stiffen, stiff ones that hardly swing, and those of the arm."""
-
-
-def test_a_run_says_that_stiff_springs_which_swing_depend_on_the_tolerance():
-    _, (note,) = run(STIFF | LET_GO, 0.1)
-    assert "of up to" in note and note.endswith("Compare with plant.tolerance = 1e-9.")
-    assert [run(settings, 0.1)[1] for settings in QUIET] == [[], [], []]
 
 
 @pytest.mark.heavy

@@ -19,27 +19,29 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import system_values
 
 TAU_STALL, NO_LOAD, FULL_SPEED = 10.0, 4.0, 0.5
-ROWS = [  # torque asked for, speed, position; torque given; what it is at, from the law's definition
-    (5.0, 1.0, 0.0, 5.0, ""),
-    (20.0, 1.0, 0.0, 10.0, "torque"),
+# torque asked for, speed, position; torque given; the limit that it is at, from the law's definition
+ROWS = [
+    (5.0, 1.0, 0.0, 5.0, ""), (20.0, 1.0, 0.0, 10.0, "torque"),
     (20.0, 2.0, 0.0, 10.0, "torque"),  # the corner
     (20.0, 3.0, 0.0, 5.0, "speed"),  # half-way down the line
-    (5.0, 3.0, 0.0, 5.0, ""),
-    (1.0, 4.5, 0.0, 0.0, "speed"),
+    (5.0, 3.0, 0.0, 5.0, ""), (1.0, 4.5, 0.0, 0.0, "speed"),
     (-20.0, 4.5, 0.0, -10.0, "torque"),  # brakes
-    (-3.0, 1.0, 1.2, -3.0, "stop"),
-    (-3.0, 1.0, -1.1, -3.0, "stop"),
-]
+    (-3.0, 1.0, 1.2, -3.0, "stop"), (-3.0, 1.0, -1.1, -3.0, "stop"),
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def limited():
-    """Return the small arm with limits at both joints."""
     robot = load_robot("panda_7dof")
     names = ("q_min", "q_max", "stop_stiffness", "stop_damping", "tau_stall", "kappa_dot_max", "full_speed")
     numbers = (-1.0, 1.0, 1e4, 0.5, TAU_STALL, NO_LOAD, FULL_SPEED)
     assert robot.limits
     return dataclasses.replace(robot, **{n: np.full(robot.n, x) for n, x in zip(names, numbers, strict=True)})
+
+
+@pytest.fixture(scope="module")
+def one(limited):
+    return ArmLimits("plant", limited, np.full(limited.n, np.inf), "plant.tau")
 
 
 def recorded(rows, n, times, **more):
@@ -54,46 +56,34 @@ def recorded(rows, n, times, **more):
 
 
 @pytest.mark.parametrize("row", ROWS)
-def test_each_row_is_at_its_limit_and_gets_its_torque(limited, row):
-    tau, speed, q, given, limit = row
-    one = ArmLimits("plant", limited, np.full(limited.n, np.inf), "plant.tau")
+def test_each_row_is_at_its_limit_and_gets_its_torque(limited, one, row):
+    tau, speed, _, given, limit = row
     assert one.given(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(given)
     found = time_at_limits(recorded([row[:3]] * 2, limited.n, [0.0, 1.0]), [one])["limits"]["plant"]
-    assert {key: shares[0] for key, shares in found.items()} == {
-        key: float(key == limit) for key in ("torque", "speed", "stop")
-    }
+    first = {key: shares[0] for key, shares in found.items()}
+    assert first == {key: float(key == limit) for key in ("torque", "speed", "stop")}
     assert all(not any(shares[1:]) for shares in found.values())
-    assert (tau, speed, q) == row[:3]
 
 
-def test_a_row_counts_with_the_length_of_its_step(limited):
+def test_a_row_counts_with_the_length_of_its_step_and_the_largest_share_has_its_place(limited, one):
     rows = [(20.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 4.5, 2.0)]
-    one = ArmLimits("plant", limited, np.full(limited.n, np.inf), "plant.tau")
     found = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 3.0, 10.0]), [one])["limits"]["plant"]
     np.testing.assert_allclose([found[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14)
-
-
-def test_the_largest_share_has_its_place_and_its_begin(limited):
     rows = [(5.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (20.0, 1.0, 0.0)]
-    one = ArmLimits("plant", limited, np.full(limited.n, np.inf), "plant.tau")
     figures = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 4.0, 10.0]), [one])["key_figures"]
     assert figures == {"saturated": {"value": 0.7, "place": "torque limit of joint 1", "at_s": 1.0}}
     brief = recorded(rows[:3], limited.n, [0.0, 0.9, 100.0])  # 0.9 %, which the table shows as 1: 0.01 is the limit
-    assert "key_figures" not in time_at_limits(brief, [one])
-    assert "limits" in time_at_limits(brief, [one])
+    assert "limits" in time_at_limits(brief, [one]) and "key_figures" not in time_at_limits(brief, [one])
 
 
-@pytest.mark.parametrize(
-    ("tau_max", "code", "line"),
-    [
-        (0.08, 1, r"✗ Failed: saturated, at the torque limit of joint 1 for 69 % of the time, since 0\.621 s; .*"
-                  r"off its path, tool off by 1\.2 m at most, in a motion of 1\.66 m, at 2 s; "),
-        (0.1, 0, r"! Doubtful: saturated, at the torque limit of joint 1 for 48\.9 % of the time, since 0\.767 s; .*"
-                 r"tool error 0\.141 m at most"),
-        (0.112, 0, r"! Doubtful: saturated, at the torque limit of joint 1 for 10\.3 % of the time, since 0\.914 s; "
-                   r"tool error 1\.04 mm at most"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("tau_max", "code", "line"), [
+    (0.08, 1, r"✗ Failed: saturated, at the torque limit of joint 1 for 69 % of the time, since 0\.621 s; .*"
+              r"off its path, tool off by 1\.2 m at most, in a motion of 1\.66 m, at 2 s; "),
+    (0.1, 0, r"! Doubtful: saturated, at the torque limit of joint 1 for 48\.9 % of the time, since 0\.767 s; .*"
+             r"tool error 0\.141 m at most"),
+    (0.112, 0, r"! Doubtful: saturated, at the torque limit of joint 1 for 10\.3 % of the time, since 0\.914 s; "
+               r"tool error 1\.04 mm at most"),
+])  # fmt: skip
 def test_a_run_at_its_torque_limit_says_so_first_and_has_a_page_with_sliders(tmp_path, tau_max, code, line):
     options = ["--set", f"controller.tau_max={tau_max}", "--no-reference", "--out", str(tmp_path / "run")]
     done = CliRunner().invoke(app, ["run", "planar_tracking", *options])
@@ -119,13 +109,10 @@ def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):
     assert sheet.title in (tmp_path / "report.html").read_text()
 
 
-def test_a_run_away_from_its_limits_has_no_table(planar_run):
+def test_a_run_away_from_its_limits_has_no_table_and_its_values_are_those_of_the_motor(planar_run):
     assert "limits" not in planar_run[1].summary
     rests = {"plant": dict.fromkeys(("torque", "speed", "stop"), [0.0, 0.0])}
     assert sheets({"limits": rests}) == [] != sheets({"limits": {"plant": rests["plant"] | {"speed": [0.0, 0.1]}}})
-
-
-def test_values_of_the_run_are_those_of_the_motor():
     scenario = reach_scenario("kr_6dof")
     (plain,) = limits_of(SystemDescription(scenario))
     changed = system_values(scenario, {"plant.tau_stall[2]": 0.1, "controller.tau_max[3]": 0.2})
@@ -134,12 +121,10 @@ def test_values_of_the_run_are_those_of_the_motor():
     assert one.tau_max[2] == 0.2 and one.tau_max[1] == plain.tau_max[1]
 
 
-def test_the_compensation_torque_is_what_the_motors_gave(limited):
-    n = limited.n
-    one = ArmLimits("plant", limited, np.full(n, np.inf), "plant.tau")
+def test_the_compensation_torque_is_what_the_motors_gave(limited, one):
     rows = [(20.0, 1.0, 0.0), (20.0, 3.0, 0.0)]
     more = {"trajectory_of_q_d": [0.0, 0.0], "controller_of_tau": [20.0, 20.0], "feedforward_of_tau_m": [1.0, 1.0]}
-    results = recorded(rows, n, [0.0, 1.0], **more)
+    results = recorded(rows, limited.n, [0.0, 1.0], **more)
     found = tracking_errors(results, limited, [one])["rms_torque_compensation_error_nm"]
     assert found[0] == pytest.approx(limited.ell[0] * np.sqrt((9.0**2 + 4.0**2) / 2))
     asked = tracking_errors(results, limited)["rms_torque_compensation_error_nm"]

@@ -17,7 +17,6 @@ STOP = 0.2
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """Return the function ``runs(**options)``: a short run of the small arm, once for each set of options."""
     known = {}
 
     def once(**options):
@@ -53,7 +52,6 @@ def test_python_and_native_fmus_agree_over_the_tracking_run():
 
 @pytest.fixture(scope="module")
 def container(runs, tmp_path_factory):
-    """Return the system of the native run folded into one FMU."""
     folder, _ = runs(backend="native", master="jacobi")
     return write_container(folder / "system.ssp", tmp_path_factory.mktemp("c") / "arm.fmu", step=1e-3)
 
@@ -76,15 +74,11 @@ def test_the_container_runs_in_plain_fmpy_as_jacobi_does_to_the_bit(runs, contai
 
 
 @pytest.mark.heavy
-def test_a_parameter_and_a_free_input_of_the_container_are_those_of_its_units(runs, container):
+def test_the_container_has_the_inputs_of_its_units_and_the_same_bits_each_time(runs, container, tmp_path):
     for name, value in (("controller.K_p[1]", 100.0), ("plant.F_e[2]", 30.0)):
         _, jacobi = runs(backend="native", master="jacobi")
         changed = simulated(container, ["plant.q[1]"], start_values={name: value})
         assert np.abs(changed["plant.q[1]"] - jacobi["plant.q[1]"]).max() > 1e-7
-
-
-@pytest.mark.heavy
-def test_the_same_system_gives_the_same_container_to_the_bit(runs, container, tmp_path):
     folder, _ = runs(backend="native", master="jacobi")
     token = fmpy.read_model_description(str(container)).guid
     again = write_container(folder / "system.ssp", tmp_path / "again.fmu", step=1e-3)

@@ -7,7 +7,8 @@ import zipfile
 
 import pytest
 
-from tests.engine.files import check_file
+from tests.engine.files import check_file, zipped
+from tests.study.run.conftest import members
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
@@ -26,12 +27,9 @@ def changed(fmus, tmp_path):
     """Copy an FMU without the files whose name starts with `left_out`, with other texts instead of some."""
 
     def change(left_out, texts=None):
-        path = tmp_path / "Plant.fmu"
-        with zipfile.ZipFile(fmus["plant"]) as source, zipfile.ZipFile(path, "w") as target:
-            for name in source.namelist():
-                if not name.startswith(left_out):
-                    target.writestr(name, (texts or {}).get(name, source.read(name)))
-        return path
+        kept = {name: data for name, data in members(fmus["plant"]).items() if not name.startswith(left_out)}
+        (tmp_path / "Plant.fmu").write_bytes(zipped(kept | (texts or {})))
+        return tmp_path / "Plant.fmu"
 
     return change
 
@@ -40,13 +38,15 @@ SCRIPT = "resources/vdfmu_plant_slave.py"
 
 
 @pytest.mark.heavy
-def test_a_good_fmu_has_no_problems(fmus):
+def test_a_good_fmu_has_no_problems_and_its_process_leaves_nothing(fmus, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     for path in fmus.values():
         assert check_file(path) == []
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.heavy
-def test_an_entry_that_is_there_twice_with_one_content_is_a_note(changed):
+def test_an_entry_that_is_there_twice_is_a_note_and_one_that_is_missing_a_problem(changed, tmp_path):
     path = changed("nothing")
     with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -54,17 +54,6 @@ def test_an_entry_that_is_there_twice_with_one_content_is_a_note(changed):
     report = inspect_file(path)
     assert (report.problems, report.ran) == ([], True)
     assert report.notes == [f"entry {SCRIPT!r} occurs more than once, with the same content"]
-
-
-@pytest.mark.heavy
-def test_what_the_process_leaves_is_removed(fmus, tmp_path, monkeypatch):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    assert check_file(fmus["plant"]) == []
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.heavy
-def test_a_unit_without_its_script_is_a_problem_and_not_a_crash(changed, tmp_path):
     path = changed(SCRIPT)
     (problem,) = check_file(path)
     assert "10 steps" in problem
@@ -75,106 +64,28 @@ def test_a_unit_without_its_script_is_a_problem_and_not_a_crash(changed, tmp_pat
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_a_unit_that_ends_its_process_is_reported_with_the_signal(changed):
-    path = changed("none", {SCRIPT: "import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n"})
-    (problem,) = check_file(path)
-    assert problem.startswith("the process crashed (signal 11) in a run of 10 steps")
-
-
-def test_a_unit_that_ends_its_process_without_an_error_is_reported(changed):
-    path = changed("none", {SCRIPT: "import os\nos._exit(0)\n"})
-    assert check_file(path) == ["the unit ended the process in a run of 10 steps"]
-
-
-def test_a_binary_for_another_platform_only_is_named(changed):
-    path = changed("binaries/")
-    with zipfile.ZipFile(path, "a") as target:
-        target.writestr("binaries/plan9/Plant.so", b"\x7fELF")
-    (problem,) = check_file(path)
-    assert problem.startswith("no binary for this platform")
-
-
-@pytest.mark.parametrize("name", ["missing.fmu", "no.ssd"])
-def test_a_missing_file_is_a_wrong_option(tmp_path, name):
-    with pytest.raises(UsageError, match="there is no such file"):
-        check_file(tmp_path / name)
-
-
-def test_what_breaks_a_rule_is_not_run(changed):
-    """A script that would end the process, which a fault of the description keeps from being run."""
-    code = {SCRIPT: "import os\nos._exit(0)\n"}
-    with zipfile.ZipFile(changed("none", code)) as archive:
-        text = archive.read("modelDescription.xml").replace(b'unit="rad/s"', b'unit="rad/h"')
-    report = inspect_file(changed("none", {**code, "modelDescription.xml": text}))
-    assert report.problems and not report.ran
-    assert all(p.startswith('The unit "rad/h" of variable ') for p in report.problems)
-    assert report.notes == [NOT_RUN]
-
-
-def test_a_binary_that_is_none_is_found_without_running_it(changed):
-    with zipfile.ZipFile(changed("none")) as archive:
-        (name,) = (n for n in archive.namelist() if n.endswith("linux64/Plant.so"))
-    path = changed("none", {name: b"no library"})
-    for run in (False, True):
-        report = inspect_file(path, run=run)
-        assert report.problems == [f"{name}: is not a shared library of the kind in its name"]
-        assert not report.ran
-    (problem,) = check_file(changed(name, {}), run=False)
-    assert problem.startswith("no binary for this platform")
-
-
-def test_files_that_are_no_fmu(tmp_path):
-    for name, data in {"text.fmu": b"hello", "empty.fmu": b"", "cut.fmu": b"PK\x03\x04"}.items():
-        (tmp_path / name).write_bytes(data)
-        (problem,) = check_file(tmp_path / name)
-        assert problem.startswith(f"{name} is not a readable FMU: cannot be read as a zip package")
-    for text, words in {
-        "<a/>": "expected the root fmiModelDescription, got 'a'",
-        "<a>": "is not well-formed XML",
-        '<fmiModelDescription fmiVersion="4.0"/>': "fmiVersion is '4.0'; expected 1.0, 2.0 or 3.0",
-        '<fmiModelDescription fmiVersion="2.0"/>': "modelName",
-    }.items():
-        with zipfile.ZipFile(tmp_path / "x.fmu", "w") as file:
-            file.writestr("modelDescription.xml", text)
-        assert words in " ".join(check_file(tmp_path / "x.fmu"))
-    with zipfile.ZipFile(tmp_path / "x.fmu", "w") as file:
-        file.writestr("SystemStructure.ssd", "")
-    (problem,) = check_file(tmp_path / "x.fmu")
-    assert problem.endswith("it has no 'modelDescription.xml'; it is a package of SSP, name it .ssp")
-
-
-def test_an_fmu_of_fmi_1_and_one_without_co_simulation_are_told_in_words(tmp_path):
-    description = (
-        '<fmiModelDescription fmiVersion="1.0" modelName="m" modelIdentifier="m" guid="1" '
-        'numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables/></fmiModelDescription>'
-    )
-    exchange = (
-        '<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1"><ModelExchange modelIdentifier="m"/>'
-        "<ModelVariables/><ModelStructure/></fmiModelDescription>"
-    )
-    for text, standard, note in (
-        (description, "FMI 1.0", "FMI 1.0: fmpy and other importers run it"),
-        (exchange, "FMI 2.0", "no co-simulation: a master needs it"),
-    ):
-        with zipfile.ZipFile(tmp_path / "m.fmu", "w") as file:
-            file.writestr("modelDescription.xml", text)
-        report = inspect_file(tmp_path / "m.fmu")
-        assert (report.kind, report.standard, report.ran) == ("FMU", standard, False)
-        assert any(n.startswith(note) for n in report.notes)
-        assert any(p.startswith("no binary for this platform") for p in report.problems)
+@pytest.mark.parametrize(("code", "said"), [
+    ("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n", "the process crashed (signal 11) in a run of 10"),
+    ("import os\nos._exit(0)\n", "the unit ended the process in a run of 10 steps"),
+])  # fmt: skip
+def test_a_unit_that_ends_its_process_is_reported(changed, code, said):
+    (problem,) = check_file(changed("none", {SCRIPT: code}))
+    assert problem.startswith(said)
 
 
 def test_what_cannot_be_opened_is_a_wrong_option(tmp_path, monkeypatch):
-    (tmp_path / "a.txt").write_text("x")
-    with pytest.raises(UsageError, match=r"not of a kind that can be checked; expected \.fmu, \.ssp, \.ssd"):
-        check_file(tmp_path / "a.txt")
+    for name in ("a.txt", "SystemStructure.ssd", "closed.fmu"):
+        (tmp_path / name).write_text("x")
     (tmp_path / "x.fmu").mkdir()
-    with pytest.raises(UsageError, match="is a folder; expected a file"):
-        check_file(tmp_path / "x.fmu")
-    (tmp_path / "SystemStructure.ssd").write_text("")
-    with pytest.raises(UsageError, match=r"is a folder; give .*SystemStructure\.ssd"):
-        check_file(tmp_path)
-    (tmp_path / "closed.fmu").write_bytes(b"x")
+    for name, words in {
+        "missing.fmu": "there is no such file",
+        "no.ssd": "there is no such file",
+        "a.txt": r"not of a kind that can be checked; expected \.fmu, \.ssp, \.ssd",
+        "x.fmu": "is a folder; expected a file",
+        "": r"is a folder; give .*SystemStructure\.ssd",
+    }.items():
+        with pytest.raises(UsageError, match=words):
+            check_file(tmp_path / name)
 
     def refuse(*_args, **_options):
         raise PermissionError(13, "Permission denied")
@@ -184,20 +95,66 @@ def test_what_cannot_be_opened_is_a_wrong_option(tmp_path, monkeypatch):
         check_file(tmp_path / "closed.fmu")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('fmiVersion="2.0"', 'fmiVersion="2.0.4"', "fmiVersion is '2.0.4'; expected 1.0, 2.0 or 3.0"),
-        ('fmiVersion="2.0"', 'fmiVersion=""', "has no fmiVersion"),
-        ("<DefaultExperiment", "<DefaultExperiment tolerance='1' stepSize='-1'", "stepSize is '-1'; expected"),
-    ],
-)
+def test_what_breaks_a_rule_is_not_run(fmus, changed):
+    """A script that would end the process, which a fault of the description keeps from being run."""
+    text = members(fmus["plant"])["modelDescription.xml"].replace(b'unit="rad/s"', b'unit="rad/h"')
+    report = inspect_file(changed("none", {SCRIPT: "import os\nos._exit(0)\n", "modelDescription.xml": text}))
+    assert report.problems and not report.ran
+    assert all(p.startswith('The unit "rad/h" of variable ') for p in report.problems)
+    assert report.notes == [NOT_RUN]
+
+
+def test_a_binary_that_is_none_is_found_without_running_it(fmus, changed):
+    (name,) = (n for n in members(fmus["plant"]) if n.endswith("linux64/Plant.so"))
+    path = changed("none", {name: b"no library"})
+    for run in (False, True):
+        report = inspect_file(path, run=run)
+        assert report.problems == [f"{name}: is not a shared library of the kind in its name"]
+        assert not report.ran
+    (problem,) = check_file(changed(name, {}), run=False)  # those for other platforms are there
+    assert problem.startswith("no binary for this platform")
+
+
+def test_files_that_are_no_fmu(tmp_path):
+    for name, data in {"text.fmu": b"hello", "empty.fmu": b"", "cut.fmu": b"PK\x03\x04"}.items():
+        (tmp_path / name).write_bytes(data)
+        (problem,) = check_file(tmp_path / name)
+        assert problem.startswith(f"{name} is not a readable FMU: cannot be read as a zip package")
+    for name, text, words in (
+        ("modelDescription.xml", "<a/>", "expected the root fmiModelDescription, got 'a'"),
+        ("modelDescription.xml", "<a>", "is not well-formed XML"),
+        ("modelDescription.xml", '<fmiModelDescription fmiVersion="2.0"/>', "modelName"),
+        ("SystemStructure.ssd", "", "it has no 'modelDescription.xml'; it is a package of SSP, name it .ssp"),
+    ):
+        (tmp_path / "x.fmu").write_bytes(zipped({name: text}))
+        assert words in " ".join(check_file(tmp_path / "x.fmu"))
+
+
+OLD = """<fmiModelDescription fmiVersion="1.0" modelName="m" modelIdentifier="m" guid="1" numberOfContinuousStates="0"
+numberOfEventIndicators="0"><ModelVariables/></fmiModelDescription>"""
+EXCHANGE = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1"><ModelExchange modelIdentifier="m"/>
+<ModelVariables/><ModelStructure/></fmiModelDescription>"""
+
+
+@pytest.mark.parametrize(("text", "standard", "note"), [
+    (OLD, "FMI 1.0", "FMI 1.0: fmpy and other importers run it"),
+    (EXCHANGE, "FMI 2.0", "no co-simulation: a master needs it"),
+])  # fmt: skip
+def test_an_fmu_of_fmi_1_and_one_without_co_simulation_are_told_in_words(tmp_path, text, standard, note):
+    (tmp_path / "m.fmu").write_bytes(zipped({"modelDescription.xml": text}))
+    report = inspect_file(tmp_path / "m.fmu")
+    assert (report.kind, report.standard, report.ran) == ("FMU", standard, False)
+    assert any(n.startswith(note) for n in report.notes)
+    assert any(p.startswith("no binary for this platform") for p in report.problems)
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('fmiVersion="2.0"', 'fmiVersion="2.0.4"', "fmiVersion is '2.0.4'; expected 1.0, 2.0 or 3.0"),
+    ('fmiVersion="2.0"', 'fmiVersion=""', "has no fmiVersion"),
+    ("<DefaultExperiment[^/>]*", "<DefaultExperiment tolerance='1' stepSize='-1'", "stepSize is '-1'; expected"),
+])  # fmt: skip
 def test_a_version_or_experiment_that_is_odd_is_told_and_not_run(fmus, changed, old, new, said):
-    with zipfile.ZipFile(fmus["plant"]) as archive:
-        text = archive.read("modelDescription.xml").decode()
-    if new.startswith("<Default"):
-        text = re.sub(r"<DefaultExperiment[^/>]*", new, text)
-    text = text.replace(old, new) if not new.startswith("<Default") else text
+    text = re.sub(old, new, members(fmus["plant"])["modelDescription.xml"].decode())
     report = inspect_file(changed("\0", {"modelDescription.xml": text}))
     assert any(said in problem for problem in report.problems)
     assert not report.ran

@@ -18,7 +18,6 @@ DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">\
 
 
 def fmu(start="0", limits="", before=""):
-    """Return an FMU without binaries, which no platform can run."""
     return zipped({"modelDescription.xml": DESCRIPTION.format(start=start, limits=limits, before=before)})
 
 
@@ -41,7 +40,6 @@ def package(tmp_path):
 
 
 def problems(path):
-    """Return the problems, except for the binaries that these FMUs lack."""
     return [p for p in check_file(path, run=False) if "no binary for this platform" not in p]
 
 
@@ -68,15 +66,12 @@ def test_faults_of_all_layers_come_at_once(package):
     assert last.startswith("resources/text.fmu: text.fmu is not a readable FMU: cannot be read as")
 
 
-@pytest.mark.parametrize(
-    ("limits", "fault"),
-    [
-        (' min="1" max="1"', ""),
-        (' max="0.5"', "expected at most 0.5, the limit of the FMU, got 1"),
-        (' min="1.5"', "expected at least 1.5, the limit of the FMU, got 1"),
-        (' min="0" max="50" unit="cm"', "expected at most 50, the limit of the FMU, got 100"),
-    ],
-)
+@pytest.mark.parametrize(("limits", "fault"), [
+    (' min="1" max="1"', ""),
+    (' max="0.5"', "expected at most 0.5, the limit of the FMU, got 1"),
+    (' min="1.5"', "expected at least 1.5, the limit of the FMU, got 1"),
+    (' min="0" max="50" unit="cm"', "expected at most 50, the limit of the FMU, got 100"),
+])  # fmt: skip
 def test_values_lie_within_the_limits_of_the_fmu(package, limits, fault):
     """The last in its unit: 1 m is 100 cm."""
     base = '<{0}Unit name="{1}"><{0}BaseUnit m="1" factor="{2}"/></{0}Unit>'
@@ -87,13 +82,10 @@ def test_values_lie_within_the_limits_of_the_fmu(package, limits, fault):
     assert [p.partition("): ")[2] for p in problems(path) if p[:3] == "c: "] == ([fault] if fault else [])
 
 
-def test_fmus_are_checked_where_the_system_cannot_be_read(package):
+def test_fmus_are_checked_where_the_system_cannot_be_read_and_units_are_defined_where_named(package):
     found = check_file(package("<ssd:System>", {"resources/m.fmu": fmu("abc")}), run=False)
     assert found[0].startswith("x.ssp: SystemStructure.ssd: is not well-formed XML")
     assert found[1].startswith("resources/m.fmu: modelDescription.xml, line 2: Element 'Real'")
-
-
-def test_units_are_defined_in_the_file_that_names_them(package):
     text = ssd(component("c", "u:input:Real:rad y:output:Real:rad", inner=values(parameter("k", unit="furlong"))))
     assert problems(package(text)) == [
         "x.ssp: SystemStructure.ssd: unit 'rad' of c.u and 1 more is not defined; define it in ssd:Units",
@@ -104,7 +96,7 @@ def test_units_are_defined_in_the_file_that_names_them(package):
     assert problems(package(text.replace("</ssd:System>", "</ssd:System>" + units))) == []
 
 
-def test_names_that_occur_twice(package):
+def test_names_that_occur_twice_and_rules_of_the_package_and_of_its_files(package):
     mapping = "".join(f'<ssm:MappingEntry source="{source}" target="k"/>' for source in "ab")
     text = ssd(component("c", "u:input u:input", inner=values("a=1", "b=1", mapping=mapping)))
     path = package(text, {"B.ssd": ssd(component("c"))})
@@ -115,9 +107,6 @@ def test_names_that_occur_twice(package):
     ]
     same = "SystemStructure.ssd and B.ssd: have the same name, 'n'; tools let users choose by it"
     assert same in inspect_file(path, run=False).notes
-
-
-def test_rules_of_the_package_and_of_its_files_and_of_packages_in_it(package):
     inner = zipped({"SystemStructure.ssd": ssd(component("c", "u:input:Real:rad")), "resources/m.fmu": fmu()})
     text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + ssd(
         component("p", source="resources/i.ssp", attributes='type="application/x-ssp-package"'), name="\xe9"

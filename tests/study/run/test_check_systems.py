@@ -44,24 +44,6 @@ def test_units_agree_with_the_reference_results_that_they_carry(fmus, unit):
     assert check_file(fmus[unit]) == []
 
 
-@pytest.mark.heavy
-def test_a_unit_that_does_not_is_found_by_variable_and_time(fmus, tmp_path):
-    content = members(fmus["plant"])
-    name = f"{REFERENCE}Plant_out.csv"
-    lines = content[name].decode().splitlines()
-    column = lines[0].split(",").index("q[2]")
-    cells = lines[6].split(",")
-    cells[column] = repr(float(cells[column]) + 0.01)
-    lines[6] = ",".join(cells)
-    pack_zip(tmp_path / "wrong.fmu", content | {name: "\n".join(lines).encode()})
-    (problem,) = check_file(tmp_path / "wrong.fmu")
-    assert problem.startswith(f"Plant_out.csv: q[2] at t = {float(cells[0]):g} s: expected ")
-    assert check_file(tmp_path / "wrong.fmu", run=False) == []
-    pack_zip(tmp_path / "broken.fmu", content | {name: b"time,q[1]\n0,x,y\n1\n"})
-    (problem,) = check_file(tmp_path / "broken.fmu")
-    assert problem.startswith("Plant_out.csv: the reference results cannot be compared: ")
-
-
 def test_a_table_that_the_manifest_names_and_is_missing_is_a_note(fmus, tmp_path):
     name = f"{REFERENCE}Plant_out.csv"
     pack_zip(tmp_path / "less.fmu", {n: data for n, data in members(fmus["plant"]).items() if n != name})

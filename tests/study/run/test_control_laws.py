@@ -85,25 +85,20 @@ def test_an_arm_follows_as_well_as_the_law_can(law, scenario):
 @pytest.mark.parametrize("scenario", SCENARIOS)
 @pytest.mark.parametrize("law", LAWS)
 def test_the_sampled_loop_is_stable_along_the_motion(law, scenario):
-    """At the torque of a sample held over 1 ms; a third is the modulus margin of a damped loop.
-
-    The paper's drives take damping away at some speed, where the friction falls: there less is left of it.
-    """
+    """At the torque of a sample held over 1 ms; a third is the modulus margin of a damped loop."""
+    # The paper's drives take damping away at some speed, where the friction falls: there less is left of it.
     system = with_units(load_scenario(scenario), {"controller": law})
     loops = margins_along(system, settings=settings(gains_of(law, scenario))).judged.loops
     assert (loops.modulus > (0.05 if scenario == "tracking" else 0.33)).all()
 
 
-def test_inputs_of_the_law_are_joined_by_terminals_of_one_name():
+def test_inputs_of_the_law_are_joined_by_terminals_of_one_name_and_each_of_two_arms_joins_its_own_plant():
     scenario = with_units(load_scenario("planar_tracking"), {"controller": "joint_torque"})
     assert scenario.system.joined == ("plant.kappa -> controller.kappa", "plant.tau_s -> controller.tau_s")
     assert scenario.system.connections["plant.tau_s"] == ["controller.tau_s"]
     assert "plant.q -> controller.q" in scenario.system.dropped
     same = with_units(load_scenario("planar_tracking"), {"controller": "controller"})
     assert same.system.joined == same.system.dropped == ()
-
-
-def test_each_of_two_arms_joins_its_own_plant():
     before = load_scenario("two_arms")
     parts = [name for name in before.system.parts if "controller" in name]
     assert len(parts) > 1

@@ -60,19 +60,16 @@ def test_a_drive_with_an_option_runs_as_its_reference(with_options, bare, option
 
 @pytest.fixture(scope="module")
 def bare():
-    """Return the run without options."""
     return vdfmu.run("planar_tracking", stop=STOP, reference=False, settings=SETTINGS, out=False)
 
 
 @pytest.fixture(scope="module")
 def every(with_options):
-    """Return the small arm with all options."""
     return with_options()
 
 
 @pytest.fixture(scope="module")
 def plant(every, tmp_path_factory):
-    """Return its native plant."""
     return build_fmus(every, tmp_path_factory.mktemp("fmus"), units=("plant",))["plant"]
 
 
@@ -87,11 +84,9 @@ def test_a_drive_with_all_options_runs_as_its_reference(every):
 def test_the_plant_with_all_options_is_the_same_in_model_exchange(plant):
     names = ["q[1]", "q[2]", *(f"{state}[{i}]" for state in MORE.values() for i in (1, 2)), "E_spring"]
     given = {
-        "stop_time": STOP,
-        "output_interval": 1e-2,
-        "output": names,
+        "stop_time": STOP, "output_interval": 1e-2, "output": names,
         "start_values": {"tau[1]": 0.2, "tolerance": 1e-9},
-    }
+    }  # fmt: skip
     by_itself = fmpy.simulate_fmu(str(plant), fmi_type="CoSimulation", **given)
     exchanged = fmpy.simulate_fmu(str(plant), fmi_type="ModelExchange", relative_tolerance=1e-9, **given)
     for name in names:

@@ -22,13 +22,10 @@ def fmus(tmp_path_factory):
     return folder
 
 
-def test_it_has_at_most_80_lines_of_fmpy_and_numpy():
+def test_it_has_at_most_80_lines_of_fmpy_and_numpy_and_the_bits_of_gauss_seidel(fmus, tmp_path):
     text = EXAMPLE.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 80
     assert "vdfmu" not in [line.split()[1].partition(".")[0] for line in text.splitlines() if "import " in line]
-
-
-def test_it_has_the_bits_of_gauss_seidel(fmus, tmp_path):
     spec = spec_from_file_location("fmpy_master", EXAMPLE)
     example = module_from_spec(spec)
     spec.loader.exec_module(example)

@@ -34,11 +34,9 @@ def told(results, robot, name="sampled-delayed", substeps=1):
 
     absolute, relative = summary.compare(results, solution(), robot, substeps)
     return {
-        **summary.tracking_errors(results, robot),
-        **summary.estimation_errors(results, substeps),
-        **absolute,
+        **summary.tracking_errors(results, robot), **summary.estimation_errors(results, substeps), **absolute,
         **relative,
-    }
+    }  # fmt: skip
 
 
 def earlier(rows, lag):

@@ -21,7 +21,6 @@ def test_tracking_errors_stay_below_their_share_of_table_4(tmp_path, mode, posit
 
 
 def shares(summary, key):
-    """Return our numbers in shares of the paper's, for the joints that it has."""
     paper = np.array(summary["paper"][key])
     return np.array(summary[key])[: len(paper)] / paper
 

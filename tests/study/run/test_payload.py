@@ -25,8 +25,6 @@ inertia = 0.002
 
 @pytest.fixture
 def scenario_file(tmp_path):
-    """Return a function that writes planar_tracking with some more lines."""
-
     def write(more):
         path = tmp_path / "loaded.toml"
         path.write_text((data_path("models") / "scenarios" / "planar_tracking.toml").read_text() + more)
@@ -36,26 +34,21 @@ def scenario_file(tmp_path):
 
 
 def solved(scenario, stop, **settings):
-    """Return the positions of the sampled reference of a scenario."""
     values = system_values(scenario, {"plant.tolerance": 1e-9} | settings)
     return reference("sampled", SystemDescription(scenario, values), step=1e-3, stop=stop)["plant.q"]
 
 
-def test_a_known_payload_is_that_of_plant_and_feedforward(scenario_file):
-    scenario = load_scenario(scenario_file(PAYLOAD))
-    values = system_values(scenario)
-    for component in ("plant", "feedforward"):
+@pytest.mark.parametrize("known", [True, False])
+def test_a_payload_is_that_of_the_plant_and_a_known_one_of_the_feedforward(scenario_file, known):
+    values = system_values(load_scenario(scenario_file(PAYLOAD + f"known = {str(known).lower()}\n")))
+    for component in ("plant", "feedforward") if known else ("plant",):
         assert values[component]["payload_mass"] == MASS
         assert values[component]["payload_centroid[1]"] == 0.1
         assert values[component]["payload_inertia[2,2]"] == 0.002
+    if not known:
+        assert values["feedforward"]["payload_mass"] == 0.0
+        assert values["feedforward"]["payload_inertia[2,2]"] < 1e-14
     assert not load_robot("planar_2dof").payload
-
-
-def test_an_unknown_payload_is_that_of_the_plant(scenario_file):
-    values = system_values(load_scenario(scenario_file(PAYLOAD + "known = false\n")))
-    assert values["plant"]["payload_mass"] == MASS
-    assert values["feedforward"]["payload_mass"] == 0.0
-    assert values["feedforward"]["payload_inertia[2,2]"] < 1e-14
 
 
 def test_a_payload_that_no_body_has_is_refused(scenario_file):
@@ -115,13 +108,10 @@ def test_a_setting_gives_a_robot_a_payload(scenario_file):
     assert not prepare("planar_tracking", ["plant.mass"]).robot.payload
 
 
-def test_a_component_that_knows_no_bodies_is_not_given_a_payload():
+def test_a_component_without_bodies_has_no_payload_and_a_variable_of_an_option_names_it(tmp_path):
     scenario = prepare("planar_tracking", ["controller.payload_mass"])
     with pytest.raises(UsageError, match=r"controller has no payload_mass\. There are: q_d, "):
         system_values(scenario, {"controller.payload_mass": 1.0})
-
-
-def test_a_variable_of_an_option_names_the_option(tmp_path):
     (tmp_path / "system.toml").write_text(
         'extends = "system"\n[units]\nwall = "wall"\n[connections]\n"plant.V_O" = ["wall.V_O"]\n'
     )

@@ -1,7 +1,5 @@
 """The energy that the coupling adds, of rows that a run shows."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +15,6 @@ NAMES = [f"{name}[{i}]" for name in ("plant.kappa_dot", "controller.tau", "x.y",
 
 
 def shown(tap, times, rows, names=NAMES):
-    """Show rows of an exchange to a tap, whose summary is returned."""
     memory = np.zeros(len(NAMES))
 
     def reals(wanted):

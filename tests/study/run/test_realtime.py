@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.declaration import SOLVERS
 
 
 @pytest.mark.heavy
-def test_the_error_of_fixed_steps_is_that_of_the_page():
-    """The first 0.5 s, while friction turns on, have the largest errors of the 10 s of docs/efmi.md.
+def test_the_error_of_fixed_steps_is_that_of_the_page_and_python_fmus_take_the_same():
+    """The first 0.5 s, while friction turns on, have the largest errors of the 10 s of docs/efmi.md."""
 
-    It has 1.3e-8 rad for one step and 1.8e-10 rad for four. Rounding of sin and tanh on other machines is 1e-15.
-    """
-
+    # It has 1.3e-8 rad for one step and 1.8e-10 rad for four. Rounding of sin and tanh on other machines is 1e-15.
     def run(**settings):
         given = {f"plant.{name}": value for name, value in settings.items()}
         return vdfmu.run("tracking", stop=0.5, out=False, reference=False, backend="native", settings=given)["plant.q"]
@@ -25,11 +22,7 @@ def test_the_error_of_fixed_steps_is_that_of_the_page():
     errors = [np.abs(run(solver=kind) - exact).max() for kind in ("fixed_1", "fixed_2", "fixed_4")]
     assert [float(f"{error:.1e}") for error in errors] == [1.3e-8, 1.5e-9, 1.8e-10]
     assert errors[-1] < 1e-7
-
-
-@pytest.mark.heavy
-def test_python_fmus_take_the_same_fixed_steps():
-    """Rounding of some 100 steps in a stable loop: 1e-13 of positions of 1 rad is what backends differ by."""
+    # Rounding of some 100 steps in a stable loop: 1e-13 of positions of 1 rad is what backends differ by.
     native, python = (
         vdfmu.run(
             "planar_tracking", stop=0.1, out=False, reference=False, backend=backend,
@@ -52,8 +45,3 @@ def test_a_run_by_the_clock_takes_its_time_and_says_how_late_it_was(tmp_path):
     free = vdfmu.run("planar_tracking", stop=0.2, out=False, reference=False)
     assert "pace" not in free.summary
     np.testing.assert_array_equal(results["plant.q"], free["plant.q"])
-
-
-def test_a_pace_is_positive():
-    with pytest.raises(UsageError, match="pace: expected a positive number of simulated seconds a second, got 0"):
-        vdfmu.run("planar_tracking", stop=0.01, out=False, reference=False, pace=0.0)

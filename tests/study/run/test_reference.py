@@ -92,7 +92,6 @@ def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
 
 
 def limited():
-    """Return the small arm with limits."""
     data = load_robot("planar_2dof").to_dict()
     for joint in data["joints"]:
         joint["limits"] = {"q_min": -2.0, "q_max": 2.0, "stop_stiffness": 2e4, "stop_damping": 0.5,
@@ -100,16 +99,13 @@ def limited():
     return robot_from_dict(data)
 
 
-def test_limits_of_joints_and_motors_are_those_of_the_reference(tmp_path):
+def test_limits_of_joints_and_motors_are_those_of_the_reference_and_no_start_is_beyond_them(tmp_path):
     motions = []
     for settings in ({}, {"plant__q_max[1]": -1.55, "plant__tau_stall": 0.05}):
         case = Case(tmp_path, "planar_tracking", "1e-9", limited(), **settings)
         case.require_same("gauss-seidel", 1e-3, 0.5)
         motions.append(reference("sampled", case.description, step=1e-3, stop=0.5)["plant.q"])
     assert np.abs(motions[1] - motions[0]).max() > 1e-3  # they act
-
-
-def test_a_start_beyond_the_end_stops_is_refused():
     scenario = load_scenario("planar_tracking", limited())
     with pytest.raises(
         UsageError, match=r"plant.q_0\[1\]: expected a position of joint 1 between its end stops, -2 and 2, got 4"
@@ -118,18 +114,16 @@ def test_a_start_beyond_the_end_stops_is_refused():
 
 
 def positions(scenario, times):
-    """Return the desired positions at times."""
     motion = [group_value(scenario, f"trajectory.{name}") for name in ("q_start", "q_end", "T", "t_start")]
     return [desired_motion(t, *motion).q_d for t in times]
 
 
 @pytest.mark.heavy
 def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
-    """What is left is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up.
-
-    The error of LSODA, 1e-11 of states of up to 30 N m in each of some thousand steps, meets stiffnesses of 1e4 N m/rad
-    and more: 1e-8 rad bounds it, seen 8e-10. The pull is ``K_v (kappa_dot_d - q_d_dot) / K_p``, seen 1.06e-5 rad.
-    """
+    """What is left is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up."""
+    # The error of LSODA, 1e-11 of states of up to 30 N m in each of some thousand steps, meets stiffnesses of 1e4 N
+    # m/rad and more: 1e-8 rad bounds it, seen 8e-10. The pull is ``K_v (kappa_dot_d - q_d_dot) / K_p``, seen 1.06e-5
+    # rad.
     scenario = load_scenario("tracking")
     largest = {}
     for velocity in ("kappa_dot", "mixed"):
@@ -153,14 +147,9 @@ def test_the_algorithms_do_not_match_each_other(tmp_path):
 @pytest.mark.heavy
 def test_required_velocities_and_settings_reach_the_reference(tmp_path):
     settings = {
-        "feedforward__mode": "vdc",
-        "controller__velocity": "kappa_dot",
-        "plant__equilibrium": "false",
-        "plant__tau_s_0[1]": "3.0",
-        "plant__q_0[2]": "0.05",
-        "controller__tau_max": "2.0",
-        "plant__mass[1]": "4.0",
-    }
+        "feedforward__mode": "vdc", "controller__velocity": "kappa_dot", "plant__equilibrium": "false",
+        "plant__tau_s_0[1]": "3.0", "plant__q_0[2]": "0.05", "controller__tau_max": "2.0", "plant__mass[1]": "4.0",
+    }  # fmt: skip
     case = Case(tmp_path, "planar_tracking", "1e-9", **settings)
     case.require_same("gauss-seidel", 1e-3, 0.3)
 
@@ -168,11 +157,9 @@ def test_required_velocities_and_settings_reach_the_reference(tmp_path):
 @pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_first_order_in_the_communication_step_against_the_continuous_reference(tmp_path, algorithm):
-    """Five step sizes, each half of the one before: the error halves.
-
-    The position error of a held input is ``C h + O(h^2)``; over the finest pair the observed order is 1 within 0.1,
-    over all five within 0.25 for the second term at the coarse end.
-    """
+    """Five step sizes, each half of the one before: the error halves."""
+    # The position error of a held input is ``C h + O(h^2)``; over the finest pair the observed order is 1 within 0.1,
+    # over all five within 0.25 for the second term at the coarse end.
     case = Case(tmp_path, "tracking", "1e-10")
     steps = np.array([1e-3, 5e-4, 2.5e-4, 1.25e-4, 6.25e-5])
     stop = 0.5
@@ -196,10 +183,8 @@ def test_an_unknown_reference_is_refused():
 @pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_estimates_are_those_of_the_reference(tmp_path, algorithm):
-    """Another wiring: the estimator, which feeds through, reads plant and controller.
-
-    The solver's error of 1e-10 in each of 300 steps is at most 3e-8 of the size of a signal.
-    """
+    """Another wiring: the estimator, which feeds through, reads plant and controller."""
+    # The solver's error of 1e-10 in each of 300 steps is at most 3e-8 of the size of a signal.
     case = Case(tmp_path, "estimation", "1e-10")
     results = simulate(case.package, step=1e-3, stop=0.3, algorithm=algorithm)
     solution = reference(ALGORITHMS[algorithm].reference, case.description, step=1e-3, stop=0.3)

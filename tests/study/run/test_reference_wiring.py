@@ -104,7 +104,6 @@ class Line(Unit):
 
 
 def made(connections, values=None, **units):
-    """Return the description of a system of classes."""
     system = SystemFile("made", "", Path(), {name: Part(unit) for name, unit in units.items()}, connections, {})
     scenario = dataclasses.replace(load_scenario("planar_tracking"), system=system)
     return SystemDescription(scenario, {name: {} for name in units} | (values or {}))
@@ -112,29 +111,23 @@ def made(connections, values=None, **units):
 
 H, STOP = 0.01, 1.0
 CONTROLLED = {
-    "wish.r": ["feedback.r"],
-    "feedback.u": ["oscillator.u"],
-    "oscillator.x": ["sensor.x"],
-    "oscillator.a": ["sensor.a"],
-    "sensor.z": ["feedback.z"],
-}
+    "wish.r": ["feedback.r"], "feedback.u": ["oscillator.u"], "oscillator.x": ["sensor.x"],
+    "oscillator.a": ["sensor.a"], "sensor.z": ["feedback.z"],
+}  # fmt: skip
 
 
 def moved(x, v, u, duration):
-    """Return position and velocity of the oscillator after a time under a constant force."""
     c, s = np.cos(duration), np.sin(duration)
     return u + (x - u) * c + v * s, v * c - (x - u) * s
 
 
 def times_of_samples(begin, end, period):
-    """Return the samples from `begin`, with it, to `end`, without it."""
     k = np.arange(round(begin / period) - 2, round(end / period) + 3)
     times = k[k >= 0] * period
     return times[(times > begin - 1e-9) & (times < end - 1e-9)]
 
 
 def by_hand(name, period):
-    """Return the rows (m, 3) of z, u, x of the controlled oscillator."""
     x, v, z, K = 0.2, 0.0, 0.1, 3.0
     m = round(STOP / H)
     if name == "continuous":

@@ -49,7 +49,7 @@ def test_a_run_makes_one_interface_for_each_component(tmp_path, monkeypatch):
     assert sorted(made) == ["Feedforward", "PDController", "Plant", "Trajectory"]
 
 
-def test_a_plant_is_known_by_its_interface_and_not_by_its_name(tmp_path):
+def test_a_plant_is_known_by_its_interface_and_gives_the_system_its_tolerance(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     (tmp_path / "mine.toml").write_text(SCENARIO)
     nominal = vdfmu.load_robot("planar_2dof").mass[0]
@@ -57,9 +57,6 @@ def test_a_plant_is_known_by_its_interface_and_not_by_its_name(tmp_path):
         (tmp_path / "own.py").write_text(text)
         (tmp_path / "mine.sys.toml").write_text(SYSTEM.format(name=name))
         assert system_values(load_scenario(tmp_path / "mine.toml"))[name]["mass[1]"] == factor * nominal
-
-
-def test_the_tolerance_of_a_system_is_that_of_its_plant():
     scenario = load_scenario("planar_tracking")
     system = scenario.system
     parts = {("arm" if name == "plant" else name): part for name, part in system.parts.items()}

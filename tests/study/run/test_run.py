@@ -22,14 +22,11 @@ from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import load_scenario
 
 
-def test_a_run_writes_results_summary_and_package(planar_run):
+def test_a_run_writes_results_summary_package_and_every_connected_output_with_its_unit(planar_run):
     folder, results = planar_run
     names = {path.name for path in folder.iterdir()}
     assert {"results.csv", "summary.json", "system.ssp"} <= names
     assert json.loads((folder / "summary.json").read_text()) == json.loads(json.dumps(results.summary))
-
-
-def test_results_hold_every_connected_output_with_its_unit(planar_run):
     folder, results = planar_run
     read = Results.read(folder / "results.csv")
     system = vdfmu.load_ssp(folder / "system.ssp")
@@ -42,7 +39,7 @@ def test_results_hold_every_connected_output_with_its_unit(planar_run):
     assert read.time[-1] == 0.2
 
 
-def test_the_summary_holds_the_errors_of_the_recorded_signals(planar_run):
+def test_the_summary_holds_the_errors_of_the_recorded_signals_and_against_both_references(planar_run):
     _, results = planar_run
     summary = results.summary
     error = np.degrees(results["trajectory.q_d"] - results["plant.q"])
@@ -52,9 +49,6 @@ def test_the_summary_holds_the_errors_of_the_recorded_signals(planar_run):
     assert summary["max_position_error_deg"] == pytest.approx(np.abs(error).max(axis=0), rel=1e-12)
     assert summary["rms_torque_compensation_error_nm"] == pytest.approx(np.sqrt((torque**2).mean(axis=0)), rel=1e-9)
     assert summary["real_time_factor"] == pytest.approx(0.2 / summary["wall_s"])
-
-
-def test_the_run_compares_with_both_references(planar_run):
     _, results = planar_run
     compared = results.summary["reference"]
     assert compared["sampled"]["name"] == "sampled"
@@ -66,14 +60,10 @@ def test_the_run_compares_with_both_references(planar_run):
 
 
 @pytest.mark.heavy
-def test_settings_change_the_run_and_its_reference_alike():
+def test_settings_and_a_wrench_change_the_run_and_its_reference_alike():
     results = vdfmu.run("planar_tracking", stop=0.1, out=False, settings={"controller.K_p": 300, "plant.mass[1]": 3.0})
     assert results.summary["settings"] == {"controller.K_p": "300", "plant.mass[1]": "3.0"}
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
-
-
-@pytest.mark.heavy
-def test_a_wrench_given_to_a_run_acts_on_it_and_its_references():
     options = {"stop": 0.1, "settings": {"plant.F_e[2]": 30.0}}
     results = vdfmu.run("planar_tracking", out=False, **options)
     free = vdfmu.run("planar_tracking", out=False, stop=0.1, reference=False)
@@ -135,7 +125,7 @@ def with_references(monkeypatch, folder, change):
 
 
 @pytest.mark.heavy
-def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
+def test_a_chaotic_loop_is_compared_by_its_statistics_and_a_fault_shown_as_one(tmp_path, monkeypatch):
     with_references(monkeypatch, tmp_path, {"plant.I_m[1]": 1.0 + 1e-9})
     summary = vdfmu.run("tracking_split", out=False).summary
     assert summary["friction"] == "split"
@@ -148,10 +138,6 @@ def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
     assert 0.0 < compared["rms_torque_difference"] < 0.06
     said = reference_sheet(summary)
     assert said.columns[1] == "Position RMS\n[%]" and "chaotic" in " ".join(said.notes)
-
-
-@pytest.mark.heavy
-def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
     with_references(monkeypatch, tmp_path, {"plant.mass[2]": 1.01, "plant.mass[3]": 1.01, "plant.mass[5]": 1.01})
     summary = vdfmu.run("tracking", out=False, stop=2.0).summary
     assert summary["reference"]["sampled"]["max_position_difference_rad"] > 1e-6
@@ -235,17 +221,14 @@ def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
     assert len(results.time) == 11
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
-        ({"step": math.nan}, "step: expected a positive finite time, got nan s"),
-        ({"stop": -1.0}, "stop: expected a positive finite time, got -1 s"),
-        ({"step": 0.003}, "stop: expected a multiple of step = 0.003 s, got 2 s. The nearest is 2.001 s"),
-        ({"master": "gauss"}, "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'"),
-        ({"robot": "manipulator_7dof"}, "manipulator_7dof"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
+    ({"step": math.nan}, "step: expected a positive finite time, got nan s"),
+    ({"stop": -1.0}, "stop: expected a positive finite time, got -1 s"),
+    ({"step": 0.003}, "stop: expected a multiple of step = 0.003 s, got 2 s. The nearest is 2.001 s"),
+    ({"master": "gauss"}, "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'"),
+    ({"robot": "manipulator_7dof"}, "manipulator_7dof"),
+])  # fmt: skip
 def test_a_wrong_option_is_refused_before_anything_is_built(tmp_path, options, words):
     with pytest.raises((UsageError, ModelError), match=words.replace(".", r"\.")):
         vdfmu.run("planar_tracking", out=tmp_path / "out", **options)

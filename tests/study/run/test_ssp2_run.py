@@ -15,7 +15,6 @@ from vdfmu.system.scenario.values import system_values
 
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
-    """Return the package of a scenario as SSP 1.0, and as SSP 2.0 with the types of that."""
     folder = tmp_path_factory.mktemp("packages")
     scenario = load_scenario("planar_tracking")
     fmus = build_fmus(scenario.robot, folder, start_values=system_values(scenario), backend="native")
@@ -34,16 +33,13 @@ def packages(tmp_path_factory):
     return old, folder / "new.ssp"
 
 
-def test_the_reader_finds_the_same_system(packages):
+def test_the_reader_finds_the_same_system_which_runs_to_the_bit_as_ssp_1(packages):
     old, new = map(vdfmu.load_ssp, packages)
     assert (old.version, new.version) == ("1.0", "2.0")
     assert [str(c) for c in old.connections] == [str(c) for c in new.connections]
     assert {c.type for each in new.components for c in each.connectors.values()} <= {"Float64", "Int32", "Boolean"}
     for one, other in zip(old.components, new.components, strict=True):
         assert [(p.name, p.value) for p in one.parameters] == [(p.name, p.value) for p in other.parameters]
-
-
-def test_ssp_2_runs_to_the_bit_as_ssp_1(packages):
     old, new = (vdfmu.simulate(path, stop=0.2) for path in packages)
     assert old.names == new.names
     for name in old.names:
@@ -51,14 +47,10 @@ def test_ssp_2_runs_to_the_bit_as_ssp_1(packages):
 
 
 @pytest.mark.heavy
-def test_ssp_2_is_checked_with_a_run_of_the_whole(packages):
+def test_ssp_2_is_checked_with_a_run_and_arrays_of_fmi_3_run_as_the_elements_of_fmi_2(packages, tmp_path):
     report = inspect_file(packages[1])
     assert (report.problems, report.standard, report.ran) == ([], "SSP 2.0", True)
-
-
-@pytest.mark.heavy
-def test_arrays_of_fmi_3_run_to_the_bit_as_the_elements_of_fmi_2(packages, tmp_path):
-    """The package that `vdfmu ssp --format 2.0` writes: arrays are connected, and set, as a whole or by parts."""
+    # The package that `vdfmu ssp --format 2.0` writes: arrays are connected, and set, as a whole or by parts.
     scenario = load_scenario("planar_tracking")
     values = system_values(scenario)
     fmus = build_fmus(scenario.robot, tmp_path, start_values=values, backend="native", fmi_version="3.0")

@@ -105,45 +105,37 @@ def test_default_gains_are_stable_with_the_margin_of_the_system_at_that_time():
     assert modulus == pytest.approx(np.abs(inverse).min(), rel=2e-3)
 
 
-def test_the_rate_is_that_of_a_nudge():
-    """A small disturbance of the nonlinear run grows with the rate of the fastest mode."""
-    settings = {f"plant.{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)}
-    settings |= {"trajectory.q_end": [-1.5707963267948966, 0.0], "controller.K_v[1]": 2.4 * 40.0}
-    with packaged("planar_tracking", settings) as (package, options):
-        with Simulator(package, isolate=False, **(options | {"algorithm": "jacobi"})) as simulator:
+def nudged(scenario, settings, move, **options):
+    """Return the rate of the fastest mode, its state, and the rate at which a small disturbance of a run grows."""
+    settings = {f"plant.{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)} | settings
+    settings |= {"trajectory.q_end": [-1.5707963267948966, 0.0]}
+    with packaged(scenario, settings) as (package, made):
+        with Simulator(package, isolate=False, **(made | options)) as simulator:
             simulator.run(stop=0.02, taps=[poses := Poses("tau", TIED)])
             rate, state = fastest_mode(poses.loops.part(poses.loops.rows[0].matrix))
             runs = [
-                simulator.run(stop=0.15, parameters={"plant.q_dot_0[1]": move})["plant.kappa_dot"][:, 0]
-                for move in (0.0, 1e-3)
+                simulator.run(stop=0.15, parameters={"plant.q_dot_0[1]": start})["plant.kappa_dot"][:, 0]
+                for start in (0.0, move)
             ]
-    assert state == "plant.kappa_dot[1]" and rate > 10.0
+    assert not poses.lacking and rate > 10.0
     nudge = np.abs(runs[1] - runs[0])
     first, last = (np.log(nudge[a : a + 30].max()) for a in (60, 120))
+    return rate, state, (last - first) / 0.06
+
+
+def test_the_rate_of_a_loop_and_of_a_slow_controller_is_that_of_a_nudge(tmp_path):
+    rate, state, grown = nudged("planar_tracking", {"controller.K_v[1]": 2.4 * 40.0}, 1e-3, algorithm="jacobi")
+    assert state == "plant.kappa_dot[1]"
     # the next mode decays with 20 1/s: 30 % of its start is left in the first window, a third of it in the last; the
     # nonlinear spring adds some per cent
-    assert (last - first) / 0.06 == pytest.approx(rate, rel=0.2)
-
-
-def test_the_rate_of_a_slow_controller_is_that_of_a_nudge(tmp_path):
-    """Samples of 3 ms under steps of 1 ms: the run is judged at the period of the samples."""
+    assert grown == pytest.approx(rate, rel=0.2)
+    # Samples of 3 ms under steps of 1 ms: the run is judged at the period of the samples.
     (tmp_path / "slow.py").write_text(SLOW)
     slow = prepare("planar_tracking", units={"controller": str(tmp_path / "slow.py")})
-    settings = {f"plant.{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)}
-    settings |= {"trajectory.q_end": [-1.5707963267948966, 0.0], "controller.D[1]": 0.65}
-    with packaged(slow, settings) as (package, options):
-        with Simulator(package, isolate=False, **options) as simulator:
-            simulator.run(stop=0.02, taps=[poses := Poses("tau", TIED)])
-            rate, state = fastest_mode(poses.loops.part(poses.loops.rows[0].matrix))
-            runs = [
-                simulator.run(stop=0.15, parameters={"plant.q_dot_0[1]": move})["plant.kappa_dot"][:, 0]
-                for move in (0.0, 1e-5)
-            ]
-    assert not poses.lacking and state.endswith("kappa_dot[1]") and rate > 10.0
-    nudge = np.abs(runs[1] - runs[0])
-    first, last = (np.log(nudge[a : a + 30].max()) for a in (60, 120))
+    rate, state, grown = nudged(slow, {"controller.D[1]": 0.65}, 1e-5)
+    assert state.endswith("kappa_dot[1]")
     # the next mode decays with 25 1/s: 0.2 of its start is left in the first window beside a growth by e**2, 3 %
-    assert (last - first) / 0.06 == pytest.approx(rate, rel=0.03)
+    assert grown == pytest.approx(rate, rel=0.03)
     results = run(slow, stop=0.15, settings={"controller.D": 0.65})
     assert re.match(r"Failed: unstable since 0\.0\d+ s, joint 1", line_of(results.summary))
 
@@ -186,13 +178,9 @@ def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
 
 
 @pytest.mark.heavy
-def test_friction_that_excites_itself_is_no_fault_of_the_gains():
+def test_friction_that_excites_itself_is_no_fault_and_what_cannot_be_linearised_is_said():
     found = checks(run("tracking_split", stop=1.0))["Sampled loops"]
     assert found["state"] == "good" and "friction 'split' excites itself" in found["text"]
-
-
-@pytest.mark.heavy
-def test_what_cannot_be_linearised_is_said():
     results = run("planar_tracking", stop=0.05, backend="python")
     found = checks(results)["Sampled loops"]
     assert found["state"] == "doubtful" and found["text"].startswith("not judged: ")

@@ -12,7 +12,6 @@ from vdfmu.study.run.summary_keys import KEYS, Keyed, List, Record, read_summary
 
 
 def undeclared(value, of, where=""):
-    """Yield the keys of a summary that its declaration lacks."""
     if isinstance(of, Record):
         of = {**of.of, **of.also}
     if isinstance(of, Mapping):
@@ -37,30 +36,24 @@ def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
     assert all(key.text.endswith(".") for key in KEYS.values())
 
 
-@pytest.mark.parametrize(
-    ("found", "said"),
-    [
-        ({"separation": {"change": 1.0}}, "separation.max_position_difference_rad: is missing"),
-        (
-            {"verdict": {"state": "good", "words": "", "checks": [{"name": "a", "state": "good"}]}},
-            "verdict.checks[1].text: is missing",
-        ),
-        ({"position_units": ["deg", "ft"]}, 'position_units[2]: expected deg or mm, got "ft"'),
-        ({"power_bond": 3}, "power_bond: expected a table, got 3"),
-    ],
-)
+@pytest.mark.parametrize(("found", "said"), [
+    ({"separation": {"change": 1.0}}, "separation.max_position_difference_rad: is missing"),
+    (
+        {"verdict": {"state": "good", "words": "", "checks": [{"name": "a", "state": "good"}]}},
+        "verdict.checks[1].text: is missing",
+    ),
+    ({"position_units": ["deg", "ft"]}, 'position_units[2]: expected deg or mm, got "ft"'),
+    ({"power_bond": 3}, "power_bond: expected a table, got 3"),
+])  # fmt: skip
 def test_faults_of_a_summary_are_said(found, said):
     assert typed(found, {name: key.of for name, key in KEYS.items()})[1] == [said]
 
 
-def test_a_factor_of_the_plant_may_have_a_number_for_each_joint(tmp_path, planar_run):
+def test_a_factor_may_have_a_number_for_each_joint_and_a_later_version_is_refused(tmp_path, planar_run):
     summary = planar_run[1].summary | {"plant_factors": {"mass": [1.1, 0.9]}}
     file = tmp_path / "summary.json"
     file.write_text(json.dumps(summary))
     assert read_summary(file)["plant_factors"] == {"mass": [1.1, 0.9]}
-
-
-def test_a_summary_of_a_later_version_is_refused(tmp_path, planar_run):
     file = tmp_path / "summary.json"
     file.write_text(json.dumps(planar_run[1].summary | {"format": 2}))
     with pytest.raises(UsageError, match=r"summary.json: format: expected 1, got 2. A later vdfmu"):

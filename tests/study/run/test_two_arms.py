@@ -51,7 +51,6 @@ def joined(one, two):
 
 @pytest.fixture
 def both(tmp_path):
-    """Return the scenario two_arms and that of the arm of all joints under the same control."""
     two = load_scenario("two_arms")
     sections = {
         name: {
@@ -68,7 +67,6 @@ def both(tmp_path):
 
 
 def positions(results, scenario):
-    """Positions of all joints, of one arm or of two."""
     plants = [name for name in scenario.system.parts if name.startswith("plant")]
     return np.hstack([results[f"{plant}.q"] for plant in plants])
 

@@ -32,7 +32,6 @@ def table(found: Sweep) -> dict[str, list]:
 
 @pytest.fixture(scope="session")
 def wild(tmp_path_factory):
-    """Return a package of one unit, ``unit``, with the output y and the parameters ``way`` and ``at`` [s]."""
     folder = tmp_path_factory.mktemp("wild")
     write(folder / "Wild.fmu", build(folder))
     with zipfile.ZipFile(folder / "wild.ssp", "w") as archive:

@@ -28,11 +28,8 @@ def test_no_worker_has_so_much_that_the_others_wait(points, together):
         left -= len(chunk)
 
 
-def test_a_chunk_takes_some_seconds_and_its_size_can_be_given():
+def test_a_chunk_takes_some_seconds_and_its_size_can_be_given_and_points_that_are_done_are_left_out():
     assert {len(c) for c in taken(Chunks(np.arange(1000), lambda k: k), 4, 5.0)} == {1, 2}
     assert [len(c) for c in taken(Chunks(np.arange(25), lambda k: k, 10), 4, 5.0)] == [10, 10, 5]
-
-
-def test_points_that_are_done_are_left_out():
     points = np.array([1, 2, 5, 6, 7, 8])
     assert taken(Chunks(points, lambda k: k, 4), 4, 5.0) == [[1, 2], [5, 6, 7, 8]]

@@ -67,12 +67,10 @@ def dask(tmp_path) -> Iterator[Cluster]:
 
 @pytest.fixture(scope="module")
 def local(wild, tmp_path_factory):
-    """Return the table of the study on this machine."""
     return table(vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.01, out=tmp_path_factory.mktemp("local") / "study"))
 
 
 def begin(wild, out, dask, **options):
-    """Start the study in a thread; return it, and what comes of it."""
     found: list[object] = []
     half = threading.Event()
 

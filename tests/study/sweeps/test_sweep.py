@@ -162,13 +162,13 @@ def test_failed_points_are_run_again_on_request(wild, tmp_path):
 
 
 @pytest.mark.heavy
-def test_a_function_of_a_script_goes_to_the_workers(wild, tmp_path):
-    offset = 3.0
-    found = vdfmu.sweep(
-        wild, {"unit.at": [0.0, 1.0]}, measure={"m": lambda results: results["unit.y"][-1] + offset}, step=0.5,
-        out=tmp_path / "study",
-    )  # fmt: skip
+def test_a_function_of_a_script_goes_to_the_workers_and_one_that_fails_is_named(wild, tmp_path):
+    offset, options = 3.0, {"step": 0.5}
+    measure = {"m": lambda results: results["unit.y"][-1] + offset}
+    found = vdfmu.sweep(wild, {"unit.at": [0.0, 1.0]}, measure=measure, out=tmp_path / "study", **options)
     assert not found.failed and (found["m"] >= 3.0).all()
+    found = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, out=tmp_path / "failed", **options)
+    assert found.failed[0].startswith("measure m = boom: AttributeError: ")
 
 
 def test_another_function_is_another_study(wild, tmp_path):
@@ -183,12 +183,6 @@ def test_another_function_is_another_study(wild, tmp_path):
 
 def boom(results):
     return results.nothing
-
-
-@pytest.mark.heavy
-def test_a_function_that_fails_is_named(wild, tmp_path):
-    found = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, step=0.5, out=tmp_path / "study")
-    assert found.failed[0].startswith("measure m = boom: AttributeError: ")
 
 
 WRENCH = "plant.F_e[1]"
@@ -263,44 +257,38 @@ def test_rows_are_found_by_what_they_measured(wild, tmp_path):
         found.row("worst", "speed")
 
 
-@pytest.mark.parametrize(
-    ("over", "options", "words"),
-    [
-        ({"unit.nothing": [1.0]}, {}, "nothing"),
-        ({"unit.at": [1.0]}, {"measure": ["m=final(unit.z)"]}, "no output or connected input is called unit.z"),
-        ({"unit.at": [1.0]}, {"measure": None}, "measure: expected at least one"),
-        ({"unit.at": [1.0]}, {"record": ["x*"]}, "record: no output"),
-        ({"unit.at": [1.0]}, {"measure": ["m=at(unit.y, 2)"]}, "a time from 0 to 1 s, got 2 s"),
-        ({"unit.at": [1.0]}, {"step": None}, "step: the package says none"),
-        ({"unit.at": [1.0]}, {"measure": ["m=1 / 0 + final(unit.y)"]}, "ZeroDivisionError"),
-        ({"unit.at": [1.0]}, {"workers": 0}, "workers"),
-        ({"unit.at": [1.0]}, {"chunk": 0}, "chunk"),
-        ({"unit.at": [1.0]}, {"time_limit": 0.0}, "time_limit"),
-        ({"robot": ["planar_2dof"]}, {}, "robot: for a scenario"),
-        ({"unit.at": "*1, 2"}, {}, "unit.at: for a scenario"),
-        ({"master": ["fast"]}, {}, "fast"),
-    ],
-)
+@pytest.mark.parametrize(("over", "options", "words"), [
+    ({"unit.nothing": [1.0]}, {}, "nothing"),
+    ({"unit.at": [1.0]}, {"measure": ["m=final(unit.z)"]}, "no output or connected input is called unit.z"),
+    ({"unit.at": [1.0]}, {"measure": None}, "measure: expected at least one"),
+    ({"unit.at": [1.0]}, {"record": ["x*"]}, "record: no output"),
+    ({"unit.at": [1.0]}, {"measure": ["m=at(unit.y, 2)"]}, "a time from 0 to 1 s, got 2 s"),
+    ({"unit.at": [1.0]}, {"step": None}, "step: the package says none"),
+    ({"unit.at": [1.0]}, {"measure": ["m=1 / 0 + final(unit.y)"]}, "ZeroDivisionError"),
+    ({"unit.at": [1.0]}, {"workers": 0}, "workers"),
+    ({"unit.at": [1.0]}, {"chunk": 0}, "chunk"),
+    ({"unit.at": [1.0]}, {"time_limit": 0.0}, "time_limit"),
+    ({"robot": ["planar_2dof"]}, {}, "robot: for a scenario"),
+    ({"unit.at": "*1, 2"}, {}, "unit.at: for a scenario"),
+    ({"master": ["fast"]}, {}, "fast"),
+])  # fmt: skip
 def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over, options, words):
     with pytest.raises(UsageError, match=words):
         vdfmu.sweep(wild, over, **{"measure": MEASURES, "step": 0.1, "out": tmp_path / "study", **options})
     assert not (tmp_path / "study").exists()
 
 
-@pytest.mark.parametrize(
-    ("over", "words"),
-    [
-        (["controller.K_x=1, 2"], "K_x"),
-        (["feedforward.mode=vdc, fast"], "fast"),
-        (["plant.mass=lin(-1, 1, 3)"], "mass"),
-        (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
-        (["robot=planar_2dof, nowhere"], "nowhere"),
-        (["plant.q_max=1, 2"], r"robot planar_2dof does not have its optional table \[limits\]"),
-        (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
-        (["trajectory.t_start=*lin(1, 2, 2)"], "not all 0"),  # its start value: no key of the scenario
-        (["controller.K_p[1]=1, 2", "controller.K_p=3, 4"], r"K_p\[1\]: has no effect, as controller.K_p after it"),
-    ],
-)
+@pytest.mark.parametrize(("over", "words"), [
+    (["controller.K_x=1, 2"], "K_x"),
+    (["feedforward.mode=vdc, fast"], "fast"),
+    (["plant.mass=lin(-1, 1, 3)"], "mass"),
+    (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
+    (["robot=planar_2dof, nowhere"], "nowhere"),
+    (["plant.q_max=1, 2"], r"robot planar_2dof does not have its optional table \[limits\]"),
+    (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
+    (["trajectory.t_start=*lin(1, 2, 2)"], "not all 0"),  # its start value: no key of the scenario
+    (["controller.K_p[1]=1, 2", "controller.K_p=3, 4"], r"K_p\[1\]: has no effect, as controller.K_p after it"),
+])  # fmt: skip
 def test_what_a_scenario_cannot_have_is_said_before_the_first_point(tmp_path, over, words):
     with pytest.raises(VdfmuError, match=words):
         vdfmu.sweep("planar_tracking", over, stop=0.1, out=tmp_path / "study")
@@ -372,7 +360,7 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
 @pytest.mark.heavy
 def test_a_row_of_a_package_is_named(wild, tmp_path):
     found = study(wild, tmp_path / "study")
-    with pytest.raises(UsageError, match=r"'vdfmu simulate .*wild.ssp' runs it, with unit.at="):
+    with pytest.raises(UsageError, match=r"'vdfmu run .*wild.ssp' runs it, with unit.at="):
         found.options(0)
 
 

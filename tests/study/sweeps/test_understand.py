@@ -59,7 +59,7 @@ def saltelli(tmp_path_factory):
     return study(tmp_path_factory.mktemp("saltelli") / "study", CUBE, ishigami, "saltelli", 512)
 
 
-def test_sobol_indices_of_ishigamis_function_are_the_analytic_ones(saltelli):
+def test_sobol_indices_are_the_analytic_ones_and_narrow_with_the_root_of_the_points(saltelli):
     found = saltelli.indices("y")
     first = np.array([PART["a"], PART["b"], 0.0]) / VARIANCE
     total = np.array([PART["a"] + PART["ac"], PART["b"], PART["ac"]]) / VARIANCE
@@ -70,9 +70,6 @@ def test_sobol_indices_of_ishigamis_function_are_the_analytic_ones(saltelli):
     assert abs(pair - PART["ac"] / VARIANCE) < 2 * found.widths["second"][0, 2]
     # and is narrow enough to tell them apart: x3 has 0.24 in all, of which none alone
     assert found.widths["total"].max() < 0.12 and found.widths["first"].max() < 0.12
-
-
-def test_the_confidence_narrows_with_the_root_of_the_points():
     widths = []
     for n in (128, 2048):
         x = np.pi * (2 * shares(3, "saltelli", n, 0) - 1)
@@ -81,7 +78,7 @@ def test_the_confidence_narrows_with_the_root_of_the_points():
     assert 0.15 < widths[1] / widths[0] < 0.4
 
 
-def test_morris_gives_the_slopes_of_a_linear_function_and_the_bend_of_another():
+def test_morris_gives_slopes_and_bends_of_functions_and_of_the_points_of_a_study(tmp_path):
     u = shares(3, "morris", 20, 0)
     found = morris_indices(3 * u[:, 0] - 2 * u[:, 1], u, "abc")
     # differences of numbers near 1: rounding
@@ -90,9 +87,6 @@ def test_morris_gives_the_slopes_of_a_linear_function_and_the_bend_of_another():
     np.testing.assert_allclose(found.values["sigma"], 0, atol=1e-12)
     bent = morris_indices(u[:, 0] * u[:, 1], u, "abc")
     assert bent.values["sigma"][0] > 0.1 and bent.values["sigma"][2] == 0.0
-
-
-def test_morris_of_a_study_takes_the_points_that_it_ran(tmp_path):
     over = {"f.a": "log(1, 100)", "f.b": "lin(0, 5)"}
     found = study(tmp_path / "s", over, lambda a, b: np.log10(a) + b, "morris", 10).indices()
     # over the whole range of each axis: two decades, and 5
@@ -114,16 +108,13 @@ def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("over", "sample", "n", "kinds"),
-    [
-        ({"f.a": "log(1, 100, 7)", "f.b": "lin(0, 5, 6)"}, "grid", None, {"tornado"}),
-        ({f"f.x{i}": "lin(1, 2)" for i in range(11)}, "lhs", 120, {"tornado"}),
-        ({"f.a": "lin(0, 1, 9)"}, "grid", None, {"curve"}),
-        ({"f.a": "lin(0, 1, 9)", "f.m": "one, two"}, "grid", None, {"tornado"}),
-        ({"f.a": "lin(0, 1)", "f.b": "lin(0, 1)"}, "morris", 8, {"tornado"}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("over", "sample", "n", "kinds"), [
+    ({"f.a": "log(1, 100, 7)", "f.b": "lin(0, 5, 6)"}, "grid", None, {"tornado"}),
+    ({f"f.x{i}": "lin(1, 2)" for i in range(11)}, "lhs", 120, {"tornado"}),
+    ({"f.a": "lin(0, 1, 9)"}, "grid", None, {"curve"}),
+    ({"f.a": "lin(0, 1, 9)", "f.m": "one, two"}, "grid", None, {"tornado"}),
+    ({"f.a": "lin(0, 1)", "f.b": "lin(0, 1)"}, "morris", 8, {"tornado"}),
+])  # fmt: skip
 def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, over, sample, n, kinds):
     found = study(tmp_path / "s", over, lambda a, *others: 1e-3 + a**3, sample, n, fail=[2])
     files = found.plot(out=tmp_path / "figures")
@@ -135,11 +126,8 @@ def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, ove
             assert (np.abs(picture - np.array(to_rgb(FAILED))).max(axis=-1) < 0.02).sum() > 5, file
 
 
-def test_indices_are_drawn(saltelli, tmp_path):
+def test_indices_are_drawn_and_axes_come_by_influence(saltelli, tmp_path):
     assert [file.name for file in saltelli.plot("indices", out=tmp_path)] == ["y_indices.png"]
-
-
-def test_axes_come_by_influence_and_the_tornado_has_their_ends(tmp_path):
     over = {"f.a": "lin(0, 1, 3)", "f.b": "lin(0, 1, 3)", "f.c": "lin(0, 1, 3)"}
     shown = view(study(tmp_path / "s", over, lambda a, b, c: a - 5 * b + 3 * c))
     assert [side.label for side in shown.sides] == ["f.b [kg]", "f.c [kg]", "f.a [kg]"]
@@ -157,23 +145,16 @@ def test_files_are_named_without_their_folders_and_large_numbers_in_full(tmp_pat
     assert [sides["f.a"].text(x) for x in (12345.0, 1e-5, 3e6, 0.25)] == ["12300", "1e-05", "3e+06", "0.25"]
 
 
-def test_a_measure_without_values_is_shown_as_such(tmp_path):
+def test_a_measure_without_values_is_shown_as_such_and_what_cannot_be_drawn_said(tmp_path):
     found = study(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: a * np.nan)
     assert found.ranges() == [["y", "no value", "", "", ""]]
-
-
-def test_a_column_of_a_measure_that_no_point_has_is_said(tmp_path):
     failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
     with pytest.raises(UsageError, match="no point has a value of y: all failed"):
         failed["y"]
     assert failed.undefined() == []
-    some = study(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: np.where(a == 0.0, np.nan, a), fail=[2])
+    some = study(tmp_path / "w", {"f.a": "lin(0, 1, 3)"}, lambda a: np.where(a == 0.0, np.nan, a), fail=[2])
     assert some.undefined() == ["y has no finite value at 1 of 3 points."]
-
-
-def test_what_cannot_be_drawn_is_said(tmp_path):
-    found = study(tmp_path / "s", {"f.a": "lin(0, 1, 4)"}, lambda a: a)
-    failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
+    found = study(tmp_path / "v", {"f.a": "lin(0, 1, 4)"}, lambda a: a)
     one = study(tmp_path / "u", {"f.a": "1"}, lambda a: a * 1.0)
     for each, options, words in (
         (found, {"kind": "pie"}, "kind: expected curve, tornado, indices, got pie"),
@@ -221,7 +202,7 @@ def test_the_page_stands_alone_and_says_how_to_run_the_worst_point(tmp_path):
     assert "it broke" in page.text_content()
 
 
-def test_failures_are_grouped_by_cause(tmp_path):
+def test_failures_are_grouped_by_cause_and_units_are_kept_by_expressions(tmp_path):
     found = study(tmp_path / "study", {"f.a": "lin(0, 1, 3)", "f.b": "1, 2"}, lambda a, b: a + b, fail=[4, 5])
     (group,) = failed_groups(found)
     assert (group.points, group.where) == ([4, 5], "f.a 1")
@@ -232,9 +213,6 @@ def test_failures_are_grouped_by_cause(tmp_path):
         "f: y[3] is 12.5 at 3e-4": "f: y[…] is … at …",
     }  # fmt: skip
     assert {text: cause_of(text) for text in texts} == texts
-
-
-def test_a_unit_is_that_of_the_signals_where_the_expression_keeps_it():
     units = {"a.q": "rad", "a.q[1]": "rad", "b.tau": "N.m"}
     texts = {
         "rms(a.q - a.q[1])": "rad", "worst(peak(b.tau))": "N.m", "degrees(final(a.q))": "deg", "settling(a.q)": "s",
@@ -251,14 +229,11 @@ def test_a_study_knows_the_units_of_its_axes_and_measures(tmp_path):
         measure=["error=rms(trajectory.q_d - plant.q)"], out=tmp_path / "study",
     )  # fmt: skip
     assert found.facts["units"] == {
-        "plant.K_f0[2]": "N.m/rad",
-        "plant.mass": "",
-        "feedforward.mode": "",
-        "error": "rad",
-    }
+        "plant.K_f0[2]": "N.m/rad", "plant.mass": "", "feedforward.mode": "", "error": "rad",
+    }  # fmt: skip
 
 
-def test_parts_do_not_repeat_what_the_study_is(tmp_path):
+def test_parts_do_not_repeat_what_the_study_is_and_the_worst_point_has_the_largest_value(tmp_path):
     """100,000 listed values in each of 2,000 parts would take gigabytes."""
     values = np.linspace(0.0, 1.0, 5000)
     found = study(tmp_path / "s", {"f.a": values}, lambda a: a)
@@ -269,9 +244,6 @@ def test_parts_do_not_repeat_what_the_study_is(tmp_path):
         part = next((tmp_path / "t" / "parts").glob("*.parquet"))
         assert part.stat().st_size < 10_000  # ten rows of five columns; the axis alone is 100 kB of text
         assert vdfmu.Sweep(tmp_path / "t").facts["axes"] == found.facts["axes"]  # before the end too
-
-
-def test_the_worst_point_has_the_largest_value_and_the_best_the_smallest(tmp_path):
     found = study(tmp_path / "study", {"f.x": [3.0, -2.0, 5.0, 9.0]}, lambda x: x, fail=(3,))
     assert [found.row(which)["point"] for which in ("worst", "best", 0)] == [2, 1, 0]
     assert found.row("best", "y")["y"] == -2.0

@@ -200,16 +200,8 @@ def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_pa
 @pytest.mark.heavy
 def test_a_larger_budget_goes_on(tmp_path):
     def ask(budget):
-        vdfmu.tune(
-            "planar_tracking",
-            ["controller.K_p[1]"],
-            ERRORS,
-            stop=0.1,
-            method="local",
-            evaluations=budget,
-            workers=1,
-            out=tmp_path,
-        )
+        options = {"stop": 0.1, "method": "local", "evaluations": budget, "workers": 1, "out": tmp_path}
+        vdfmu.tune("planar_tracking", ["controller.K_p[1]"], ERRORS, **options)
         return table(Sweep(tmp_path))
 
     first, second = ask(3), ask(6)
@@ -229,7 +221,7 @@ def test_a_start_without_margin_is_noted(tmp_path):
 
 
 @pytest.mark.heavy
-def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
+def test_runs_that_fail_cost_infinity_and_limits_hold_for_every_robot(tmp_path):
     """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
     found = vdfmu.tune(
         "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", evaluations=8,
@@ -237,13 +229,9 @@ def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
     )  # fmt: skip
     assert found.failed == len(Sweep(found.folder).failed) > 0
     assert found.after.feasible and found.after.cost[0] <= found.before.cost[0]
-
-
-@pytest.mark.heavy
-def test_limits_hold_for_every_robot(tmp_path):
     found = vdfmu.tune(
         "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
-        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "search", **SHORT,
+        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "limited", **SHORT,
     )  # fmt: skip
     assert not found.after.feasible  # no feedback torque at all
     assert any("no values within the limits" in note for note in found.notes)
@@ -263,29 +251,26 @@ def test_the_command_shows_before_and_after(tmp_path):
     assert "[controller]\nK_p = [" in result.output
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"vary": ["controller.K_x"]}, "controller.K_x: controller has no K_x"),
-        ({"vary": ["controller.K_p=normal(1, 2)"]}, "expected lin.FROM, TO. or log.FROM, TO."),
-        ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
-        ({"vary": ["trajectory.t_start"]}, "trajectory.t_start: expected a range, got 0 to 0"),  # a start value
-        ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
-        ({"vary": ["plant.mass"], "margin": 0.5}, "expected other parameters than those of the plant"),
-        ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
-        ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
-        ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),
-        ({"method": "best"}, "method: expected both, global, local, got best"),
-        ({"combine": "all"}, "combine: expected mean or worst, got all"),
-        ({"evaluations": 0}, "evaluations: expected at least 1, got 0"),
-        ({"time_limit": -1.0}, "time_limit: expected a positive time, got -1 s"),
-        ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
-        ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
-        ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
-        ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
-        ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "words"), [
+    ({"vary": ["controller.K_x"]}, "controller.K_x: controller has no K_x"),
+    ({"vary": ["controller.K_p=normal(1, 2)"]}, "expected lin.FROM, TO. or log.FROM, TO."),
+    ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
+    ({"vary": ["trajectory.t_start"]}, "trajectory.t_start: expected a range, got 0 to 0"),  # a start value
+    ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
+    ({"vary": ["plant.mass"], "margin": 0.5}, "expected other parameters than those of the plant"),
+    ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
+    ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
+    ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),
+    ({"method": "best"}, "method: expected both, global, local, got best"),
+    ({"combine": "all"}, "combine: expected mean or worst, got all"),
+    ({"evaluations": 0}, "evaluations: expected at least 1, got 0"),
+    ({"time_limit": -1.0}, "time_limit: expected a positive time, got -1 s"),
+    ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
+    ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
+    ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
+    ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
+    ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
+])  # fmt: skip
 def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
     given = {"vary": GAINS, "cost": ERRORS, "out": tmp_path / "search", "stop": 0.1, **options}
     with pytest.raises(UsageError, match=words):

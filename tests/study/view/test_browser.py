@@ -49,7 +49,6 @@ def wait(browser: Browser, condition: str) -> None:
 
 @pytest.fixture(scope="module")
 def view():
-    """Return the view of a robot, which a thread keeps up to date."""
     one, ended = vdfmu.RobotView(vdfmu.load_robot("planar_2dof")), threading.Event()
     thread = threading.Thread(target=one.run, args=(ended.is_set,))
     thread.start()

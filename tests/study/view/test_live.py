@@ -58,7 +58,6 @@ def test_a_run_with_a_view_is_the_run_without_and_outlives_it(tmp_path):
 
 @pytest.fixture
 def taken():
-    """Return the requests that the server took."""
     return []
 
 
@@ -73,27 +72,24 @@ def server(taken):
 LOOPBACK, PAGE = "127.0.0.1:{port}", "http://127.0.0.1:{port}"
 
 
-@pytest.mark.parametrize(
-    ("path", "host", "origin", "code"),
-    [
-        ("/{token}/", LOOPBACK, None, 200),
-        ("/{token}", "localhost:{port}", PAGE.replace("127.0.0.1", "localhost"), 200),
-        ("/{token}/", "[::1]:1", "http://[::1]:1", 200),  # the other end of a tunnel
-        ("/{token}/index.html?x=1", LOOPBACK, PAGE, 200),
-        ("/", LOOPBACK, None, 403),
-        ("/index.html", LOOPBACK, None, 403),
-        ("/{token}x/", LOOPBACK, None, 403),
-        ("/%7btoken%7d/", LOOPBACK, None, 403),
-        ("/{token}/", "evil.example:{port}", None, 403),
-        ("/{token}/", "127.0.0.1.evil.example:{port}", None, 403),
-        ("/{token}/", "evil.example@127.0.0.1.evil.example", None, 403),
-        ("/{token}/", "[", None, 403),
-        ("/{token}/", LOOPBACK, "http://evil.example", 403),
-        ("/{token}/", LOOPBACK, "http://127.0.0.1:1", 403),
-        ("/{token}/", LOOPBACK, "null", 403),
-        ("/{token}/", LOOPBACK, PAGE.replace("http", "https"), 403),
-    ],
-)
+@pytest.mark.parametrize(("path", "host", "origin", "code"), [
+    ("/{token}/", LOOPBACK, None, 200),
+    ("/{token}", "localhost:{port}", PAGE.replace("127.0.0.1", "localhost"), 200),
+    ("/{token}/", "[::1]:1", "http://[::1]:1", 200),  # the other end of a tunnel
+    ("/{token}/index.html?x=1", LOOPBACK, PAGE, 200),
+    ("/", LOOPBACK, None, 403),
+    ("/index.html", LOOPBACK, None, 403),
+    ("/{token}x/", LOOPBACK, None, 403),
+    ("/%7btoken%7d/", LOOPBACK, None, 403),
+    ("/{token}/", "evil.example:{port}", None, 403),
+    ("/{token}/", "127.0.0.1.evil.example:{port}", None, 403),
+    ("/{token}/", "evil.example@127.0.0.1.evil.example", None, 403),
+    ("/{token}/", "[", None, 403),
+    ("/{token}/", LOOPBACK, "http://evil.example", 403),
+    ("/{token}/", LOOPBACK, "http://127.0.0.1:1", 403),
+    ("/{token}/", LOOPBACK, "null", 403),
+    ("/{token}/", LOOPBACK, PAGE.replace("http", "https"), 403),
+])  # fmt: skip
 def test_a_view_answers_its_own_page_only(server, taken, path, host, origin, code):
     """The page, the events, and requests of the page."""
     words = {"port": server.port, "token": server.token}
@@ -242,14 +238,11 @@ def test_a_torn_row_is_not_drawn():
     server._server.close()
 
 
-@pytest.mark.parametrize(
-    ("names", "about", "why"),
-    [
-        (NAMES, {}, "no robot is known"),
-        (["spring.x"], {"arm": 1}, "there is no signal plant.q of its joints"),
-        (NAMES[:1], {"arm": 1}, "there is no signal plant.q of its joints"),
-    ],
-)
+@pytest.mark.parametrize(("names", "about", "why"), [
+    (NAMES, {}, "no robot is known"),
+    (["spring.x"], {"arm": 1}, "there is no signal plant.q of its joints"),
+    (NAMES[:1], {"arm": 1}, "there is no signal plant.q of its joints"),
+])  # fmt: skip
 def test_where_there_is_no_arm_to_show_it_says_so_once(names, about, why):
     live, said, sent = LiveView.__new__(LiveView), [], []
     live._arm, live._say, live._send = (None, said.append, lambda *message: sent.append(message))
@@ -273,7 +266,7 @@ def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
             done = CliRunner().invoke(app, words.split())
             assert isinstance(done.exception, UsageError)
             assert "Without it, one is chosen." in str(done.exception)
-    for words in ("run tracking --port 8000", "simulate x.ssp --robot planar_2dof"):
+    for words in ("run tracking --port 8000", "run x.ssp --robot planar_2dof"):
         done = CliRunner().invoke(app, words.split())
         assert isinstance(done.exception, UsageError)
         assert "expected --live" in str(done.exception)

@@ -45,15 +45,12 @@ def test_ellipsoids_have_the_inertia_of_their_links(name):
         np.testing.assert_allclose(inertia, robot.inertia[i], atol=1.01e-4 * np.abs(robot.inertia[i]).max())
 
 
-@pytest.mark.parametrize(
-    ("mass", "inertia", "note"),
-    [
-        (0.0, np.eye(3), "link 1 has no mass"),
-        (1.0, np.zeros((3, 3)), "link 1 is a point mass"),
-        (1.0, np.diag([-1.0, 1.0, 1.0]), "no body has principal moments -1, 1, 1"),
-        (1.0, np.diag([1.0, 1.0, 3.0]), "no body has principal moments 1, 1, 3"),
-    ],
-)
+@pytest.mark.parametrize(("mass", "inertia", "note"), [
+    (0.0, np.eye(3), "link 1 has no mass"),
+    (1.0, np.zeros((3, 3)), "link 1 is a point mass"),
+    (1.0, np.diag([-1.0, 1.0, 1.0]), "no body has principal moments -1, 1, 1"),
+    (1.0, np.diag([1.0, 1.0, 3.0]), "no body has principal moments 1, 1, 3"),
+])  # fmt: skip
 def test_what_no_ellipsoid_has_is_said(mass, inertia, note):
     parts, notes = inertia_parts(of(mass, inertia))
     assert len(notes) == 1
@@ -93,7 +90,7 @@ def test_up_is_against_gravity_and_a_turn_is_a_rotation():
     assert still.up.tolist() == [0.0, 0.0, 1.0]
 
 
-def test_shapes_of_the_file_keep_their_place_and_colour():
+def test_shapes_of_the_file_keep_their_place_and_that_of_a_mode_has_a_largest_part_of_1():
     shape = {"joint": 1, "shape": "box", "size": [1.0, 2.0, 3.0], "offset": [0.1, 0.2, 0.3]}
     shape |= {"rotation": np.eye(3).tolist(), "color": [1.0, 0.5, 0.0, 1.0]}
     (part,) = own_shapes([shape, shape | {"shape": "mesh"}])
@@ -101,9 +98,6 @@ def test_shapes_of_the_file_keep_their_place_and_colour():
     arm = arm_of(vdfmu.load_robot("planar_2dof"), {}) | {"shapes": [shape]}
     assert [each.shape for each in Chain(arm).parts(0.0, 1.0) if each.colour == "#ff8000"] == ["box"]
     assert all(each.shape != "capsule" for each in Chain(arm).parts(0.0, 1.0))  # no tubes beside them
-
-
-def test_the_shape_of_a_mode_has_a_largest_part_of_length_1():
     modes = vdfmu.natural_modes(vdfmu.load_robot("planar_2dof"), (0.3, -0.5), motors="held")
     for k in range(len(modes.frequency)):
         facts = mode_facts(modes, k)

@@ -13,5 +13,4 @@ def scenario():
 
 @pytest.fixture(scope="session")
 def fmus(scenario, tmp_path_factory):
-    """FMUs without the scenario's values."""
     return build_parts(scenario, tmp_path_factory.mktemp("fmus"))

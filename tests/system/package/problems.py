@@ -10,7 +10,6 @@ from vdfmu.engine.package.read import load_ssp
 
 
 def write(path: Path, text: str, members: dict[str, bytes | str] | None = None) -> Path:
-    """Write a package with an SSD and other members."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         for name, data in {"SystemStructure.ssd": text, **(members or {})}.items():
             file.writestr(name, data)
@@ -18,7 +17,6 @@ def write(path: Path, text: str, members: dict[str, bytes | str] | None = None) 
 
 
 def problems(path: Path) -> list[str]:
-    """Return the problems for which a package is refused."""
     with pytest.raises(SspError) as info:
         load_ssp(path)
     return info.value.problems

@@ -63,32 +63,23 @@ def test_wires_of_two_vectors_share_no_line(name):
                     assert shared <= 0 or (along == 0 and b == d), (one, other)
 
 
-def test_a_vector_is_one_wire_with_its_size():
+def test_a_vector_is_one_wire_names_have_room_and_components_without_places_stand_with_little_feedback():
     root = ElementTree.fromstring(picture("two_arms"))
     widths = {
         wire.get("data-signal"): "".join(e.text for e in wire.iter(f"{SVG}text") if e.get("class") == "width")
         for wire in root.iter(f"{SVG}g")
     }
     assert widths["plant_2.M_S"] == "6 × 6" and widths["plant.p_O"] == "3" and widths["controller_2.tau"] == "2"
-
-
-def test_components_without_places_stand_with_little_feedback():
     cards = [Card(name, inputs=["u"] * (name != "a"), outputs=["y"] * (name != "c")) for name in "cba"]
     nets = [Net(("a", "y"), [("b", "u")], ""), Net(("b", "y"), [("c", "u")], "")]
     layout = arrange(cards, nets)
     assert isinstance(layout, PlacedSystem)
     assert [card.column for card in cards] == [2, 1, 0]
-
-
-def test_a_loop_of_a_component_with_itself_is_drawn():
     cards = [Card("a", inputs=["u"], outputs=["y"])]
     (wire,) = arrange(cards, [Net(("a", "y"), [("a", "u")], "")]).wires
     (line,) = wire.lines
     assert line[0][0] == cards[0].x + cards[0].width and line[-1][0] == cards[0].x
-
-
-def test_names_have_room():
-    """A letter takes at most LETTER of its size in a browser's sans-serif: 0.6 in DejaVu Sans, a wide one."""
+    # A letter takes at most LETTER of its size in a browser's sans-serif: 0.6 in DejaVu Sans, a wide one.
     root = ElementTree.fromstring(picture("two_arms"))
     boxes = boxes_of(root)
     names = [text for text in root.iter(f"{SVG}text") if text.get("class") in ("name", "soft")]

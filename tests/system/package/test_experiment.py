@@ -41,14 +41,11 @@ def test_what_is_written_is_read_back(master, adaptive, version):
     assert read_experiment(root, "x") == (Experiment(0.0, 3.0, 2e-3, master, adaptive), [])
 
 
-def test_the_step_of_libcosim_is_read_where_there_is_none_of_ours(tmp_path):
+def test_annotations_of_others_are_left_alone_but_the_step_of_libcosim(tmp_path):
     path = experiment(tmp_path / "x.ssp", 'stopTime="1"', osp('baseStepSize="0.25"'))
     assert load_ssp(path).experiment == Experiment(stop=1.0, step=0.25)
     path = experiment(tmp_path / "x.ssp", "", osp('baseStepSize="0.25"'), ours('communicationStepSize="0.5"'))
     assert load_ssp(path).experiment == Experiment(step=0.5)
-
-
-def test_annotations_of_others_are_left_alone(tmp_path):
     other = ours('communicationStepSize="x"').replace("org.vdfmu.experiment", "com.example")
     path = experiment(tmp_path / "x.ssp", 'stopTime="1"', other, '<ssc:Annotation type="org.vdfmu.experiment"/>')
     assert load_ssp(path).experiment == Experiment(stop=1.0)
@@ -61,17 +58,14 @@ def test_times_may_be_left_out(tmp_path, attributes):
     assert (read.stop is None) == ("stopTime" not in attributes)
 
 
-@pytest.mark.parametrize(
-    ("attributes", "expected"),
-    [
-        ('stopTime="INF"', "expected a finite stopTime, got INF"),
-        ('stopTime="NaN"', "expected a finite stopTime, got NaN"),
-        ('startTime="-INF" stopTime="1"', "expected a finite startTime, got -INF"),
-        ('startTime="3" stopTime="2"', "expected a stopTime after startTime 3 s, got 2 s"),
-        ('startTime="2" stopTime="2"', "expected a stopTime after startTime 2 s, got 2 s"),
-        ('stopTime="-1"', "expected a stopTime after startTime 0 s, got -1 s"),
-    ],
-)
+@pytest.mark.parametrize(("attributes", "expected"), [
+    ('stopTime="INF"', "expected a finite stopTime, got INF"),
+    ('stopTime="NaN"', "expected a finite stopTime, got NaN"),
+    ('startTime="-INF" stopTime="1"', "expected a finite startTime, got -INF"),
+    ('startTime="3" stopTime="2"', "expected a stopTime after startTime 3 s, got 2 s"),
+    ('startTime="2" stopTime="2"', "expected a stopTime after startTime 2 s, got 2 s"),
+    ('stopTime="-1"', "expected a stopTime after startTime 0 s, got -1 s"),
+])  # fmt: skip
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_times_that_cannot_be_run_are_a_problem(tmp_path, attributes, expected, version):
     path = experiment(tmp_path / "x.ssp", attributes, version=version)
@@ -82,16 +76,13 @@ def test_times_that_cannot_be_run_are_a_problem(tmp_path, attributes, expected, 
         assert problems(path) == [found]
 
 
-@pytest.mark.parametrize(
-    ("annotation", "expected"),
-    [
-        (osp('baseStepSize="0"'), "expected a positive finite baseStepSize, got 0; write a time in s"),
-        (ours('communicationStepSize="fast"'), "expected a positive finite communicationStepSize, got fast"),
-        (ours('algorithm="euler"'), "expected algorithm gauss-seidel, jacobi, extrapolated, iterative, got 'euler'"),
-        (ours('algorithm="iterative" adaptive="2"'), "expected a positive adaptive, got 2; write a relative error"),
-        (ours('algorithm="jacobi" adaptive="1e-6"'), "adaptive is for extrapolated or iterative, not for jacobi"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("annotation", "expected"), [
+    (osp('baseStepSize="0"'), "expected a positive finite baseStepSize, got 0; write a time in s"),
+    (ours('communicationStepSize="fast"'), "expected a positive finite communicationStepSize, got fast"),
+    (ours('algorithm="euler"'), "expected algorithm gauss-seidel, jacobi, extrapolated, iterative, got 'euler'"),
+    (ours('algorithm="iterative" adaptive="2"'), "expected a positive adaptive, got 2; write a relative error"),
+    (ours('algorithm="jacobi" adaptive="1e-6"'), "adaptive is for extrapolated or iterative, not for jacobi"),
+])  # fmt: skip
 def test_annotations_that_cannot_be_run_are_a_problem(tmp_path, annotation, expected):
     (found,) = problems(experiment(tmp_path / "x.ssp", 'stopTime="1"', annotation))
     assert found.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")

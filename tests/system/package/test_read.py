@@ -20,31 +20,25 @@ def test_entries_outside_the_package_are_refused(tmp_path, name):
     assert list(tmp_path.iterdir()) == [tmp_path / "x.ssp"]
 
 
-@pytest.mark.parametrize(
-    ("limit", "value", "sizes", "expected"),
-    [
-        ("MEMBER_LIMIT", 1000, [1000, 1001], "entry '1' has 1001 bytes; the limit is 1000"),
-        ("TOTAL_LIMIT", 1500, [1000, 1000], "the limit is 1500"),
-        ("COUNT_LIMIT", 10, [0] * 10, "has 11 entries; the limit is 10"),
-        ("DIRECTORY_LIMIT", 205, [0, 0, 0], "has a directory of 206 bytes; the limit is 205. Pack fewer files"),
-    ],
-)
+@pytest.mark.parametrize(("limit", "value", "sizes", "expected"), [
+    ("MEMBER_LIMIT", 1000, [1000, 1001], "entry '1' has 1001 bytes; the limit is 1000"),
+    ("TOTAL_LIMIT", 1500, [1000, 1000], "the limit is 1500"),
+    ("COUNT_LIMIT", 10, [0] * 10, "has 11 entries; the limit is 10"),
+    ("DIRECTORY_LIMIT", 205, [0, 0, 0], "has a directory of 206 bytes; the limit is 205. Pack fewer files"),
+])  # fmt: skip
 def test_what_is_large_is_refused(tmp_path, monkeypatch, limit, value, sizes, expected):
     monkeypatch.setattr(limits, limit, value)
     (found,) = problems(write(tmp_path / "x.ssp", ssd(), {str(k): bytes(size) for k, size in enumerate(sizes)}))
     assert found.startswith("x.ssp: ") and expected in found
 
 
-def test_a_file_that_is_no_package(tmp_path):
+def test_a_file_that_is_no_package_and_a_damaged_member(tmp_path):
     (tmp_path / "x.ssp").write_bytes(b"hello")
     assert "cannot be read as a zip package" in problems(tmp_path / "x.ssp")[0]
     assert problems(tmp_path / "missing.ssp") == ["missing.ssp: there is no such file"]
     with zipfile.ZipFile(tmp_path / "y.ssp", "w") as file:
         file.writestr("other", "")
     assert problems(tmp_path / "y.ssp") == ["y.ssp: the package has no 'SystemStructure.ssd'"]
-
-
-def test_a_damaged_member(tmp_path):
     path = write(tmp_path / "x.ssp", ssd(elements(component(inner="<!-- " + "long " * 500 + " -->"))))
     data = bytearray(path.read_bytes())
     data[80:100] = bytes(20)
@@ -52,19 +46,13 @@ def test_a_damaged_member(tmp_path):
     assert "SystemStructure.ssd" in problems(path)[0]
 
 
-def test_faults_of_the_schema_have_their_line(tmp_path):
+def test_faults_of_schema_version_and_syntax_have_their_line(tmp_path):
     path = write(tmp_path / "x.ssp", ssd(elements("\n<ssd:Component/>")))
     found = problems(path)
     assert all(text.startswith("x.ssp: SystemStructure.ssd, line 2") for text in found)
     assert {"name", "source"} <= {word for text in found for word in text.split("'")}
-
-
-def test_another_version_of_ssp(tmp_path):
     path = write(tmp_path / "x.ssp", ssd().replace("SSP1", "SSP2"))
     assert "expected namespace http://ssp-standard.org/SSP1" in problems(path)[0]
-
-
-def test_xml_that_is_not_well_formed(tmp_path):
     assert "not well-formed" in problems(write(tmp_path / "x.ssp", ssd("<ssd:System>")))[0]
 
 
@@ -114,12 +102,9 @@ def test_a_faulty_package_is_read_as_far_as_it_goes(tmp_path):
     assert "not well-formed" in read_system(tmp_path / "y.ssp")[1][0]
 
 
-def test_an_inline_parameter_set_is_validated(tmp_path):
+def test_an_inline_parameter_set_is_validated_and_default_experiment_and_units_read(tmp_path):
     path = write(tmp_path / "x.ssp", ssd(elements(component(inner=values("k=big")))), {"a.fmu": b""})
     assert "'big' is not a valid value of the atomic type 'xs:double'" in problems(path)[0]
-
-
-def test_default_experiment_and_units(tmp_path):
     rest = (
         '<ssd:Units><ssc:Unit name="N.m"><ssc:BaseUnit kg="1" m="2" s="-2"/></ssc:Unit></ssd:Units>'
         '<ssd:DefaultExperiment startTime="0.5" stopTime="2"/>'

@@ -21,7 +21,7 @@ SSV = f'<ssv:ParameterSet {SPACES} version="1.0" name="p"><ssv:Parameters>{{}}</
 SSM = f'<ssm:ParameterMapping {SPACES} version="1.0">{{}}</ssm:ParameterMapping>'
 
 
-def test_a_symbolic_link_is_refused(tmp_path):
+def test_entries_that_are_links_or_one_file_on_other_systems_are_refused_and_twice_have_one_content(tmp_path):
     path = write(tmp_path / "x.ssp", ssd())
     link = zipfile.ZipInfo("resources/link.fmu")
     link.create_system = 3
@@ -29,23 +29,16 @@ def test_a_symbolic_link_is_refused(tmp_path):
     with zipfile.ZipFile(path, "a") as file:
         file.writestr(link, "/etc/passwd")
     assert problems(path) == ["x.ssp: entry 'resources/link.fmu' is a symbolic link; pack the file itself"]
-
-
-def test_entries_that_are_one_file_on_other_systems_are_refused(tmp_path):
     (found,) = problems(write(tmp_path / "x.ssp", ssd(), {"resources/A.fmu": b"", "resources/a.fmu": b""}))
     assert found.startswith("x.ssp: entries 'resources/A.fmu' and 'resources/a.fmu' are one file")
     (found,) = problems(write(tmp_path / "y.ssp", ssd(), {"resources": b"", "resources/a.fmu": b""}))
     assert found == "y.ssp: entry 'resources' is a file and the folder of 'resources/a.fmu'"
 
-
-def test_a_name_of_many_folders_costs_nothing(tmp_path):
-    """All folders of this name would be texts of a gigabyte."""
+    # All folders of this name would be texts of a gigabyte.
     path = write(tmp_path / "x.ssp", ssd(), {"a/" * 30_000 + "b": b""})
     with Archive(path, path.name) as archive:
         assert len(archive.names) == 2
 
-
-def test_an_entry_that_occurs_twice_has_one_content(tmp_path):
     def doubled(path: Path, content: bytes) -> Path:
         write(path, ssd(), members={"a.txt": b"text"})
         with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():
@@ -65,17 +58,18 @@ def test_an_entry_that_occurs_twice_has_one_content(tmp_path):
     assert problems(path) == ["y.ssp: entry 'a.txt' occurs twice, with different contents"]
 
 
-def test_other_packing_methods_are_refused(tmp_path):
+def test_other_packing_methods_and_an_encrypted_entry_are_refused(tmp_path):
     path = write(tmp_path / "x.ssp", ssd())
     with zipfile.ZipFile(path, "a", zipfile.ZIP_LZMA) as file:
         file.writestr("a.fmu", bytes(1000))
     assert problems(path) == [
         "x.ssp: entry 'a.fmu' is packed by method 14; SSP and FMI allow 0 (stored) and 8 (deflated)"
     ]
+    path = patched(write(tmp_path / "x.ssp", ssd(), members={"a.fmu": b"secret"}), 8, 1, "<H")
+    assert problems(path) == ["x.ssp: entry 'a.fmu' is encrypted; pack it without a password"]
 
 
 def patched(path: Path, offset: int, value: int, form: str) -> Path:
-    """Change a field of the last entry, in its local and in its central header."""
     data = bytearray(path.read_bytes())
     central, local = data.rindex(b"PK\x01\x02"), data.rindex(b"PK\x03\x04")
     for start in (central + offset, local + offset - 2):  # the local header has one field of two bytes less
@@ -84,19 +78,11 @@ def patched(path: Path, offset: int, value: int, form: str) -> Path:
     return path
 
 
-def test_an_encrypted_entry_is_refused(tmp_path):
-    path = patched(write(tmp_path / "x.ssp", ssd(), members={"a.fmu": b"secret"}), 8, 1, "<H")
-    assert problems(path) == ["x.ssp: entry 'a.fmu' is encrypted; pack it without a password"]
-
-
-def test_a_false_declared_size_unpacks_no_more_than_it_says(tmp_path):
+def test_a_false_size_unpacks_no_more_than_it_says_and_a_flood_of_bad_entries_is_cut(tmp_path):
     """A bomb that declares 10 bytes: what is read is bounded by that, and its check sum gives it away."""
     path = patched(write(tmp_path / "x.ssp", ssd(), members={"a.fmu": bytes(10_000_000)}), 24, 10, "<I")
     with Archive(path, "x.ssp") as opened, pytest.raises(SspError, match="'a.fmu' cannot be unpacked: Bad CRC-32"):
         opened.read("a.fmu")
-
-
-def test_all_bad_entries_come_at_once_and_a_flood_is_cut(tmp_path):
     path = write(tmp_path / "x.ssp", ssd(), members={f"../{i}": b"" for i in range(60)})
     found = problems(path)
     assert len(found) == 51
@@ -136,14 +122,11 @@ def test_an_xinclude_is_refused(tmp_path):
     assert "has an XInclude, not allowed" in found
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        "..%2fout.fmu", "%2e%2e/out.fmu", "..%5cout.fmu", "resources/../../out.fmu", "/etc/out.fmu", "%2Fetc/out.fmu",
-        "//host/out.fmu", "http://localhost:1/out.fmu", "file:///etc/out.fmu", "C:/out.fmu", "C:\\out.fmu",
-        "a.fmu?x=1",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("source", [
+    "..%2fout.fmu", "%2e%2e/out.fmu", "..%5cout.fmu", "resources/../../out.fmu", "/etc/out.fmu", "%2Fetc/out.fmu",
+    "//host/out.fmu", "http://localhost:1/out.fmu", "file:///etc/out.fmu", "C:/out.fmu", "C:\\out.fmu",
+    "a.fmu?x=1",
+])  # fmt: skip
 def test_sources_outside_the_package_are_refused(tmp_path, source):
     found = problems(write(tmp_path / "x.ssp", ssd(elements(component("a", source, binding(source)))), {"a.fmu": b""}))
     assert len(found) == 2
@@ -159,7 +142,7 @@ def test_a_source_is_decoded_once(tmp_path):
     assert load_ssp(write(tmp_path / "y.ssp", body, {"my arm.fmu": b""})).components[0].source == "my arm.fmu"
 
 
-def test_packages_inside_packages_have_a_limit(tmp_path):
+def test_packages_inside_packages_have_a_limit_and_the_same_rules(tmp_path):
     data = pack({"SystemStructure.ssd": ssd(elements(component())), "a.fmu": b""})
     inner = ssd(elements(component("a", "in.ssp", attributes='type="application/x-ssp-package"')))
     for depth in range(limits.NESTING_LIMIT + 1):
@@ -170,9 +153,6 @@ def test_packages_inside_packages_have_a_limit(tmp_path):
         data = path.read_bytes()
     (found,) = problems(path)
     assert f"is a package inside {limits.NESTING_LIMIT} others; that is the limit" in found
-
-
-def test_a_package_inside_is_held_to_the_same_rules(tmp_path):
     evil = pack({"SystemStructure.ssd": ssd(), "../evil": "x"})
     inner = ssd(elements(component("a", "in.ssp", attributes='type="application/x-ssp-package"')))
     (found,) = problems(write(tmp_path / "x.ssp", inner, {"in.ssp": evil}))

@@ -82,16 +82,13 @@ def test_a_chain_of_references_has_a_limit(tmp_path, way):
     assert "more than 32 systems inside each other; that is the limit (DEPTH_LIMIT)" in found
 
 
-def test_systems_written_in_systems_have_the_same_limit(tmp_path):
+def test_systems_written_in_systems_and_ssp_2_have_the_same_limit(tmp_path, monkeypatch):
     text = ""
     for _ in range(limits.DEPTH_LIMIT + 1):
         text = f'<ssd:System name="s"><ssd:Elements>{text}</ssd:Elements></ssd:System>'
     path = tmp_path / "x.ssp"
     path.write_bytes(pack({"SystemStructure.ssd": ssd(text.replace("<ssd:Elements></ssd:Elements>", ""))}))
     assert "more than 32 systems inside each other" in problems(path)[0]
-
-
-def test_ssp_2_has_the_same_limits(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "ELEMENT_LIMIT", 1000)
     path = chain(tmp_path / "x.ssp", "definition", levels=8, fan=10)
     with zipfile.ZipFile(path) as file:

@@ -120,15 +120,12 @@ def test_one_system_can_be_there_several_times_by_its_id(pack):
     ]
 
 
-def test_systems_that_hold_themselves_are_refused(pack):
+def test_systems_that_hold_themselves_are_refused_and_connectors_held_against_their_system(pack):
     path = pack({"SystemStructure.ssd": ssd(elements(component("a", "SystemStructure.ssd", "", DEFINITION)))})
     (found,) = problems(path)
     assert "its system holds itself: SystemStructure.ssd" in found
     path = pack({"SystemStructure.ssd": ssd(elements(component("a", "#me")), attributes='id="me"')})
     assert problems(path) == ["x.ssp: component 'a': source '#me' is a system that holds the component itself"]
-
-
-def test_connectors_of_a_component_are_held_against_its_system(pack):
     wrong = IO.replace('name="y"', 'name="w"').replace('"u" kind="input"', '"u" kind="output"')
     path = pack(
         {"SystemStructure.ssd": ssd(elements(component("arm", "arm.ssd", wrong, DEFINITION))),
@@ -156,7 +153,7 @@ def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
     ]
 
 
-def test_a_package_may_have_several_ssds(pack):
+def test_a_package_may_have_several_ssds_and_empty_element_names_mean_the_system_itself(pack):
     """The form of OMSimulator's resources/ParkerSimPack: variants of one system over the same FMUs."""
     path = pack(
         {
@@ -169,10 +166,7 @@ def test_a_package_may_have_several_ssds(pack):
     assert links(path, variant="VarB.ssd") == ["b.y -> a.u"]
     with pytest.raises(SspError, match=r"no 'VarC.ssd'; it has SystemStructure.ssd, VarB.ssd"):
         load_ssp(path, variant="VarC.ssd")
-
-
-def test_empty_element_names_mean_the_system_itself(pack):
-    """The form of OMSimulator's resources/import_export_parameters: startElement="" ."""
+    # The form of OMSimulator's resources/import_export_parameters: startElement="" .
     link = connections("u a.u").replace("<ssd:Connection ", '<ssd:Connection startElement="" ')
     path = pack({"SystemStructure.ssd": ssd(IO + values("u=7") + elements(component("a")) + link), "f.fmu": b""})
     assert load_ssp(path).problems == ()
@@ -273,7 +267,7 @@ def test_a_signal_dictionary_in_a_file_joins_systems_of_two_levels(pack):
     assert links(path) == ["a.y -> low.b.u"]
 
 
-def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
+def test_a_system_of_ssp_2_is_read_by_its_own_schema_with_connectors_of_their_sizes(pack):
     """`local` is a kind of connector that only SSP 2.0 has."""
     text = ssd(elements(component("a", inner=connector_list("u:local"))))
     found, *_ = problems(pack({"SystemStructure.ssd": text}))
@@ -282,8 +276,6 @@ def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
     system = load_ssp(pack({"SystemStructure.ssd": newer, "f.fmu": b""}))
     assert (system.version, system.component("a").connectors["u"].kind) == ("2.0", "local")
 
-
-def test_a_connector_of_the_system_has_the_size_of_what_it_is_connected_to(pack):
     def array(size: int) -> str:
         inner = f'<ssc:Float64/><ssc:Dimension size="{size}"/>'
         return f'<ssd:Connectors><ssd:Connector name="y" kind="output">{inner}</ssd:Connector></ssd:Connectors>'
@@ -327,7 +319,7 @@ def mapped(pack, entries: str, parameter: str = ""):
     )
 
 
-def test_enumerations_are_mapped_by_the_names_of_their_items(pack):
+def test_enumerations_of_connections_and_parameter_sets_are_mapped_by_the_names_of_their_items(pack):
     off = '<ssc:MapEntry source="off" target="idle"/>'
     checked = check_system(load_ssp(mapped(pack, off)))
     (link,) = checked.links
@@ -337,9 +329,6 @@ def test_enumerations_are_mapped_by_the_names_of_their_items(pack):
     assert problems_of_wiring(mapped(pack, off + off)) == [
         "connection a.y -> b.u: the mapping has several entries for off; keep one"
     ]
-
-
-def test_an_enumeration_of_a_parameter_set_is_mapped_by_name(pack):
     table = (
         '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0"><ssm:MappingEntry source="mode" target="p">'
         '<ssc:EnumerationMappingTransformation><ssc:MapEntry source="go" target="running"/>'

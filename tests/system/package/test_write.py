@@ -71,37 +71,31 @@ def test_the_same_scenario_gives_the_same_bytes(scenario, fmus, tmp_path):
     assert write_ssp(scenario, fmus, tmp_path / "b.ssp").read_bytes() == first
 
 
-def test_plant_factors_reach_the_plant_alone():
+def test_plant_factors_reach_the_plant_alone_and_a_setting_without_an_index_all_joints(scenario):
     values = system_values(load_scenario("two_joint"))
     nominal = load_scenario("two_joint").robot
     factors = load_scenario("two_joint").plant_factors
     assert values["feedforward"]["mass[1]"] == nominal.mass[0]
     # one multiplication: equal to rounding of the product
     assert values["plant"]["mass[1]"] == pytest.approx(nominal.mass[0] * float(np.ravel(factors["mass"])[0]), rel=1e-15)
-
-
-def test_a_setting_without_an_index_sets_all_joints(scenario):
     assert override(scenario, {"controller.K_p": "3000"}) == {"controller": {"K_p[1]": 3000.0, "K_p[2]": 3000.0}}
     assert override(scenario, {"controller.K_p[2]": "10"}) == {"controller": {"K_p[2]": 10.0}}
     assert override(scenario, {"feedforward.mode": "vdc"}) == {"feedforward": {"mode": 1}}
     assert override(scenario, {"plant.equilibrium": "false"}) == {"plant": {"equilibrium": False}}
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("motor.K_p", "1", r"motor\.K_p: expected component\.parameter, a component of trajectory, feedforward"),
-        ("controller.K_q", "1", r"controller\.K_q: controller has no K_q\. Did you mean .* There are: .*K_p"),
-        ("controller.K_p[3]", "1", r"controller has no K_p\[3\]\. .*There are: K_p\[1\], K_p\[2\]"),
-        ("plant.q", "1", r"plant\.q: q\[1\] is an output of plant; only parameters and free inputs can be set"),
-        ("controller.K_p", "high", r"controller\.K_p: expected a number in N\.m/rad, got 'high'"),
-        ("controller.K_p", "nan", r"controller\.K_p: expected a finite number, got nan"),
-        ("controller.K_p", "-1", r"controller\.K_p: expected at least 0 N\.m/rad, got -1"),
-        ("feedforward.mode", "fast", r"feedforward\.mode: expected inverse or vdc, got 'fast'"),
-        ("feedforward.mode", "0.5", r"feedforward\.mode: expected 0 \(inverse\) or 1 \(vdc\), got 0\.5"),
-        ("plant.equilibrium", "maybe", r"plant\.equilibrium: expected true or false, got 'maybe'"),
-    ],
-)
+@pytest.mark.parametrize(("key", "value", "words"), [
+    ("motor.K_p", "1", r"motor\.K_p: expected component\.parameter, a component of trajectory, feedforward"),
+    ("controller.K_q", "1", r"controller\.K_q: controller has no K_q\. Did you mean .* There are: .*K_p"),
+    ("controller.K_p[3]", "1", r"controller has no K_p\[3\]\. .*There are: K_p\[1\], K_p\[2\]"),
+    ("plant.q", "1", r"plant\.q: q\[1\] is an output of plant; only parameters and free inputs can be set"),
+    ("controller.K_p", "high", r"controller\.K_p: expected a number in N\.m/rad, got 'high'"),
+    ("controller.K_p", "nan", r"controller\.K_p: expected a finite number, got nan"),
+    ("controller.K_p", "-1", r"controller\.K_p: expected at least 0 N\.m/rad, got -1"),
+    ("feedforward.mode", "fast", r"feedforward\.mode: expected inverse or vdc, got 'fast'"),
+    ("feedforward.mode", "0.5", r"feedforward\.mode: expected 0 \(inverse\) or 1 \(vdc\), got 0\.5"),
+    ("plant.equilibrium", "maybe", r"plant\.equilibrium: expected true or false, got 'maybe'"),
+])  # fmt: skip
 def test_a_wrong_setting_says_what_is_expected(scenario, key, value, words):
     with pytest.raises(UsageError, match=words):
         override(scenario, {key: value})

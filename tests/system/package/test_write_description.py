@@ -37,13 +37,10 @@ def bound_values(description, unit):
     return found
 
 
-def test_every_value_is_in_one_set_of_its_unit(description):
+def test_every_value_is_in_one_set_and_the_scenario_first_holds_all_that_the_fmu_of_the_robot_lacks(description):
     for unit, values in description.values.items():
         assert bound_values(description, unit) == {name: [value] for name, value in values.items()}
-
-
-def test_the_scenario_comes_first_and_holds_all_that_the_fmu_of_the_robot_lacks(description):
-    """So an importer that applies one set applies the first, and the FMU's start values are the rest."""
+    # So an importer that applies one set applies the first, and the FMU's start values are the rest.
     known = robot_parameters("feedforward", description.tables["feedforward"], description.scenario)
     for unit, bindings in description.bindings.items():
         sets = [description.parameter_sets[b.file] for b in bindings]
@@ -58,16 +55,13 @@ def test_the_scenario_comes_first_and_holds_all_that_the_fmu_of_the_robot_lacks(
                 assert value == known[variable.name], (unit, variable.name)
 
 
-def test_the_plant_that_differs_has_its_values_with_the_scenario():
+def test_the_plant_that_differs_has_its_values_and_the_start_is_one_value_with_two_names():
     description = SystemDescription(load_scenario("two_joint"))
     scenario = {s.name for s, _ in description.parameter_sets["plant.scenario.ssv"].entries}
     robot = {s.name for s, _ in description.parameter_sets["plant.robot.ssv"].entries}
     assert {"mass[1]", "K_f0[6]", "f_v[2]"} <= scenario
     assert {"ell[1]", "I_m[6]", "centroid[1,3]"} <= robot
     assert description.bindings["feedforward"][1].file == "robot.ssv"
-
-
-def test_the_start_is_one_value_with_two_names_unless_they_differ():
     scenario = load_scenario("planar_tracking")
     description = SystemDescription(scenario)
     (binding,) = [b for b in description.bindings["plant"] if b.file == "start.ssv"]
@@ -78,7 +72,7 @@ def test_the_start_is_one_value_with_two_names_unless_they_differ():
     assert bound_values(elsewhere, "trajectory")["q_start[2]"] == [group_value(scenario, "trajectory.q_start")[1]]
 
 
-def test_both_versions_connect_the_same_elements(scenario):
+def test_both_versions_connect_the_same_elements_arrays_whole_and_mixed_units_by_element(scenario):
     elements = []
     for version in ("1.0", "2.0"):
         description = SystemDescription(scenario, version=version)
@@ -93,9 +87,6 @@ def test_both_versions_connect_the_same_elements(scenario):
     assert elements[0] == elements[1]
     pairs_of_groups = 19 if scenario.system.path.stem == "estimator" else 16  # all of one signal a joint
     assert len(elements[0]) == pairs_of_groups * scenario.robot.n
-
-
-def test_arrays_are_connected_whole_and_mixed_units_by_element():
     whole = SystemDescription(load_scenario("tracking"), version="2.0").links
     assert {len(link.start[1].variables) for link in whole} == {6}
     assert len(whole) == 16
@@ -103,16 +94,13 @@ def test_arrays_are_connected_whole_and_mixed_units_by_element():
     assert {link.start[1].name for link in mixed if link.start[1].group == "q"} == {"q[1]", "q[2]", "q[3]"}
 
 
-def test_single_elements_of_two_arrays_are_connected_by_their_indices():
+def test_elements_of_arrays_and_scalars_are_connected_by_index():
     scenario = load_scenario("planar_tracking")
     crossed = {"trajectory.q_d[1]": ["controller.q_d[2]"], "plant.q": ["controller.q"]}
     scenario = dataclasses.replace(scenario, system=dataclasses.replace(scenario.system, connections=crossed))
     element, whole = SystemDescription(scenario, version="2.0").links
     assert (element.start[1].shape, element.start_index, element.end_index) == ((2,), (1,), (2,))
     assert (whole.start_index, whole.end_index) == ((), ())
-
-
-def test_an_array_and_scalars_are_connected_by_index():
     description = SystemDescription(load_scenario("planar_tracking"), version="2.0")
     array = next(s for s in description.signals("controller", "input") if s.name == "q")
     scalars = tuple(dataclasses.replace(array, name=v.name, variables=(v,), shape=()) for v in array.variables)

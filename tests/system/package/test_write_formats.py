@@ -67,7 +67,6 @@ def test_a_package_of_ssp_2_holds_arrays(scenario, fmus_3, tmp_path):
 
 
 def _variables(stream):
-    """Variables of an FMI 3.0 unit and their shapes."""
     with zipfile.ZipFile(stream) as fmu:
         model = ElementTree.fromstring(fmu.read("modelDescription.xml"))
     return {

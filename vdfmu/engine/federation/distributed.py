@@ -83,7 +83,7 @@ class Federation:
         if self.core not in CORES:
             problems.append(f"core: expected {', '.join(CORES)}, got {self.core!r}")
         if all(component.step is None for component in checked.system.components):
-            text = "has event mode, and events need all components in one process; 'vdfmu simulate' runs it"
+            text = "has event mode, and events need all components in one process; 'vdfmu run' runs it"
             problems += [f"{name}: {text}" for name, unit in checked.descriptions.items() if unit.event_mode]
         if problems:
             raise UsageError("\n".join(problems))

@@ -121,7 +121,7 @@ class ModelExchangeIntegrator:
         return high
 
     def differences(self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
-        """See `vdfmu.engine.masters.coupled.jacobian_of`; calculated by central differences."""
+        """Return the derivatives of rates and outputs by states and inputs, by central differences."""
         instance, n = self.instance, self._x.size
         instance.leave_event()
         self.instance.transfer("GetContinuousStates", self._x)

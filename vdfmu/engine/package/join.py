@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,7 +17,7 @@ from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, parse_xml
 from vdfmu.engine.package.system import BASE_UNITS, UnitFactor, Value, spread
 
 Ends = str | Sequence[str]
@@ -54,7 +55,8 @@ def join(
     name : str, optional
         Name of the system.
     stop, step : float, optional [s]
-        Stop time and communication step of its default experiment.
+        Stop time and communication step of its default experiment. Without them they are the longest stop time and the
+        shortest step of the FMUs' default experiments, else 1 s and a thousandth of the stop time.
     algorithm : str, optional
         Master algorithm of its default experiment.
     values : mapping of ``component.variable`` to value, optional
@@ -78,7 +80,10 @@ def join(
         raise UsageError("components must be at least one, got none. Give a name and an FMU: {'plant': 'Plant.fmu'}.")
     if bad := [each for each in fmus if not _NAME.fullmatch(each)]:
         raise UsageError(f"component {bad[0]!r}: name must have letters, digits and _ only. Rename it.")
-    ports = _Ports({component: _described(component, Path(fmu)) for component, fmu in fmus.items()})
+    read = {component: _described(component, Path(fmu)) for component, fmu in fmus.items()}
+    ports = _Ports({component: description for component, (description, _) in read.items()})
+    stop = max(_stated(read, "stopTime"), default=1.0) if stop is None else stop
+    step = min(_stated(read, "stepSize"), default=1e-3 * stop) if step is None else step
     pairs = [pair for start, ends in _each(connections) for end in ends for pair in ports.pairs(start, end)]
     bound = ports.bound(values or {})
     if ports.faults:
@@ -93,12 +98,21 @@ def join(
     return path
 
 
-def _described(component: str, path: Path) -> Description:
+def _described(component: str, path: Path) -> tuple[Description, Mapping[str, str]]:
+    """Return an FMU and its default experiment."""
     with Archive(path, path.name) as archive:
         description, problems = inspect_description(archive, path.name)
-    if description is None:
-        raise SspError([problem.within(component) for problem in problems])
-    return description
+        if description is None:
+            raise SspError([problem.within(component) for problem in problems])
+        stated = parse_xml(archive.read("modelDescription.xml"), path.name).find("DefaultExperiment")
+    return description, {} if stated is None else stated.attrib
+
+
+def _stated(read: Mapping[str, tuple[Description, Mapping[str, str]]], key: str) -> list[float]:
+    """Return the positive numbers of a key in the default experiments."""
+    texts = [experiment[key] for _, experiment in read.values() if key in experiment]
+    numbers = [float(text) for text in texts if re.fullmatch(r"[-+.\deE]+", text)]
+    return [number for number in numbers if 0.0 < number < math.inf]
 
 
 def _each(connections: Connections) -> list[tuple[str, Sequence[str]]]:

@@ -94,7 +94,7 @@ class Checker:
         if self.ignore_unmatched:
             self.notes.append(text.reworded(f"{text}; the value is ignored"))
         else:
-            way = "ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
+            way = "ignore_unmatched, 'vdfmu run --ignore-unmatched'"
             self.problems.append(text.reworded(f"{text}; correct the name, or have it ignored: {way}"))
 
     def read(self) -> None:

@@ -228,7 +228,7 @@ class Isolated(Elsewhere):
             what = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({code})"
             why = f"the process {what} after this call had returned: it left damage, or vdfmu has a fault"
         elif self._late:
-            why = f"no return within {self.limits.time:g} s; a longer wait_limit (simulate --wait-limit) gives it more"
+            why = f"no return within {self.limits.time:g} s; a longer wait_limit (run --wait-limit) gives it more"
         elif isinstance(code, str):
             why = f"the component crashed the process ({code})"
         else:

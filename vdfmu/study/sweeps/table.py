@@ -194,7 +194,7 @@ class StudyTable:
         if options["scenario"].endswith(".ssp"):
             values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
             raise UsageError(
-                f"{self.path}: is a study of a package: 'vdfmu simulate {options['scenario']}' runs it, with {values}."
+                f"{self.path}: is a study of a package: 'vdfmu run {options['scenario']}' runs it, with {values}."
             )
         own = [axis for axis in read_axes(self.facts["axes"]) if not is_option(axis.target)]
         switched = {axis: row[axis] for axis in self.axes if is_option(axis)}

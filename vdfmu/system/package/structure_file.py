@@ -240,7 +240,7 @@ of the default experiment say the same.</p>
         outputs = [f"{name}.{s.name}" for name in description.tables for s in description.signals(name, "output")]
         shown = next((name for name in ("plant.q[1]", *outputs) if name in outputs), "time")
         text += f"""
-<pre>vdfmu simulate system.ssp</pre>
+<pre>vdfmu run system.ssp</pre>
 <p>or in Python</p>
 <pre>import vdfmu
 results = vdfmu.simulate("system.ssp")
