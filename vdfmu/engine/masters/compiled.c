@@ -7,7 +7,7 @@
 #include <stdint.h>
 #include <string.h>
 #ifdef _WIN32
-#include <windows.h>
+__declspec(dllimport) unsigned long long __stdcall GetTickCount64(void); /* windows.h has types named LONG and BOOL */
 #else
 #include <time.h>
 #endif
