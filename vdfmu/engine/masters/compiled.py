@@ -89,8 +89,6 @@ def obstacle(stepper: Stepper, exchange: Exchange) -> str:
     for instance in exchange.instances.values():
         if instance.python or instance.integrator is not None:
             return f"{instance.name} is {'written in Python' if instance.python else 'integrated by the master'}"
-        if not hasattr(instance.function("DoStep"), "argtypes"):
-            return "calls that are watched"
     return "" if _library() is not None else "no C compiler"
 
 
@@ -177,14 +175,12 @@ class CompiledSteps:
         if not links:
             return
         places = [(bank.position[link.end], bank.position[link.start]) for link in links]
-        conversions = [link.conversion for link in links]
-        if all(link.conversion.trivial for link in alike):
-            scales = []
-        else:
-            scales = [np.array([getattr(each, key) for each in conversions]) for key in ("factor", "offset")]
-        to, source = (np.array(ends, np.intp) for ends in zip(*places, strict=True))
-        instance = self._exchange.instances[name]
-        self._copy(instance, (bank.memory, to, bank.memory, source), False, lambda master: None, scales)
+        to, source = (np.array(each, np.intp) for each in zip(*places, strict=True))
+        names = () if all(link.conversion.trivial for link in alike) else ("factor", "offset")
+        scales = [np.array([getattr(link.conversion, name) for link in links]) for name in names]
+        self._copy(
+            self._exchange.instances[name], (bank.memory, to, bank.memory, source), False, lambda master: None, scales
+        )
 
     def _move(self, instance: Instance, moved: Transfer, at_end: bool) -> None:
         """Add the copy between the memory of a call and the master's, if they differ."""

@@ -256,7 +256,7 @@ class Run:
         summary["stepper"] = f"Python: {why}" if why else "C"
         LOG.info("stepper: %s", summary["stepper"])
         self._compiled = None if why else CompiledSteps(exchange, grid, data)
-        self._advance = self._in_python(session.stepping(grid)) if self._compiled is None else self._in_c
+        self._one = session.stepping(grid)
 
     def steps(self, progress: Any) -> Results:
         """Do the steps and return the results; call ``progress(k, n)`` if it is not None."""
@@ -301,15 +301,11 @@ class Run:
             if k in rows:
                 take(k, time, components)
 
-    def _in_python(self, one: Callable[[int], None]) -> Callable[[int], None]:
-        """Return the function that does a step with its row; `one` does step k."""
-
-        def advance(end: int) -> None:
-            one(self._done)
-            self._row(self._done + 1)
-            self._done += 1
-
-        return advance
+    def _in_python(self, end: int) -> None:
+        """Do a step with its row."""
+        self._one(self._done)
+        self._row(self._done + 1)
+        self._done += 1
 
     def _in_c(self, end: int) -> None:
         """Do steps with their rows to row `end` at most, one if taps look at each row."""
@@ -327,7 +323,7 @@ class Run:
 
     def _do(self, end: int) -> None:
         """Do steps to row `end`, until a component ends the simulation."""
-        box, guard, advance = self._session.box, self._guard, self._advance
+        box, guard, advance = self._session.box, self._guard, self._in_c if self._compiled else self._in_python
         while self._done < end:
             advance(end)
             if box.ended:
