@@ -22,7 +22,7 @@
 #undef fmi2SerializeFMUstate
 #undef fmi2DeSerializeFMUstate
 #undef fmi2GetDirectionalDerivative
-enum { SOUND, CRASH_SET, NO_STATE, STALE_STATE, NO_BYTES, NO_DERIVATIVE, NAN_DERIVATIVE, CLOSE_FILES };
+enum { SOUND, CRASH_SET, NO_STATE, STALE_STATE, NO_BYTES, NO_DERIVATIVE, NAN_DERIVATIVE, CLOSE_FILES, FAINTLY_STALE };
 static int way, steps;
 static volatile int *nowhere;
 
@@ -40,6 +40,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean final
     if (way == CLOSE_FILES) for (int i = 0; i < 64; i++) close(i);
     const fmi2Status status = strictDoStep(c, t, h, final);
     ((Unit *)c)->values[Y] += way == STALE_STATE ? ++steps : 0;
+    if (way == FAINTLY_STALE) ((Unit *)c)->values[Y] = 160285.1386 + 2e-4 * ++steps;
     return status;
 }
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *s) {

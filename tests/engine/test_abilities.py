@@ -23,13 +23,14 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>"""
 BROKEN = (
     None,
-    r"the process crashed \(signal 11\) in the calls that it declares",
+    r"the process crashed \(signal 11\) in setReal of the calls that it declares",
     "FMU state .canGetAndSetFMUState.: FMU failed .* in getFMUstate: this unit has no state",
     "repeated from the saved state, gives y = ",
     "FMU state .canSerializeFMUState.: FMU failed .* in deSerializeFMUstate: the bytes are of another version",
     "directional derivatives: FMU failed .* in getDirectionalDerivative: not implemented",
     "directional derivatives: y by u is nan",
     "closed files of the process",
+    r"gives y = 160285\.1392; the first time it gave 160285\.139$",
 )
 """What the check says of each way of ``claims.c``; the first is sound."""
 
@@ -47,7 +48,7 @@ def test_a_declared_call_that_does_not_work_is_a_problem(way, library, tmp_path)
         assert problems == []
     else:
         text = "\n".join(problems)
-        assert re.search(BROKEN[way], text), text
+        assert re.search(BROKEN[way], text, re.MULTILINE), text
         assert {problem.rule.number for problem in problems} <= {"RUN002", "RUN009"}
 
 

@@ -165,7 +165,7 @@ def test_variables_of_one_dotted_name_are_set_together_and_units_that_hardly_dif
 
 
 @pytest.mark.parametrize(("changes", "message"), [
-    ({"replace": [(b'fmiVersion="2.0"', b'fmiVersion="1.0"')]}, "is an FMU of FMI 1.0; the master runs"),
+    ({"replace": [(b'fmiVersion="2.0"', b'fmiVersion="1.0"')]}, "is an FMU of FMI 1.0 for model exch"),
     ({"drop": "binaries/"}, "has no binary for this platform .*; it has none"),
     ({"replace": [(b"<fmiModelDescription", b'<!DOCTYPE x [<!ENTITY e "x">]><fmiModelDescription')]},
      "document type declaration"),

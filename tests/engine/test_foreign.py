@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.engine.conftest import make_fmu
 from tests.engine.files import edited, zipped
 from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -12,9 +13,11 @@ from vdfmu.engine.package.read import read_system
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import simulate
 
+STATE = '<ScalarVariable name="x" valueReference="{}"><Real/></ScalarVariable>'
 FMI_1 = (
     '<fmiModelDescription fmiVersion="1.0" modelName="m" modelIdentifier="m" guid="1" numberOfContinuousStates="0" '
-    'numberOfEventIndicators="0"/>'
+    f'numberOfEventIndicators="0"><ModelVariables>{STATE.format(1)}{STATE.format(2)}</ModelVariables><Implementation>'
+    "<CoSimulation_StandAlone><Capabilities/></CoSimulation_StandAlone></Implementation></fmiModelDescription>"
 )
 OSP = (
     '<ssd:DefaultExperiment startTime="0" stopTime="1"><ssd:Annotations><ssc:Annotation '
@@ -129,3 +132,40 @@ def test_a_package_of_another_tool_runs_or_is_refused_by_a_rule(packages, name):
         raise SspError(problems)
     assert TABLE[name] in {problem.rule.number for problem in refused.value.problems}
     assert TABLE[name] in {problem.rule.number for problem in inspect_file(path, run=False).problems}
+
+
+def test_an_fmu_gets_the_tolerance_of_its_default_experiment(pack, xml, tmp_path):
+    """As from FMPy; a tolerance of the user wins, and a parameter `tolerance` is left alone."""
+    told = {
+        "calc": "pass", "step": "pass",
+        "more": "def setup_experiment(self, start, stop, tolerance):\n    self._y = tolerance or -1.0\n",
+    }  # fmt: skip
+    experiment = [(rb"<ModelVariables>", b'<DefaultExperiment tolerance="1e-4"/><ModelVariables>')]
+    extra = {}
+    for name, variables in (("Told", "y:output"), ("Own", "y:output tolerance:parameter:Real:1e-4")):
+        extra[f"resources/{name}.fmu"] = edited(make_fmu(tmp_path, name, variables, **told), experiment)
+    path = pack([xml.component("a", "Told"), xml.component("b", "Own")], extra=extra)
+    for given, sent in ((None, [1e-4, -1.0]), (1e-3, [1e-3, 1e-3])):
+        results = simulate(path, stop=1.0, step=0.5, tolerance=given, isolate=False)
+        assert [results["a.y"][0], results["b.y"][0]] == sent
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
+def test_an_fmu_without_outputs_gives_its_local_variables(pack, xml, tmp_path, algorithm):
+    """As the bouncing balls of other tools; a local variable that is not finite ends no run."""
+    ball = "self._h += h\nself._n += 1\nself._bad = float('nan')"
+    fmu = make_fmu(tmp_path, "Ball", "h:local n:local:Integer bad:local g:parameter:Real:9.81", ball)
+    path = pack([xml.component("a", "Ball"), "r Ramp y:output"], extra={"resources/Ball.fmu": fmu.read_bytes()})
+    results = simulate(path, stop=1.0, step=0.5, isolate=False, algorithm=algorithm)
+    assert results.names == ["a.h", "a.bad", "a.n", "r.y"]
+    assert results["a.h"].tolist() == [0.0, 0.5, 1.0] and results["a.n"].tolist() == [0, 1, 2]
+    assert simulate(path, stop=1.0, step=0.5, record=["a.n"], isolate=True).names == ["a.n"]
+
+
+def test_an_fmu_with_missing_initial_unknowns_is_run_if_the_user_asks(fmus):
+    """As all FMUs of plain pythonfmu."""
+    plain, anyway = inspect_file(fmus["Stock"]), inspect_file(fmus["Stock"], anyway=True)
+    assert {problem.rule.number for problem in plain.problems} == {"FMI013"} and not plain.ran
+    assert anyway.problems == plain.problems and anyway.ran
+    assert "run in spite of its problems (--run-anyway)" in anyway.notes
+    assert not inspect_file(fmus["Stock"], run=False, anyway=True).ran

@@ -133,10 +133,11 @@ def test_what_the_description_forbids_is_not_run(unit, tmp_path):
     assert not proof.exists()
 
 
-def test_a_unit_that_may_have_one_instance_gets_one(controller, monkeypatch):
+def test_a_unit_that_may_have_one_instance_gets_one(controller, monkeypatch, tmp_path):
     monkeypatch.setattr(check_run, "compare", lambda path: Findings(compared=["reference"]))
-    assert check_run._run_unit(controller(b"false"), lambda *_: None).compared == ["reference"]
-    once = check_run._run_unit(controller(b"true"), lambda *_: None)
+    phase = check_run.Phase(tmp_path / "phase", lambda findings: None)
+    assert check_run._run_unit(controller(b"false"), phase).compared == ["reference"]
+    once = check_run._run_unit(controller(b"true"), phase)
     assert once.problems == once.compared == []
     assert once.notes == ["reference results not compared: the unit can be instantiated only once per process"]
 

@@ -1,4 +1,4 @@
-"""Libraries compiled with the package ziglang, one compiler on every machine and for every platform, and loaded.
+"""C libraries by the compiler of the package ziglang, or for this machine by gcc or clang, and their loading.
 
 The same sources give the same bits: objects are compiled under relative names without debug information, and time
 stamps of the linker are replaced. Objects and libraries are cached by the digest of their sources, so FMUs that differ
@@ -28,7 +28,7 @@ from typing import TypeVar
 from vdfmu.base.cache import COMPILER, cache_folder, load, store, trusted
 from vdfmu.base.errors import LOG, FmuError
 from vdfmu.base.files import temporary_folder
-from vdfmu.base.platforms import PLATFORMS, WASM, X86, Platform, compiler_version, this_platform, zig
+from vdfmu.base.platforms import PLATFORMS, WASM, X86, Compiler, Platform, compiler, this_platform
 from vdfmu.base.process import end_group
 from vdfmu.base.progress import counted
 
@@ -71,11 +71,18 @@ class Compilation:
     """Name in :data:`~vdfmu.base.platforms.PLATFORMS`."""
     flags: tuple[str, ...] = ()
     """Further flags of the compiler and the linker."""
+    zig: bool = False
+    """Whether the sources need zig on this machine too."""
 
     @property
     def target(self) -> Platform:
         """Platform of the library."""
         return PLATFORMS[self.platform]
+
+    @property
+    def compiler(self) -> Compiler:
+        """Its compiler."""
+        return compiler("" if self.zig else self.platform)
 
     @cached_property
     def objects(self) -> dict[str, str]:
@@ -111,7 +118,7 @@ class Compilation:
         return self._key(f"library {' '.join(how)}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
-        digest = sha256(repr((kind, compiler_version(), self.flags)).encode())
+        digest = sha256(repr((kind, self.compiler.name, self.flags)).encode())
         for name, text in sorted(files.items()):
             digest.update(f"\n{name} {len(text)}\n".encode())
             digest.update(text)
@@ -141,7 +148,6 @@ def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
     new = missing()
     try:
         if (first := next(new, None)) is not None:
-            zig()
             with temporary_folder("vdfmu_native_") as folder:
                 for i, (key, library) in _Workshop(folder).make(chain([first], new)).items():
                     store(_stored(key), library)
@@ -253,6 +259,8 @@ class _Workshop:
 
         Zig would first compile its own for 7 s, to learn the library of each function.
         """
+        if not job.compiler.is_zig:
+            return ["-lm"]
         if not job.target.libraries:
             return []
         folder = self._folder / job.platform
@@ -278,7 +286,7 @@ class _Workshop:
         return ["-nostdlib", "-Wl,--as-needed,-z,defs", *(str(folder / file) for file in job.target.libraries)]
 
     def _run(self, job: Compilation, place: Path, product: str, arguments: Sequence[str]) -> None:
-        command = [zig(), "cc", "-target", job.target.target, *arguments]
+        command = [*job.compiler.command, *job.compiler.arguments(job.target, arguments)]
         # a process in a new session does not get Ctrl-C, and its children end with it
         environment, began = self._environment, time.perf_counter()
         process = subprocess.Popen(
@@ -293,7 +301,9 @@ class _Workshop:
         finally:
             self._running.discard(process)
         if process.returncode == 0:
-            LOG.info("%s: zig %s: %.2f s", job.name, " ".join(command[1:]), time.perf_counter() - began)
+            LOG.info(
+                "%s: %s: %.2f s", job.name, " ".join([Path(command[0]).name, *command[1:]]), time.perf_counter() - began
+            )
             return
         words = output.decode("utf-8", "replace")
         full = "NoSpaceLeft" in words or "No space left" in words

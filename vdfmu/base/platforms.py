@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import platform as machine
+import shutil
 import struct
+import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.standards import FMI_VERSIONS
@@ -150,30 +154,89 @@ def _universal(x86: bytes, arm: bytes) -> bytes:
 def native_available() -> bool:
     """Whether native FMUs can be built and run here, with the compiler installed."""
     try:
-        this_platform()
-        zig()
+        compiler(this_platform())
     except FmuError:
         return False
     return True
 
 
+CHOICE = "VDFMU_COMPILER"
+"""Environment variable that chooses the compiler for this machine: ``zig``, or a program such as ``gcc``."""
+_PROGRAMS = ("cc", "gcc", "clang")
+"""Programs that are tried if ziglang is not installed."""
+_WORDS = {
+    "-march=x86_64_v2": "-march=x86-64-v2", "-fno-slp-vectorize": "-fno-tree-slp-vectorize",
+    "-fno-vectorize": "-fno-tree-vectorize",
+}  # fmt: skip
+"""Flags of zig to the flags of gcc and clang."""
+
+
+class Compiler(NamedTuple):
+    """A C compiler: name with version, command, and whether it is zig, which compiles for every platform."""
+
+    name: str
+    command: tuple[str, ...]
+    is_zig: bool
+
+    def arguments(self, target: Platform, flags: Sequence[str]) -> list[str]:
+        """Return the arguments of a call with zig's flags."""
+        if self.is_zig:
+            return ["-target", target.target, *flags]
+        return ["-fPIC", *(_WORDS.get(flag, flag) for flag in flags)]
+
+
+def compiler(platform: str = "") -> Compiler:
+    """Return the compiler for a platform.
+
+    This machine has the chosen compiler, by default ziglang, else a C compiler of its system. Other platforms and
+    Windows need ziglang. FmuError if no compiler is installed, UsageError if the chosen program is not gcc or clang.
+    """
+    own = platform == this_platform() and sys.platform != "win32"
+    return _compiler(os.environ.get(CHOICE, "") if own else "zig")
+
+
+@lru_cache
+def _compiler(chosen: str) -> Compiler:
+    """Return the compiler of a choice; "" is the default."""
+    if chosen == "zig" or (not chosen and find_spec("ziglang")):
+        command = zig(), "cc"
+        return Compiler(f"ziglang {version('ziglang')}", command, True)
+    for program in (chosen,) if chosen else _PROGRAMS:
+        processor = _MACHINES.get(_told(program, "-dumpmachine").partition("-")[0])
+        if processor == _MACHINES.get(machine.machine().lower(), ""):
+            return Compiler(_told(program, "--version").splitlines()[0], (program,), False)
+    if chosen:
+        raise UsageError(f"compiler must be zig or a gcc or clang for this machine, got {chosen!r}. Install it.")
+    raise FmuError(_NO_COMPILER)
+
+
+def _told(program: str, question: str) -> str:
+    """Return the answer of a program; "" if there is none."""
+    if shutil.which(program) is None:
+        return ""
+    return subprocess.run([program, question], stdin=subprocess.DEVNULL, capture_output=True, text=True).stdout
+
+
 def compiler_version() -> str:
-    """Name of the compiler, with its version if it is installed."""
-    try:
-        return f"ziglang {version('ziglang')}"
-    except PackageNotFoundError:
-        return "ziglang"
+    """Name and version of the compiler for this machine, if there is one."""
+    return compiler(this_platform()).name if native_available() else "no compiler"
+
+
+_NO_COMPILER = (
+    "native FMUs need gcc, clang, or the C compiler of the package ziglang, which is not installed. Install it with "
+    "`pip install 'vdfmu[native]'`, or build with the backend `python`."
+)
 
 
 @lru_cache
 def zig() -> str:
-    """Path of the compiler's program."""
+    """Path of zig's program. FmuError if it is not installed."""
     spec = find_spec("ziglang")
     for folder in (spec.submodule_search_locations if spec else None) or ():
         for name in ("zig", "zig.exe"):
             if (program := Path(folder) / name).is_file():
                 return str(program)
     raise FmuError(
-        "native FMUs need the C compiler of the package ziglang, which is not installed. Install it with "
-        "`pip install 'vdfmu[native]'`, or build with the backend `python`."
+        "native FMUs for other platforms need the C compiler of the package ziglang, which is not installed. Install "
+        "it with `pip install 'vdfmu[native]'`."
     )

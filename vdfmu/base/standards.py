@@ -33,10 +33,13 @@ class FmiVersion:
     """Type in the names of the functions that read and write an enumeration."""
 
 
+FMI_1 = FmiVersion("1.0", "fmi1", "guid", False, False, False, False, False, False, True, "Integer")
 FMI_2 = FmiVersion("2.0", "fmi2", "guid", False, False, False, True, False, False, True, "Integer")
 FMI_3 = FmiVersion("3.0", "fmi3", "instantiationToken", True, True, True, False, True, True, False, "Int64")
 FMI_VERSIONS = {version.name: version for version in (FMI_2, FMI_3)}
 """Name to version."""
+MASTER_VERSIONS = {FMI_1.name: FMI_1, **FMI_VERSIONS}
+"""Name to version of FMUs that the master runs; FMI 1.0 for co-simulation only."""
 PYTHON_FMI = FMI_2
 """Version of FMUs in Python."""
 WITHOUT_NATIVE = "FMUs are in Python: a run takes some 20 times as long, and they run only where vdfmu is installed"

@@ -31,6 +31,13 @@ COMPLETE = "_VDFMU_COMPLETE"
 """Variable by which the shell asks for completions."""
 
 
+COMPILER = Option(
+    "C compiler for this machine: zig, gcc, clang.", default=None, metavar="PROGRAM",
+    more="Default: the variable VDFMU_COMPILER, else ziglang if it is installed, else cc, gcc or clang.",
+)  # fmt: skip
+"""Option of the commands that build FMUs."""
+
+
 class Described(click.Command):
     """Help of one line an option, in groups by task; the options of all commands."""
 
@@ -40,8 +47,10 @@ class Described(click.Command):
     """Command of the same name for files."""
 
     def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
+        given = settings.get("params", ())
         settings["params"] = [
-            *settings.get("params", ()),
+            *given,
+            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in given) else []),
             parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
@@ -70,6 +79,8 @@ class Described(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, below a line that moves."""
         set_verbosity(ctx.params.pop("quiet"), ctx.params.pop("verbose"))
+        if (chosen := ctx.params.pop("compiler", None)) is not None:
+            os.environ["VDFMU_COMPILER"] = chosen  # of other processes too
         if isinstance(self, click.Group):
             return super().invoke(ctx)
         with Bars(ctx.command_path.partition(" ")[2]) as bars, showing(bars.update):

@@ -26,7 +26,7 @@ WITHOUT = {
 def doctor() -> None:
     """Say what is installed and what a missing package costs."""
     from vdfmu.base.errors import FmuError
-    from vdfmu.base.platforms import compiler_version, native_available, this_platform
+    from vdfmu.base.platforms import compiler, native_available, this_platform
     from vdfmu.base.version import __version__
     from vdfmu.cli.cache import say_cache
     from vdfmu.cli.extras import installed
@@ -41,8 +41,11 @@ def doctor() -> None:
     packages, missing = installed("")
     say(f"Needs    {', '.join(packages)}")
     if native_available():
-        say(f"Compiler {compiler_version()}: native FMUs for this and all other platforms")
-    for extra, without in WITHOUT.items():
+        own = compiler(here)
+        others = "this and all other platforms" if own.is_zig else "this platform; the others need ziglang"
+        say(f"Compiler {own.name}: native FMUs for {others}")
+    own_only = {"native": "native FMUs for this platform only, no engine batch"} if native_available() else {}
+    for extra, without in (WITHOUT | own_only).items():
         there, lacks = installed(extra)
         if not there + lacks:  # of an installation before this version
             lacks = ["it is"]

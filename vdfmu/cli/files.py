@@ -207,6 +207,7 @@ def check(
         Path, Positional("FMU, SSP, SSD, TOML file or unit.", more="Of any tool; a unit is a file such as my_unit.py.")
     ],
     no_run: Annotated[bool, Option("Read only; do not run the units' code.")] = False,
+    run_anyway: Annotated[bool, Option("Run FMUs in spite of faults in their description.")] = False,
     as_json: JsonOption = False,
     unpack_limit: UnpackOption = None,
     robot: Annotated[str, option_of(RobotOptions, "robot", "Robot of a unit or system.")] = "planar_2dof",
@@ -214,7 +215,8 @@ def check(
     """Check an FMU or a system.
 
     Checks schema, rules, binaries for this platform, ten steps and reference results. The steps run code of the file
-    in a process with limited time and memory; --no-run leaves them out.
+    in a process with limited time and memory; --no-run leaves them out. A file with problems is not run, unless
+    --run-anyway asks for it.
     """
     from vdfmu.engine.inspect.inspection import inspect_file
     from vdfmu.engine.package.limits import package_limit
@@ -230,7 +232,7 @@ def check(
 
                 report = inspect_source(file, robot, run=not no_run, say=say_runs)
             else:
-                report = inspect_file(file, run=not no_run, say=say_runs)
+                report = inspect_file(file, run=not no_run, say=say_runs, anyway=run_anyway)
     except StorageError as error:
         fail(error, 2)
     if as_json:

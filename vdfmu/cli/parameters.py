@@ -19,7 +19,7 @@ WIDTH = 80
 _FLAGS = 29
 """Columns of the help before the text of an option."""
 _TASKS = {
-    "System": "robot set unit backend fmi input input-hold variant",
+    "System": "robot set unit backend compiler fmi input input-hold variant",
     "Time": "start stop step at",
     "Coupling": "master adaptive tolerance isolate memory-limit wait-limit ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",

@@ -186,8 +186,7 @@ def tune(
 ) -> None:
     """Search parameters that minimise a cost.
 
-    The cost may be over a spread of robots and within limits. After Ctrl-C or a kill the same command continues where
-    it stopped.
+    The cost may have limits. After Ctrl-C or a kill the same command continues.
     """
     from vdfmu.study.sweeps.sweep import Sweep
     from vdfmu.study.tuning.tune import tune as run_tune

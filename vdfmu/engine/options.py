@@ -86,8 +86,9 @@ class RecordOptions(SpanOptions, ObserverOptions, total=False):
     start: Annotated[float | None, Option("Start of the run in s.", "float [s]",
         "Row k is at ``start + k * step``. Default of all times: the package's default experiment; else 0.")]
     record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]'. Repeatable.",
-        "sequence of str", "``'*'`` records all. Default: outputs and inputs from outside. Connected inputs have the "
-        "values that components used. Text is not recorded.", metavar="SIGNAL", typed=TEXTS)]
+        "sequence of str", "``'*'`` records all. Default: outputs and inputs from outside; of an FMU without "
+        "outputs its local variables. Connected inputs have the values that components used. Text "
+        "is not recorded.", metavar="SIGNAL", typed=TEXTS)]
 
 
 class ProgressOptions(TypedDict, total=False):
@@ -108,7 +109,8 @@ class LogOptions(TypedDict, total=False):
 class MemberOptions(InputOptions, LogOptions, total=False):
     """How components run, wherever they are."""
 
-    tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.")]
+    tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.",
+        more="Default: that of each FMU.")]
     ignore_unmatched: Annotated[bool, Option("Ignore values that no variable takes.",
         more="They are values of the package's parameter sets.", default=False)]
     wait_limit: Annotated[float | None, Option(

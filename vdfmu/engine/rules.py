@@ -170,9 +170,9 @@ RUN002 | A component neither ends its process nor takes too long | debug the com
 RUN003 | Reference results can be read, and the unit gives them | correct the table, or the unit
 RUN004 note | All reference results are compared | see why not
 RUN005 note | All signals are finite | do not read or record it
-RUN006 note | The file is run | mend its problems; leave out `--no-run`
+RUN006 note | The file is run | mend its problems, or `--run-anyway`; leave out `--no-run`
 RUN007 | The master can step the system | another master, or another FMU
-RUN008 note | An FMU is of FMI 2.0 or 3.0 | export it for one of them
+RUN008 note | An FMU is of FMI 2.0 or 3.0, or of FMI 1.0 for co-simulation | export it so
 RUN009 | Inputs can be set, and the calls that an FMU declares work | mend the call, or do not declare it
 SRC001 | A robot, a scenario, a system or a unit can be read | change the named entry
 SRC002 note | No entry of such a file looks like a mistake | see the named entry

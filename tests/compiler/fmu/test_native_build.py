@@ -146,7 +146,7 @@ def test_backends_and_versions_replace_each_other(planar, tmp_path):
 
 def test_a_second_build_compiles_nothing(planar, tmp_path, monkeypatch):
     first = build_fmus(planar, tmp_path / "1", units=FAST, backend="native")
-    monkeypatch.setattr(compile, "zig", lambda: "/nowhere/zig")
+    monkeypatch.setattr(compile._Workshop, "_run", None)
     second = build_fmus(planar, tmp_path / "2", units=FAST, backend="native")
     for unit, path in first.items():
         assert second[unit].read_bytes() == path.read_bytes()
@@ -185,13 +185,17 @@ def test_a_damaged_cache_is_made_anew(damage, cold):
 
 def test_a_missing_compiler_is_told_with_the_way_out(planar, tmp_path, cold, monkeypatch):
     monkeypatch.setattr(platforms, "find_spec", lambda name: None)
-    compile.zig.cache_clear()
+    monkeypatch.setattr(platforms.shutil, "which", lambda name: None)
+    kept = platforms.zig, platforms._compiler
+    for each in kept:
+        each.cache_clear()
     try:
         assert not native_available()
         with pytest.raises(FmuError, match=r"ziglang, which is not installed.*pip install .vdfmu\[native\]"):
             build_fmus(planar, tmp_path / "out", units=["controller"], backend="native")
     finally:
-        compile.zig.cache_clear()
+        for each in kept:
+            each.cache_clear()
     assert not (tmp_path / "out").exists()
 
 

@@ -65,8 +65,8 @@ def test_an_entry_that_is_there_twice_is_a_note_and_one_that_is_missing_a_proble
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize(("code", "said"), [
-    ("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n", "the process crashed (signal 11) in a run of 10"),
-    ("import os\nos._exit(0)\n", "the unit ended the process in a run of 10 steps"),
+    ("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n", "the process crashed (signal 11) in instantiate of"),
+    ("import os\nos._exit(0)\n", "the unit ended the process in instantiate of a run of 10 steps"),
 ])  # fmt: skip
 def test_a_unit_that_ends_its_process_is_reported(changed, code, said):
     (problem,) = check_file(changed("none", {SCRIPT: code}))
@@ -137,7 +137,7 @@ EXCHANGE = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1"><Mode
 
 
 @pytest.mark.parametrize(("text", "standard", "note"), [
-    (OLD, "FMI 1.0", "FMI 1.0: fmpy and other importers run it"),
+    (OLD, "FMI 1.0", "FMI 1.0 for model exchange: fmpy runs it"),
     (EXCHANGE, "FMI 2.0", "no co-simulation: a master needs it"),
 ])  # fmt: skip
 def test_an_fmu_of_fmi_1_and_one_without_co_simulation_are_told_in_words(tmp_path, text, standard, note):

@@ -9,10 +9,10 @@ from typing import Any
 
 import fmpy
 import numpy as np
-from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
+from fmpy.model_description import CoSimulation, ModelDescription, Unknown, ValidationError, read_model_description
 
 from vdfmu.base.errors import SspError
-from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
+from vdfmu.base.standards import FMI_1, FMI_2, MASTER_VERSIONS, FmiVersion
 from vdfmu.engine.fmu.variables import FmuVariable, element_names, read_variables, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
@@ -69,6 +69,8 @@ class Description:
     """Whether it is for model exchange."""
     sizes: tuple[int, int] = (0, 0)
     """Numbers of continuous states and of event indicators."""
+    tolerance: float | None = None
+    """Relative tolerance of the default experiment, for co-simulation; None if a parameter ``tolerance`` decides."""
     period: str = ""
     """Parameter with the time between samples of its discrete outputs, from an annotation of this project. They are
     states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
@@ -77,6 +79,11 @@ class Description:
     def sampled(self) -> list[FmuVariable]:
         """The sampled states of an FMU that names their period."""
         return [v for v in self.named("output") if self.period and v.variability == "discrete"]
+
+    @property
+    def recordable(self) -> list[FmuVariable]:
+        """The outputs; without outputs the local variables."""
+        return self.named("output") or self.named("local")
 
     @property
     def names(self) -> list[str]:
@@ -126,10 +133,10 @@ def _inspect(
 ) -> tuple[Description | None, list[Finding]]:
     xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
-    version = FMI_VERSIONS.get(root.get("fmiVersion") or "")
-    if version is None:
-        text = f"{source}: is an FMU of FMI {root.get('fmiVersion')}; the master runs FMI {' and '.join(FMI_VERSIONS)}"
-        raise breach("RUN007", text, root)
+    version = MASTER_VERSIONS.get(root.get("fmiVersion") or "")
+    if version is None or (version is FMI_1 and root.find("Implementation") is None):
+        got = f"{source}: is an FMU of FMI {root.get('fmiVersion')}{' for model exchange' if version else ''}"
+        raise breach("RUN007", f"{got}; the master runs FMI 2.0 and 3.0, and FMI 1.0 for co-simulation", root)
     problems: list[Finding] = []
     try:
         model = read_model_description(unit.file)
@@ -141,6 +148,8 @@ def _inspect(
             model = read_model_description(unit.file, validate=False)
         except Exception:
             raise SspError(problems or broken) from None
+    if version is FMI_1:
+        _complete(model, root)
     for variable in model.modelVariables if sizes else ():
         chosen = [sizes.get(d.variable.name, d.variable.start) if d.variable else d.start for d in variable.dimensions]
         variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
@@ -168,6 +177,28 @@ def _inspect(
         return None, problems
 
 
+def _complete(model: ModelDescription, root: Any) -> None:
+    """Add to fmpy's description of FMI 1.0 the parts that FMI 2.0 states elsewhere."""
+    items = {item.get("name"): item for item in root.iterfind("ModelVariables/ScalarVariable")}
+    # fmpy gives the value of the original, without the sign
+    model.modelVariables = [v for v in model.modelVariables if items[v.name].get("alias") != "negatedAlias"]
+    variables = {v.name: v for v in model.modelVariables}
+    for v in model.modelVariables:
+        v.initial = None if v.start is None else "exact" if v.causality == "parameter" else "approx"
+        v.causality = v.causality if v.causality in ("input", "output", "parameter") else "local"
+        if v.causality == "output":
+            direct = items[v.name].find("DirectDependency")
+            names = None if direct is None else [name.text for name in direct]
+            needs = None if names is None else [variables[name] for name in names if name in variables]
+            model.outputs.append(Unknown(variable=v, dependencies=needs))
+    part, able = model.coSimulation, root.find("Implementation//Capabilities")
+    if part is not None and able is not None:
+        for flag in ("canHandleVariableCommunicationStepSize", "canInterpolateInputs"):
+            setattr(part, flag, able.get(flag) in _TRUE)
+        part.canBeInstantiatedOnlyOncePerProcess = able.get("canBeInstantiatedOnlyOncePerProcess") in _TRUE
+        part.maxOutputDerivativeOrder = int(able.get("maxOutputDerivativeOrder", 0))
+
+
 def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:
     derived: list[Any] = [u.variable for u in model.derivatives]
     rates = [v for v in derived if v.derivative is not None]
@@ -191,7 +222,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
-        version=FMI_VERSIONS[str(model.fmiVersion)],
+        version=MASTER_VERSIONS[str(model.fmiVersion)],
         saves_state=bool(part.canGetAndSetFMUstate),
         serializes_state=_declared(root, exchange, "canSerializeFMUstate", "canSerializeFMUState"),
         varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
@@ -203,8 +234,17 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         event_mode=not exchange and bool(part.hasEventMode),
         exchange=exchange,
         sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
+        tolerance=None if exchange else _tolerance(model),
         period=next((e.get("period", "") for e in root.iterfind(_SAMPLED)), ""),
     )
+
+
+def _tolerance(model: ModelDescription) -> float | None:
+    """Return the tolerance to send at set-up; a parameter of that name would be overruled."""
+    experiment: Any = model.defaultExperiment
+    own = any(v.name == "tolerance" and v.causality == "parameter" for v in model.modelVariables)
+    tolerance = 0.0 if own or experiment is None else float(experiment.tolerance or 0.0)
+    return tolerance if 0.0 < tolerance < math.inf else None
 
 
 def _declared(root: Any, exchange: bool, *flags: str) -> bool:

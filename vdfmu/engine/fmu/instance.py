@@ -31,7 +31,7 @@ _MAKING = threading.Lock()
 
 
 class Instance(Library):
-    """An instance of an FMU; `vdfmu.engine.fmu.versions` has its classes for FMI 2.0 and 3.0."""
+    """An instance of an FMU; `vdfmu.engine.fmu.versions` has its classes for each version of FMI."""
 
     sized: bool
     """Whether the directional derivative takes the number of its values."""
@@ -217,7 +217,7 @@ class Instance(Library):
 
     def between_events(self, variable: FmuVariable) -> bool:
         """Whether a variable is got or set between events; event mode excludes clocked ones and discrete inputs."""
-        held = variable.causality != "output" and variable.variability == "discrete"
+        held = variable.causality not in ("output", "local") and variable.variability == "discrete"
         return not self.event_mode or not (variable.clocks or held)
 
     def _failure(self, call: str, reason: str) -> CosimError:

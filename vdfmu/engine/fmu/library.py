@@ -73,13 +73,17 @@ class Library:
         self.argument: Any = None
         """The instance as an argument, prepared once."""
 
+    def _symbol(self, name: str) -> str:
+        """Return the name of an FMI function in the library."""
+        return name
+
     def _look_up(self, name: str, arguments: list[Any] | None, result: Any) -> Any:
         """Return an FMI function as a ctypes object; CosimError if the library lacks it."""
-        call = name[4].lower() + name[5:]
+        call, symbol = name[4].lower() + name[5:], self._symbol(name)
         try:
-            function: Any = self._library[name]
+            function: Any = self._library[symbol]
         except AttributeError:
-            raise CosimError(self.name, call, self.box.time, f"the library has no function {name}") from None
+            raise CosimError(self.name, call, self.box.time, f"the library has no function {symbol}") from None
         function.argtypes, function.restype = arguments, result
         return self._watch(self.name, call, function)
 

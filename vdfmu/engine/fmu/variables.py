@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from fmpy.model_description import ModelDescription
 
-from vdfmu.base.standards import FMI_VERSIONS
+from vdfmu.base.standards import MASTER_VERSIONS
 from vdfmu.engine.package.system import UnitFactor, Value
 
 INTEGERS = tuple(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))
@@ -139,7 +139,7 @@ def read_variables(
     model: ModelDescription, relative: set[str], units: Mapping[str, UnitFactor], clocks: Mapping[str, Any]
 ) -> dict[str, FmuVariable]:
     """Return the variables of fmpy's description by their names, arrays by their elements."""
-    version = FMI_VERSIONS[str(model.fmiVersion)]
+    version = MASTER_VERSIONS[str(model.fmiVersion)]
     variables: dict[str, FmuVariable] = {}
     for v in model.modelVariables:
         declared = v.declaredType

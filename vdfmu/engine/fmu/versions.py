@@ -1,4 +1,4 @@
-"""Instances of FMUs of FMI 2.0 and 3.0."""
+"""Instances of FMUs of FMI 1.0, 2.0 and 3.0."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t, c_uint, c_u
 from typing import Any
 
 import numpy as np
-from fmpy import fmi2
+from fmpy import fmi1, fmi2
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
-from vdfmu.base.standards import FMI_2
+from vdfmu.base.standards import FMI_1, FMI_2
 from vdfmu.engine.fmu.access import Call, Transfer
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance, Starts
-from vdfmu.engine.fmu.messages import on_message
+from vdfmu.engine.fmu.library import Library
+from vdfmu.engine.fmu.messages import boxes, on_message
 from vdfmu.engine.fmu.variables import INTEGERS, FmuVariable
+from vdfmu.engine.package.system import Value
 
 try:
     from fmpy.logging import addLoggerProxy
@@ -27,7 +29,13 @@ except Exception:  # no proxy library for this platform: messages come without t
 
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
 """Values of fmi2StatusKind."""
-_RECEIVER = fmi2.fmi2CallbackLoggerTYPE(lambda token, instance, *message: on_message(token, *message))
+
+
+@fmi2.fmi2CallbackLoggerTYPE
+def _RECEIVER(token: int | None, instance: bytes | None, *message: Any) -> None:
+    if token not in boxes:  # FMI 1.0 passes the instance, unknown while it is made
+        token = next((key for key, (name, _) in boxes.items() if name.encode() == instance), token)
+    on_message(token, *message)
 
 
 class Instance2(Instance):
@@ -49,7 +57,7 @@ class Instance2(Instance):
 
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Instance.prepare`."""
-        self.tolerance = tolerance
+        self.tolerance = tolerance = tolerance or self.description.tolerance
         self.fmu.setupExperiment(tolerance, start, stop)
         self.set_all(values)
 
@@ -92,6 +100,55 @@ class Instance2(Instance):
             pass
         del self.box.pending[before:]  # messages of these calls do not explain the discarded step
         return False
+
+
+class Instance1(Instance2):
+    """An instance of an FMU of FMI 1.0 for co-simulation.
+
+    It has no initialization mode. Values that are set before the first value is read come before its initialization.
+    """
+
+    kinds = fmi1.FMU1Slave, fmi1.FMU1Model
+    prefix = "fmi1"
+    dtypes = Instance2.dtypes | {"Boolean": np.int8}
+    has_ended = Library.has_ended
+
+    def _symbol(self, name: str) -> str:
+        return f"{self.description.identifier}_{name.replace('fmi1', 'fmi')}"
+
+    def _make(self) -> None:
+        default = fmi1.defaultCallbacks
+        callbacks = fmi1.fmi1CallbackFunctions(_RECEIVER, default.allocateMemory, default.freeMemory, None)
+        if addLoggerProxy is not None:
+            addLoggerProxy(byref(callbacks))
+        self.fmu.instantiate(functions=callbacks, loggingOn=True)
+        boxes[self.fmu.component] = boxes.pop(self.token)
+        self.token = self.fmu.component
+
+    def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
+        """See `Instance.prepare`; FMI 1.0 has no tolerance."""
+        self._span = start, stop
+        self.set_all(values)
+
+    def enter_initialization(self) -> None:
+        """See `Instance.enter_initialization`."""
+
+    def get(self, variable: FmuVariable) -> Value:
+        """See `Instance.get`."""
+        self.exit_initialization()
+        return super().get(variable)
+
+    def exit_initialization(self, stepped: bool = True) -> None:
+        """Initialize the instance, once."""
+        if self.stage == "instantiated":
+            start, stop = map(c_double, self._span)
+            self.call("InitializeSlave", start, c_char(fmi1.fmi1True), stop)  # fmpy takes its status for a text
+            self.stage = "initialized"
+
+    def reset(self) -> None:
+        """See `Instance.reset`; FMI 1.0 resets without terminating."""
+        self.fmu.reset()
+        self.stage, self._values = "instantiated", None
 
 
 _EVENT, _END, _EARLY = range(3)
@@ -137,7 +194,7 @@ class Instance3(Instance):
 
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Instance.prepare`."""
-        self.tolerance = tolerance
+        self.tolerance = tolerance = tolerance or self.description.tolerance
         self._experiment = tolerance, start, stop
         structure = [(v, x) for v, x in values if v.causality == "structuralParameter"]
         if structure:
@@ -261,4 +318,4 @@ class Instance3(Instance):
 
 def class_of(description: Description) -> type[Instance]:
     """Return the class of instances of an FMU, by its version of FMI."""
-    return Instance2 if description.version == FMI_2 else Instance3
+    return {FMI_1.name: Instance1, FMI_2.name: Instance2}.get(description.version.name, Instance3)

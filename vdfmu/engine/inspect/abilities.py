@@ -14,6 +14,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.fmu.versions import class_of
@@ -28,7 +29,7 @@ _REPEATED = 1e-9
 """Relative difference between a step and its repetition: the same operations, each within 1e-16."""
 
 
-def try_abilities(path: Path, start: float, step: float) -> Findings:
+def try_abilities(path: Path, start: float, step: float, watch: Watch) -> Findings:
     """Make the calls that an FMU declares to support, each kind with a new instance; start and step [s]."""
     findings = Findings()
     description = described(path)
@@ -49,7 +50,7 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
     ]
     for ability, declared, attempt in attempts:
         try:
-            problem = tried(description, folder, attempt, start, step) if declared else ""
+            problem = tried(description, folder, attempt, start, step, watch=watch) if declared else ""
         except CosimError as error:
             problem = str(error)
         if problem:
@@ -70,9 +71,10 @@ def tried(
     start: float,
     step: float,
     begin: Callable[[Instance], None] = lambda instance: None,
+    watch: Watch | None = None,
 ) -> str:
     """Initialize an instance, with `begin` in initialization mode, and return the result of an attempt."""
-    instance = class_of(description)("FMU", description, folder, MessageBox(lambda message: None), set())
+    instance = class_of(description)("FMU", description, folder, MessageBox(lambda message: None), set(), watch)
     instance.event_mode = attempt is _event_mode
     instance.box.time = start
     try:
@@ -141,7 +143,7 @@ def _state(instance: Instance, start: float, step: float, serialized: bool = Fal
         return ""
     k = int(np.argmax(wrong))
     step_text = f"the step from t = {time:.9g} s, repeated from the saved state, gives"
-    return f"{step_text} {outputs[k].name} = {second[k]:.9g}; the first time it gave {first[k]:.9g}"
+    return f"{step_text} {outputs[k].name} = {float(second[k])}; the first time it gave {float(first[k])}"
 
 
 _serialized = partial(_state, serialized=True)

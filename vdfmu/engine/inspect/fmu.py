@@ -38,6 +38,9 @@ _SHOWN = 5
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """fmiVersion: fixed texts in FMI 1.0 and 2.0, with an optional third number in FMI 3.0."""
 NOT_RUN = finding("RUN006", "not run: code of a file with problems is not run; mend them first")
+RUN_ANYWAY = finding("RUN006", "run in spite of its problems (--run-anyway)")
+_UNUSABLE = ("FMI001", "FMI002", "FMI017", "FMI018")
+"""Rules without which an FMU has nothing to run."""
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 _MAGIC = {
     ".so": (b"\x7fELF",),
@@ -73,20 +76,29 @@ def store(archive: Archive, source: str, folder: Path) -> Path:
     return path
 
 
+def note_run(findings: Findings, anyway: bool) -> bool:
+    """Return whether to run a file with these findings, and note the reason; `anyway` ignores faults of FMUs."""
+    numbers = [problem.rule.number for problem in findings.problems]
+    if not all(anyway and n.startswith("FMI") and n not in _UNUSABLE for n in numbers):
+        findings.notes.append(NOT_RUN)
+        return False
+    findings.notes += [RUN_ANYWAY] if numbers else []
+    return True
+
+
 def check_unit(
-    path: Path, run: bool = True, name: str = "", outer: Archive | None = None
+    path: Path, run: bool = True, name: str = "", outer: Archive | None = None, anyway: bool = False
 ) -> tuple[Findings, str | None]:
     """Check an FMU of FMI 1.0, 2.0 or 3.0; return the standard too, such as ``FMI 2.0``, None if not stated.
 
     `run`: without other faults, make ten steps in another process and compare with reference results. `name` is its
-    name in messages, by default the file's, `outer` the package around it; both share the limit of unpacked bytes.
+    name in messages, by default the file's, `outer` the package around it; both share the limit of unpacked bytes. For
+    `anyway` see `note_run`.
     """
     findings, standard = _examine(path, name or path.name, outer)
     if not run:
         findings.note("RUN006", "not run (--no-run): the binary was not loaded")
-    elif findings.problems:
-        findings.notes.append(NOT_RUN)
-    else:
+    elif note_run(findings, anyway):
         from vdfmu.engine.inspect.trial import run_apart
 
         findings.add(run_apart(path))
@@ -108,8 +120,8 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
         got = f"fmiVersion is {version!r}" if version else "has no fmiVersion"
         findings.problem("FMI002", f"{DESCRIPTION}: {got}; expected 1.0, 2.0 or 3.0", root)
         return findings, standard
-    if version == "1.0":
-        text = "FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0 and 3.0"
+    if version == "1.0" and root.find("Implementation") is None:
+        text = "FMI 1.0 for model exchange: fmpy runs it, the master of vdfmu takes FMI 1.0 for co-simulation only"
         findings.note("RUN008", text, root)
     broken, mended = _rules(unit)
     findings.add(broken)

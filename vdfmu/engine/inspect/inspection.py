@@ -16,7 +16,7 @@ from vdfmu.base.errors import SspError, StorageError, UsageError
 from vdfmu.base.files import pack_zip, temporary_folder
 from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.inspect.description import REFERENCES
-from vdfmu.engine.inspect.fmu import NOT_RUN, check_unit, store
+from vdfmu.engine.inspect.fmu import check_unit, note_run, store
 from vdfmu.engine.inspect.trial import master_of, run_apart
 from vdfmu.engine.package.archive import Archive, is_inside
 from vdfmu.engine.package.parse import parse_xml, version_of
@@ -59,7 +59,7 @@ class Report(Findings):
 
 
 def inspect_file(
-    path: str | os.PathLike[str], run: bool = True, say: Callable[[str], None] = lambda text: None
+    path: str | os.PathLike[str], run: bool = True, say: Callable[[str], None] = lambda text: None, anyway: bool = False
 ) -> Report:
     """Check an FMU, an SSP or an SSD, by the ending of its name.
 
@@ -72,6 +72,8 @@ def inspect_file(
         (FMI-LS-REF). Both run the units' code, in another process.
     say : callable, optional
         Called with the file before its code may run.
+    anyway : bool, optional
+        Whether to run FMUs that break rules of FMI too, such as a model structure with missing entries.
 
     Raises
     ------
@@ -84,17 +86,17 @@ def inspect_file(
     suffix = path.suffix.lower()
     _require(path, suffix)
     if run:
-        say(f"{path}, unless reading finds problems,")
+        say(f"{path}{'' if anyway else ', unless reading finds problems,'}")
     try:
-        return _inspect(path, suffix, run)
+        return _inspect(path, suffix, run, anyway)
     except OSError as error:
         way = "The check needs a temporary folder with free space; TMPDIR names another folder."
         raise StorageError(f"{path}: was not checked: {error}. {way}") from error
 
 
-def _inspect(path: Path, suffix: str, run: bool) -> Report:
+def _inspect(path: Path, suffix: str, run: bool, anyway: bool) -> Report:
     if suffix == ".fmu":
-        findings, standard = check_unit(path, run)
+        findings, standard = check_unit(path, run, anyway=anyway)
         return Report.of(findings, path, "FMU", standard)
     with temporary_folder("vdfmu_check_") as folder:
         package = path
@@ -104,7 +106,7 @@ def _inspect(path: Path, suffix: str, run: bool) -> Report:
                 _pack(path, package)
             except SspError as error:
                 return Report.of(Findings(error.problems), path, "SSD")
-        findings, standard = check_package(package, Path(folder), run)
+        findings, standard = check_package(package, Path(folder), run, anyway)
         if suffix == ".ssd":
             findings = _renamed(findings, f"{path.name}: {DEFAULT}", path.name)
     return Report.of(findings, path, suffix[1:].upper(), standard)
@@ -155,10 +157,10 @@ def _pack(ssd: Path, package: Path) -> None:
     pack_zip(package, members)
 
 
-def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | None]:
+def check_package(path: Path, folder: Path, run: bool, anyway: bool = False) -> tuple[Findings, str | None]:
     """Check every SSD of a package; without faults, run the default SSD and FMUs with reference results.
 
-    `folder` is for its FMUs. Returns the standard too, such as ``SSP 1.0``.
+    `folder` is for its FMUs. For `anyway` see `note_run`. Returns the standard too, such as ``SSP 1.0``.
     """
     findings = Findings()
     heads: dict[str, Any] = {}
@@ -183,9 +185,7 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
     stored: dict[str, Path] = {}
     for name in heads:
         findings.add(_check_variant(path, name, folder, stored), "" if name == DEFAULT else name)
-    if run and findings.problems:
-        findings.notes.append(NOT_RUN)
-    elif run:
+    if run and note_run(findings, anyway):
         findings.add(run_apart(path, "SSP"))
         for source, fmu in stored.items():
             with Archive(fmu, source) as archive:

@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import errno
 import json
+import mmap
 import os
 import re
 import signal
@@ -13,15 +14,20 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any
+from unittest.mock import patch
 
 import fmpy
 import numpy as np
 import numpy.typing as npt
 from fmpy import fmi2
-from fmpy.fmi1 import FMICallException
+from fmpy.fmi1 import (
+    _FMU,  # pyright: ignore[reportPrivateUsage]
+    FMICallException,
+)
 
 from vdfmu.base.errors import StorageError, VdfmuError
 from vdfmu.base.files import temporary_folder
@@ -78,7 +84,7 @@ def run_apart(
         phase = "the start of the process"
         if noted.is_file():
             with noted.open("rb") as file:  # the unit may have written it
-                phase = file.read(_TEXT).decode(errors="replace")
+                phase = file.read(_TEXT).rstrip(b"\0").decode(errors="replace") or phase
         try:
             if answer.is_file() and answer.stat().st_size > _ANSWER_LIMIT:
                 raise ValueError(f"they have more than {_ANSWER_LIMIT} bytes")
@@ -165,14 +171,53 @@ class _Said:
             addLoggerProxy(ctypes.byref(fmi2.defaultCallbacks))
 
 
+class Phase:
+    """Notes the task of this process and the call of a unit in it, for the process that reports a crash.
+
+    `report` takes the findings so far. The file stays mapped, because a unit may close files.
+    """
+
+    def __init__(self, path: Path, report: Callable[[Findings], None]) -> None:
+        self._report, self._task = report, ""
+        path.write_bytes(bytes(_TEXT))
+        with path.open("r+b") as file:
+            self._memory = mmap.mmap(file.fileno(), _TEXT)
+
+    def __call__(self, task: str, findings: Findings | None = None) -> None:
+        """Note the next task, and report the findings so far."""
+        if findings is not None:
+            self._report(findings)
+        self._task = task
+        self._note(task)
+
+    def _note(self, text: str) -> None:
+        self._memory[:] = text.encode(errors="replace")[:_TEXT].ljust(_TEXT, b"\0")
+
+    def watch(self, unit: str, call: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a function of a unit that is noted while it runs."""
+
+        def watched(*arguments: Any) -> Any:
+            self._note(f"{call} of {self._task}")
+            result = function(*arguments)
+            self._note(self._task)
+            return result
+
+        return watched
+
+
 def _refuse_negative(call: str) -> None:
     """Raise for a logged call of fmpy with a status below 0: fmpy accepts it."""
     if match := re.fullmatch(r"(\w+)\(.*\) -> (-\d+)", call, re.DOTALL):
         raise FMICallException(function=match[1], status=int(match[2]))
 
 
-def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
+def _run_unit(path: Path, phase: Phase) -> Findings:
     """Make ten steps of an FMU, compare with its reference results, try all other declared calls."""
+    plain = _FMU._call  # pyright: ignore[reportPrivateUsage]
+
+    def call(fmu: Any, name: str, *arguments: Any) -> Any:
+        return phase.watch("", name[4].lower() + name[5:], partial(plain, fmu, name))(*arguments)
+
     said = _Said()
     description = fmpy.read_model_description(str(path), validate=False)
     if description.coSimulation is None and description.modelExchange is None:
@@ -181,11 +226,12 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
     try:
-        results = fmpy.simulate_fmu(  # without validation, which the check has done, and never in another process
-            str(path), validate=False, start_time=start, stop_time=start + STEPS * step, output_interval=step,
-            logger=said, fmi_call_logger=_refuse_negative, debug_logging=True,
-            remote_platform=None,  # pyright: ignore[reportArgumentType]
-        )  # fmt: skip
+        with patch.object(_FMU, "_call", call):
+            results = fmpy.simulate_fmu(  # without validation, which the check has done, and never in another process
+                str(path), validate=False, start_time=start, stop_time=start + STEPS * step, output_interval=step,
+                logger=said, fmi_call_logger=_refuse_negative, debug_logging=True,
+                remote_platform=None,  # pyright: ignore[reportArgumentType]
+            )  # fmt: skip
     except Exception as error:  # of a foreign unit, so any
         _raise_if_full(error)
         text = f"{STEPS} steps of {step:g} s failed: {'; '.join([*said.messages, str(error)])}"
@@ -201,9 +247,8 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
         phase("the comparison with the reference results")
         findings = compare(path)
     findings.notes += [] if results is True else _not_finite(results)
-    if not str(description.fmiVersion).startswith("1"):
-        phase("the calls that it declares", findings)
-        findings.add(try_abilities(path, start, step))
+    phase("the calls that it declares", findings)
+    findings.add(try_abilities(path, start, step, phase.watch))
     return findings
 
 
@@ -256,19 +301,13 @@ def _run_system(path: Path, deadline: float) -> Findings:
     return Findings()
 
 
-def serve(check: Callable[[str, Path, float, Callable[..., None]], Findings], *arguments: str) -> None:
+def serve(check: Callable[[str, Path, float, Phase], Findings], *arguments: str) -> None:
     """Check in this process with the arguments from `run_apart`, and write the findings for it.
 
-    `check` takes the kind, the path, the deadline of a call by `monotonic`, and a function that notes the next task.
+    `check` takes the kind, the path, the deadline of a call by `monotonic`, and the note of the task.
     """
     kind, path, deadline, folder, unpacked, task = arguments
     tempfile.tempdir = folder  # so files of a crashed process are removed with the folder
-
-    def phase(task: str, findings: Findings | None = None) -> None:
-        """Report the next task, and the findings so far."""
-        if findings is not None:
-            answer(findings, whole=False)
-        Path(folder, _PHASE).write_text(task, encoding="utf-8")
 
     def answer(findings: Findings, whole: bool) -> None:
         Path(folder, _ANSWER).write_text(json.dumps(_encoded(findings, whole)), encoding="utf-8")
@@ -276,6 +315,7 @@ def serve(check: Callable[[str, Path, float, Callable[..., None]], Findings], *a
     try:
         for resource, size in (("AS", MEMORY), ("FSIZE", FILE_SIZE), ("CORE", 0)):
             limit(resource, size)
+        phase = Phase(Path(folder, _PHASE), partial(answer, whole=False))
         phase(task)
         with package_limit(int(unpacked)):
             findings = check(kind, Path(path), float(deadline), phase)
@@ -290,7 +330,7 @@ def serve(check: Callable[[str, Path, float, Callable[..., None]], Findings], *a
         sys.exit(_FULL_NOTICE)
 
 
-def _check(kind: str, path: Path, deadline: float, phase: Callable[..., None]) -> Findings:
+def _check(kind: str, path: Path, deadline: float, phase: Phase) -> Findings:
     return _run_system(path, deadline) if kind == "SSP" else _run_unit(path, phase)
 
 

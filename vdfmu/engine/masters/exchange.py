@@ -35,7 +35,7 @@ class Bank:
     """All outputs and connected inputs of one kind, in one array: ``[outputs | inputs]``.
 
     FMI calls of the same type fill it in place, in a window for each unit's outputs and one for its inputs. In a window
-    of inputs the fresh inputs (see `Schedule`) come first.
+    of inputs the fresh inputs (see `Schedule`) come first. Local variables are the outputs of an FMU without outputs.
     """
 
     def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
@@ -49,7 +49,7 @@ class Bank:
         self.fresh_windows: dict[str, slice] = {}
         for unit, description in checked.sources.items():
             first, start = len(outputs), len(inputs)
-            outputs += [(unit, v) for v in description.named("output") if v.kind == kind]
+            outputs += [(unit, v) for v in description.recordable if v.kind == kind]
             fed = [
                 v for v in description.named("input")
                 if v.kind == kind and (unit, v.name) in links
@@ -318,7 +318,8 @@ class Exchange:
                 signals.append((2 * order[unit] + int(i >= bank.outputs.size), signal))
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
-                self.watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
+                outputs = {i for i in chosen if bank.variables[i][1].causality == "output"}
+                self.watched = np.array(sorted(read | outputs), np.intp)
                 self._all_finite = _finite(bank.outputs, self.watched)
             if chosen:
                 self.columns[kind] = chosen

@@ -31,7 +31,7 @@ from vdfmu.engine.run.session import Run, Session
 
 @with_options
 def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]) -> Results:
-    """Co-simulate a system of FMUs of FMI 2.0 and 3.0; integrate FMUs for model exchange.
+    """Co-simulate a system of FMUs; integrate FMUs for model exchange.
 
     Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. For the order of values in each
     algorithm see `vdfmu.engine.plan.schedule.make_schedule`.

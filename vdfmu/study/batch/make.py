@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from vdfmu.base.compile import SHOWN, Compilation, compile_libraries
-from vdfmu.base.errors import KernelError, UsageError
+from vdfmu.base.errors import FmuError, KernelError, UsageError
 from vdfmu.base.files import data_path
-from vdfmu.base.platforms import native_available, this_platform
+from vdfmu.base.platforms import this_platform, zig
 from vdfmu.compiler.c.functions import kernel_source
 from vdfmu.compiler.c.text import head
 from vdfmu.compiler.unit.evaluate import Call, Evaluation, Traced
@@ -160,8 +160,10 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
 
     UsageError, with all reasons, if it cannot be run in lanes.
     """
-    if not native_available():
-        raise UsageError("it needs the compiler ziglang: pip install 'vdfmu[native]'")
+    try:
+        zig()
+    except FmuError:
+        raise UsageError("it needs the compiler ziglang: pip install 'vdfmu[native]'") from None
     program = SystemProgram(description, varied)
     try:
         files, optional = lane_sources(program)
@@ -170,7 +172,7 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
     platform = this_platform()
     levels = LEVELS if platform.startswith("x86_64") else LEVELS[:1]
     libraries = compile_libraries(
-        Compilation("lanes", files, platform, (*FLAGS, f"-DLANES={width}", *flags)) for width, flags in levels
+        Compilation("lanes", files, platform, (*FLAGS, f"-DLANES={width}", *flags), zig=True) for width, flags in levels
     )
     fed = np.array([place for place, _ in program.system.outside], dtype=np.int64)
     grid = program.grid

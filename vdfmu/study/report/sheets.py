@@ -188,6 +188,7 @@ def facts(summary: Summary) -> Iterator[tuple[str, str]]:
     for name, (key, form) in lines.items():
         if summary.get(key) is not None:
             more = f" of FMI {fmi}" if name == "Units" and fmi != FMI_2.name else ""
+            more += f", {summary['compiler']}" if name == "Units" and summary.get("compiler") else ""
             yield name, form.format(summary[key]) + more
     if (pace := summary.get("pace")) is not None:
         p50, p99_9, worst = (f"{1e6 * pace[f'late_{each}_s']:.3g}" for each in ("p50", "p99_9", "worst"))

@@ -16,6 +16,7 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
+from vdfmu.base.platforms import compiler_version
 from vdfmu.base.progress import doing, report
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
@@ -190,6 +191,7 @@ def _facts(system: SystemDescription, options: ScenarioRunOptions, backend: str)
     scenario, robot = system.scenario, system.scenario.robot
     return run_facts(scenario) | {
         "backend": backend,
+        **({"compiler": compiler_version()} if backend == "native" else {}),
         "fmi": options["fmi_version"],
         "settings": {key: str(value) for key, value in (options["settings"] or {}).items()},
         "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},

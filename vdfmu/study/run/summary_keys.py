@@ -123,6 +123,7 @@ KEYS: Mapping[str, Key] = {
     "settings": Key(Keyed(ANY), "Parameters and inputs that were set for this run."),
     "units": Key(Keyed(TEXT), "Units instead of the scenario's, by component."),
     "backend": Key(TEXT, "Kind of the FMUs."),
+    "compiler": Key(TEXT, "C compiler of native FMUs."),
     "fmi": Key(TEXT, "Version of FMI of the FMUs."),
     "left_out": Key(_LINES, "Connections that a unit instead of the system's does not have."),
     "joined": Key(_LINES, "Connections that a unit instead of the system's has in addition."),
