@@ -21,7 +21,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.study.identify.fit import identify
 from vdfmu.study.identify.log import Log, read_log
-from vdfmu.study.identify.regressor import regressor
+from vdfmu.study.identify.problem import regressor
 
 BAND = 4.0
 """Band of the equations [Hz]; the motions have frequencies of up to 0.7 Hz."""

@@ -18,7 +18,7 @@ from scipy.linalg import block_diag, expm
 import vdfmu
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.plan.check import check_system
-from vdfmu.study.referee import RIGHT, WRONG, estimate, verdict_of
+from vdfmu.study.referee import RIGHT, WRONG, differences, error_of, verdict_of
 from vdfmu.unit import linear_unit
 
 STEPS = (0.01, 0.1, 0.3, 1.0)
@@ -120,14 +120,15 @@ def evaluate(rng: np.random.Generator, counts: dict[str, Counter[str]]) -> None:
                 exact = np.array(motion) @ outputs.T
                 size = np.abs(exact).max(axis=0)
                 true = float((np.abs(runs[0] - exact).max(axis=0) / np.where(size > 0.0, size, np.inf)).max())
-                error, q, _ = estimate(runs, order, groups)
+                d1, d2, _ = differences(runs, groups)
+                error = error_of(d1, order)
                 count["cases"] += 1
                 if 1e-12 < true < 1.0:
                     count["compared"] += 1
                     for factor in (2, 3):
                         count[f"within {factor}"] += 1.0 / factor < error.max() / true < factor
                 for wanted in WANTED:
-                    verdict = verdict_of(error, q, order, wanted)
+                    verdict = verdict_of(d1, d2, order, wanted)
                     count[f"right {wanted}"] += verdict == RIGHT
                     count[f"false right {wanted}"] += verdict == RIGHT and true > wanted
                     count[f"false not right {wanted}"] += verdict == WRONG and true <= wanted

@@ -16,8 +16,8 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.linear.loops import SLOW
 from vdfmu.engine.run import Simulator
+from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import TIED
-from vdfmu.study.analysis.system import packaged
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
 

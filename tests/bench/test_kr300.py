@@ -14,7 +14,7 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.files import data_path
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.regressor import regressor
+from vdfmu.study.identify.problem import regressor
 
 H = 0.01
 T = H * np.arange(1501)

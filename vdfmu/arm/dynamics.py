@@ -26,12 +26,13 @@ def inverse_dynamics(
 ) -> Floats:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
 
-    They are the torques of the drives, without the torques of [joints.counterbalance].
+    They are the torques of the drives: those of [joints.counterbalance] are taken off.
 
     Parameters
     ----------
+    robot : Robot
     q, q_dot, q_ddot : (n,) or (m, n) [rad or m, and per s, s2]
-        One state or a batch of m; a single row combines with a batch.
+        One state or a batch of m; a single row goes with a batch of the others.
     F_e : (6,) or (m, 6) [N, N m], optional
         Wrench that the arm exerts on its surroundings, in the end-effector frame {O}; it adds to the torques.
 
@@ -42,7 +43,7 @@ def inverse_dynamics(
     Raises
     ------
     KernelError
-        If a shape is wrong or a number is not finite.
+        For a wrong shape or a number that is not finite.
 
     Examples
     --------
@@ -56,13 +57,18 @@ def inverse_dynamics(
 def forward_dynamics(
     robot: Robot, q: npt.ArrayLike, q_dot: npt.ArrayLike, tau: npt.ArrayLike, F_e: npt.ArrayLike | None = None
 ) -> Floats:
-    """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47).
+    """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
 
-    The inverse of :func:`inverse_dynamics`, with the same `robot`, `q`, `q_dot`, `F_e` and errors.
+    The inverse of :func:`inverse_dynamics`, with its errors.
 
     Parameters
     ----------
+    robot : Robot
+    q, q_dot : (n,) or (m, n) [rad or m, and per s]
+        One state or a batch of m; a single row goes with a batch of the others.
     tau : (n,) or (m, n) [N m or N], link-side, of the drives; counterbalances add theirs
+    F_e : (6,) or (m, 6) [N, N m], optional
+        Wrench that the arm exerts on its surroundings, in {O}.
 
     Returns
     -------
@@ -76,6 +82,7 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
 
     Parameters
     ----------
+    robot : Robot
     q : (n,) or (m, n) [rad or m]
         One position or a batch of m; errors: see :func:`inverse_dynamics`.
 
@@ -90,7 +97,11 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
 def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Mass matrix of the rigid arm by the mapping matrices (37)-(43), without the rotors.
 
-    Arguments and errors: see :func:`gravity_torque`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors: see :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -104,7 +115,11 @@ def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
 def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Jacobian of the end effector, Eq. (37)-(38): ``V_O = J_q @ q_dot``.
 
-    Arguments and errors: see :func:`gravity_torque`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors: see :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -117,7 +132,11 @@ def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
 def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
 
-    Arguments and errors: see :func:`gravity_torque`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors: see :func:`inverse_dynamics`.
 
     Returns
     -------

@@ -30,39 +30,45 @@ def build_fmus(
     Sequence[str] | str | None = None, sources: bool = True, target: str = FMI, precision: str = "double", step: float =
     1e-3, progress: Shown = None,
 ) -> dict[str, Path]:  # fmt: skip
-    """Build FMUs of units, each ``<Name>.fmu``, and return their paths by the unit's name.
+    """Build FMUs of units, each ``<Name>.fmu``.
 
-    The same sources, robot, start values and options give the same bytes. An FMU of an earlier build of these, with
-    at least the requested platforms, stays; any other is replaced.
+    The same sources, robot, start values and options give the same bytes. An FMU that is, to the byte, one that the
+    user built of these before, and has the platforms asked for, is left alone, with others that it may have; any
+    other is replaced.
 
     Parameters
     ----------
     robot : Robot or None
-        None for units without joints.
+        None will do for units without joints.
     out_dir : path
         Folder, made if it does not exist.
     units : str, path or type of Unit, or sequence of them, optional
         Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes.
-        Default: the units of the shipped systems that need a robot.
+        Default: those of the shipped systems that need a robot.
     start_values : mapping of unit to mapping of variable to number, optional
-        Override the start values of the declaration.
+        Start values instead of those of the declaration.
     backend : "python" or "native", optional
-        A Python FMU runs in a Python with vdfmu, a native one on its platform. Default: native if its compiler is
-        installed.
+        A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform. Default
+        native where its compiler is installed.
     fmi_version : "2.0" or "3.0", optional
-        Python FMUs are FMI 2.0.
+        Python FMUs are of FMI 2.0.
     platforms : sequence of str, or "all", optional
-        Platforms of native FMUs; default this machine.
+        Platforms of native FMUs; default that of this machine.
     sources : bool
-        Whether native FMUs carry their C, for further platforms.
+        Whether native FMUs carry their C, for platforms that they have no library of.
     target : "fmi" or "efmi", optional
-        FMUs, or eFMUs: FMUs with code for microcontrollers.
+        What is built: FMUs, or eFMUs, which are FMUs with code for microcontrollers in them.
     precision : "double" or "float32", optional
-        Floating-point type of the code for microcontrollers.
+        Numbers of that code.
     step : float, optional [s]
-        Time between steps of an eFMU without sampled states; others have their period.
+        Time from one step to the next of an eFMU without sampled states; others have their period.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
+
+    Returns
+    -------
+    dict of str to Path
+        Name of the unit to its FMU.
 
     Raises
     ------
@@ -117,6 +123,8 @@ def build(
         Default native if its compiler is installed.
     values : mapping of variable to value, optional
         Start values whose names are no words of Python.
+    progress : callable or bool, optional
+        See :func:`build_fmus`.
     **start
         Start values by name: ``T=0.2``, a vector as a sequence or as one number for all elements.
 

@@ -83,7 +83,7 @@ def _say_missing(error: ImportError) -> None:
 
 
 def _lacks_memory(error: BaseException | None) -> str:
-    """Return what says that an error, or one behind it, is a lack of memory; empty if none does."""
+    """Return the text of an error, or of its cause, that is a lack of memory; empty for other errors."""
     while error is not None and not isinstance(error, SystemExit):  # that has said why
         text = message_of(error)
         if isinstance(error, MemoryError):
@@ -95,18 +95,18 @@ def _lacks_memory(error: BaseException | None) -> str:
 
 
 _MEMORY = ("can't start new thread", "Cannot allocate memory", "failed to map segment", "std::bad_alloc")
-"""Words with which Python, the loader and libraries say so."""
+"""Texts of Python, the loader and libraries for a lack of memory."""
 
 
 def _stop_behind(error: BaseException | None) -> KeyboardInterrupt | None:
-    """Return the signal of which an error is the consequence, such as that of a terminal that is gone."""
+    """Return the signal that caused an error, such as a closed terminal."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error
 
 
 def _flush() -> None:
-    """Write out what is still to be printed, unless there is nothing to print to any more."""
+    """Flush the output, or discard it if its reader is gone."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()

@@ -35,39 +35,19 @@ if TYPE_CHECKING:
 
 def modes(
     robot: RobotArgument,
-    pose: Annotated[
-        str | None,
-        Option(
-            "Positions of the joints in rad or m (default 0).",
-            metavar="'Q1 Q2 ...'",
-            more="If end stops exclude 0, the middle between them.",
-        ),
-    ] = None,
-    scenario: Annotated[
-        str | None, Option("Modes over its motion, with a picture.", metavar="SCENARIO", names=known_scenarios)
-    ] = None,
-    bode: Annotated[
-        int | None,
-        Option(
-            "Draw the frequency response of a joint.",
-            metavar="JOINT",
-            more="Its rotor and link answer to its motor torque.",
-        ),
-    ] = None,
+    pose: Annotated[str | None, Option("Positions of the joints in rad or m (default 0).", metavar="'Q1 Q2 ...'",
+        more="If end stops exclude 0, the middle between them.")] = None,
+    scenario: Annotated[str | None, Option("Modes over its motion, with a picture.", metavar="SCENARIO",
+        names=known_scenarios)] = None,
+    bode: Annotated[int | None, Option("Draw the frequency response of a joint.", metavar="JOINT",
+        more="Its rotor and link answer to its motor torque.")] = None,
     dry: Annotated[bool, Option("Keep Coulomb and Stribeck friction, at rest.", flag="--dry-friction")] = False,
-    out: Annotated[
-        Path | None,
-        Option(
-            "Picture of --scenario or --bode.", more="Default: SCENARIO_modes.png or ROBOT_bode.png in this folder."
-        ),
-    ] = None,
+    out: Annotated[Path | None, Option("Picture of --scenario or --bode.",
+        more="Default: SCENARIO_modes.png or ROBOT_bode.png in this folder.")] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
-) -> None:
-    """Print the modes of an arm at rest.
-
-    Natural frequencies, damping and shapes, with motors free and held.
-    """
+) -> None:  # fmt: skip
+    """Print the modes of an arm at rest. Natural frequencies, damping and shapes, with motors free and held."""
     from vdfmu.base.errors import UsageError
 
     if scenario is not None:
@@ -116,9 +96,7 @@ def _numbers(found: Modes) -> dict[str, Any]:
 
 def _print(motors: str, q: list[float], found: Modes) -> None:
     where = " ".join(f"{number:g}" for number in q)
-    shown = table(
-        "Hz", "damping", "spring", "", "displacement of joints 1, 2, ...", title=f"Motors {motors}, at {where}"
-    )
+    shown = table("Hz", "damping", "spring", "", "displacement of joints 1, 2, ..", title=f"Motors {motors} at {where}")
     for i, (frequency, damping) in enumerate(zip(found.frequency, found.damping, strict=True)):
         joint = found.joint[i]
         shapes = {"links": found.links[i]} | ({"rotors": found.rotors[i]} if motors == "free" else {})
@@ -137,13 +115,11 @@ def _print(motors: str, q: list[float], found: Modes) -> None:
 
 def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path, as_json: bool) -> None:
     from vdfmu.base.style import save
-    from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.bode import joint_bode
     from vdfmu.study.report.drawings import draw_bode
 
-    system = linearize(robot, q, dry=dry)
-    found = joint_bode(system, joint)
-    unit = system.output_units[system.outputs.index(f"q_dot[{joint}]")]
+    found = joint_bode(robot, q, joint, dry)
+    unit = "m/s" if robot.joint_types[joint - 1] == "prismatic" else "rad/s"
     where = " ".join(f"{number:g}" for number in q)
     curves: dict[str, Any] = dict(zip(("rotor", "link"), found.response, strict=True))
     title = f"Motor torque of joint {joint} to velocities: {robot.name} at {where}"
@@ -183,22 +159,19 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
 def margins(
     system: Annotated[str, Positional("Scenario, or a system package.", metavar="[SCENARIO|FILE.ssp]")] = "tracking",
     robot: RobotOption = None,
-    at: Annotated[
-        list[float] | None,
-        Option("Time of the run in s. Repeatable.", more="Default: the times with the smallest margins."),
-    ] = None,
-    opened: Annotated[
-        list[str] | None, Option("Input to open a loop at (default tau). Repeatable.", flag="--loop", metavar="INPUT")
-    ] = None,
+    at: Annotated[list[float] | None, Option("Time of the run in s. Repeatable.",
+        more="Default: the times with the smallest margins.")] = None,
+    opened: Annotated[list[str] | None, Option("Input to open a loop at (default tau). Repeatable.", flag="--loop",
+        metavar="INPUT")] = None,
     as_json: JsonOption = False,
     **options: Unpack[LoopOptions],
-) -> None:
+) -> None:  # fmt: skip
     """Print the smallest stability margins of each loop over a run.
 
     They include the delays of the master. The exit code is 1 if the run is unstable.
     """
     from vdfmu.base.errors import UsageError
-    from vdfmu.study.analysis.loops import margins_along, words_of
+    from vdfmu.study.analysis.loops import margins_along
 
     package = system.lower().endswith(".ssp")
     if package and robot is not None:
@@ -220,7 +193,7 @@ def margins(
         style = ("bold" if mark else None) if modulus else "red"
         cells = numbers if modulus else ("none", "", "", "")
         shown.add_row(name, f"{t:.4g} s", *cells, f"{each.rate:.3g} 1/s", style=style)
-    state, words = words_of(found.judged)
+    state, words = found.judged.words
     if as_json:
         say_json({"step": found.step, "master": found.algorithm, "state": state, "text": words, "margins": rows})
     else:
@@ -235,30 +208,23 @@ def margins(
 
 def judge(
     system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO")],
-    wanted: Annotated[
-        float, Option("Largest error wanted, in % of a signal's peak.", metavar="PERCENT", more="Default 1.")
-    ] = 1.0,
+    wanted: Annotated[float, Option("Largest error wanted, in % of a signal's peak.", metavar="PERCENT",
+        more="Default 1.")] = 1.0,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
     master: Annotated[str | None, master_option] = None,
     settings: Annotated[Mapping[str, Any] | None, settings_option] = None,
-    meant: Annotated[
-        str | None,
-        Option(
-            "Meaning of discrete outputs without a period.",
-            choices=("sampled", "continuous"),
-            more="Sampled components keep the step as their period. By default both readings are printed.",
-        ),
-    ] = None,
+    meant: Annotated[str | None, Option("Meaning of discrete outputs without a period.",
+        choices=("sampled", "continuous"),
+        more="Sampled components keep the step as their period. By default both readings are printed.")] = None,
     as_json: JsonOption = False,
-) -> None:
+) -> None:  # fmt: skip
     """Judge the error by communication of a system of FMUs.
 
-    Three runs with the step, its half and its quarter give the error of each connected signal.
+    Three runs with the step, its half and its quarter give the error of each signal behind a connection.
     The exit code is 0 if the system is right, 1 if not, 3 if this is not decided.
     """
     from vdfmu.study.connected import load as load_system
-    from vdfmu.study.referee import RIGHT, WRONG
 
     judged = load_system(system).judge(
         wanted / 100.0, stop=stop, step=step, values=settings, algorithm=master, meant=meant
@@ -266,16 +232,14 @@ def judge(
     if as_json:
         say_json(judged.to_dict())
     else:
-        shown = table(
-            "signal", "error", "half / whole", "at", title=f"Stepped by {judged.step:g} s, {judged.algorithm}"
-        )
+        shown = table("signal", "error", "half / whole", "at", title=f"Step {judged.step:g} s, {judged.algorithm}")
         for signal in judged.signals[:_MOST_SIGNALS]:
             shown.add_row(signal.name, f"{100.0 * signal.error:.2g} %", f"{signal.q:.2g}", f"{signal.time:.4g} s")
         if judged.signals:
             console.print(shown)
-        (say if judged.verdict == RIGHT else say_error)(str(judged))
-    if judged.verdict != RIGHT:
-        raise SystemExit(1 if judged.verdict == WRONG else 3)
+        (say if judged.right else say_error)(str(judged))
+    if not judged.right:
+        raise SystemExit(3 if judged.right is None else 1)
 
 
 _MOST_SIGNALS = 8
@@ -288,10 +252,7 @@ def motion(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Print peak speed, acceleration and torque of a motion.
-
-    The torques are those of the rigid links.
-    """
+    """Print peak speed, acceleration and torque of a motion. The torques are those of the rigid links."""
     import numpy as np
 
     from vdfmu.arm.dynamics import inverse_dynamics

@@ -1,4 +1,4 @@
-"""Commands that show what they do: ``--quiet``, ``--verbose`` and the line that moves, of all by one mechanism."""
+"""Commands with ``--quiet``, ``--verbose`` and progress bars."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from vdfmu.cli.terminal import console, fail
 _FMUS = re.compile(r"[^-].*\.(ssp|fmu)|\w+=.*\.(fmu|py)", re.IGNORECASE)
 """A package, an FMU, or a component with its FMU or unit."""
 COMPLETE = "_VDFMU_COMPLETE"
-"""Variable by which the shell asks for completions."""
+"""Variable of the shell that asks for completions."""
 
 
 COMPILER = Option(
@@ -155,9 +155,7 @@ class App(Described, click.Group):
 def _usage(error: Any, words: Sequence[str]) -> str:
     """Return the message of wrong usage, with the way out."""
     if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
-        known = {
-            word.lstrip("-"): word for each in error.ctx.command.params for word in (*each.opts, *each.secondary_opts)
-        }
+        known = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
         close = [known[word] for word in get_close_matches(error.option_name.lstrip("-"), known)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")
@@ -182,7 +180,7 @@ def set_verbosity(quiet: bool = False, verbose: bool = False) -> None:
 
 
 def reset_verbosity() -> None:
-    """Show what commands show by default, in a process that runs several of them."""
+    """Restore the default verbosity, in a process that runs several commands."""
     errors.quiet = False
     LOG.setLevel(logging.NOTSET)
     for handler in list(LOG.handlers):
@@ -191,7 +189,7 @@ def reset_verbosity() -> None:
 
 
 class _Lines(logging.Handler):
-    """Prints what is logged above the bars: warnings as notes, details with the time since the command began."""
+    """Prints log records above the bars: warnings as notes, details with the time since the command began."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -17,15 +17,15 @@ def say_cache() -> None:
     say(f"Folder   {folder}")
     say(f"Entries  {len(listed)}")
     say(f"Size     {_size(entry.size for entry in listed)}, at most {limit() / 2**20:g} MB")
-    say(f"What the compiler keeps for itself, in {folder / COMPILER}, is not counted.")
+    say(f"The cache of the compiler, {folder / COMPILER}, is not counted.")
 
 
-app = App("cache", default=say_cache, help="Show the cache of what was built, or clear it.", example="vdfmu cache")
+app = App("cache", default=say_cache, help="Show the cache of built FMUs, or clear it.", example="vdfmu cache")
 
 
 @app.command("clear", example="vdfmu cache clear")
 def clear_cache() -> None:
-    """Remove all entries; what the compiler keeps for itself stays."""
+    """Remove all entries; the cache of the compiler stays."""
     from vdfmu.base.cache import cache_folder, entries
 
     removed = [entry.size for entry in entries(cache_folder()) if entry.remove()]

@@ -56,14 +56,14 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     ),
     "Installation": ((doctor.doctor, "vdfmu doctor"), (cache.app, "")),
 }
-"""The commands in groups, each with an example; those of a group of their own have theirs."""
+"""The commands in groups, each with an example; subcommands have their examples."""
 FIRST = {
     "Run": ("run", "sweep", "tune"),
     "Look": ("report", "view"),
     "Analyse": ("margins",),
     "Exchange": ("ssp", "check"),
 }
-"""The commands that are needed most, which ``vdfmu`` names."""
+"""The most used commands, named by ``vdfmu``."""
 
 
 def _show_version(context: click.Context, parameter: click.Parameter, wanted: bool) -> None:
@@ -73,7 +73,7 @@ def _show_version(context: click.Context, parameter: click.Parameter, wanted: bo
 
 
 def _completion(context: click.Context, parameter: click.Parameter, shell: str | None) -> None:
-    """Print what lets a shell complete commands and options."""
+    """Print the script that lets a shell complete commands and options."""
     if shell is not None:
         from click.shell_completion import get_completion_class
 
@@ -84,7 +84,7 @@ def _completion(context: click.Context, parameter: click.Parameter, shell: str |
 
 
 def _say_first() -> None:
-    """Name the commands that are needed most, and where the others are."""
+    """Name the most used commands, and how to list all."""
     known: Any = app.commands
     console.print(f"[bold]vdfmu[/bold]  {app.help}")
     shown = table("", "", "", title=" ", show_header=False)

@@ -1,4 +1,4 @@
-"""``vdfmu doctor``: what is installed, what a missing package costs, and where the cache is."""
+"""``vdfmu doctor``: installed packages, effects of missing packages, the cache."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vdfmu.base.standards import WITHOUT_NATIVE
 WITHOUT = {
     "native": WITHOUT_NATIVE,
     "parquet": "results are CSV, three times the size",
-    "matlab": "no logs from MATLAB files of version 7.3; those of version 5 need nothing",
+    "matlab": "no logs from MATLAB files of version 7.3; files of version 5 need nothing",
     "sweep": "no parameter studies (vdfmu sweep) and no tuning",
     "federate": "a system runs in one process only",
     "notebook": "no jupyter lab, no to_pandas(), no to_xarray(), no bars in a notebook",
@@ -20,11 +20,11 @@ WITHOUT = {
     "learn": "no environments for reinforcement learning",
     "robots": "no robots from MJCF; those from URDF need nothing",
 }
-"""Extra of the package that a user installs, and what is not there without it."""
+"""Extra of the package to the effect of its absence."""
 
 
 def doctor() -> None:
-    """Say what is installed and what a missing package costs."""
+    """Print the installed packages and the effects of missing packages."""
     from vdfmu.base.errors import FmuError
     from vdfmu.base.platforms import compiler, native_available, this_platform
     from vdfmu.base.version import __version__

@@ -9,7 +9,7 @@ _REQUIREMENT = re.compile(r"([\w.-]+)(?:\[([\w,.-]+)\])?(.*)")
 
 
 def installed(extra: str) -> tuple[list[str], list[str]]:
-    """Return the packages of an extra, or those that are always needed: ``name version``, and the names not there."""
+    """Return the installed packages of an extra, or without one the required, ``name version``; and the missing."""
     there: list[str] = []
     missing: list[str] = []
     for text in requires("vdfmu") or []:

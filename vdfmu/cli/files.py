@@ -38,37 +38,22 @@ if TYPE_CHECKING:
 
 
 def build(
-    scenario: Annotated[
-        str,
-        Positional(
-            "Scenario, or a unit.",
-            metavar="[SCENARIO|UNIT]",
-            more="A name or a file; a unit is controller, my_unit.py or my_units.py:Name.",
-        ),
-    ] = "tracking",
+    scenario: Annotated[str, Positional("Scenario, or a unit.", metavar="[SCENARIO|UNIT]",
+        more="A name or a file; a unit is controller, my_unit.py or my_units.py:Name.")] = "tracking",
     robot: RobotOption = None,
     out: Annotated[Path, Option("Folder of the FMUs.")] = Path("fmus"),
     backend: BackendOption = None,
     fmi: FmiOption = PYTHON_FMI.name,
-    platform: Annotated[
-        list[str] | None,
-        Option(
-            "x86_64-windows, .. or all. Repeatable.",
-            metavar="NAME",
-            more="Default: this machine. wasm32 is a module of WebAssembly.",
-        ),
-    ] = None,
+    platform: Annotated[list[str] | None, Option("x86_64-windows, .. or all. Repeatable.", metavar="NAME",
+        more="Default: this machine. wasm32 is a module of WebAssembly.")] = None,
     sources: Annotated[bool, Option("Carry the C of native FMUs in them.")] = True,
     target: Annotated[str, Option("efmi is code for microcontrollers.", choices=("fmi", "efmi"))] = "fmi",
     precision: Annotated[str, Option("Floating-point type of eFMI code.", choices=("double", "float32"))] = "double",
     step: Annotated[float | None, Option("Step of eFMI code in s.", more="Default: the scenario's, or 0.001.")] = None,
     settings: SetOption = None,
     overwrite: ForeignOption = False,
-) -> None:
-    """Build the FMUs of a scenario, or the FMU of a unit.
-
-    The scenario's values are their start values.
-    """
+) -> None:  # fmt: skip
+    """Build the FMUs of a scenario, or the FMU of a unit. The scenario's values are their start values."""
     chosen = None if _is_unit(scenario) else load(scenario, robot, settings)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
@@ -96,7 +81,7 @@ def build(
 
 
 def _is_unit(name: str) -> bool:
-    """Whether what is to be built is a unit, by its file or its name; a scenario of the same name goes first."""
+    """Whether the name or file to build is a unit; a scenario of the same name goes first."""
     if name.partition(":")[0].endswith(".py"):
         return True
     units = {path.stem for path in (PACKAGE / "arm" / "units").rglob("[!_]*.py")}  # to import them takes long
@@ -106,7 +91,7 @@ def _is_unit(name: str) -> bool:
 
 
 def _values(scenario: Scenario, backend: str | None, settings: Mapping[str, str] | None) -> dict[str, dict[str, Any]]:
-    """Say what is odd about a scenario that is to be built, and return the values of its components."""
+    """Print notes on a scenario to build, and return the values of its components."""
     from vdfmu.compiler.fmu.build import build_notes
     from vdfmu.system.scenario.check import model_notes
     from vdfmu.system.scenario.values import system_values
@@ -124,10 +109,7 @@ def container(
     settings: SetOption = None,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Fold the system of a scenario into one native FMU.
-
-    The FMU steps its units without a master.
-    """
+    """Fold the system of a scenario into one native FMU. The FMU steps its units without a master."""
     chosen = load(scenario, robot, settings)
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.container import write_container
@@ -147,15 +129,14 @@ def container(
 def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
-    form: Annotated[
-        str, Option("Version of SSP; 2.0 holds FMUs of FMI 3.0.", flag="--ssp", choices=tuple(SSP_FORMATS))
-    ] = SSP_1.name,
+    form: Annotated[str, Option("Version of SSP; 2.0 holds FMUs of FMI 3.0.", flag="--ssp",
+        choices=tuple(SSP_FORMATS))] = SSP_1.name,
     out: Annotated[Path | None, Option("File to write (default SCENARIO.ssp).")] = None,
     apart: Annotated[bool, Option("Wire arms from their links and joints.", flag="--decomposed")] = False,
     backend: BackendOption = None,
     settings: SetOption = None,
     overwrite: ForeignOption = False,
-) -> None:
+) -> None:  # fmt: skip
     """Pack the system of a scenario as an SSP.
 
     FMUs and parameters are inside. The FMUs have the scenario's values as start values too, for importers that do not
@@ -187,7 +168,7 @@ def reference(
     settings: SetOption = None,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Write a folder with which another tool can be compared.
+    """Write a folder to compare another tool.
 
     It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.
     """
@@ -203,15 +184,14 @@ def reference(
 
 
 def check(
-    file: Annotated[
-        Path, Positional("FMU, SSP, SSD, TOML file or unit.", more="Of any tool; a unit is a file such as my_unit.py.")
-    ],
+    file: Annotated[Path, Positional("FMU, SSP, SSD, TOML file or unit.",
+        more="Of any tool; a unit is a file such as my_unit.py.")],
     no_run: Annotated[bool, Option("Read only; do not run the units' code.")] = False,
     run_anyway: Annotated[bool, Option("Run FMUs in spite of faults in their description.")] = False,
     as_json: JsonOption = False,
     unpack_limit: UnpackOption = None,
     robot: Annotated[str, option_of(RobotOptions, "robot", "Robot of a unit or system.")] = "planar_2dof",
-) -> None:
+) -> None:  # fmt: skip
     """Check an FMU or a system.
 
     Checks schema, rules, binaries for this platform, ten steps and reference results. The steps run code of the file
@@ -222,7 +202,7 @@ def check(
     from vdfmu.engine.package.limits import package_limit
 
     def say_runs(what: str) -> None:
-        say_notes([f"runs code of {what} in a process of its own; --no-run reads only"])
+        say_notes([f"runs code of {what} in another process; --no-run reads only"])
 
     source = file.suffix.lower() in (".toml", ".py")
     try:

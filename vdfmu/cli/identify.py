@@ -16,91 +16,49 @@ from vdfmu.study.options import RobotOptions
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
     from vdfmu.base.arrays import Floats
-    from vdfmu.study.identify.fit import Identified
-    from vdfmu.study.identify.score import LogScore
+    from vdfmu.study.identify.fit import Identified, LogScore
 
 
 _DESIGN = "Instead of a log"
 _CLOSE = 0.5
-"""Correlation from which a note names it."""
+"""Smallest correlation that a note names."""
 
 
 def identify(
-    log: Annotated[
-        Path | None,
-        Positional(
-            "Log of a motion.",
-            more="Results of a run, CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads.",
-        ),
-    ] = None,
-    robot: Annotated[
-        str | None, option_of(RobotOptions, "robot", "Robot to start from: kinematics, ratios, the rest.")
-    ] = None,
-    column: Annotated[
-        dict[str, str] | None,
-        Option(
-            "Column of the log: 'tau=I{} [-1.81 N.m]'.",
-            flag="--column",
-            metavar="WHAT=NAME",
-            typed=TEXTS,
-            read=partial(read_settings, option="--column", form="WHAT=NAME, such as q=q_{}"),
-            more="WHAT is kappa, theta, tau, tau_link or q, or of one joint q[2]. NAME has {} for the joint. A unit "
-            "may follow in brackets, with a factor.",
-        ),
-    ] = None,
-    time: Annotated[
-        str, Option("Column of the times.", metavar="NAME", more="s, ms, us or ns may follow in brackets.")
-    ] = "",
+    log: Annotated[Path | None, Positional("Log of a motion.",
+        more="Results of a run, CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads.")] = None,
+    robot: Annotated[str | None, option_of(RobotOptions, "robot",
+        "Robot to start from: kinematics, ratios, the rest.")] = None,
+    column: Annotated[dict[str, str] | None, Option("Column of the log: 'tau=I{} [-1.81 N.m]'.", flag="--column",
+        metavar="WHAT=NAME", typed=TEXTS,
+        read=partial(read_settings, option="--column", form="WHAT=NAME, such as q=q_{}"),
+        more="WHAT is kappa, theta, tau, tau_link or q, or of one joint q[2]. NAME has {} for the joint. A unit may "
+        "follow in brackets, with a factor.")] = None,
+    time: Annotated[str, Option("Column of the times.", metavar="NAME",
+        more="s, ms, us or ns may follow in brackets.")] = "",
     band: Annotated[float | None, Option("Band of the equations in Hz.", more="Default: from the motion.")] = None,
-    prior: Annotated[
-        float,
-        Option(
-            "How far the links of the robot may be off.",
-            metavar="SHARE",
-            more="A share of masses and moments of inertia, and for centres of mass of the radius of gyration; inf if "
-            "nothing is known.",
-        ),
-    ] = 0.2,
-    other: Annotated[
-        Path | None, Option("Another log, to score the model with.", flag="--score", metavar="LOG")
-    ] = None,
+    prior: Annotated[float, Option("How far the links of the robot may be off.", metavar="SHARE",
+        more="A share of masses and moments of inertia, and for centres of mass of the radius of gyration; inf if "
+        "nothing is known.")] = 0.2,
+    other: Annotated[Path | None, Option("Another log, to score the model with.", flag="--score",
+        metavar="LOG")] = None,
     truth: Annotated[str | None, Option("Robot with the true values, to compare.", metavar="ROBOT")] = None,
     plot: Annotated[Path | None, Option("Picture of torques and residuals to draw.")] = None,
-    residuals: Annotated[
-        Path | None,
-        Option(
-            "Picture of the residuals over speed, load, ..",
-            more="Over speed, load, position and time, of the other log if there is one.",
-        ),
-    ] = None,
+    residuals: Annotated[Path | None, Option("Picture of the residuals over speed, load, ..",
+        more="Over speed, load, position and time, of the other log if there is one.")] = None,
     out: Annotated[Path | None, Option("Robot file to write; with --design the motion.")] = None,
     overwrite: OverwriteOption = False,
-    design: Annotated[
-        str | None,
-        Option(
-            "Choose the best motion to log for this robot.",
-            group=_DESIGN,
-            metavar="ROBOT",
-            more="It determines the parameters best; the width of their intervals is predicted.",
-        ),
-    ] = None,
+    design: Annotated[str | None, Option("Choose the best motion to log for this robot.", group=_DESIGN,
+        metavar="ROBOT", more="It determines the parameters best; the width of their intervals is predicted.")] = None,
     duration: Annotated[float | None, Option("Duration of the motion in s (default 60).", group=_DESIGN)] = None,
-    pose: Annotated[
-        str | None,
-        Option(
-            "Pose about which joints move (default several).",
-            group=_DESIGN,
-            metavar="'Q1 Q2 ...'",
-            more="Default: several about the middle.",
-        ),
-    ] = None,
+    pose: Annotated[str | None, Option("Pose about which joints move (default several).", group=_DESIGN,
+        metavar="'Q1 Q2 ...'", more="Default: several about the middle.")] = None,
     step: Annotated[float | None, Option("Step of the log in s (default 0.002).", group=_DESIGN)] = None,
     bits: Annotated[int | None, Option("Bits of the encoders (default 17).", group=_DESIGN)] = None,
-    noise: Annotated[
-        float | None, Option("Noise of torques over the largest (default 0.005).", group=_DESIGN, metavar="SHARE")
-    ] = None,
-    no_links: Annotated[bool, Option("There are no encoders behind the gears.", group=_DESIGN)] = False,
-) -> None:
+    noise: Annotated[float | None, Option("Noise of torques over the largest (default 0.005).", group=_DESIGN,
+        metavar="SHARE")] = None,
+    no_links: Annotated[bool, Option("Assume no encoders behind the gears.", group=_DESIGN)] = False,
+) -> None:  # fmt: skip
     """Estimate the parameters of an arm from a log of its motion.
 
     These are drives, friction, springs and base parameters.
@@ -127,7 +85,7 @@ def identify(
         return
     assert log is not None
     if robot is None:
-        raise UsageError("identify: expected --robot ROBOT, from which the identification starts.")
+        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
     wanted = [path for path in (plot, residuals, out) if path is not None]
@@ -147,7 +105,7 @@ def identify(
     _print(found, arm.joint_labels, None if true is None else found.of(true))
     scored, units = None, tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
     if other is not None and second is not None:
-        from vdfmu.study.identify.score import score
+        from vdfmu.study.identify.fit import score
 
         scored = score(found, arm, rows, second)
         _print_score(other.name, scored, arm.joint_labels, units)
@@ -160,7 +118,7 @@ def identify(
         written.append(plot)
     if residuals is not None:
         from vdfmu.base.style import save
-        from vdfmu.study.identify.score import score
+        from vdfmu.study.identify.fit import score
         from vdfmu.study.report.drawings import draw_residuals
 
         left = scored or score(found, arm, rows, rows)
@@ -173,9 +131,8 @@ def identify(
 
         made, notes = identified_robot(found, arm, log.name)
         say_notes(notes)
-        write_whole(
-            targets[out], [robot_text(made, f"{arm.name}, identified from {log.name} by vdfmu identify.").encode()]
-        )
+        head = f"{arm.name}, identified from {log.name} by vdfmu identify."
+        write_whole(targets[out], [robot_text(made, head).encode()])
         written.append(out)
     if written:
         say_written(*written)
@@ -185,7 +142,7 @@ def _design(
     robot: str, duration: float | None, pose: str | None, sensors: dict[str, Any], band: float | None, prior: float,
     out: Path | None, overwrite: bool,
 ) -> None:  # fmt: skip
-    """Choose a motion, write it, and print what to expect of it."""
+    """Choose a motion, write it, and print the expected intervals."""
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.files import write_whole
     from vdfmu.cli.analysis import read_pose
@@ -252,7 +209,7 @@ def _same_chain(one: Robot, other: Robot) -> bool:
 
 
 def _weak(found: Identified) -> list[str]:
-    """Return notes on what the log says little about, by the way out."""
+    """Return notes on weak parameters, by the way out."""
     by_advice: dict[str, list[str]] = {}
     links = [name for name in found.weak if name in found.base.names]
     for name, why in found.weak.items():
@@ -277,7 +234,7 @@ def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str
     shown = table(
         "joint", f"torque\n{unit}", f"left\n{unit}", "left\n%", f"most\n{unit}", "5 terms\n%",
         f"deform.\n{angle}", f"left\n{angle}", "left\n%", f"most\n{angle}",
-        title=f"\n{name}, link-side: root mean squares and most of what is left; % left by five terms of a rigid model",
+        title=f"\n{name}, link-side: root mean squares and largest residuals; % left by five terms of a rigid model",
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:

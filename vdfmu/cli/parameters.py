@@ -52,7 +52,7 @@ _KINDS: dict[Any, click.ParamType[Any]] = {
 
 
 def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
-    """Return the arguments and options of a command, with those of its ``**options``."""
+    """Return the arguments and options of a command, also of its ``**options``."""
     found: list[click.Parameter] = []
     for one in inspect.signature(function, eval_str=True).parameters.values():
         if one.kind is not one.VAR_KEYWORD:

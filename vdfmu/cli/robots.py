@@ -79,19 +79,14 @@ def import_file(
     file: Annotated[Path, Positional("URDF, or MuJoCo file (MJCF).")],
     base: Annotated[str | None, Option("Fixed link (default the root).", metavar="LINK")] = None,
     tip: Annotated[str | None, Option("Last link of the arm (default the last).", metavar="LINK")] = None,
-    drives: Annotated[
-        Path | None, Option("TOML file with drives, by names of joints.", more="Missing values are assumed.")
-    ] = None,
-    density: Annotated[
-        float | None, Option("Density in kg/m3 of bodies without a mass.", more="For boxes, cylinders and spheres.")
-    ] = None,
+    drives: Annotated[Path | None, Option("TOML file with drives, by names of joints.",
+        more="Missing values are assumed.")] = None,
+    density: Annotated[float | None, Option("Density in kg/m3 of bodies without a mass.",
+        more="For boxes, cylinders and spheres.")] = None,
     out: Annotated[Path | None, Option("Robot file to write (default FILE.toml).")] = None,
     overwrite: OverwriteOption = False,
-) -> None:
-    """Write a robot file from a URDF or a MuJoCo file.
-
-    The file names the source of each number.
-    """
+) -> None:  # fmt: skip
+    """Write a robot file from a URDF or a MuJoCo file. The file names the source of each number."""
     from vdfmu.arm.imports import import_robot
     from vdfmu.arm.robot import joint_free
     from vdfmu.base.files import write_whole
@@ -103,7 +98,7 @@ def import_file(
     assumed = [joint_free(key) for key, source in robot.sources.items() if source.startswith("Assumed")]
     if assumed:
         names = ", ".join(key.removeprefix("joints.") for key in dict.fromkeys(assumed))
-        say_notes([f"assumed, for --drives to give what is known: {names}."])
+        say_notes([f"assumed: {names}. Give known values by --drives."])
     say_written(target, more=f", {robot.n} joint{'s' * (robot.n > 1)}")
 
 
@@ -119,25 +114,20 @@ def reach(
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
-    from vdfmu.study.analysis.loops import told
     from vdfmu.study.analysis.reach import write_reach
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     found = write_reach(robot, target)
     shown = table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg")
     labels = load_robot(robot).joint_labels
-    margins, notes = None, list(found.notes)
-    if found.margins is not None:
-        margins = found.margins.judged.loops.margins()
-        notes += filter(None, [told(found.margins.judged.loops)])
     for i, (K_p, K_v) in enumerate(zip(found.gains.K_p, found.gains.K_v, strict=True)):
         numbers = ()
-        if margins is not None:
-            modulus, gain, phase = (float(margin[i]) for margin in margins[:3])
+        if found.margins is not None:
+            modulus, gain, phase = (float(margin[i]) for margin in found.margins[:3])
             numbers = f"{modulus:.2f}", f"{gain:.2f}", f"{math.degrees(phase):.0f}"
         shown.add_row(labels[i], f"{K_p:.4g}", f"{K_v:.4g}", *numbers)
     console.print(shown)
-    say_notes(notes)
+    say_notes(found.notes)
     say_written(target, more=f". Run it with 'vdfmu run {target}'; margins are the smallest along it")
 
 

@@ -21,9 +21,7 @@ def list_scenarios(as_json: JsonOption = False) -> None:
 
 
 @app.command("show", example="vdfmu scenario show tracking")
-def show_scenario(
-    name: Annotated[str, Positional("Name of a scenario, or path of its TOML file.", names=known_scenarios)],
-) -> None:
+def show_scenario(name: Annotated[str, Positional("Scenario, or its TOML file.", names=known_scenarios)]) -> None:
     """Show the file of a scenario."""
     from vdfmu.base.toml_file import locate, read_toml
 

@@ -49,55 +49,37 @@ app = _SweepGroup(
 )
 def run(
     scenario: Annotated[str, Positional("Scenario, or a system package, .ssp.", names=known_scenarios)] = "tracking",
-    vary: Annotated[
-        list[str] | None,
-        Option(
-            "Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.",
-            metavar="TARGET=FORM",
-            more="TARGET is a parameter, or robot, master, step, stop, unit:COMPONENT. FORM is lin(a, b, n), "
-            "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before "
-            "it makes factors: *lin(0.9, 1.1).",
-        ),
-    ] = None,
+    vary: Annotated[list[str] | None, Option("Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.", metavar="TARGET=FORM",
+        more="TARGET is a parameter, or robot, master, step, stop, unit:COMPONENT. FORM is lin(a, b, n), log(a, b, n), "
+        "normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before it makes factors: "
+        "*lin(0.9, 1.1).")] = None,
     **options: Unpack[SweepOptions],
-) -> None:
+) -> None:  # fmt: skip
     """Run a scenario at many points, and keep a row for each.
 
-    After Ctrl-C or a kill the same command continues where it stopped.
+    After Ctrl-C or a kill the same command resumes.
     """
-    from vdfmu.study.sweeps.sweep import default_folder, sweep
+    from vdfmu.study.sweeps.sweep import sweep
 
-    options["out"] = options["out"] or default_folder(scenario)
-    try:
-        found = sweep(scenario, vary or (), **options)
-    except KeyboardInterrupt as error:
-        error.add_note(f"What was done is in {options['out']}: give the same command again to go on.")
-        raise
+    found = sweep(scenario, vary or (), **options)
     say_notes(found.notes)
     _say_measures(found)
     say_written(found.path, more=f", {len(found)} points")
 
 
 StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
-ByOption = Annotated[
-    str | None,
-    Option(
-        "Measure or column (default the first).",
-        metavar="NAME",
-        more="Of a measure with several elements the largest counts.",
-    ),
-]
+ByOption = Annotated[str | None, Option("Measure or column (default the first).", metavar="NAME",
+    more="Of a measure with several elements the largest counts.")]  # fmt: skip
 
 
 @app.command(example="vdfmu sweep plot results/sweep_tracking --by error")
 def plot(
     study: StudyArgument,
     by: ByOption = None,
-    kind: Annotated[
-        str | None, Option("Figure (default all that fit).", choices=("curve", "tornado", "indices"))
-    ] = None,
+    kind: Annotated[str | None, Option("Figure (default all that fit).",
+        choices=("curve", "tornado", "indices"))] = None,
     out: Annotated[Path | None, Option("Folder (default the study's).")] = None,
-) -> None:
+) -> None:  # fmt: skip
     """Draw a measure of a study over its axes."""
     from vdfmu.study.sweeps.sweep import Sweep
 
@@ -106,11 +88,7 @@ def plot(
 
 @app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
 def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
-    """Print Sobol or Morris indices of a study.
-
-    The study needs --sample saltelli or morris.
-    """
-    from vdfmu.study.sweeps.indices import CONFIDENCE
+    """Print Sobol or Morris indices of a study. The study needs --sample saltelli or morris."""
     from vdfmu.study.sweeps.sweep import Sweep
 
     found = Sweep(study).indices(by)
@@ -121,22 +99,18 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
     for name, row in found.rows():
         shown.add_row(name, *(row.get(index, "") for index in found.values))
     console.print(shown)
-    say(f"± the half-width of the {100 * CONFIDENCE:.0f} % confidence interval, by bootstrap.")
+    say(f"± the half-width of the {100 * found.confidence:.0f} % confidence interval, by bootstrap.")
 
 
 @app.command(example="vdfmu sweep report results/sweep_tracking")
 def report(
     study: StudyArgument,
-    out: Annotated[
-        Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).", more="FILE.tex has the measures.")
-    ] = None,
+    out: Annotated[Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).",
+        more="FILE.tex has the measures.")] = None,
     simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,
-) -> None:
-    """Write the page of a study.
-
-    It has linked figures of the points, the measures, and failures by cause.
-    """
+) -> None:  # fmt: skip
+    """Write the page of a study. It has linked figures of the points, the measures, and failures by cause."""
     from vdfmu.study.report.latex import SUFFIX, write_tables
     from vdfmu.study.report.page import NAME
     from vdfmu.study.sweeps.sweep import Sweep
@@ -165,25 +139,13 @@ def _say_measures(found: Any) -> None:
 def tune(
     scenario: ScenarioArgument = "tracking",
     *,
-    vary: Annotated[
-        list[str],
-        Option(
-            "Parameter to search: 'controller.K_p'. Repeatable.",
-            metavar="TARGET[=FORM]",
-            more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
-            "one.",
-        ),
-    ],
-    cost: Annotated[
-        str,
-        Option(
-            "Cost: 'worst(rms(trajectory.q_d - plant.q))'.",
-            metavar="EXPR",
-            more="Of several elements the mean of their ratios to the start, each at most 1.",
-        ),
-    ],
+    vary: Annotated[list[str], Option("Parameter to search: 'controller.K_p'. Repeatable.", metavar="TARGET[=FORM]",
+        more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
+        "one.")],
+    cost: Annotated[str, Option("Cost: 'worst(rms(trajectory.q_d - plant.q))'.", metavar="EXPR",
+        more="Of several elements the mean of their ratios to the start, each at most 1.")],
     **options: Unpack[TuneOptions],
-) -> None:
+) -> None:  # fmt: skip
     """Search parameters that minimise a cost.
 
     The cost may have limits. After Ctrl-C or a kill the same command continues.
@@ -198,8 +160,5 @@ def tune(
     for name, before, after in found.table():
         shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
     tell(shown, (found.folder / "tuned.toml").read_text().rstrip())
-    say(
-        f"{found.evaluations} evaluations, {found.failed} runs failed, {found.missed} values missed the margin and "
-        "were not run."
-    )
+    say(f"{found.evaluations} evaluations, {found.failed} failed runs, {found.missed} values without the margin.")
     say_written(*(found.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class _StandardOutput(EscapedTerminal):
-    """The standard output: the bars of a command leave the terminal to what is printed there."""
+    """The standard output: bars of a command leave the terminal while it prints."""
 
     bars: Bars | None = None
 
@@ -80,9 +80,8 @@ ForeignOption = Annotated[bool, Option("Replace files that vdfmu did not write t
 JsonOption = Annotated[bool, Option("Print JSON instead of tables.", flag="--json")]
 FmiOption = Annotated[str, option_of(ScenarioRunOptions, "fmi_version")]
 SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "settings")]
-UnpackOption = Annotated[
-    int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE", typed=str, read=_bytes)
-]
+UnpackOption = Annotated[int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE",
+    typed=str, read=_bytes)]  # fmt: skip
 
 
 def say(text: str) -> None:
@@ -91,7 +90,7 @@ def say(text: str) -> None:
 
 
 def say_written(*paths: Path, more: str = "") -> None:
-    """Say what was written: a file by its path, several in a folder by the folder and their names."""
+    """Print the written files: one by its path, several in a folder by the folder and their names."""
     folder = paths[0].parent
     if len(paths) > 1 and all(path.parent == folder for path in paths):
         say(f"Written to {folder}: {', '.join(path.name for path in paths)}{more}")
@@ -127,7 +126,7 @@ def say_list(heading: str, found: Mapping[str, str], as_json: bool) -> None:
 
 
 def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
-    """Return the file to write; UsageError for one that is there, unless it may be replaced."""
+    """Return the file to write; UsageError if it exists and may not be replaced."""
     target = out if out is not None else Path(name)
     if target.exists() and not overwrite:
         raise UsageError(f"{target}: expected no file of this name. --overwrite replaces it, -o names another.")
@@ -140,20 +139,20 @@ def _aside(text: str, markup: bool = False) -> None:
 
 
 def tell(*shown: Table | Panel | str) -> None:
-    """Print what the files that a command writes have too; ``--quiet`` leaves it out."""
+    """Print content that is in the written files too; ``--quiet`` leaves it out."""
     if not errors.quiet:
         for one in shown:
             say(one) if isinstance(one, str) else console.print(one)
 
 
 def say_notes(notes: Sequence[str]) -> None:
-    """Print notes in addition to what a command writes."""
+    """Print notes on standard error."""
     for note in first_few(notes):
         _aside(f"note: {elided(note)}")
 
 
 def load(scenario: str, robot: str | None, settings: Mapping[str, str] | None = None) -> Scenario:
-    """Load a scenario for settings; what does not exist is named before what takes longer to import than that."""
+    """Load a scenario for settings; missing files are named before slow imports."""
     from vdfmu.base.toml_file import locate
 
     if scenario == "reach" and not Path(scenario).exists():
@@ -181,7 +180,7 @@ def folder_is_gone() -> bool:
 
 
 def fail(error: object, code: int) -> NoReturn:
-    """Say what is wrong and end, with the same code where it cannot be said."""
+    """Print an error and end, with the same code if it cannot be printed."""
     if folder_is_gone():
         text = "The working directory was deleted: start the command in another one."
         error = ". ".join([*filter(None, [error_text(error).rstrip(".")]), text])
@@ -191,7 +190,7 @@ def fail(error: object, code: int) -> NoReturn:
 
 
 def say_error(error: object) -> None:
-    """Say what is wrong, and with ``--verbose`` where that is from."""
+    """Print an error, and with ``--verbose`` its traceback."""
     errors.quiet = False
     if LOG.isEnabledFor(logging.INFO) and sys.exception():
         errors.print(traceback.format_exc().rstrip(), markup=False, soft_wrap=True)

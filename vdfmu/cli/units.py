@@ -65,18 +65,13 @@ def new(
 
 @app.command("from", example="vdfmu unit from design.py:plant --name Plant")
 def from_(
-    source: Annotated[
-        str,
-        Positional(
-            "Linear system, CasADi function or table.",
-            more="model.mat or model.npz with A, B, C, D; function.casadi; table.csv; or design.py:NAME, an object: a "
-            "system of python-control or scipy.signal, or a CasADi function.",
-        ),
-    ],
+    source: Annotated[str, Positional("Linear system, CasADi function or table.",
+        more="model.mat or model.npz with A, B, C, D; function.casadi; table.csv; or design.py:NAME, an object: a "
+        "system of python-control or scipy.signal, or a CasADi function.")],
     name: Annotated[str | None, Option("Name of the unit (default after the source).")] = None,
     out: Annotated[Path | None, Option("File to write (default after the name).")] = None,
     trust: Annotated[bool, Option("Load function.casadi, which can run any code.")] = False,
-) -> None:
+) -> None:  # fmt: skip
     """Write a unit from a linear system, a function or a table."""
     from vdfmu.compiler.unit.new import unit_from
 

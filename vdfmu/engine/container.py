@@ -36,15 +36,21 @@ from vdfmu.engine.plan.graph import cycles, topological
 
 
 def write_container(system: FlatSystem | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float) -> Path:
-    """Write the container FMU of a system and return its path.
+    """Write the container FMU of a system.
 
     Parameters
     ----------
-    system : FlatSystem or path
+    system : System or path
         An SSP of FMI 2.0 units with native binaries; Python FMUs do not run inside a container.
     path : path
+        The FMU to write.
     step : float [s]
-        Exchange of values between units. The container's step must be a multiple.
+        The step at which the units exchange values. The container's own step must be a multiple.
+
+    Returns
+    -------
+    Path
+        `path`.
 
     Raises
     ------

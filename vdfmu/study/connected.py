@@ -22,8 +22,8 @@ from vdfmu.engine.package.join import Connections, join
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.run import Results, Simulator, simulate
+from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.system import packaged
 from vdfmu.study.referee import Judgement, judge
 from vdfmu.study.sweeps.sweep import Sweep, sweep
 from vdfmu.system.scenario import Scenario
@@ -260,6 +260,14 @@ def connect(
 
 def load(source: Scenario | str | os.PathLike[str]) -> System:
     """Load a system: a package (``.ssp``), one FMU (``.fmu``), or a scenario by name or file.
+
+    Parameters
+    ----------
+    source : Scenario, str or path
+
+    Returns
+    -------
+    System
 
     Raises
     ------

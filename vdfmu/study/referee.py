@@ -21,6 +21,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.algorithms import ALGORITHMS, named
+from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.engine.linear.system import cut
 from vdfmu.engine.package.read import load_ssp
@@ -41,7 +42,7 @@ Meant = Literal["sampled", "continuous"]
 
 
 class SignalError(NamedTuple):
-    """A connected signal: error as a share of its largest value, d2 / d1, and time [s] of its largest difference."""
+    """A signal: error as a share of its largest value, d2 / d1, and time [s] of its largest difference."""
 
     name: str
     error: float
@@ -65,7 +66,7 @@ class Judgement:
     step : float [s]
     algorithm : str
     signals : tuple of SignalError
-        All connected signals, the largest error first.
+        Connected signals, and outputs of components at the end of a chain, the largest error first.
     """
 
     verdict: str
@@ -77,6 +78,11 @@ class Judgement:
     algorithm: str = ""
     signals: tuple[SignalError, ...] = ()
 
+    @property
+    def right(self) -> bool | None:
+        """Whether the system is right; None if this is not decided."""
+        return None if self.verdict == OPEN else self.verdict == RIGHT
+
     def __str__(self) -> str:
         return self.text
 
@@ -85,21 +91,19 @@ class Judgement:
         return asdict(self) | {"signals": [each._asdict() for each in self.signals]}
 
 
-def estimate(runs: Sequence[Floats], order: int, groups: Sequence[str] = ()) -> tuple[Floats, Floats, Any]:
-    """Return error and q of each signal, and the row of its largest difference.
+def differences(runs: Sequence[Floats], groups: Sequence[str] = ()) -> tuple[Floats, Floats, Any]:
+    """Return d1 and d2 of each signal, and the row of its largest difference.
 
     Parameters
     ----------
     runs : three arrays (m, signals)
         Values at the times of the longest step, of the steps h, h/2 and h/4.
-    order : 1 or 2
-        Order of the master.
     groups : sequence of str, optional
         The vector of each signal.
 
     Returns
     -------
-    error, q, row : (signals,) arrays
+    d1, d2, row : (signals,) arrays
         Shares of each signal's largest value.
     """
     first, half, quarter = runs
@@ -108,22 +112,18 @@ def estimate(runs: Sequence[Floats], order: int, groups: Sequence[str] = ()) -> 
     scale = np.maximum(size, [_FLOOR * whole[group] for group in groups]) if whole else size
     scale = np.where(scale > 0.0, scale, np.inf)
     far, near = np.abs(first - half), np.abs(half - quarter)
-    d1, d2 = far.max(axis=0) / scale, near.max(axis=0) / scale
-    with np.errstate(divide="ignore", invalid="ignore"):
-        q = np.where(d1 > 0.0, d2 / d1, np.where(d2 > 0.0, np.inf, 0.0))
-    return d1 / (1.0 - 0.5**order), q, far.argmax(axis=0)
+    return far.max(axis=0) / scale, near.max(axis=0) / scale, far.argmax(axis=0)
 
 
-def verdict_of(error: Floats, q: Floats, order: int, wanted: float) -> str:
-    """Return the verdict by the errors of all signals: that of the signal with the largest error.
+def error_of(d1: Any, order: int) -> Any:
+    """Return the estimated error for a difference of a master of an order, 1 or 2."""
+    return d1 / (1.0 - 0.5**order)
 
-    Its q is taken of the largest differences, as the bands were.
-    """
-    d1 = error * (1.0 - 0.5**order)
-    worst, low, high = float(error.max()), *BANDS[order]
-    largest = float(d1.max())
-    second = float((d1 * np.nan_to_num(q, posinf=0.0)).max()) if np.isfinite(q).all() else math.inf
-    regular = largest > 0.0 and low < second / largest < high
+
+def verdict_of(d1: Floats, d2: Floats, order: int, wanted: float) -> str:
+    """Return the verdict by the largest differences of all signals."""
+    largest, second, (low, high) = float(d1.max()), float(d2.max()), BANDS[order]
+    worst, regular = error_of(largest, order), largest > 0.0 and low < second / largest < high
     if MARGIN * worst <= wanted and (regular or max(largest, second) < wanted / _SMALL):
         return RIGHT
     return WRONG if regular and worst > MARGIN * wanted else OPEN
@@ -226,9 +226,14 @@ class _Case(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """The connected signals."""
-        links = (link for link in self.checked.links if link.stepped and link.source.type != "String")
-        return list(dict.fromkeys(".".join(link.start) for link in links if link.start[0] in self.checked.descriptions))
+        """The connected signals, and the real outputs of fed components that feed none."""
+        links = [link for link in self.checked.links if link.stepped and link.start[0] in self.checked.descriptions]
+        names = [".".join(link.start) for link in links if link.source.type not in TEXTS]
+        feeding = {link.start[0] for link in links}
+        for name in dict.fromkeys(link.end[0] for link in links if link.end[0] not in feeding):
+            outputs = self.checked.descriptions[name].named("output")
+            names += [f"{name}.{v.name}" for v in outputs if v.type == "Real"]
+        return list(dict.fromkeys(names))
 
     def judged(self, flat: FlatSystem) -> Judgement:
         """Judge a system by three runs."""
@@ -256,8 +261,9 @@ class _Case(NamedTuple):
             runs.append(np.column_stack([results[name] for name in names]).astype(float)[::divisor])
         least = min(map(len, runs))  # a component may end the run
         runs, times = [run[:least] for run in runs], results.time[::divisor][:least]
-        error, q, rows = estimate(runs, order, [name.partition("[")[0] for name in names])
-        verdict = verdict_of(error, q, order, self.wanted)
+        d1, d2, rows = differences(runs, [name.partition("[")[0] for name in names])
+        verdict, error = verdict_of(d1, d2, order, self.wanted), error_of(d1, order)
+        q = d2 / np.where(d1 > 0.0, d1, np.inf)
         table = sorted(
             map(SignalError, names, error.tolist(), q.tolist(), times[rows].tolist()), key=lambda each: -each.error
         )

@@ -13,9 +13,9 @@ from vdfmu.base.errors import CosimError
 from vdfmu.cli.commands import app
 from vdfmu.engine.linear.growth import Growth
 from vdfmu.engine.run import Simulator
-from vdfmu.study.analysis.loops import grown, margins_along, run_along, told, words_of
+from vdfmu.study.analysis.arm_space import packaged
+from vdfmu.study.analysis.loops import grown, margins_along, run_along, told
 from vdfmu.study.analysis.reach import write_reach
-from vdfmu.study.analysis.system import packaged
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
 from vdfmu.study.run.scenario_run import prepare
@@ -134,7 +134,7 @@ def test_all_commands_have_one_margin(master, tmp_path):
     said = summary["verdict"]["checks"][0]["text"]
     assert ("a mode grows by 1 1/s at joint 4, slower than 2 1/s" in said) == (master == "jacobi")
     found = margins_along(path, master=master).judged
-    assert words_of(found)[1] == said and (master == "jacobi" or words_of(reach) == words_of(found))
+    assert found.words[1] == said and (master == "jacobi" or reach.words == found.words)
     along = CliRunner().invoke(app, ["margins", str(path), "--master", master, "--json"])
     assert along.exit_code == 0 and json.loads(along.output)["text"] == said
     least, own = found.loops.modulus, summary["key_figures"]["margin"]["value"]
@@ -177,5 +177,5 @@ def test_a_run_that_fails_has_margins_until_then():
     with pytest.raises(CosimError):
         vdfmu.run("tracking", master="jacobi", settings=settings, out=False, reference=False)
     found = margins_along("tracking", master="jacobi", settings=settings)
-    assert words_of(found.judged)[0] == "failed" and max(found.times) < 3.0
+    assert found.judged.words[0] == "failed" and max(found.times) < 3.0
     assert any("the run fails: plant failed at" in note for note in found.notes)

@@ -23,7 +23,7 @@ def smooth(lift):
 
 def test_two_masses_on_a_spring_have_their_resonance_and_anti_resonance(smooth):
     _, K, J = poles_of(smooth, 0.0)
-    found = joint_bode(vdfmu.linearize(smooth, [0.1]), 1)
+    found = joint_bode(smooth, [0.1], 1)
     # rounding of eigenvalues: 1e-16 of the norm of A, 1e5, over 300 rad/s
     assert found.resonance == pytest.approx(np.sqrt(K * (1 / J + 1 / MASS)) / (2 * np.pi), rel=1e-9)
     assert found.antiresonance[0] == pytest.approx(np.sqrt(K / MASS) / (2 * np.pi), rel=1e-9)
@@ -109,7 +109,7 @@ def test_the_command_draws_a_joint(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = CliRunner().invoke(app, ["modes", "planar_2dof", "--pose", "0.3 -0.5", "--bode", "2"])
     assert said.exit_code == 0 and (tmp_path / "planar_2dof_bode.png").read_bytes().startswith(b"\x89PNG")
-    found = joint_bode(vdfmu.linearize(vdfmu.load_robot("planar_2dof"), [0.3, -0.5]), 2)
+    found = joint_bode(vdfmu.load_robot("planar_2dof"), [0.3, -0.5], 2)
     assert all(f"{f:.2f}" in said.output for f in (*found.resonance, *found.antiresonance[0]))
     for options, message in (
         (["--bode", "3"], "--bode 3: expected a joint, 1 to 2"),

@@ -10,9 +10,8 @@ from vdfmu import run
 from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.base.errors import UsageError
-from vdfmu.study.analysis.gains import arm_gains, joint_gains
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.reach import reach_scenario, write_reach
+from vdfmu.study.analysis.reach import arm_gains, joint_gains, reach_scenario, write_reach
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from vdfmu.arm.equations.rigid_body import body_parameters
-from vdfmu.study.identify.regressor import regressor
+from vdfmu.study.identify.problem import regressor
 
 STEP, M = 0.004, 1500
 T = STEP * np.arange(M)

@@ -14,9 +14,8 @@ from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
-from vdfmu.study.identify.fit import identified_robot, identify, robot_text
+from vdfmu.study.identify.fit import identified_robot, identify, robot_text, score
 from vdfmu.study.identify.log import Log, read_log
-from vdfmu.study.identify.score import score
 
 PHYSICAL = ("I_m", "f_c", "f_s", "v_s", "f_v")
 

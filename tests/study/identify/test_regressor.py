@@ -11,7 +11,7 @@ from tests.arm.dynamics.conftest import build_pinocchio_model
 from vdfmu.arm.equations.flexible_joint import rotor_forces
 from vdfmu.arm.equations.inverse_dynamics import joint_torques, link_forces, link_motion
 from vdfmu.arm.equations.rigid_body import body_parameters
-from vdfmu.study.identify.regressor import base_parameters, regressor
+from vdfmu.study.identify.problem import base_parameters, regressor
 
 ROBOTS = ["manipulator_6dof", "planar_2dof", "slider_3dof"]
 

@@ -16,8 +16,8 @@ from vdfmu.engine.linear.growth import Growth, Poses
 from vdfmu.engine.linear.loops import fastest_mode
 from vdfmu.engine.results.verdict import line_of
 from vdfmu.engine.run import Simulator
+from vdfmu.study.analysis.arm_space import linearized, packaged
 from vdfmu.study.analysis.loops import TIED, margins_along
-from vdfmu.study.analysis.system import linearized, packaged
 from vdfmu.study.run.scenario_run import prepare
 
 SLOW = '''

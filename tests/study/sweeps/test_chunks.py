@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vdfmu.study.sweeps.local import LARGEST, Chunks
+from vdfmu.study.sweeps.worker import LARGEST, Chunks
 
 
 def taken(chunks, parts, seconds):

@@ -136,7 +136,7 @@ def test_a_fault_of_our_own_is_no_lost_scheduler(wild, tmp_path, dask, monkeypat
         time.sleep(1.0)  # the client sees it
         raise AttributeError("note")
 
-    monkeypatch.setattr("vdfmu.study.sweeps.local.Chunks.note", fail)
+    monkeypatch.setattr("vdfmu.study.sweeps.worker.Chunks.note", fail)
     monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
     thread, found = begin(wild, tmp_path / "study", dask)
     thread.join(60)

@@ -127,7 +127,7 @@ def test_a_file_that_cannot_be_read_is_said(tmp_path, content, words):
     (["a=lin(0, 1)"], "lhs", 0, "number of points"),
     ([], "grid", None, "^vary: expected at least one axis"),
     ([f"a{i}=lin(0, 1, 100)" for i in range(4)], "grid", None, "at most"),
-    (["a=1"], "points.csv", None, "expected no axis with it"),
+    (["a=1"], "points.csv", None, "points.csv has its own axes"),
     (["a=1"], "lhz", 3, "expected grid, lhs"),
     (["a=lin(0, 1)"], "saltelli", 10**7, "at most"),
     (["a=lin(0, 1)"], "lhs", -1, "seed: expected a number of at least 0, got -1"),

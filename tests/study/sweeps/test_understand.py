@@ -15,9 +15,9 @@ from vdfmu.cli.commands import app
 from vdfmu.study.sweeps.axes import draw, read_axes, shares
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
 from vdfmu.study.sweeps.ledger import Ledger
-from vdfmu.study.sweeps.looks import FAILED
 from vdfmu.study.sweeps.measures import read_measures, unit_of
 from vdfmu.study.sweeps.page import cause_of, failed_groups
+from vdfmu.study.sweeps.plots import FAILED
 from vdfmu.study.sweeps.table import groups, view
 
 A, B = 7.0, 0.1

@@ -24,8 +24,7 @@ from vdfmu.study.analysis.loops import run_along
 from vdfmu.study.sweeps.job import Job, WiredSystem
 from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.worker import KILLED
-from vdfmu.study.tuning.evaluate import Evaluations
-from vdfmu.study.tuning.problem import make_problem
+from vdfmu.study.tuning.problem import Evaluations, make_problem
 
 ERRORS = "rms(trajectory.q_d - plant.q)"
 SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
@@ -216,7 +215,7 @@ def test_a_start_without_margin_is_noted(tmp_path):
         "tracking", ["controller.K_p[1]"], ERRORS, stop=2.6, margin="same", master="jacobi", evaluations=1, out=tmp_path
     )
     first, second = found.notes
-    assert first == "margin: a mode grows at the start, so that same asks of its loops that none grows faster."
+    assert first == "margin: a mode grows at the start, so same demands that none grows faster."
     assert second.startswith("margin: a mode grows by 2.2 1/s at joint 3, from 0.3") and found.after.feasible
 
 
@@ -257,7 +256,7 @@ def test_the_command_shows_before_and_after(tmp_path):
     ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
     ({"vary": ["trajectory.t_start"]}, "trajectory.t_start: expected a range, got 0 to 0"),  # a start value
     ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
-    ({"vary": ["plant.mass"], "margin": 0.5}, "expected other parameters than those of the plant"),
+    ({"vary": ["plant.mass"], "margin": 0.5}, "expected parameters of other components than the plant"),
     ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
     ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
     ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),

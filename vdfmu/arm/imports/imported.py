@@ -45,19 +45,25 @@ def robot_from_urdf(
     drives: Path_ | None = None,
     density: float | None = None,
 ) -> Robot:
-    """Return an arm of a URDF, with drives from a file or assumed drives.
+    """Return an arm of a URDF, with drives from a file or assumed ones.
 
     Parameters
     ----------
+    path : path
+        The URDF.
     base : str, optional
-        Link that stands still, with the frame {I}; default the root of the file.
+        Link that stands still, whose frame is {I}; default the root of the file.
     tip : str, optional
-        Link at the origin of the end-effector frame {O}; default the last link if the file has only one arm. Joints
-        beside the arm are held at 0.
+        Link whose origin is that of the end effector's frame {O}; default the last one, where the file has one arm
+        only. Joints beside the arm are held at 0.
     drives : path, optional
         TOML file with the drives, by names of joints.
     density : float [kg/m3], optional
         Density of the boxes, cylinders and spheres of bodies without mass or inertia.
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------
@@ -70,7 +76,14 @@ def robot_from_urdf(
 def robot_from_mjcf(path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None) -> Robot:
     """Return an arm of a MuJoCo file; its root is the world. Needs the package mujoco.
 
-    Arguments and errors: see :func:`robot_from_urdf`.
+    Parameters
+    ----------
+    path, base, tip, drives
+        See :func:`robot_from_urdf`, with its errors.
+
+    Returns
+    -------
+    Robot
     """
     return import_robot(path, base, tip, drives, kind="mujoco").robot
 

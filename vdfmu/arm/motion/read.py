@@ -40,10 +40,23 @@ _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
 
 def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
-    """Calculate the motion of a file for a robot; ModelError with every problem of the file or the motion.
+    """Work out the motion of a file for a robot.
 
-    `path` is a TOML file with a table ``[motion]``, such as a scenario, or with its keys alone; or a CSV file of
-    samples.
+    Parameters
+    ----------
+    path : path
+        A TOML file with a table ``[motion]``, such as a scenario, or with its keys by themselves; or a CSV file of
+        samples.
+    robot : Robot
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    ModelError
+        For what is wrong with the file or with the motion; it lists every problem.
     """
     robot_argument(robot)
     path = Path(path)

@@ -95,16 +95,23 @@ def robot_names() -> list[str]:
 
 
 def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
-    """Load a shipped robot by its name, or a robot by the path of a TOML file.
+    """Load a robot by the name of a shipped one or by the path of a TOML file.
 
-    A path has a path separator, ends in ``.toml`` or names an existing file.
+    Parameters
+    ----------
+    path_or_name : str or path
+        A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------
     UsageError
         If no shipped robot has the name.
     ModelError
-        If the file cannot be read or the robot is not physical; it lists every problem.
+        If the file cannot be read or describes no physical robot; it lists every problem.
     """
     path = locate(path_or_name, "robots")
     robot = robot_from_dict(read_toml(path), str(path))

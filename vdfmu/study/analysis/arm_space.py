@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +18,16 @@ from vdfmu.arm.robot import Robot, robot_argument
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import check_type
 from vdfmu.base.state_space import StateSpace
 from vdfmu.compiler.unit.evaluate import Evaluation, evaluation, state_space
 from vdfmu.compiler.unit.interface import interface_of
-from vdfmu.system.scenario import Scenario
+from vdfmu.engine.linear.linearise import LinearSystem, linear_system
+from vdfmu.engine.options import CouplingOptions
+from vdfmu.system.package.write import cached_fmus, write_ssp
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.values import system_values
 
 
 def without_dry_friction(unit: Evaluation) -> None:
@@ -30,14 +37,14 @@ def without_dry_friction(unit: Evaluation) -> None:
 
 
 def least_dry_friction(values: Mapping[str, Any]) -> dict[str, float]:
-    """Return the parameters of :func:`without_dry_friction` by their full names, of those of a unit."""
+    """Return the parameters of :func:`without_dry_friction` among the values of a unit, by full names."""
     groups = {name: name.partition("[")[0] for name in values}
     dry = dry_friction({*groups.values()})
     return {name: PARAMETERS[group].smallest or 0.0 for name, group in groups.items() if group in dry}
 
 
 def fast_states(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
-    """Return indices of the plant's states except temperatures, which take minutes, and bristles unless `dry`."""
+    """Return indices of the plant's states without the slow temperatures, and without bristles unless `dry`."""
     still = {
         option.state.name
         for option in OPTIONS.values()
@@ -76,15 +83,15 @@ def linearize(
     at : (n,) [rad or m], or float [s]
         Positions of the joints, or the time.
     dry : bool
-        For an arm: whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54).
-        Viscous friction stays in any case.
+        For an arm: keep Coulomb and Stribeck friction, with the slope at rest of their regularisation (54). Viscous
+        friction stays in any case.
     sampled : bool
         For a system: from one communication point to the next, with the delays of the master, instead of continuous
         time.
     opened : sequence of str
         For a system: inputs whose connections are cut; the signals that would reach them are the last outputs.
     **options : Any
-        For a system: `master`, `settings`, `backend`, see :func:`vdfmu.study.analysis.system.linearized`.
+        For a system: `master`, `settings`, `backend`, see :func:`vdfmu.study.analysis.arm_space.linearized`.
 
     Returns
     -------
@@ -94,7 +101,7 @@ def linearize(
     Raises
     ------
     UsageError
-        For a pose of anything but a robot; for a wrong number of positions or one that is not finite, or an arm with
+        For a pose of anything but a robot; for positions of a wrong number or not finite, or an arm with
         limits that is beyond an end stop or heavier than its motors can hold; for FMUs without derivatives.
     CosimError
         If the run to the time fails.
@@ -113,8 +120,6 @@ def linearize(
     if not isinstance(system, Robot) and place.ndim == 0:
         if dry:
             raise UsageError("linearize: dry: this is for an arm; a system has the friction of its parameters.")
-        from vdfmu.study.analysis.system import linearized
-
         found = linearized(system, float(place), **options)
         return found.sampled(opened) if sampled else found.continuous(opened)
     if sampled or opened or options:
@@ -154,3 +159,46 @@ def _at_rest(robot: Robot, at: npt.ArrayLike) -> Evaluation:
             raise UsageError("\n".join(f"{robot.name}: {problem}" for problem in problems))
     plant.outputs()
     return plant
+
+
+@contextmanager
+def packaged(
+    system: Scenario | str | os.PathLike[str],
+    settings: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+    master: str | None = None,
+    **coupling: Unpack[CouplingOptions],
+) -> Generator[tuple[Path, dict[str, Any]]]:
+    """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
+
+    The system is a scenario, its name or file, or an ``.ssp``; `settings` change its parameters, `backend` is the kind
+    of a scenario's FMUs. `master` and `coupling` replace its options.
+    """
+    given = {name: value for name, value in coupling.items() if value is not None}
+    if not isinstance(system, Scenario):
+        if Path(system).suffix.lower() == ".ssp":
+            yield Path(system), {**given, "parameters": settings, "algorithm": master}
+            return
+        system = load_scenario(system)
+    values = system_values(system, settings)
+    with temporary_folder("vdfmu_") as folder:
+        built = cached_fmus(system, folder, backend)
+        own = system.coupling if master in (None, system.master) else {**system.options, "algorithm": master}
+        options = {**own, **given, "inputs": system.inputs, "input_hold": system.input_hold}
+        yield write_ssp(system, built, Path(folder) / "system.ssp", values, mixed=True), options
+
+
+def linearized(
+    system: Scenario | str | os.PathLike[str],
+    at: float | None = None,
+    *,
+    master: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+) -> LinearSystem:
+    """Linearise the components of a scenario or package at a time of its run, by default its start.
+
+    For the others see :func:`packaged`, for errors :func:`vdfmu.engine.linear.linearise.linear_system`.
+    """
+    with packaged(system, settings, backend, master) as (package, options):
+        return linear_system(package, at, **options)

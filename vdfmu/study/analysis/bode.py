@@ -6,18 +6,21 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import block_diag, eigvals
 
+from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
 from vdfmu.engine.linear.loops import Complex
+from vdfmu.study.analysis.arm_space import linearize
 
 _POINTS = 2000
 _SLOWEST = 1.0
-"""Frequency [Hz] from which resonances are marked."""
+"""Lowest frequency [Hz] of marked resonances."""
 _DAMPED = 0.3
-"""Damping ratio from which they are not marked: there is no peak."""
+"""Damping ratio of the last marked resonance: beyond it there are no peaks."""
 
 
 class Bode(NamedTuple):
@@ -71,7 +74,7 @@ def bode(system: StateSpace, source: str, outputs: Sequence[str]) -> Bode:
 def _oscillating(s: Any, fastest: float) -> Floats:
     """Frequencies [Hz] of lightly damped poles or zeros, from low to high.
 
-    Zeros at infinity, which rounding makes very large numbers, are beyond 100 times the `fastest` pole [1/s].
+    Zeros at infinity are, by rounding, beyond 100 times the `fastest` pole [1/s].
     """
     size = np.abs(s)
     chosen = (s.imag > 0.0) & (size > 2.0 * np.pi * _SLOWEST) & (size <= 100.0 * fastest)
@@ -79,6 +82,7 @@ def _oscillating(s: Any, fastest: float) -> Floats:
     return np.sort(size[chosen]) / (2.0 * np.pi)
 
 
-def joint_bode(system: StateSpace, joint: int) -> Bode:
-    """Responses of the velocities of rotor and link of a joint to its motor torque; `joint` counts from 1."""
+def joint_bode(robot: Robot, q: npt.ArrayLike, joint: int, dry: bool = False) -> Bode:
+    """Responses of the velocities of rotor and link of a joint to its motor torque at a pose; `joint` counts from 1."""
+    system = linearize(robot, q, dry=dry)
     return bode(system, f"tau[{joint}]", (f"kappa_dot[{joint}]", f"q_dot[{joint}]"))

@@ -1,7 +1,7 @@
-"""The loops of a scenario or package along its run, in one way for all commands: their margins, and what grows.
+"""The loops of a scenario or package along its run, in one way for all commands: their margins, and growing modes.
 
 A run is linearised at some of its rows, see :class:`vdfmu.engine.linear.growth.Poses`, with the friction that it has.
-The loops of plants with friction "split", which excites itself, are judged without dry friction if they grow with it.
+Friction "split" excites itself. The loops of its plants are judged without dry friction if they grow with it.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from vdfmu.engine.linear.growth import Along, Growth, Poses
 from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run import Simulator
-from vdfmu.study.analysis.arm_space import least_dry_friction
-from vdfmu.study.analysis.system import packaged
+from vdfmu.study.analysis.arm_space import least_dry_friction, packaged
 from vdfmu.study.options import LoopOptions
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario, load_scenario
@@ -32,13 +31,18 @@ TIED = (Tied("tau_s", "kappa", "kappa_dot"),)
 
 
 class Judged(NamedTuple):
-    """The loops by which a run is judged."""
+    """The loops that decide on a run."""
 
     loops: Along
     growth: Growth
     """Where disturbances grow most, beyond the rate `SLOW`."""
     excited: str = ""
-    """Where friction excites itself, if the loops are those without dry friction."""
+    """Where friction excites itself, if the loops are without dry friction."""
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """State of a run by its loops, ``good``, ``doubtful`` or ``failed``, and its words in all commands."""
+        return _words(self)
 
 
 def poses_of(system: SystemDescription, **options: Any) -> Poses:
@@ -49,10 +53,7 @@ def poses_of(system: SystemDescription, **options: Any) -> Poses:
 
 
 def judged(poses: Poses, begin: float, end: float, failed: bool = False) -> Judged:
-    """Return the loops by which a run from `begin` to `end` [s] is judged.
-
-    If it `failed` there, what grows faster than a slow mode is the cause.
-    """
+    """Return the loops that decide on a run, times in s. If it `failed`, growth beyond `SLOW` is the cause."""
     growth = poses.loops.growth(begin, end)
     if failed and growth.rate > SLOW:
         return Judged(poses.loops, growth._replace(exponent=math.inf))
@@ -78,8 +79,7 @@ def told(loops: Along) -> str:
     )
 
 
-def words_of(found: Judged) -> tuple[str, str]:
-    """Return the state of a run by its loops, ``good``, ``doubtful`` or ``failed``, and its words in all commands."""
+def _words(found: Judged) -> tuple[str, str]:
     growth, loops = found.growth, found.loops
     before = f"friction 'split' excites itself, most at {found.excited}; without dry friction " if found.excited else ""
     if growth.unstable:
@@ -100,7 +100,7 @@ def words_of(found: Judged) -> tuple[str, str]:
 
 
 def since(time: float) -> str:
-    """Return the words for a time [s] from which something holds."""
+    """Return the words for a begin [s]."""
     return f"since {time:.3g} s" if time else "from the start"
 
 
@@ -137,9 +137,7 @@ def run_along(
             grid = simulator.grid(None, None, None)
             rows = [round((t - grid.begin) / grid.step) if math.isfinite(t) else -1 for t in at]
             if beyond := [f"{t:g}" for t, row in zip(at, rows, strict=True) if not 0 <= row <= grid.n]:
-                raise UsageError(
-                    f"at: expected times of the run, {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s."
-                )
+                raise UsageError(f"at: expected {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s.")
             known: dict[str, Any] = {"opened": opened, "more": rows, "again": again, "noted": True}
             if isinstance(scenario, Scenario):
                 poses = poses_of(SystemDescription(scenario, system_values(scenario, options.get("settings"))), **known)
@@ -163,7 +161,7 @@ class SystemMargins(NamedTuple):
     names: tuple[str, ...]
     """Inputs at which the loops are opened."""
     times: list[float]
-    """Times [s], (m,): those asked for, or all by which the run is judged."""
+    """Times [s], (m,): the times asked for, or all that decide on the run."""
     margins: list[Margins]
     """Margins at each time."""
     judged: Judged
@@ -172,7 +170,7 @@ class SystemMargins(NamedTuple):
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
-        return ": ".join(words_of(self.judged))
+        return ": ".join(self.judged.words)
 
     def least(self, loop: int) -> int:
         """Return which of the times has the least modulus margin of a loop; without any, the fastest growth."""
@@ -195,7 +193,7 @@ def margins_along(
     opened : sequence of str
         Connected inputs at which the loops are opened; default the motor torques, ``tau``, of all components.
     at : sequence of float [s]
-        Times, rounded to communication points; default those by which the run is judged.
+        Times, rounded to communication points; default all that decide on the run.
     **options
         :class:`vdfmu.study.options.LoopOptions`.
 

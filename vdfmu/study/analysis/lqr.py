@@ -38,8 +38,8 @@ def state_gains(
 
     e is the error of the links. The arm is linearised at rest at a pose, without dry friction, and its motor torques
     tau are held over a step, with no further delay. By Bryson's rule the three arguments are the sizes of errors that
-    count as equally bad. What is optimal at a pose need not be stable elsewhere: a small `rate` damps the rotors by
-    their own velocity, which is. `vdfmu margins` has the margins along a run.
+    count as equally bad. Gains that are optimal at a pose need not be stable elsewhere: a small `rate` damps the rotors
+    everywhere. `vdfmu margins` has the margins along a run.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def state_gains(
     rate : (n,) or float [rad/s or m/s]
         Velocities of the rotors, divided by ell.
     torque : (n,) or float [N m], motor-side
-        Torques of the motors, in addition to those that hold the arm.
+        Torques of the motors, in addition to the torques that hold the arm.
     step : float [s]
 
     Raises

@@ -41,7 +41,7 @@ class Modes:
     share : (m, n)
         Share of each joint in the largest energy of the springs.
     rates : (k,) [1/s]
-        Real eigenvalues, which do not oscillate.
+        Real eigenvalues, without oscillation.
     """
 
     frequency: Floats
@@ -138,7 +138,7 @@ def modes_along(scenario: Scenario, *, dry: bool = False, points: int = 101) -> 
 def desired_motion(scenario: Scenario, outputs: Sequence[str], points: int) -> tuple[Floats, Floats]:
     """Return times (m,) [s], evenly spread, and outputs of the component ``trajectory``, (k, m, n).
 
-    UsageError if there is no such component, or it lacks one of them.
+    UsageError if the component or an output is missing.
     """
     system = WiredUnits(SystemDescription(scenario, system_values(scenario)))
     trajectory = system.units.get("trajectory")

@@ -1,4 +1,4 @@
-"""A first motion for any arm: a scenario whose gains come from one rule, within the limits of joints and motors."""
+"""A first motion for any arm: a scenario within the limits of joints and motors, and its gains by one rule."""
 
 from __future__ import annotations
 
@@ -8,24 +8,111 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from vdfmu.arm.drive.limits import motor_torque
-from vdfmu.arm.dynamics import inverse_dynamics
+from vdfmu.arm.dynamics import inverse_dynamics, mass_matrix
+from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot import Robot, load_robot, robot_names
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder, write_whole
+from vdfmu.base.state_space import Linear, held
 from vdfmu.base.toml_file import locate, toml_value
-from vdfmu.study.analysis.gains import Gains, arm_gains
-from vdfmu.study.analysis.loops import SystemMargins, margins_along
+from vdfmu.engine.linear.loops import Loop, Margins
+from vdfmu.study.analysis.loops import margins_along, told
 from vdfmu.system.scenario import Scenario, load_scenario
+
+_DAMPING = 0.5
+_DAMPED = 2.0
+"""Decay rate [1/s] of a joint by the friction of its drive. Without friction no gains keep a delayed loop from driving
+the spring's mode."""
+_FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
+"""N of the first try, the factor from one try to the next, and the last N."""
+_INERTIAS = 5
+"""Inertias of the links that a joint's loop is tried with, from the smallest to the largest."""
+
+
+class Gains(NamedTuple):
+    """Gains (n,), link-side, and the modulus margin that each joint by itself has with one sample of delay."""
+
+    K_p: Floats
+    K_v: Floats
+    modulus: Floats
+
+
+def joint_gains(
+    J: float, K: float, inertias: Floats, step: float, margin: float = 0.5, name: str = "the joint"
+) -> tuple[float, float, float]:
+    """Gains of one joint, K_p and K_v, and its modulus margin, at least `margin`.
+
+    The joint has the rotor inertia `J` [kg m2 or kg] and the stiffness `K` [N m/rad or N/m], link-side, and sees the
+    `inertias` (m,) of links; messages have its `name`. UsageError if the smallest gains of the search miss the margin.
+    """
+    tries = np.geomspace(inertias.min(), inertias.max(), _INERTIAS)
+    N = _FIRST
+    while True:
+        K_v = N * J / step
+        K_p = min(K_v**2 / (4 * _DAMPING**2 * (J + float(tries[-1]))), K / 4)
+        feedback = -np.array([[K_p, 0.0, 0.0, K_v]])  # on q, kappa, q_dot, kappa_dot
+        least = np.inf
+        for M in tries:
+            A, B = _two_inertias(J, float(M), K)
+            loop = Loop(held(Linear(A - _DAMPED * np.eye(len(A)), B), step), feedback, step, slow=0.0)
+            least = min(least, *(float(each.modulus[0]) for each in (loop, _late(loop))))
+            if least < margin:
+                break
+        if least >= margin:
+            return K_p, K_v, least
+        if N < _LAST:
+            raise UsageError(
+                f"{name}: expected gains with a modulus margin of {margin:g}, got {least:.3g} with the smallest, K_p = "
+                f"{K_p:.3g} and K_v = {K_v:.3g}. Give a smaller step or margin, or check the joint's drive and inertia."
+            )
+        N *= _FALL
+
+
+def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) -> Gains:
+    """Gains of an arm for a controller that acts on the rotors' velocity.
+
+    The arm is at `q`, (m, n) [rad or m], along its motion, or all over the workspace: a joint sees the inertia of its
+    links with all other joints held, and with all free. Each joint has at least `margin` by itself; else UsageError.
+    """
+    M = mass_matrix(robot, np.atleast_2d(np.asarray(q, dtype=float)))
+    held = np.diagonal(M, axis1=1, axis2=2)
+    free = 1.0 / np.diagonal(np.linalg.inv(M), axis1=1, axis2=2)
+    seen: Floats = np.concatenate([held, free]).astype(float)
+    J = robot.I_m * robot.ell
+    K = 1.0 / np.asarray(deformation_derivative(robot, np.zeros(robot.n)), dtype=float)
+    each = [
+        joint_gains(float(J[i]), float(K[i]), seen[:, i], step, margin, f"joint {robot.joint_labels[i]}")
+        for i in range(robot.n)
+    ]
+    return Gains(*np.array(each).T)
+
+
+def _two_inertias(J: float, M: float, K: float) -> Linear:
+    """Links on a spring on a rotor: states q, kappa, q_dot, kappa_dot; input the torque on the rotor, link-side."""
+    A = np.zeros((4, 4))
+    A[0, 2] = A[1, 3] = 1.0
+    A[2, :2] = -K / M, K / M
+    A[3, :2] = K / J, -K / J
+    return Linear(A, np.array([[0.0], [0.0], [0.0], [1.0 / J]]))
+
+
+def _late(loop: Loop) -> Loop:
+    """Return a loop with one input whose feedback comes a sample later: it is a further state."""
+    (A, B), last = loop.plant, np.array([[0.0] * len(loop.plant.A) + [1.0]])
+    plant = Linear(np.vstack([np.hstack([A, B]), 0.0 * last]), last.T)
+    return replace(loop, plant=plant, K=np.append(loop.K, [[0.0]], axis=1))
+
 
 _STEP = 1e-3
 _FAR = {"revolute": 0.5, "prismatic": 0.1}
 """How far each joint moves [rad, m], where its end stops leave room."""
 _MANY = 8
-"""Joints from which each moves less, so that long arms bend and do not coil."""
+"""Most joints that move the whole way: long arms bend and do not coil."""
 _ROOM = 0.4
 """Share of the way to the end stop that a joint moves at most."""
 _AWAY = 0.1
@@ -35,7 +122,7 @@ _TIMES = (1.0, 2.0, 4.0, 8.0, 16.0)
 _RESERVE = 0.7
 """Largest share of a motor's capacity that the motion takes."""
 _POINTS = 21
-_STRONG = f"It takes at most {100 * _RESERVE:g} % of what the motors can give."
+_STRONG = f"It takes at most {100 * _RESERVE:g} % of the capacity of the motors."
 _WEAK = "the motors are too weak to move or to hold the arm: see their torques"
 
 _TEXT = """\
@@ -67,8 +154,8 @@ class Reach(NamedTuple):
 
     path: Path
     gains: Gains
-    margins: SystemMargins | None
-    """None if they are not known: the last note says why."""
+    margins: Margins | None
+    """Smallest margins of each loop; None if they are not known: the last note says why."""
     notes: list[str]
 
 
@@ -79,9 +166,10 @@ def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> R
     written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
     gains, notes = _write(load_robot(robot), place.stem, written, path)
     try:
-        return Reach(path, gains, margins_along(path), notes)
+        margins = margins_along(path)
     except UsageError as error:
         return Reach(path, gains, None, [*notes, f"margins of the whole arm: {error}"])
+    return Reach(path, gains, margins.judged.loops.margins(), [*notes, *filter(None, [told(margins.judged.loops)])])
 
 
 def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:
@@ -128,7 +216,7 @@ def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
 
 
 def _within(robot: Robot, start: Floats, end: Floats, T: float) -> bool:
-    """Whether the motors give what the motion takes, with some reserve."""
+    """Whether the motors give the torques of the motion, with some reserve."""
     if not robot.limits:
         return T > _TIMES[0]  # no fast motion if the speeds are unknown
     motions = [desired_motion(t, start, end, T) for t in np.linspace(0.0, T, _POINTS)]

@@ -19,7 +19,7 @@ from vdfmu.engine.results.results import Results, Signal
 LANES = 8
 """Most lanes that a processor has."""
 _ALIGNED = 64
-"""Bytes at multiples of which the memory begins."""
+"""Alignment of the memory in bytes."""
 _MOST = 2**30
 """Most bytes of the rows of all lanes."""
 
@@ -53,7 +53,7 @@ class BatchProgram:
 class Engine:
     """Runs a program, with as many points side by side as this processor has lanes.
 
-    The results have the signals of the patterns `record`. The library is that of a `level`, see
+    The results have the signals of the patterns `record`. The `level` is a place in
     :data:`~vdfmu.study.batch.make.LEVELS`, by default the highest that the processor runs.
     """
 
@@ -74,8 +74,8 @@ class Engine:
     def run(self, points: Sequence[Mapping[str, Any]]) -> list[Results | None]:
         """Run points, each the values of some parameters by ``component.variable``.
 
-        None for a point that has no result, or that sets what its system refuses: an FMU says why. None for all if
-        their rows need more than `_MOST` bytes.
+        None for a point that fails or is out of its limits: an FMU says why. None for all if their rows need more than
+        `_MOST` bytes.
         """
         if self.lanes * len(self._program.time) * len(self._signals) * 8 > _MOST:
             return [None] * len(points)
@@ -152,7 +152,7 @@ class SteppedLanes:
     Attributes
     ----------
     good : (count,) bool array
-        Whether a run goes on: False for one that failed, or whose parameters were refused.
+        Whether a run goes on: False if it failed, or its parameters were refused.
     """
 
     def __init__(self, program: BatchProgram, count: int, inputs: Sequence[str], signals: Sequence[str]) -> None:

@@ -28,7 +28,7 @@ _ROUNDS = {ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD}
 def lane_sources(program: SystemProgram) -> tuple[dict[str, bytes], list[list[int]]]:
     """Return file name to content of the C, and the places set by each call that runs only where these are recorded.
 
-    Choices are compiled as they are in the memory of the system. KernelError if a traced function has no C text.
+    Choices are compiled as they are in the memory of the system. KernelError for a function without C text.
     """
     code = _LaneCode(program)
     folder = data_path("fmu_src")
@@ -51,7 +51,7 @@ class _LaneCode(Code):
         """Unit and function to the places that a call sets whose results no unit reads."""
 
     def call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
-        """Yield the lines of a call; outputs that nothing reads are calculated where they are recorded."""
+        """Yield the lines of a call; outputs that nothing reads are calculated if they are recorded."""
         lines = super().call(name, unit, call)
         if call in unit.interface.program.outputs:
             places = [place for group in call.sets for place in self._places(name, unit, group)]

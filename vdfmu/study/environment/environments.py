@@ -11,7 +11,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.run import Simulator
-from vdfmu.study.analysis.system import packaged
+from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.batch.engine import SteppedLanes
 from vdfmu.study.batch.make import make_program
 from vdfmu.study.environment.tasks import Task, TrackingTask, episode, named_in, opened

@@ -1,8 +1,8 @@
-"""The motion that determines the parameters of an arm best, and what to expect of it, before the experiment.
+"""The motion that determines the parameters of an arm best, and the expected intervals, before the experiment.
 
 Candidates are multisines with several highest frequencies, periods, poses and random phases. Each is as large as the
 limits allow. A log of each follows from the equations of :mod:`~vdfmu.study.identify.fit`, without a simulation: links
-follow the motion exactly, and torques are what that takes. Candidates are ranked by the mean logarithm of standard
+follow the motion exactly. Candidates are ranked by the mean logarithm of standard
 deviations, for white noise. The best is identified with noise on its log, as a measured log would be.
 """
 
@@ -27,7 +27,7 @@ from vdfmu.base.progress import counted
 from vdfmu.base.toml_file import toml_text
 from vdfmu.study.identify.fit import PRIOR, Identified, check_settings, identify
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.regressor import link_covariance, regressor
+from vdfmu.study.identify.problem import link_covariance, regressor
 from vdfmu.study.identify.rows import file_torques, rows_of, slope
 from vdfmu.study.identify.search import expected_deviations
 
@@ -42,13 +42,13 @@ _FAR = np.pi
 _DEFAULTS = {"revolute": (1.0, 1.5, 5.0), "prismatic": (0.2, 0.5, 2.0)}
 """Amplitude [rad or m], speed and acceleration [per s, s2] of joints without limits."""
 _OFF = 0.4
-"""Share of the range by which poses of candidates lie off the middle."""
+"""Largest offset of the poses of candidates from the middle, as a share of the range."""
 _SHRINK = 8
 """Times that a motion is made smaller until motors have its torques."""
 _SHORTEST = 5.0
-"""Duration of an experiment [s]: shorter ones tell little, whatever the motion."""
+"""Shortest useful duration of an experiment [s]."""
 _COARSE, _ROWS = 40.0, 1000.0
-"""Samples in a period of the highest frequency, and in all, at least, by which candidates are compared."""
+"""Fewest samples of a candidate, in a period of the highest frequency and in all."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Design:
     table: dict[str, Any]
     """Its table ``[motion]``, see :func:`~vdfmu.arm.motion.excitation.multisine`."""
     expected: Identified
-    """What an identification would find, with its deviations."""
+    """Predicted result of an identification."""
     notes: tuple[str, ...]
 
     def text(self, head: str) -> str:
@@ -111,16 +111,15 @@ class Design:
 
 
 class _Excitation(NamedTuple):
-    """A kind of motion that is tried."""
+    """A kind of motion to try: table ``[motion]`` without amplitudes, and the motion with amplitude 1 about 0.
+
+    `span` are the largest amplitudes (n,) about its pose [rad or m], `highest` the highest frequency [Hz].
+    """
 
     table: dict[str, Any]
-    """Its table ``[motion]`` without amplitudes."""
     unit: Motion
-    """With an amplitude of 1 about 0."""
     span: Floats
-    """(n,): Largest amplitudes about its pose [rad or m]."""
     highest: float
-    """Highest frequency [Hz]."""
 
 
 class _Candidate(NamedTuple):
@@ -144,11 +143,11 @@ def design(
     Parameters
     ----------
     robot : Robot
-        What is known before. The motion stays within 90 % of its end stops, speeds and torques; without limits at most
-        1 rad or 0.2 m off the pose, 1.5 rad/s or 0.5 m/s, 5 rad/s2 or 2 m/s2, which a note says. Collisions are not
+        The values known before. The motion stays within 90 % of its end stops, speeds and torques; without limits, with
+        a note, at most 1 rad or 0.2 m off the pose, 1.5 rad/s or 0.5 m/s, 5 rad/s2 or 2 m/s2. Collisions are not
         checked.
     duration : float [s]
-        Of the motion, in which it grows and fades.
+        Duration of the motion, with its growth and fading.
     start : (n,) [rad or m], optional
         Pose about which the joints move; default several about the middle of the end stops, or about 0.
     sensors : SensorNoise, optional
@@ -168,10 +167,10 @@ def design(
     middle, reach, speed, acceleration = _limits(robot, start)
     candidates: list[_Candidate] = []
     tried = list(_multisines(robot, duration, middle, reach, start is None))
-    for one in counted("motions", tried, len(tried)):
-        amplitude = np.min([one.span, speed / one.unit.peaks[0], acceleration / one.unit.peaks[1]], axis=0)
-        step = max(sensors.step, min(1.0 / (_COARSE * one.highest), duration / _ROWS))
-        candidates += _fitted(robot, one, amplitude, step)
+    for each in counted("motions", tried, len(tried)):
+        amplitude = np.min([each.span, speed / each.unit.peaks[0], acceleration / each.unit.peaks[1]], axis=0)
+        step = max(sensors.step, min(1.0 / (_COARSE * each.highest), duration / _ROWS))
+        candidates += _fitted(robot, each, amplitude, step)
     if not candidates:
         raise UsageError(
             f"{robot.name}: the motors do not have the torques of any motion about this pose. Choose another, or look "
@@ -184,10 +183,10 @@ def design(
     ]
     best = candidates[int(np.argmin(deviations))]
     expected = predict(robot, best.motion, sensors=sensors, band=band, prior=prior)
-    notes = [f"a prediction, for {sensors}: what the model lacks of the arm makes intervals wider"]
+    notes = [f"a prediction, for {sensors}: errors of the model make intervals wider"]
     if not robot.limits:
         notes.append(
-            "the robot file has no limits, so joints move at most 1 rad or 0.2 m off the pose, at 1.5 rad/s or 0.5 m/s "
+            "the robot file lacks limits, so joints move at most 1 rad or 0.2 m off the pose, at 1.5 rad/s or 0.5 m/s "
             "and 5 rad/s2 or 2 m/s2: give [joints.limits]"
         )
     if left := len(tried) - len(candidates):
@@ -199,14 +198,14 @@ def design(
 def predict(
     robot: Robot, motion: Motion, *, sensors: SensorNoise | None = None, band: float | None = None, prior: float = PRIOR
 ) -> Identified:
-    """Return what an identification would find of a motion, with its deviations; see :func:`design`."""
+    """Return the predicted result of an identification by a motion; see :func:`design`."""
     sensors = sensors or SensorNoise()
     log = sensors.measured(exact_log(robot, motion, sensors.step), robot)
     return identify(log, robot, band=band, prior=prior)
 
 
 def exact_log(robot: Robot, motion: Motion, step: float) -> Log:
-    """Return the log of a motion [s] that the links follow exactly, without noise, every `step` [s].
+    """Return the log, every `step` [s] and without noise, of a motion that the links follow exactly.
 
     In the rotors' reaction on the links each rotor turns as its link does, see
     :func:`~vdfmu.arm.equations.feedforward.desired_drive_motion`.
@@ -223,7 +222,7 @@ def exact_log(robot: Robot, motion: Motion, step: float) -> Log:
 
 
 def _turns(robot: Robot) -> Floats:
-    """Return what an encoder divides, (n,): a turn [rad], or a metre."""
+    """Return the range that the steps of an encoder divide, (n,): a turn [rad], or a metre."""
     return np.where([kind == "prismatic" for kind in robot.joint_types], 1.0, 2.0 * np.pi)
 
 
@@ -261,10 +260,7 @@ def _multisines(robot: Robot, duration: float, middle: Floats, reach: Floats, mo
 
 
 def _fitted(robot: Robot, tried: _Excitation, amplitude: Floats, step: float) -> list[_Candidate]:
-    """Return the candidate with such amplitudes (n,), or smaller ones if motors ask for it, or none.
-
-    What holds the pose stays as it is, the rest goes with the amplitudes.
-    """
+    """Return the candidate with amplitudes (n,), reduced until motors have its torques; empty if they cannot."""
     for _ in range(_SHRINK):
         amplitude = np.floor(1e4 * amplitude) / 1e4
         coefficients = tried.unit.coefficients * amplitude
@@ -289,16 +285,13 @@ def _fitted(robot: Robot, tried: _Excitation, amplitude: Floats, step: float) ->
 
 
 def _mean_deviation(
-    robot: Robot, log: Log, torque: Floats, sensors: SensorNoise, band: float | None, prior: float
+    robot: Robot, log: Log, noise: Floats, sensors: SensorNoise, band: float | None, prior: float
 ) -> float:
-    """Mean logarithm of the standard deviations of drives, springs and links, from the equations at the truth.
-
-    `torque` is the noise (n,) of torques [N.m], motor-side.
-    """
+    """Mean logarithm of the deviations of drives, springs and links at the truth, for noise (n,) of torques [N.m]."""
     problem, _, band, _ = rows_of(log if sensors.links else log._replace(q=None), robot, band)
     bent = _turns(robot) * 2.0**-sensors.bits / np.sqrt(12.0) * np.hypot(1.0, 1.0 / robot.ell)
     passed = np.sqrt(2.0 * band * sensors.step)  # of white noise through the filter
-    noise = [passed * torque * robot.ell, passed * bent][: 1 + sensors.links]
-    deviations = expected_deviations(problem, link_covariance(robot, problem.base, prior), noise)
+    levels = [passed * noise * robot.ell, passed * bent][: 1 + sensors.links]
+    deviations = expected_deviations(problem, link_covariance(robot, problem.base, prior), levels)
     deviations = deviations[: problem.places["tau_0"].start]
     return float(np.log(deviations[deviations > 0.0]).mean())

@@ -1,13 +1,12 @@
 """Faults of logs: clocks, gaps, turns that were cut off, columns in another order, other signs and units.
 
-What is certain to be wrong is a problem, what can be put right is put right and noted, and what the torques alone make
-likely is noted.
+Certain faults are problems. Faults with one correction are corrected and noted. Likely faults of torques are noted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -17,8 +16,7 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import LARGEST_NUMBER
-from vdfmu.study.identify.log_files import LogColumn
-from vdfmu.study.identify.regressor import regressor
+from vdfmu.study.identify.problem import regressor
 
 _UNEVEN = 0.01
 """Largest difference of a time step from the middle one, as a share, of rows that are taken as they are."""
@@ -42,6 +40,14 @@ _FEWER = 0.25
 """Share of the power that a torque leaves with its own joint, below which it fits another one better."""
 
 
+class LogColumn(NamedTuple):
+    """Values at times [s], and their unit, empty if the file lacks it."""
+
+    t: Floats
+    values: Floats
+    unit: str
+
+
 def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[str], problems: list[str]) -> Floats:
     """Return angles [rad] without jumps by a period: there are such if all lie in one and steps go over half of it."""
     for period in periods:
@@ -61,7 +67,7 @@ def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[s
 def even_times(
     found: Mapping[str, Sequence[LogColumn | None]], fewest: int, notes: list[str], problems: list[str]
 ) -> tuple[Floats, dict[str, Floats]]:
-    """Return even times (m,) and the quantities (m, n) at them, by cubic splines where the log's differ.
+    """Return even times (m,) and the quantities (m, n) at them, by cubic splines if the times of the log differ.
 
     With problems the quantities are as they are logged, and none if they differ in length.
     """
@@ -98,14 +104,11 @@ def even_times(
         low, high = max(each[0] for each in true.values()), min(each[-1] for each in true.values())
         t = low + step * np.arange(int((high - low) / step * (1.0 + 1e-12)) + 1)
         notes.append(
-            f"{'columns have times of their own' if apart else 'times are uneven'}, steps of {1e3 * steps.min():.4g} "
+            f"{'columns have different times' if apart else 'times are uneven'}, steps of {1e3 * steps.min():.4g} "
             f"to {1e3 * steps.max():.4g} ms, {np.count_nonzero(steps > 1.5 * step)} gaps: taken every "
             f"{1e3 * step:.6g} ms, by cubic splines"
         )
-        columns = {
-            name: LogColumn(t, CubicSpline(true[id(column.t)], column.values)(t), "")
-            for name, column in columns.items()
-        }
+        columns = {n: LogColumn(t, CubicSpline(true[id(c.t)], c.values)(t), "") for n, c in columns.items()}
     if any(len(column.values) != len(t) for column in columns.values()):
         return t, {}
     none = LogColumn(t, np.full(len(t), np.nan), "")
@@ -155,7 +158,7 @@ def fastest(rate: Floats) -> int:
 
 
 def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], problems: list[str]) -> Floats:
-    """Return times, or those of the even rows from which they jitter: at which positions are less rough."""
+    """Return times, or the even times that they jitter about if positions are smoother at these."""
     own = [c.values for name, c in columns.items() if c.t is t and name[:3] != "tau"]
     if not own:
         return t
@@ -182,7 +185,7 @@ def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], p
 
 
 def _roughness(t: Floats, x: Floats) -> float:
-    """Root mean square of what a cubic through the two neighbours on both sides leaves of samples, by their span."""
+    """Root mean square of samples about the cubic through two neighbours on both sides, over their span."""
     near = [t[k : len(t) - 4 + k] for k in (0, 1, 3, 4)]
     middle, left = t[2:-2], x[2:-2].copy()
     for k, a in zip((0, 1, 3, 4), near, strict=True):
@@ -245,7 +248,7 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
 
 
 def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: list[str]) -> None:
-    """Note torques that fit another joint, do the work of a friction that drives, or look like those of the other side.
+    """Note torques that fit another joint, do the work of a friction that drives, or look like the other side's.
 
     By five terms for each joint: constant, acceleration, velocity, its sign, and the torque of the robot file's links.
     """

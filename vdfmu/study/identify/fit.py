@@ -4,7 +4,7 @@ For each joint there are two equations, link-side, with base parameters pi of th
 
     ell (tau - tau_0) - J (kappa_ddot + carried) - xi(kappa_dot) - tau_s = 0      rotor (7), (10)-(11), friction (54)
     kappa - q - theta_err - D(tau_s) - offset - delay_q kappa_dot = 0             spring (2)-(3), where q is measured
-    tau_s = Y pi + R J + what a counterbalance asks for                           links (44)-(47)
+    tau_s = Y pi + R J + torque of a counterbalance                               links (44)-(47)
 
 with tau later by ``delay_tau`` than positions. Positions go through a Butterworth filter, forward and backward, so
 without phase, and are differentiated by central differences of fourth order. Then both equations go through a second
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,13 +30,12 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.toml_file import toml_text
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.problem import DRIVES, SPRINGS
-from vdfmu.study.identify.regressor import BaseParameters, link_covariance, link_errors
-from vdfmu.study.identify.rows import rows_of
+from vdfmu.study.identify.problem import DRIVES, SPRINGS, BaseParameters, link_covariance, link_errors, regressor
+from vdfmu.study.identify.rows import Rows, file_torques, rows_of
 from vdfmu.study.identify.search import Weak, solve
 
 PRIOR = 0.2
-"""Share by which masses, moments of inertia and, of radii of gyration, centres of mass of a robot file may be off."""
+"""Errors of masses, moments of inertia and, over radii of gyration, centres of mass of a robot file, as a share."""
 _STILL = 1e-4
 """Range of a joint [rad or m] below which it did not move."""
 _APART = 0.5
@@ -59,7 +58,7 @@ class Identified:
     held: Mapping[str, str]
     """Parameters that are not identified and keep their values: why, and the way out."""
     weak: Mapping[str, Weak]
-    """Parameters that are near the robot file's value since the log tells little of them."""
+    """Parameters near the robot file's value, since the log hardly determines them."""
     torque_level: Floats
     """(n,) [N.m or N]: Root mean square of the spring torques."""
     stiffness: Floats
@@ -68,7 +67,7 @@ class Identified:
     x: Floats
     """(p,): All parameters in SI units, also the constants between encoders."""
     lag: Floats
-    """(n,): Delays of encoders of links for which positions were corrected [s]."""
+    """(n,): Corrected delays of encoders of links [s]."""
     band: float
     """[Hz]."""
     t: Floats
@@ -98,7 +97,7 @@ class Identified:
         return float(self.values[self.names.index("delay_tau")])
 
     def of(self, robot: Robot) -> list[float]:
-        """Return the values that another robot has for the parameters, in the same order; 0 for those of sensors."""
+        """Return the values that another robot has for the parameters, in the same order; 0 for sensors."""
         values = np.zeros(len(self.names))
         values[self.links] = self.base.matrix @ body_parameters(robot)
         for k, name in enumerate(self.names):
@@ -118,9 +117,8 @@ class Identified:
         ]
         if unseen := _numbers(~self.seen):
             notes.append(
-                f"the log has no positions of links of joint {unseen}, so stiffnesses are those of the robot file, by "
-                "which links are placed, and whose errors are not in the intervals: log them by encoders behind the "
-                "gears, or with the rotors' by a camera or tracker"
+                f"the log lacks positions of links of joint {unseen}, so stiffnesses are the robot file's, and their "
+                "errors are not in the intervals: log them by encoders behind the gears, or by a camera or tracker"
             )
         return notes
 
@@ -130,10 +128,10 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
 
     The robot has kinematics, ratios, width of the friction's sign and kinematic error; its values are the start, and
     parameters that are not identified keep them. The band [Hz] of the equations is by default three times the frequency
-    below which 99.9 % of the velocities' power lie, or wider if the log is short. `prior` is the share by which masses,
-    moments of inertia and, of radii of gyration, centres of mass of the robot file may be off; infinity if nothing is
-    known. UsageError for joints that did not move, or whose rotor and link did not move alike; a log that is too short
-    for the band, or tells nothing; the split arrangement of friction.
+    below which 99.9 % of the velocities' power lie, wider if the log is short. `prior` is the error of masses, moments
+    of inertia and, over radii of gyration, centres of mass of the robot file, as a share; infinity if nothing is known.
+    UsageError for joints that did not move, or whose rotor and link did not move alike; a log that is too short for the
+    band; the split arrangement of friction.
     """
     check_settings(robot, band, prior)
     moved = np.ptp(log.kappa, axis=0)
@@ -141,8 +139,8 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
         raise UsageError(f"{log.where}: joint {still} did not move: nothing can be told of it. Log a motion of all.")
     if log.q is not None and (apart := _numbers(np.ptp(np.nan_to_num(log.kappa - log.q), axis=0) > _APART * moved)):
         raise UsageError(
-            f"{log.where}: joint {apart}: expected rotors, divided by the ratio, and links to move alike, to what the "
-            "springs give way. Check units, ratios, signs and order of the columns kappa and q."
+            f"{log.where}: joint {apart}: expected rotors, divided by the ratio, and links to move alike. "
+            "Check units, ratios, signs and order of the columns kappa and q."
         )
     problem, t, band, lag = rows_of(log, robot, band)
     narrower = rows_of(log, robot, band, lag, share=0.5).problem
@@ -175,22 +173,22 @@ def _numbers(chosen: Any) -> str:
 def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:
     """Return the robot with the identified values, whose sources name the log, and notes.
 
-    Base parameters leave the parameters of the links open: of all that match, the ones nearest to the robot file are
-    taken, of the same shape if possible. If these are not parameters of bodies, the links stay as they are. `robot` is
-    the one used for the identification, and `where` names the log, for sources.
+    Base parameters leave the parameters of the links open: the nearest to the robot file are taken, of the same shape
+    if possible. If these are not parameters of bodies, the links stay as they are. `robot` is the start of the
+    identification, and `where` names the log, for sources.
     """
     values = dict(zip(found.names, found.values, strict=True))
     sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
     text = f"Identified from {where}"
     deviation = dict(zip(found.names, found.deviation, strict=True))
     for name in (*DRIVES, *SPRINGS, *(["F_cb"] if robot.counterbalance else [])):
-        own = [f"{name}[{i + 1}]" for i in range(robot.n)]
-        arrays[name] = np.array([values.get(each, here) for each, here in zip(own, getattr(robot, name), strict=True)])
-        for i, each in enumerate(own):
+        elements = [f"{name}[{i + 1}]" for i in range(robot.n)]
+        arrays[name] = np.array([values.get(e, here) for e, here in zip(elements, getattr(robot, name), strict=True)])
+        for i, each in enumerate(elements):
             if each not in found.held and deviation.get(each, 0.0) > 0.0:
                 path = PARAMETERS[name].path.replace("joints", f"joints[{i + 1}]", 1)
-                told = f"{text}, +- {1.96 * deviation[each]:.2g} (95 %)"
-                sources[path] = f"{told}, near {sources.get(path, 'the robot file')}" if each in found.weak else told
+                source = f"{text}, +- {1.96 * deviation[each]:.2g} (95 %)"
+                sources[path] = f"{source}, near {sources.get(path, 'the robot')}" if each in found.weak else source
     made = robot.with_parameters(**arrays)
     links = _links(found, robot)
     if robot.payload:
@@ -199,7 +197,7 @@ def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot
         try:
             bodies = check_robot(made.with_parameters(**links))
         except ModelError as error:
-            notes.append(f"the links stay as they are, for what was identified is that of no bodies: {error}")
+            notes.append(f"the links stay as they are, since no bodies have the identified parameters: {error}")
         else:
             made = bodies
             nearest = f"{text}: with its base parameters, nearest to the robot file"
@@ -223,3 +221,79 @@ def _links(found: Identified, robot: Robot) -> dict[str, Floats]:
 def robot_text(robot: Robot, head: str) -> str:
     """Return the content of a robot file, under a comment."""
     return f"# {head}\n# SI units, angles in rad.\n\n{toml_text(robot.to_dict(), ROUNDING)}"
+
+
+_FEWEST = 10
+"""Rows of a log to be scored."""
+
+
+class LogScore(NamedTuple):
+    """Errors by joint, each (n,), of torques link-side [N.m or N] and of deformations [rad or m]."""
+
+    torque: Floats
+    """Root mean square of the measured torques."""
+    torque_left: Floats
+    torque_most: Floats
+    """Root mean square and largest size of their residuals in the model."""
+    rigid_left: Floats
+    """Root mean square of their residuals in five terms, fitted to the same log as the model: a constant,
+    acceleration, speed, its sign, and the robot file's gravity."""
+    deformation: Floats
+    deformation_left: Floats
+    deformation_most: Floats
+    """The same of deformations about their mean, after the delay of encoders; NaN of joints without encoders of links.
+    """
+    rows: Rows
+    torque_error: Floats
+    deformation_error: Floats
+    """(k, n): Residuals in the rows."""
+    load: Floats
+    """(k, n): Spring torques of the model [N.m or N]."""
+
+
+def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
+    """Score on a log the parameters that were identified on another, in the same band.
+
+    A constant between the encoders is the log's own: incremental encoders count from their start.
+    """
+    if (log.q is None) != (fitted.q is None):
+        sides = ["without" if each.q is None else "with" for each in (fitted, log)]
+        raise UsageError(
+            f"{log.where}: expected a log {sides[0]} encoders behind the gears, as {fitted.where}, got one {sides[1]} "
+            "them."
+        )
+    rows = rows_of(log, robot, found.band, found.lag, _FEWEST)
+    errors = rows.problem.errors(found.x)
+    left, tau = errors[0], rows.problem.tau
+    before = rows if fitted is log else rows_of(fitted, robot, found.band, found.lag, _FEWEST)
+    terms, own = _terms(rows, robot), _terms(before, robot)
+    rigid = np.array([
+        _rms(tau[:, i] - terms[i] @ np.linalg.lstsq(own[i], before.problem.tau[:, i], rcond=None)[0])
+        for i in range(robot.n)
+    ])  # fmt: skip
+    bent, error = np.full((2, *tau.shape), np.nan)
+    if rows.problem.stretch is not None:
+        seen = rows.problem.seen
+        bent[:, seen] = (rows.problem.stretch - found.x[rows.problem.places["delay_q"]] * rows.problem.speed)[:, seen]
+        error[:, seen] = errors[1][:, seen]
+    bent, error = bent - bent.mean(axis=0), error - error.mean(axis=0)
+    return LogScore(
+        _rms(tau), _rms(left), np.abs(left).max(axis=0), rigid,
+        _rms(bent), _rms(error), np.abs(error).max(axis=0), rows, left, error,
+        rows.problem.spring_torques(found.x),
+    )  # fmt: skip
+
+
+def _rms(values: Floats) -> Any:
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+def _terms(rows: Rows, robot: Robot) -> list[Floats]:
+    """Five terms of the torque of each joint (k, 5)."""
+    p = rows.problem
+    sign, still = p.narrow(np.tanh(p.velocity / robot.eps)), np.zeros_like(p.position)
+    weight = file_torques(robot, p.position, regressor(robot, p.position, still, still, still, still))
+    return [
+        np.stack([np.ones(len(p.tau)), p.acceleration[:, i], p.speed[:, i], sign[:, i], weight[:, i]], axis=1)
+        for i in range(robot.n)
+    ]

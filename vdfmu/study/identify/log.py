@@ -1,22 +1,151 @@
-"""Logs of a motion: files of this project and of any tool, with a mapping of columns, and a public data set."""
+"""Logs of the motion of an arm: columns of files of any tool, read and checked against the robot."""
 
 from __future__ import annotations
 
+import csv
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import read_text
 from vdfmu.base.measure import WIDE_ANGLE
+from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.base.unpack import mat_variables
-from vdfmu.study.identify.faults import check_motion, check_torques, even_times, unwrapped
-from vdfmu.study.identify.log_files import LogColumn, read_columns, split_unit
+from vdfmu.engine.results.parquet import read_table
+from vdfmu.engine.results.results import Results
+from vdfmu.study.identify.faults import LogColumn, check_motion, check_torques, even_times, unwrapped
+
+_HEADING = re.compile(r"(.*?)(?:\s+[\[(](.+)[\])])?\s*")
+"""A name, and a unit in brackets behind a space."""
+_TIME = re.compile(r"(?:.*\.)?(?:t|(?:time|stamp|timestamp)(?:_\w+)?)", re.IGNORECASE)
+_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+def split_unit(heading: str) -> tuple[str, str]:
+    """Return the name and the unit of a heading such as ``q_1 [deg]``."""
+    match = _HEADING.fullmatch(heading)
+    return (match[1], match[2] or "") if match else (heading, "")
+
+
+def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn]:
+    """Return the columns of a file; `time` names the times; assumptions are noted."""
+    suffix = path.suffix.lower()
+    found = READERS[suffix](path) if suffix in READERS else _csv(path)
+    if isinstance(found, Results):
+        return {name: LogColumn(found.time, np.asarray(found[name], float), found.units[name]) for name in found}
+    if found and all(len(column) == 3 for column in found.values()):
+        times: dict[bytes, Floats] = {}  # columns with the same times share them
+        timed: dict[str, LogColumn] = {}
+        for name, (t, values, unit) in found.items():
+            t = np.asarray(t, float)
+            timed[name] = LogColumn(times.setdefault(t.tobytes(), t), np.asarray(values, float), unit)
+        return timed
+    name, unit = split_unit(time)
+    name = name or next((each for each in found if _TIME.fullmatch(each)), "")
+    if name not in found:
+        there = f"there are {', '.join(found)}. Name it by --time" if found else "the file has no columns"
+        raise UsageError(f"{path}: expected a column {name or 'time'}; {there}.")
+    stamps, own = found[name]
+    unit = unit or own or (match[1] if (match := re.fullmatch(r".*_(m?s|us|ns)", name)) else "")
+    if unit not in _SECONDS:
+        raise UsageError(f"{path}: {name}: expected s, ms, us or ns, got {unit!r}. Give it: --time '{name} [s]'.")
+    whole = stamps.dtype.kind in "iu"  # times since 1970 in ns have more digits than a float
+    t = np.asarray(stamps - stamps[0] if whole and len(stamps) else stamps, float).reshape(-1) * _SECONDS[unit]
+    if name != "time":
+        notes.append(f"times are those of {name}, in {unit or 's'}")
+    return {
+        each: LogColumn(t, np.asarray(values, float).reshape(-1), unit)
+        for each, (values, unit) in found.items()
+        if each != name and np.size(values) == len(t)
+    }
+
+
+_Found = Mapping[str, tuple[Any, ...]]
+
+
+def _csv(path: Path) -> Results | _Found:
+    try:
+        lines = read_text(path).splitlines()
+        delimiter = max(";\t,", key=lines[0].count) if lines else ","
+        delimiter = delimiter if lines and delimiter in lines[0] else " "
+        rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter) if any(row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        why = getattr(error, "strerror", None) or error
+        known = ", ".join(READERS.names())
+        text = f"{path}: expected a CSV file, got: {why}. Readers: {known}; a package can add one."
+        raise UsageError(text) from None
+    if len(rows) > 1 and rows[0][0] == "time" and rows[1][0] == "s":
+        return Results.read(path)
+    headings = [split_unit(cell) for cell in rows[0]] if rows else []
+    if len(rows) > 1 and all(np.isnan(_number(cell, delimiter)) for cell in rows[1]):  # a line of units
+        headings = [(name, unit) for (name, _), unit in zip(headings, rows.pop(1), strict=False)]
+    names = [name for name, _ in headings]
+    if problems := [
+        *(f"{name}: more than one column has this name" for name in sorted({n for n in names if names.count(n) > 1})),
+        *(f"row {i}: expected {len(names)} cells, got {len(row)}" for i, row in enumerate(rows[1:], 1)
+          if len(row) != len(names)),
+    ]:  # fmt: skip
+        raise UsageError("\n".join(f"{path}: {problem}." for problem in problems[:8]))
+    columns = zip(*rows[1:], strict=True) if len(rows) > 1 else ((),) * len(names)
+    return {
+        name: (np.array([_number(cell, delimiter) for cell in column]), unit)
+        for (name, unit), column in zip(headings, columns, strict=True)
+    }
+
+
+def _number(cell: str, delimiter: str) -> float:
+    try:
+        return float(cell if delimiter == "," else cell.replace(",", "."))
+    except ValueError:
+        return np.nan
+
+
+def _mat(path: Path) -> Results | _Found:
+    variables = mat_variables(path)
+    if "vdfmu" in variables:
+        return Results.read(path)
+    found: dict[str, tuple[Any, str]] = {}
+    for name, value in variables.items():
+        array = np.squeeze(np.asarray(value))
+        if array.dtype.kind not in "fiub" or array.ndim > 2:
+            continue
+        if array.ndim < 2:
+            found[name] = np.atleast_1d(array), ""
+        else:  # of MATLAB's arrays, some have a row for each time, some a column
+            for i, each in enumerate(array if array.shape[0] < array.shape[1] else array.T, 1):
+                found[f"{name}[{i}]"] = each, ""
+    return found
+
+
+def _parquet(path: Path) -> Results | _Found:
+    schema, table = read_table(path)
+    if b"vdfmu" in (schema.metadata or {}):
+        return Results.read(path)
+    found: dict[str, tuple[Any, str]] = {}
+    for field in table.schema:
+        name, unit = split_unit(field.name)
+        values = table[field.name].to_numpy()
+        if values.dtype.kind == "M":
+            values, unit = values.astype("datetime64[ns]").astype(np.int64), "ns"
+        if values.dtype.kind in "fiub":
+            found[name] = values, (field.metadata or {}).get(b"unit", unit.encode()).decode()
+    return found
+
+
+PLUGINS = Plugins("logs", "reader of logs", "a function of the path of a log", callable)
+READERS: PluginTable[Callable[[Path], Results | _Found]] = PluginTable(
+    PLUGINS, {".csv": _csv, ".txt": _csv, ".mat": _mat, ".parquet": _parquet}, prefix="."
+)
+"""Readers by suffix. Each returns results, or columns: name to numbers and unit, "" for none. Columns have one length,
+or each has its times [s] before its numbers."""
+
 
 _KNOWN = {
     "kappa": ("plant.kappa[{}]", "kappa[{}]", "/joint_states.position[{}]"),
@@ -27,7 +156,7 @@ _KNOWN = {
 }
 """Quantities taken from a log, to its columns; {} is the joint, from 1."""
 _OTHER = {"kappa": "theta", "theta": "kappa", "tau": "tau_link", "tau_link": "tau"}
-"""A quantity that is not looked for where the other of its side of the gear is named."""
+"""A quantity that is not looked for if the other quantity of its side of the gear is named."""
 _KUKA = (
     {"kappa": "rec.act_pos_mot_deg[{}] [deg]", "q": "rec.act_pos_se_deg[{}] [deg]", "tau": "rec.act_torque_abs_nm[{}]"},
     {"kappa": "q_mot_meas[{}] [deg]", "q": "q_se_meas[{}] [deg]", "tau_link": "tau_meas[{}]"},
@@ -35,7 +164,7 @@ _KUKA = (
 )
 """Forms of the public files of the KUKA KR300 R2500: a record, one of the later data set, and one of its training."""
 _START = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)
-"""Pose [deg], counted as KUKA does, in which a record of the first form starts and its positions are zero."""
+"""Pose [deg], counted as KUKA does, at the start of a record of the first form and its positions are zero."""
 _GIVES_WAY = 5.0
 """Difference [deg] from it that the file's feedforward may have: it lets axis 5 give way by 2.9."""
 _FACTORS = {
@@ -62,7 +191,7 @@ class Log(NamedTuple):
     q: Floats | None
     """Link positions [rad or m], if any are measured; NaN in all rows of a joint without an encoder behind its gear."""
     notes: tuple[str, ...] = ()
-    """What was assumed and corrected."""
+    """Assumptions and corrections."""
 
     @property
     def step(self) -> float:
@@ -88,7 +217,7 @@ def read_log(
         ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or 0 or by its name in the robot file,
         such as ``axis{}_pos``, or ``{}`` alone for columns headed by the names; a unit may follow, with a factor:
         ``current_{} [-1.81 N.m]``. ``q[2]`` and so on name the column of one joint. Joints without a column of ``q``
-        have no encoder behind their gears.
+        lack an encoder behind their gears.
     time : str, optional
         Column of the times, with its unit: ``stamp [us]``; by default one called ``time``, ``t`` or so.
 
@@ -103,9 +232,7 @@ def read_log(
     known = {*_KNOWN, *(f"{what}[{i + 1}]" for what in _KNOWN for i in range(robot.n))}
     if wrong := [name for name in given if name not in known]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected some of {', '.join(_KNOWN)}.")
-    if wrong := [
-        f"{what}={name}" for what, name in given.items() if what in _KNOWN and "{}" not in name and robot.n > 1
-    ]:
+    if wrong := [f"{k}={name}" for k, name in given.items() if k in _KNOWN and "{}" not in name and robot.n > 1]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected a name with {{}} for the joint.")
     notes: list[str] = []
     problems: list[str] = []
@@ -218,7 +345,7 @@ def _converted(
     if not given and not unit and robot.joint_types[i] == "revolute" and what in ("kappa", "q") and span > WIDE_ANGLE:
         problems.append(
             f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
-            f"{span:.4g}, which looks like degrees, or like a motor's that is to be named theta; got none"
+            f"{span:.4g}, as degrees do, or a motor's angle that is to be named theta; got none"
         )
     values = column.values * (float(factor) * _FACTORS[kind].get(unit, 1.0))
     if kind == "angle":

@@ -16,8 +16,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.study.identify.faults import fastest
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.problem import IdentificationProblem, TorqueParts
-from vdfmu.study.identify.regressor import Regressor, base_parameters, regressor
+from vdfmu.study.identify.problem import IdentificationProblem, Regressor, TorqueParts, base_parameters, regressor
 
 _BANDS = 3.0
 """The band of the second filter: times the frequency below which nearly all of the velocities' power is."""
@@ -29,9 +28,9 @@ _TRIM = 3.0
 _FEWEST = 50
 """Rows of an identification."""
 _ZEROS, _EVEN = 8, 0.05
-"""Zeros of encoders for which the errors of their steps are worked out, and how even steps are."""
+"""Number of tried zeros of encoders, and largest unevenness of their steps."""
 _ENOUGH = 100
-"""Rows for which the band is widened, if the log is short."""
+"""Rows of a short log, by a wider band."""
 
 
 class Rows(NamedTuple):
@@ -140,6 +139,6 @@ def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:
 
 def slope(signal: Floats, h: float) -> Floats:
     """Differentiate by central differences of fourth order, at the ends of second."""
-    found = np.gradient(signal, h, axis=0)
-    found[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * h)
-    return found
+    rate = np.gradient(signal, h, axis=0)
+    rate[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * h)
+    return rate

@@ -1,8 +1,8 @@
-"""The least squares of an identification: weights, what is known without the log, covariance.
+"""The least squares of an identification: weights, prior, covariance.
 
-A log of some seconds does not tell all parameters, and its residuals are not white: what the model lacks lasts.
-So the robot file's values count as observations with the errors that such files have, residuals are weighted as
-their long-run variance asks (Newey and West 1987), and so are the intervals.
+A log of some seconds does not determine all parameters, and its residuals are not white: errors of the model last. So
+the robot file's values count as observations with the errors that such files have, residuals are weighted by
+their long-run variance (Newey and West 1987), and so are the intervals.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.study.identify.problem import SPRINGS, IdentificationProblem
 
 _UNKNOWN = 0.7
-"""Standard deviation, over the one that it has without the log, above which a parameter is the robot file's."""
+"""Standard deviation, over the prior's, above which a parameter is the robot file's."""
 _KNOWN = {
     "I_m": 0.2, "f_c": 1.0, "f_s": 0.5, "v_s": 1.0, "f_v": 1.0, "K_f0": 0.5, "c_f": 1.0, "K_w0": 0.5, "c_w": 1.0,
     "F_cb": 0.2, "delay_tau": 1.0, "delay_q": 1.0,
@@ -30,19 +30,17 @@ _ROUNDS, _SETTLED = 6, 1e-3
 _STEPS = 30
 """Steps of the search in each."""
 _ALIKE = 0.3
-"""Part of the power of velocities by which a motion may differ from its repetition."""
+"""Largest difference between a motion and its repetition, as a part of the power of velocities."""
 _LAGS = 1.5
-"""Rows by which residuals are alike, over the third root of their number."""
+"""Lags of alike residuals, over the third root of the number of rows."""
 
 
 class Weak(NamedTuple):
-    """Why a log tells little of a parameter."""
+    """A parameter that a log hardly determines: deviation over the prior's, and the most correlated parameter."""
 
     share: float
-    """Its standard deviation over the one without the log."""
     partner: str
     correlation: float
-    """The parameter that it is most correlated with, of those that are shown."""
     advice: str
 
 
@@ -54,14 +52,14 @@ class Estimate(NamedTuple):
     held: dict[str, str]
     """Parameters that keep the robot file's values, and why."""
     weak: dict[str, Weak]
-    """Parameters of which the log tells little."""
+    """Parameters that the log hardly determines."""
 
 
 def solve(problem: IdentificationProblem, prior: Floats | None, narrower: IdentificationProblem) -> Estimate:
     """Return all parameters.
 
     `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them. `narrower` are
-    the same rows with half the band of the first filter: what they change of parameters is part of their deviations.
+    the same rows with half the band of the first filter: the change of parameters is part of their deviations.
     """
     search = _Search(problem, prior)
     while True:
@@ -75,22 +73,22 @@ def solve(problem: IdentificationProblem, prior: Floats | None, narrower: Identi
 
 
 def expected_deviations(problem: IdentificationProblem, prior: Floats | None, noise: list[Floats]) -> Floats:
-    """Return standard deviations (p,) of all parameters at the robot file's values, 0 of those that are held.
+    """Return standard deviations (p,) of all parameters at the robot file's values, 0 if held.
 
-    `noise` are the standard deviations (n,) of the rows of each equation, which are taken as independent.
+    `noise` are the standard deviations (n,) of the independent rows of each equation.
     """
     search = _Search(problem, prior, noise)
     return np.linalg.norm(search.ways(search.x) @ search.inverse(search.slopes(search.x)), axis=1)
 
 
 class _Search:
-    """Gauss-Newton in logarithms of drives and springs, which are positive, and in parts of the sizes of all else."""
+    """Gauss-Newton in logarithms of the positive drives and springs, and in parts of the sizes of all else."""
 
     def __init__(self, problem: IdentificationProblem, prior: Floats | None, noise: list[Floats] | None = None) -> None:
         self.problem, self.x, self.sizes = problem, problem.start.copy(), _sizes(problem)
         self.prior, self.period = prior, _period(problem.speed)
         self.count = problem.places["links"].start
-        """Parameters in logarithms, which come first."""
+        """Parameters in logarithms, the first ones."""
         self.root = np.zeros((len(self.x), len(self.x)))
         """By which variables of the search are off the robot file's, in standard deviations."""
         for name, share in _KNOWN.items():
@@ -104,7 +102,7 @@ class _Search:
             links = problem.places["links"]
             self.root[links, links] = np.linalg.inv(np.linalg.cholesky(prior)) * self.sizes[links]
         self.mix = np.eye(len(self.x))
-        """Static friction goes with Coulomb's, so that of a log without slow motions the ratio is kept."""
+        """Static friction goes with Coulomb's, to keep their ratio in a log without slow motions."""
         f_s, f_c = problem.places["f_s"], problem.places["f_c"]
         self.mix[f_s, f_c] = np.eye(problem.robot.n)
         self.free: Any = np.ones(len(self.x), bool)
@@ -114,7 +112,7 @@ class _Search:
         dry = problem.start[problem.places["f_s"]] + problem.start[problem.places["f_c"]] > 0.0
         self.free[problem.places["v_s"]] &= dry
         self.held = {
-            problem.names[i]: "0 in the robot file, where the search would start; give a value"
+            problem.names[i]: "0 in the robot file, the start of the search; give a value"
             for i in np.flatnonzero(~self.free[: self.count])
         }
         unseen = np.flatnonzero(~problem.seen)
@@ -124,7 +122,7 @@ class _Search:
                 places = problem.places[name].start + unseen
                 self.free[places] = False
                 if name in SPRINGS:
-                    self.held |= {problem.names[i]: f"the log has no positions of its link; {way}" for i in places}
+                    self.held |= {problem.names[i]: f"the log lacks positions of its link; {way}" for i in places}
         if noise is None:
             each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
             noise = [self._noise(error, slope) for error, slope in each]
@@ -132,7 +130,7 @@ class _Search:
         self.moved = np.zeros(len(self.x))
 
     def ways(self, x: Floats) -> Floats:
-        """Return what the variables of the search change of all parameters, (p, free)."""
+        """Return the derivatives of all parameters by the variables of the search, (p, free)."""
         return np.concatenate([x[: self.count], self.sizes[self.count :]])[:, None] * self.mix[:, self.free]
 
     def _noise(self, error: Floats, slope: Floats) -> Floats:
@@ -147,7 +145,7 @@ class _Search:
         return [(e / w[:, None]) @ self.ways(x) for e, w in each]
 
     def fit(self) -> float:
-        """Go to the least squares with the weights, take new ones from what is left there, and return the change."""
+        """Go to the least squares with the weights, take new weights from its residuals, and return the change."""
         x, count, root = self.x, self.count, self.root[:, self.free]
 
         def whole(part: Floats) -> Floats:
@@ -172,7 +170,7 @@ class _Search:
         return float(np.abs(found.x).max(initial=0.0))
 
     def flatten(self) -> bool:
-        """Hold static friction of joints at Coulomb's where it would be less, and return whether that changes any."""
+        """Hold static friction of joints at Coulomb's if it would be less; return whether that changes any joint."""
         at, n = self.problem.places, self.problem.robot.n
         less = [i for i in range(n) if self.free[at["f_s"].start + i] and self.x[at["f_s"]][i] < self.x[at["f_c"]][i]]
         for i in less:
@@ -195,8 +193,8 @@ class _Search:
     def covariance(self, narrower: IdentificationProblem) -> Floats:
         """Covariance of all parameters, for residuals that are alike from row to row (Newey and West 1987).
 
-        Deviations are at least those of independent residuals. Added are the changes by half the band of the first
-        filter, and by the steps of encoders, which pass the second where a joint turns back.
+        Deviations are at least as large as for independent residuals. Added are the changes by half the band of the
+        first filter, and by the steps of encoders: they pass the second filter at turning points.
         """
         x, root = self.x, self.root[:, self.free]
         slopes = self.slopes(x)
@@ -224,7 +222,7 @@ class _Search:
         return alike * np.outer(more, more) + np.transpose(shifts) @ np.array(shifts)
 
     def weak(self, covariance: Floats) -> dict[str, Weak]:
-        """Return the parameters that the log hardly tells: what they are confused with, and the way out."""
+        """Return the parameters that the log hardly determines, with their partners and the way out."""
         names, places, shown = self.problem.names, self.problem.places, self.problem.shown
         before = np.full(len(names), np.inf)
         scale = np.concatenate([self.x[: self.count], self.sizes[self.count :]])
@@ -247,7 +245,7 @@ class _Search:
 def _level(error: Floats, period: float) -> Floats:
     """Return the noise of the residuals of an equation by joint, 1 for one without the equation, whose rows are 0.
 
-    It is their root mean square, times the factor by which a mean of them is less known than of independent ones.
+    It is their root mean square, times the deviation of their mean over the mean's for independent residuals.
     """
     level = np.sqrt([_long_run(column[:, None], period)[0, 0] / len(error) for column in error.T])
     level = np.maximum(level, np.sqrt(np.mean(error**2, axis=0)))
@@ -257,7 +255,7 @@ def _level(error: Floats, period: float) -> Floats:
 def _long_run(pulls: Floats, period: float) -> Floats:
     """Covariance (p, p) of the sum of rows (k, p) that are alike from one to the next, by weights of Bartlett.
 
-    Rows at the same place of a motion that repeats itself are taken as one: what the model lacks is the same there.
+    Rows at the same place of a motion that repeats itself are taken as one: errors of the model are the same there.
     """
     folded = np.zeros((min(int(period) + 1, len(pulls)), pulls.shape[1]))
     np.add.at(folded, (np.arange(len(pulls)) % period).astype(int), pulls)

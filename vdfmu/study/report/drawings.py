@@ -22,7 +22,7 @@ from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.results import Recorded, Signal
 
 if TYPE_CHECKING:
-    from vdfmu.study.identify.score import LogScore
+    from vdfmu.study.identify.fit import LogScore
 
 _ORDERS = {"position": 0, "velocity": 1, "acceleration": 2, "snap": 4}
 """Quantity of a motion to the number of its derivative."""

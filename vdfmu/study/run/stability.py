@@ -14,7 +14,7 @@ from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import DOUBTFUL, GOOD, Check
 from vdfmu.engine.run import Interrupted, Simulator
-from vdfmu.study.analysis.loops import Judged, judged, place_of, told, words_of
+from vdfmu.study.analysis.loops import Judged, judged, place_of, told
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
 
@@ -64,7 +64,7 @@ def loop_checks(poses: Poses, system: SystemDescription) -> Iterator[LoopCheck]:
 
 
 def _check(found: Judged) -> LoopCheck:
-    (state, text), (loops, growth, excited) = words_of(found), found
+    (state, text), (loops, growth, excited) = found.words, found
     figures, nearest = dict[str, Any](), None if growth.unstable else loops.nearest()
     if growth.unstable:
         factor = math.exp(growth.rate * loops.system.step)

@@ -51,7 +51,7 @@ class Axis:
     numbers: tuple[float, ...] = ()
     """Parameters of the distribution."""
     values: tuple[Any, ...] = ()
-    """Its values, numbers or words; for ``lin`` and ``log`` the values of a grid; empty if there is no such number."""
+    """Its values, numbers or words; for ``lin`` and ``log`` the values of a grid; empty without a number of values."""
     factor: bool = False
     """Whether a value multiplies the scenario's, element by element."""
 
@@ -144,7 +144,7 @@ def _axis(target: str, form: Any) -> Axis:
 
 
 def _value(text: str) -> Any:
-    """Return a number, where the text is one."""
+    """Return a number if the text is a number, else the text."""
     try:
         return float(text) if not re.fullmatch(r"[+-]?\d+", text) else int(text)
     except ValueError:
@@ -170,32 +170,16 @@ Points = dict[str, NDArray[Any]]
 def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0) -> tuple[list[Axis], Points]:
     """Draw the points of axes; the same for the same arguments.
 
-    Parameters
-    ----------
-    sample : str
-        ``grid``, all combinations of the values, the last axis running fastest; ``lhs`` (Latin hypercube), ``sobol``
-        (scrambled) or ``random``, `n` points; ``saltelli``, n (2 d + 2) points, or ``morris``, n (d + 1) points, for
-        d axes; or the path of a CSV file: a line of targets, then a line a point.
-    n : int, optional
-        Needed except for a grid or a file.
-    seed : int
-
-    Returns
-    -------
-    axes
-        The file's axes, if there is a file.
-    points
-
-    Raises
-    ------
-    UsageError
-        For axes that do not fit the way, a bad file, or too many points.
+    The `sample` is ``grid``, all combinations of the values, the last axis running fastest; ``lhs`` (Latin hypercube),
+    ``sobol`` (scrambled) or ``random``, `n` points; ``saltelli``, n (2 d + 2) points, or ``morris``, n (d + 1) points,
+    for d axes; or the path of a CSV file: a line of targets, then a line a point. Its axes are returned with the
+    points. UsageError for axes that do not fit the sample, a bad file, or too many points.
     """
     if seed < 0:
         raise UsageError(f"seed: expected a number of at least 0, got {seed}.")
     if sample not in SAMPLES:
         if axes and Path(sample).suffix:
-            raise UsageError(f"sample: {sample} says what varies, so expected no axis with it.")
+            raise UsageError(f"sample: {sample} has its own axes. Leave out --vary.")
         if n is not None and Path(sample).is_file():
             raise UsageError(f"points: {sample} has the points; leave it out.")
         return _read(sample)

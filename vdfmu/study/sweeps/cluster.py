@@ -13,8 +13,7 @@ from typing import Any
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.sweeps.job import Row, Task
-from vdfmu.study.sweeps.local import Chunks
-from vdfmu.study.sweeps.worker import Worker
+from vdfmu.study.sweeps.worker import Chunks, Worker
 
 _PATIENCE = 300.0
 """Time [s] that a scheduler, or all of its workers, may be gone."""
@@ -31,7 +30,7 @@ class DaskWorkers:
     """Workers of a Dask scheduler.
 
     The scheduler sends the chunks of a worker that is gone to another. If it is gone itself, this waits for another
-    scheduler at its address, and sends out again the chunks that had not come back. UsageError if there is none, or no
+    scheduler at its address, and sends out again the chunks that had not come back. UsageError without a scheduler or
     Dask.
     """
 
@@ -40,9 +39,7 @@ class DaskWorkers:
             from distributed import Client
             from distributed.comm.addressing import get_address_host_port
         except ImportError as error:
-            raise UsageError(
-                f"scheduler: needs Dask, of which this is missing: {error}. Install it: pip install 'vdfmu[sweep]'."
-            ) from None
+            raise UsageError(f"scheduler: needs Dask, got: {error}. Install it: pip install 'vdfmu[sweep]'.") from None
         self._kind, self._job, self._address, self._time_limit = Client, job, address, time_limit
         try:
             get_address_host_port(address)  # a client of a bad address complains when Python ends
@@ -51,7 +48,7 @@ class DaskWorkers:
             raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
 
     def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
-        """Run chunks, and tell their rows as they are done; see `LocalWorkers.run`.
+        """Run chunks; call `tell` with rows as they are done; see `LocalWorkers.run`.
 
         VdfmuError if the scheduler or its workers are gone for longer than `_PATIENCE`, or a chunk kills all that run
         it.

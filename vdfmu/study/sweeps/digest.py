@@ -1,6 +1,6 @@
 """Digest of a function of the user's: another one has another digest, so that a study with it is another study.
 
-What decides a function is its code, the values that it keeps, and the numbers, functions and modules that it names.
+It covers the code of the function, its defaults and closure, and the numbers, functions and modules that it names.
 Functions and modules of installed packages count by their names.
 """
 
@@ -36,9 +36,9 @@ def function_digest(function: Callable[..., Any]) -> str:
 
 
 def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:
-    """Yield what decides a value; functions and classes that were `seen`, and what the value is in, are left out.
+    """Yield the bytes that decide a value, without functions, classes and parents that were `seen`.
 
-    Of an object of this package its fields count, not what it keeps to be fast.
+    Of an object of this package its fields count, not its caches.
     """
     if not isinstance(value, _PLAIN):
         if id(value) in seen:
@@ -68,28 +68,28 @@ def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:
         yield f"{value.__module__}.{value.__qualname__}".encode()
         inner = _methods(value)
     elif is_dataclass(value):
-        inner = [type(value), *(getattr(value, one.name) for one in fields(value))]
+        inner = [type(value), *(getattr(value, field.name) for field in fields(value))]
     elif isinstance(value, (list, tuple)) and len(value) <= _MOST:
         inner = [type(value), *value]
     elif isinstance(value, dict) and len(value) <= _MOST:
         inner = [*value, *value.values()]
     elif isinstance(value, (set, frozenset)):
         yield repr(sorted(value, key=repr)).encode()
-    elif any(_is_own(one.__code__.co_filename) for one in _methods(type(value))):
+    elif any(_is_own(method.__code__.co_filename) for method in _methods(type(value))):
         inner = [type(value), *vars(value), *vars(value).values()] if hasattr(value, "__dict__") else [type(value)]
     else:
         yield type(value).__qualname__.encode()
         if not type(value).__module__.startswith(f"{PACKAGE.name}."):
             with suppress(Exception):  # it counts only where it can
                 yield _pickled(value)
-    for one in inner:
-        yield from _facts(one, seen)
+    for part in inner:
+        yield from _facts(part, seen)
     if not isinstance(value, (FunctionType, ModuleType, type)):
         seen.pop(id(value), None)  # whether two equal values are one object does not count
 
 
 def _methods(kind: type) -> list[FunctionType]:
-    return [one for one in vars(kind).values() if isinstance(one, FunctionType)]
+    return [value for value in vars(kind).values() if isinstance(value, FunctionType)]
 
 
 def _is_own(file: str) -> bool:
@@ -107,7 +107,7 @@ def _pickled(value: Any) -> bytes:
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """Yield the code and that of functions inside."""
+    """Yield the code and the code of functions inside."""
     yield code
     for value in code.co_consts:
         if isinstance(value, CodeType):
@@ -116,10 +116,10 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 def _code(code: CodeType) -> Iterator[bytes]:
     """Yield instructions, names and constants, without places in files."""
-    for one in _codes(code):
-        yield one.co_code
-        yield repr(one.co_names).encode()
-        for value in one.co_consts:
+    for part in _codes(code):
+        yield part.co_code
+        yield repr(part.co_names).encode()
+        for value in part.co_consts:
             if isinstance(value, frozenset):  # whose order is another one in another process
                 value = sorted(value, key=repr)
             if not isinstance(value, CodeType):
@@ -128,5 +128,5 @@ def _code(code: CodeType) -> Iterator[bytes]:
 
 def _named(code: CodeType) -> list[str]:
     """Return the global names that a function reads."""
-    read = (i for one in _codes(code) for i in dis.get_instructions(one) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME"))
+    read = (i for part in _codes(code) for i in dis.get_instructions(part) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME"))
     return sorted({i.argval for i in read})

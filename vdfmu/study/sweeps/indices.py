@@ -15,7 +15,7 @@ from vdfmu.study.sweeps.axes import LEVELS, draw, read_axes, shares, unit_proble
 from vdfmu.study.sweeps.table import StudyTable
 
 CONFIDENCE = 0.95
-"""Probability with which a true index lies within its half-width, by bootstrap."""
+"""Probability that a true index lies within its half-width, by bootstrap."""
 _BOOTSTRAP: Any = {"num_resamples": 500, "conf_level": CONFIDENCE, "seed": 0}
 
 
@@ -32,7 +32,8 @@ class Indices:
     ``mu_star``, the mean absolute change of the measure over the range of an axis, ``mu``, the same with its sign, and
     ``sigma``, its deviation, (d,): 0 for an axis without curvature and interaction."""
     widths: dict[str, Floats]
-    """Half-widths, of the same shapes; ``mu`` and ``sigma`` have none."""
+    """Half-widths, of the same shapes; of Morris' indices for ``mu_star`` alone."""
+    confidence: float = CONFIDENCE
 
     def rows(self) -> list[tuple[str, dict[str, str]]]:
         """Return a line for each axis, then for each pair: name, and by index its value ± half-width as text."""
@@ -54,10 +55,7 @@ def indices(study: StudyTable, measure: str | None = None) -> Indices:
     """
     sample, n, d = study.facts["sample"], study.facts["n"], len(study.axes)
     if sample not in ("saltelli", "morris"):
-        raise UsageError(
-            f"{study.path}: indices need a study with --sample saltelli or morris, got {sample}. 'vdfmu sweep plot' "
-            "shows what this one has."
-        )
+        raise UsageError(f"{study.path}: indices need --sample saltelli or morris, got {sample}. Try 'sweep plot'.")
     values = np.full(n, np.nan)
     values[study["point"]] = study.values(measure)
     missing = np.flatnonzero(~np.isfinite(values))
@@ -65,7 +63,7 @@ def indices(study: StudyTable, measure: str | None = None) -> Indices:
         why = study.failed.get(int(missing[0]), "it is not done, or the measure is not finite")
         raise UsageError(
             f"{study.path}: indices need all points, {len(missing)} of {n} have no value; point {missing[0]}: {why}. "
-            "Give the command of the study again, with --retry for those that failed, or choose axes where none does."
+            "Give the command of the study again, with --retry for failed points, or choose axes without failures."
         )
     if np.ptp(values) == 0.0:
         raise UsageError(f"{study.path}: the measure is {values[0]:g} at all points, so that no axis matters.")

@@ -38,7 +38,7 @@ class AxisBinding:
     names: tuple[str, ...]
     """Variables, ``component.variable``."""
     nominal: tuple[float, ...] = ()
-    """Their values, where the axis has factors; else empty."""
+    """Their values, if the axis has factors; else empty."""
     words: Mapping[Any, Any] | None = None
     """Value of the axis to value of the variables, for values that are not numbers."""
 
@@ -83,7 +83,7 @@ class Job:
     keep: tuple[str, ...]
     """Patterns of recorded signals that are kept."""
     compared: tuple[int, ...] = ()
-    """Points that the FMUs run too, where a program runs them in lanes."""
+    """Points that the FMUs run too, if a program runs them in lanes."""
 
     @property
     def together(self) -> list[int]:
@@ -91,10 +91,7 @@ class Job:
         return [1 if system.program is None else LANES for system in self.systems]
 
     def packed(self) -> bytes:
-        """Return it in the form for a worker; functions of a script go with their text.
-
-        UsageError if a function among the measures cannot be sent to another process.
-        """
+        """Return its pickle; functions of a script go with their code, UsageError if they cannot."""
         if all(measure.function is None for measure in self.measures):
             return pickle.dumps(self)
         try:
@@ -103,8 +100,7 @@ class Job:
             return cloudpickle.dumps(self)
         except ImportError:
             raise UsageError(
-                "a function is sent to the workers by cloudpickle, which is not installed: pip install 'vdfmu[sweep]', "
-                "or write it as an expression."
+                "a function needs the package cloudpickle: pip install 'vdfmu[sweep]', or write it as an expression."
             ) from None
         except (TypeError, pickle.PicklingError) as error:
             raise UsageError(f"a function cannot be sent to another process: {error}.") from None
@@ -123,10 +119,7 @@ class Bench:
         self._engines: dict[int, Engine] = {}
 
     def run(self, tasks: Sequence[Task], apart: bool = False) -> list[Row]:
-        """Run points of one system; failures are in their rows. `apart`: each by the FMUs.
-
-        StorageError if the disk fails, which says nothing of a point.
-        """
+        """Run points of one system, `apart` each by the FMUs; failures are in their rows, except StorageError."""
         system = self._job.systems[tasks[0][1]]
         if apart or system.program is None:
             return [self._row(task, self._by_fmus) for task in tasks]
@@ -142,7 +135,7 @@ class Bench:
                 try:
                     row |= _differences(results, self._by_fmus(task))
                 except VdfmuError as error:
-                    row["failed"] = f"the FMUs fail where the batch engine does not: {_words(error)}"
+                    row["failed"] = f"the FMUs fail, but the batch engine does not: {_words(error)}"
             rows.append(row)
         return rows
 
@@ -227,8 +220,8 @@ def _words(error: Exception) -> str:
 
 def _differences(results: Results, other: Results) -> dict[str, float]:
     """Return the largest difference of the signals of each unit of measurement."""
-    found: dict[str, float] = {}
+    differences: dict[str, float] = {}
     for name, unit in results.units.items():
         largest = float(np.max(np.abs(results[name] - other[name])))
-        found[f"to_fmu[{unit}]"] = max(largest, found.get(f"to_fmu[{unit}]", 0.0))
-    return found
+        differences[f"to_fmu[{unit}]"] = max(largest, differences.get(f"to_fmu[{unit}]", 0.0))
+    return differences

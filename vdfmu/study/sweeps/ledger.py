@@ -1,6 +1,6 @@
 """The folder of a parameter study: a Parquet file for each chunk of points, both result and record of progress.
 
-A part takes its place when it is whole. So a killed study continues where it stopped, and no point occurs twice.
+A part takes its place when it is whole. So a killed study resumes, and no point occurs twice.
 When all are done, the parts become one file, ``sweep.parquet``.
 """
 
@@ -81,31 +81,27 @@ class Ledger:
         facts: dict[str, Any] = {}
         try:
             facts = json.loads(readable(place)) if place.exists() else {}
-            known = facts.get("key")
+            key = facts.get("key")
         except (ValueError, RecursionError, AttributeError):
-            facts, known = {}, ""
-        there = files_of(self.folder)
-        if known != self._key and there:
+            facts, key = {}, ""
+        if key == self._key:
+            return
+        if files := files_of(self.folder):
             if not self._overwrite:
                 raise UsageError(
-                    f"{self.folder}: holds another study; expected this one, to go on with it, or none."
+                    f"{self.folder}: holds another study; expected this study or an empty folder."
                     f"{self._difference(facts)} Choose another folder with --out, or replace it with --overwrite."
                 )
-            for file in there:
+            for file in files:
                 file.unlink()
-        if known != self._key:
-            self._put(place, json.dumps(self._facts, indent=1).encode() + b"\n")
+        self._put(place, json.dumps(self._facts, indent=1).encode() + b"\n")
 
-    def _difference(self, known: Mapping[str, Any]) -> str:
-        """Return how the study in the folder differs, if its facts can be read."""
+    def _difference(self, facts: Mapping[str, Any]) -> str:
+        """Return how the study in the folder differs, if its `facts` can be read."""
         names = {"vdfmu": "release", "systems": "units, values or files"}
-        others = [
-            names.get(name, name)
-            for name in self._facts
-            if name not in ("source", "options", "search", "key", "seal", "points", "units")
-            and known.get(name) != self._facts[name]
-        ]
-        return f" They differ in {', '.join(others)}." if known and others else ""
+        apart = {"source", "options", "search", "key", "seal", "points", "units"}
+        differing = [names.get(n, n) for n, fact in self._facts.items() if n not in apart and facts.get(n) != fact]
+        return f" They differ in {', '.join(differing)}." if facts and differing else ""
 
     def _put(self, place: Path, content: bytes) -> None:
         try:
@@ -129,7 +125,7 @@ class Ledger:
         return found
 
     def reopen(self) -> list[Row]:
-        """See `done`; for a study to which points can be added. Return the rows that are kept."""
+        """Return the rows that are kept, of a study that can get more points; see `done`."""
         for _ in self._kept(KILLED):
             pass
         return [row for file in self._files() for row in table_of(file).to_pylist()]
@@ -154,9 +150,7 @@ class Ledger:
             except BrokenError as error:
                 self._set_aside(error)
                 continue
-            good = self._arrow.array(
-                [words is None or not words.startswith(again) for words in rows["failed"].to_pylist()]
-            )
+            good = self._arrow.array([why is None or not why.startswith(again) for why in rows["failed"].to_pylist()])
             kept = rows.filter(good)
             if kept.num_rows < rows.num_rows:
                 points = kept["point"].to_numpy()
@@ -168,7 +162,7 @@ class Ledger:
             yield kept
 
     def _set_aside(self, error: BrokenError) -> None:
-        """Give a file that is not whole another name, which no other has."""
+        """Give a file that is not whole an unused name."""
         number = 0
         while (aside := error.file.with_name(f"{error.file.name}.broken{number or ''}")).exists():
             number += 1
@@ -277,11 +271,11 @@ def readable(path: Path) -> bytes:
 
 
 def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
-    """Return the table of a Parquet file, or some of its columns; `BrokenError` if it is not one.
+    """Return the table of a Parquet file, or some of its columns; `BrokenError` if it is damaged.
 
-    Its bytes are read: Arrow takes only names in UTF-8, and reports errors of the disk as errors of the file.
-    Without its threads, which `parquet.read_table` always starts: where memory is short it waits for them for ever, and
-    one that starts as the process ends aborts it.
+    Its bytes are read: Arrow takes only names in UTF-8, and reports errors of the disk as errors of the file. Without
+    threads: `parquet.read_table` waits for them for ever if memory is short, and a thread that starts as the process
+    ends aborts it.
     """
     pyarrow, parquet = needed()
     content = pyarrow.BufferReader(readable(path))
@@ -308,7 +302,7 @@ def _require_rows(file: Path, rows: Any, n: int | None) -> None:
 
 
 def _in_order(files: Sequence[Path]) -> bool:
-    """Whether the points of each file are known to come after the points of the one before."""
+    """Whether the points of each file are known to come after the points of the file before."""
     if files[0].name == TABLE and len(files) > 1:
         return False
     ends = [int(number) for file in files for number in file.stem.split("_")[1:]]

@@ -98,7 +98,7 @@ class Measure:
     text: str
     """The expression, or the name of the function."""
     signals: tuple[str, ...]
-    """Signals that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs those of its attribute
+    """Signals that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function has them in its attribute
     `signals`, else all, ``*``."""
     function: Callable[[Results], Any] | None = None
     """Called with the `Results`; returns a number, or several.
@@ -142,7 +142,7 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
             problems.append(f"measure {name}: expected NAME=EXPRESSION, such as error=rms(trajectory.q_d - plant.q).")
             continue
         if name in _TAKEN:
-            problems.append(f"measure {name}: expected another name; {', '.join(_TAKEN)} are columns of their own.")
+            problems.append(f"measure {name}: expected another name; {', '.join(_TAKEN)} are other columns.")
             continue
         if callable(text):
             needs = tuple(getattr(text, "signals", ("*",)))

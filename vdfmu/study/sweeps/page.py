@@ -21,7 +21,6 @@ from vdfmu.study.report.page import NAME, StudyPart, report_page, study_page
 from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.indices import indices
-from vdfmu.study.sweeps.plan import of_scenario
 from vdfmu.study.sweeps.table import Side, StudyTable, view
 
 
@@ -91,7 +90,7 @@ def _facts(study: StudyTable) -> list[list[str]]:
 
 
 def _measures(study: StudyTable) -> str:
-    """Return the range of each measure, with its worst point by the values of its axes, which opens it."""
+    """Return the range of each measure, with a button for its worst point, named by the values of its axes."""
     rows: list[list[str]] = []
     places = {point: k for k, point in enumerate(study["point"].tolist())}
     columns = study.table(study.axes).to_pylist()
@@ -100,9 +99,7 @@ def _measures(study: StudyTable) -> str:
         unit = study.facts["units"].get(column.partition("[")[0], "")
         cells = [escape(column) + _unit(unit), *map(escape, ends)]
         if point:
-            values = ", ".join(
-                f"{axis}{factors[axis]} {_value(value)}" for axis, value in columns[places[int(point)]].items()
-            )
+            values = ", ".join(f"{name}{factors[name]} {_value(x)}" for name, x in columns[places[int(point)]].items())
             cells.append(f'<button type="button" data-point="{point}">{escape(_short(values))}</button>')
         else:
             cells.append("")
@@ -136,7 +133,7 @@ def _indices(study: StudyTable, name: str) -> str:
 
 
 def _compared(study: StudyTable) -> Iterable[str]:
-    """Return the differences of points of the batch engine from the runs of the FMUs, where they were compared."""
+    """Return the differences between batch engine and FMUs, at points that both ran."""
     columns = [column for column in study.columns if column.startswith("to_fmu[")]
     if not columns:
         return
@@ -174,7 +171,7 @@ _CAUSES = {
     r"not finite": "values of {} are not finite",
     r"time.?limit|took longer": "took longer than the time limit",
 }
-"""What the message of a failed run has, to what is said of all such runs; {} is the component."""
+"""Pattern of the message of a failed run to the cause in words; {} is the component."""
 
 
 class FailedGroup(NamedTuple):
@@ -183,13 +180,13 @@ class FailedGroup(NamedTuple):
     cause: str
     points: Sequence[int]
     where: str
-    """Ranges of the axes that are narrower than those of all points."""
+    """Ranges of the axes, if they are narrower than over all points."""
     message: str
-    """Of the first."""
+    """Message of the first point."""
 
 
 def cause_of(message: str) -> str:
-    """Return what a message has in common with those of other points: without numbers and elements."""
+    """Return the cause that a message shares with other points: its text without numbers and elements."""
     component = re.split(": | failed at ", message, maxsplit=1)[0]
     for pattern, words in _CAUSES.items():
         if re.search(pattern, message):
@@ -216,7 +213,7 @@ def failed_groups(study: StudyTable) -> list[FailedGroup]:
 
 
 def _range(axis: str, values: NDArray[Any], own: NDArray[Any]) -> str:
-    """Return the range of an axis in words; empty if it is that of all points."""
+    """Return the range of an axis in words; empty if all points have the same range."""
     if values.dtype.kind not in "iuf":
         words = sorted(set(map(str, own)))
         return f"{axis} {', '.join(words)}" if len(words) < len(set(map(str, values))) else ""
@@ -229,7 +226,7 @@ def _range(axis: str, values: NDArray[Any], own: NDArray[Any]) -> str:
 def columns_of(study: StudyTable) -> list[dict[str, Any]]:
     """Return the axes that vary, the most influential first, and the measures, each a column with its scale.
 
-    Of a measure of several elements the largest comes before them. Values have six digits; None where a run failed.
+    Of a measure of several elements the largest comes before them. Values have six digits; None for a failed run.
     """
     shown = view(study)
     sides = [(side, True) for side in shown.sides]
@@ -251,10 +248,9 @@ def _column(side: Side, axis: bool) -> dict[str, Any]:
 
 
 def study_content(study: StudyTable) -> dict[str, Any]:
-    """Return what the page shows of the points, without ``changes``, see `base_run`, and the ``reason`` of none."""
+    """Return the data of the points in the page, without ``changes``, see `base_run`, and their ``reason``."""
     package = str(study.facts["source"]).endswith(".ssp")
-    failed = study.failed
-    points = study["point"].tolist()
+    failed, points = study.failed, study["point"].tolist()
     return {
         "points": points,
         "columns": columns_of(study),
@@ -265,33 +261,26 @@ def study_content(study: StudyTable) -> dict[str, Any]:
 
 
 def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]:
-    """Run the scenario of a study in a folder, as it is without the axes; the parameters that each point changes.
+    """Run the scenario of a study without its axes in a folder; return the run and the parameters of each point.
 
-    Options that vary have the values of the best point; points with others have no changes. ``names`` are
-    ``component.variable``, ``rows`` the places of points, ``values`` little-endian numbers, point by point. VdfmuError
-    where it cannot.
+    Options that vary have the values of the best point; points with other values have no changes. ``names`` are
+    ``component.variable``, ``rows`` the places of points, ``values`` little-endian numbers, point by point.
     """
     from vdfmu.study.runs import run
 
     study.require_own()
-    facts, best = study.facts, study.row("best")
-    if str(facts["source"]).endswith(".ssp"):
+    source, best = study.facts["source"], study.row("best")
+    if source.endswith(".ssp"):
         raise UsageError("Only scenarios are simulated in a page.")
-    switched = {axis: best[axis] for axis in study.axes if is_option(axis)}
-    own = [axis for axis in read_axes(facts["axes"]) if not is_option(axis.target)]
-    given: Any = {**facts["options"], "settings": dict(facts["settings"])}
-    system = of_scenario(facts["source"], own, switched, given)
-    table = study.table(study.axes).to_pylist()
-    rows = [k for k, row in enumerate(table) if all(row[axis] == value for axis, value in switched.items())]
-    changes = [system.parameters({axis.target: table[k][axis.target] for axis in own}) for k in rows]
+    system, options = study.system(best)
+    table, switched = study.table(study.axes).to_pylist(), list(filter(is_option, study.axes))
+    rows = [k for k, row in enumerate(table) if all(row[axis] == best[axis] for axis in switched)]
+    changes = [system.parameters({target: table[k][target] for target in system.bindings}) for k in rows]
     names = list(changes[0]) if changes else []
     if len(names) * len(rows) > MOST_VALUES:
         raise UsageError(f"The study has {len(rows)} points with {len(names)} parameters, too much for a page.")
     numbers = np.array([[float(values[name]) for name in names] for values in changes], "<f8")
-    units = dict(given.pop("units", None) or {})
-    units |= {axis.removeprefix("unit:"): value for axis, value in switched.items() if axis.startswith("unit:")}
-    plain = {axis: value for axis, value in switched.items() if not axis.startswith("unit:")}
-    run(facts["source"], out=folder, reference=False, units=units or None, **given, **plain)
+    run(source, out=folder, reference=False, **options)
     return read_run(folder), {"names": names, "rows": rows, "values": packed(numbers, "<f8")}
 
 

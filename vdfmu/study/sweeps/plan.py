@@ -1,4 +1,4 @@
-"""From a scenario or a package and its axes to the systems and points of a parameter study."""
+"""From a scenario or a package and its axes to the checked systems and points of a parameter study."""
 
 from __future__ import annotations
 
@@ -16,19 +16,131 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted
+from vdfmu.base.text import close_to, matching
 from vdfmu.base.version import __version__
 from vdfmu.engine.options import CouplingOptions
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.inputs import read_inputs
+from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.batch.engine import LANES, BatchProgram
 from vdfmu.study.options import ENGINES, PlanOptions, ScenarioOptions
 from vdfmu.study.sweeps.axes import Axis, Points, draw, is_option, read_axes
-from vdfmu.study.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
 from vdfmu.study.sweeps.digest import function_digest
 from vdfmu.study.sweeps.job import AxisBinding, Job, Task, WiredSystem
 from vdfmu.study.sweeps.measures import Measure, read_measures, unit_of
 
+TRACKING = {
+    "error": "rms(trajectory.q_d - plant.q)",
+    "peak_error": "peak(trajectory.q_d - plant.q)",
+    "peak_torque": "peak(controller.tau)",
+}
+"""Measures of a tracking loop, if none are given."""
+
+
+def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict[str, str], tuple[float, float]]:
+    """Check a system, and the axes by one of their values.
+
+    Returns the signals that it can record, the units of its variables by names with and without indices, and start and
+    stop [s].
+    """
+    parameters = dict(system.options.get("parameters", {}))
+    for axis in axes:
+        if axis.target in system.bindings:
+            value = axis.values[0] if axis.values else axis.at(0.5).item()
+            parameters |= system.bindings[axis.target].values(value)
+    with temporary_folder("vdfmu_sweep_") as folder:
+        path = Path(folder, "0.ssp")
+        path.write_bytes(system.content)
+        read = load_ssp(path)
+        checked = check_system(
+            read, parameters, inputs=system.inputs, algorithm=system.options.get("algorithm"),
+            repeats=system.options.get("adaptive") is not None,
+        )  # fmt: skip
+    run = {name: getattr(read.experiment, name) for name in ("start", "stop", "step")} | dict(system.run)
+    missing = [name for name in ("stop", "step") if run[name] is None]
+    if missing:
+        raise UsageError(f"{' and '.join(missing)}: the package says none; give one.")
+    outputs = [
+        f"{name}.{v.name}" for name, each in checked.descriptions.items() for v in each.variables.values()
+        if v.causality == "output"
+    ]  # fmt: skip
+    units: dict[str, str] = {}
+    for name, each in checked.descriptions.items():
+        for v in each.variables.values():
+            if v.unit is not None:
+                units[f"{name}.{v.name}"] = units[f"{name}.{v.name.partition('[')[0]}"] = v.unit.name
+    names = dict.fromkeys([*outputs, *(".".join(link.end) for link in checked.links if link.stepped)])
+    return list(names), units, (run["start"] or 0.0, run["stop"])
+
+
+def check_overlap(axes: Sequence[Axis], system: WiredSystem) -> None:
+    """Raise UsageError for axes without effect, since others after them set the same."""
+    problems: list[str] = []
+    later: dict[str, str] = {}
+    for target in reversed([axis.target for axis in axes if axis.target in system.bindings]):
+        names = system.bindings[target].names
+        over = {later.get(name, later.get(name.partition("[")[0], "")) for name in names}
+        if "" not in over:
+            problems.append(
+                f"{target}: has no effect, as {', '.join(sorted(over))} after it sets the same; leave one out, or give "
+                "the axis of more elements first."
+            )
+        later |= dict.fromkeys(names, target)
+    if problems:
+        raise UsageError("\n".join(problems[::-1]))
+
+
+def try_measures(names: Sequence[str], measures: Sequence[Measure], times: tuple[float, float]) -> None:
+    """Evaluate the expressions on signals of zeros; UsageError for values that no results have."""
+    signals = [Signal(name, "real", "", 0) for name in names]
+    zeros = Results(np.array(times), signals, {"real": np.zeros((2, 1))})
+    problems: list[str] = []
+    for measure in measures:
+        if measure.function is not None:
+            continue
+        try:
+            measure.of(zeros)
+        except UsageError as error:
+            problems.append(str(error))
+    if problems:
+        raise UsageError("\n".join(problems))
+
+
+def default_measures(names: Sequence[str]) -> list[Measure]:
+    """Return the measures of a tracking loop; UsageError for another system."""
+    if not {"trajectory.q_d[1]", "plant.q[1]", "controller.tau[1]"} <= set(names):
+        raise UsageError(
+            "measure: expected at least one, such as 'error=rms(a.x - b.y)'; only the loop of trajectory, controller "
+            "and plant has default measures."
+        )
+    return read_measures(TRACKING)
+
+
+def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[str]) -> list[str]:
+    """Return patterns of the signals to record; UsageError for unknown signals."""
+    known = set(names)
+    groups = {name.partition("[")[0] for name in names}
+    record: list[str] = list(keep)
+    problems = [f"record: no output or connected input is called {k}." for k in keep if not matching(names, [k])]
+    for measure in measures:
+        for signal in measure.signals:
+            if signal in known or signal == "*":
+                record.append(signal)
+            elif signal in groups:
+                record.append(f"{signal}[*")
+            else:
+                way = close_to(signal, [*groups, *names]) or "."
+                problems.append(
+                    f"measure {measure.name} = {measure.text}: no output or connected input is called {signal}{way}"
+                )
+    if problems:
+        raise UsageError("\n".join(problems))
+    return list(dict.fromkeys(record))
+
+
 _FEW = 2 * LANES
-"""Points of a system from which a program is compiled without being asked for."""
+"""Fewest points of a system for a program by default."""
 _MOST_SYSTEMS = 200
 
 
@@ -78,7 +190,7 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
     if len(combinations) > _MOST_SYSTEMS:
         raise UsageError(
             f"{', '.join(axis.target for axis in switches)}: expected at most {_MOST_SYSTEMS} different systems, got "
-            f"{len(combinations)}; each is a package of its own."
+            f"{len(combinations)}; each is a package."
         )
     is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
     wire = _of_package if is_package else of_scenario
@@ -150,7 +262,7 @@ def name_of(scenario: Any) -> str:
 
 
 def digest(*parts: bytes) -> str:
-    """Return a key that tells contents apart."""
+    """Return a short SHA-256 of contents."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
@@ -173,7 +285,7 @@ def _of_package(
     wrong += [axis.target for axis in axes if axis.factor]
     wrong += [name for name in ("backend", "tolerance") if options.get(name) is not None]
     if wrong:
-        raise UsageError(f"{', '.join(wrong)}: for a scenario; {package} is a package, whose units are what they are.")
+        raise UsageError(f"{', '.join(wrong)}: expected a scenario, got the package {package}, whose units are fixed.")
     given: dict[str, Any] = {**options, **switched}
     hold = bool(given.get("input_hold"))
     chosen = {**pick(CouplingOptions, given), "algorithm": given.get("master")}

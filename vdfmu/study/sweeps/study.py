@@ -1,8 +1,11 @@
-"""A study: points, workers that run them, and a ledger that keeps their rows. Sweeps and searches are studies."""
+"""A study: points, workers that run them in chunks, and a ledger that keeps their rows."""
 
 from __future__ import annotations
 
+import os
+import queue
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Self
 
 import numpy as np
@@ -13,14 +16,92 @@ from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.study.options import WorkerOptions
 from vdfmu.study.sweeps.job import Job, Row, Task
 from vdfmu.study.sweeps.ledger import Ledger
-from vdfmu.study.sweeps.local import Chunks, LocalWorkers, processors
+from vdfmu.study.sweeps.worker import Chunks, Worker
+
+_TICK = 0.2
+"""Interval [s] at which Ctrl-C is checked."""
+
+
+def processors() -> int:
+    """Return the number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class LocalWorkers:
+    """Processes on this machine. They live from one set of chunks to the next."""
+
+    def __init__(self, job: bytes, count: int, time_limit: float | None) -> None:
+        self._team = [Worker(job, time_limit) for _ in range(count)]
+        # a thread waits for each process, which ends with the thread that started it
+        self._threads = ThreadPoolExecutor(count)
+
+    def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
+        """Run chunks; call `tell` with rows as they are done, even of a chunk that is interrupted.
+
+        `advance` is called with the number of points done since the last time.
+        """
+        done: queue.SimpleQueue[list[Row] | BaseException | int | None] = queue.SimpleQueue()
+
+        def work(worker: Worker) -> None:
+            rows: list[Row] = []
+            try:
+                while (chunk := chunks.take(2 * len(self._team))) is not None:
+                    rows = []
+                    for row in worker.run(chunk):
+                        rows.append(row)
+                        chunks.note(row["wall_s"])
+                        done.put(1)
+                    done.put(rows)
+                    if len(rows) < len(chunk):
+                        break
+            except BaseException as error:
+                done.put(rows)
+                done.put(error)
+            finally:
+                done.put(None)
+
+        at_work = [self._threads.submit(work, worker) for worker in self._team]
+        busy, failure = len(self._team), None
+        try:
+            while busy:
+                try:
+                    message = done.get(timeout=_TICK)
+                except queue.Empty:
+                    continue
+                if isinstance(message, list):
+                    tell(message)
+                elif isinstance(message, int):
+                    advance(message)
+                elif message is None:
+                    busy -= 1
+                else:
+                    failure = failure or message
+                    chunks.stop()
+            if failure is not None:
+                raise failure
+        finally:
+            chunks.stop()
+            if busy:
+                for worker in self._team:
+                    worker.stop()
+            wait(at_work)
+            with InterruptGuard():
+                while not done.empty():
+                    if isinstance(rows := done.get(), list):
+                        tell(rows)
+
+    def close(self) -> None:
+        """Let the processes end."""
+        for closed in [self._threads.submit(worker.close) for worker in self._team]:
+            closed.result()
+        self._threads.shutdown()
 
 
 class Study:
-    """Points of a job, run by at most `most` workers, which live as long as the study, and kept in a ledger.
+    """Points of a job, run by at most `most` workers that live as long as the study, and kept in a ledger.
 
-    `ask` runs points: a sweep asks for all, a search for a generation. `tell` keeps rows. Rows that a ledger has stay,
-    whatever ends the process: the same study asks for the other points.
+    `ask` runs points: a sweep asks for all, a search for a generation. Rows in the ledger survive the process: the same
+    study asks for the other points.
     """
 
     def __init__(
@@ -47,7 +128,7 @@ class Study:
         self, points: Sequence[int] | NDArray[np.intp], task: Callable[[int], Task],
         advance: Callable[[int], None] = lambda points: None,
     ) -> None:  # fmt: skip
-        """Run points, in ascending order, by their tasks, and tell their rows, in chunks as they are done.
+        """Run points, in ascending order, by their tasks, and keep their rows, in chunks as they are done.
 
         `advance` is called with the number of points done since the last time. VdfmuError if points are missing.
         """
@@ -55,9 +136,7 @@ class Study:
         self._missing = len(points)
         self._workers.run(chunks, self.tell, advance)
         if self._missing:
-            raise VdfmuError(
-                f"{self.ledger.folder}: {self._missing} points are missing: give the same command again to run them."
-            )
+            raise VdfmuError(f"{self.ledger.folder}: {self._missing} points are missing: give the same command again.")
 
     def tell(self, rows: list[Row]) -> None:
         """Keep the rows of consecutive points."""

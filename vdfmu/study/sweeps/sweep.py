@@ -1,4 +1,4 @@
-"""`sweep`: runs of a system at many points, whatever happens in between; and what is made from its table."""
+"""`sweep`: runs of a system at many points, resumed after any interruption; figures, indices and page."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Sweep(StudyTable):
     Examples
     --------
     >>> sweep["controller.K_p"]        # values of an axis, (n,)
-    >>> sweep["error[1]"]              # a measure, NaN where the run failed
+    >>> sweep["error[1]"]              # a measure, NaN if the run failed
     >>> sweep.failed                   # why points failed, by their number
     """
 
@@ -73,15 +73,15 @@ class Sweep(StudyTable):
 def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[SweepOptions]) -> Sweep:
     """Run a scenario or a system package at many points, and keep a row for each.
 
-    Finished points are kept: after Ctrl-C, a kill or a full disk the same call continues where it stopped. A point that
-    fails, crashes its process or hangs is a row with its reason.
+    Finished points are kept: after Ctrl-C, a kill or a full disk the same call resumes. A point that fails, crashes its
+    process or hangs is a row with its reason.
 
     Parameters
     ----------
     scenario : Scenario, str or path
         Loaded, the name of a shipped one, a file, or a system package, ``.ssp``.
     vary : mapping, or sequence of "TARGET=FORM"
-        What varies: ``component.parameter``, ``robot.parameter``, or ``robot``, ``master``, ``step``, ``stop`` and
+        Targets: ``component.parameter``, ``robot.parameter``, or ``robot``, ``master``, ``step``, ``stop`` and
         ``unit:COMPONENT``. Its form is ``lin(a, b)``, ``log(a, b)``, with the number of values as a third for a grid,
         ``normal(mean, deviation)``, ``lognormal(median, deviation of the logarithm)``, or values, ``"1, 2, 5"`` or a
         sequence. A star before it makes them factors of the scenario's values: ``*lin(0.9, 1.1)``.
@@ -91,7 +91,7 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
     Returns
     -------
     Sweep
-        The table of points, which stays on disk.
+        The table of points, on disk.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
         raise UsageError(f"chunk: expected a number of points of at least 1, got {chunk}.")
     check_workers(options)
     plan = make_plan(scenario, vary, **pick(PlanOptions, options))
-    folder = default_folder(scenario) if options["out"] is None else Path(options["out"])
+    folder = Path("results") / f"sweep_{name_of(scenario)}" if options["out"] is None else Path(options["out"])
     with Ledger(folder, plan.facts, plan.key, plan.points, options["overwrite"]) as ledger:
         done = ledger.done(again="" if options["retry"] else KILLED)
         finished, total = int(done.sum()), len(plan)
@@ -119,13 +119,12 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
 
         advance(0)
         if finished < total:
-            with Study(plan.job, ledger, options, total - finished, chunk) as study:
-                study.ask(np.flatnonzero(~done), plan.task, advance)
-        found = Sweep(ledger.finish(), notes=ledger.notes)
-    found.notes += found.undefined()
-    return found
-
-
-def default_folder(scenario: Any) -> Path:
-    """Return ``results/sweep_NAME``."""
-    return Path("results") / f"sweep_{name_of(scenario)}"
+            try:
+                with Study(plan.job, ledger, options, total - finished, chunk) as study:
+                    study.ask(np.flatnonzero(~done), plan.task, advance)
+            except KeyboardInterrupt as error:
+                error.add_note(f"Finished points are in {folder}: give the same command again to go on.")
+                raise
+        study_table = Sweep(ledger.finish(), notes=ledger.notes)
+    study_table.notes += study_table.undefined()
+    return study_table

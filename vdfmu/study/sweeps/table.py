@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from vdfmu.engine.results.parquet import needed
 from vdfmu.study.report.sheets import Sheet
 from vdfmu.study.run.summary_keys import ANY, TEXT, WHOLE, Keyed, List, Record, typed
 from vdfmu.study.sweeps.axes import is_option, read_axes
+from vdfmu.study.sweeps.job import WiredSystem
 from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
 
 _FACTS = Record({
@@ -90,7 +91,7 @@ class StudyTable:
             raise UsageError(f"{self.path}: its files have columns that do not fit together: {error}.") from None
 
     def __getitem__(self, column: str) -> NDArray[Any]:
-        """Return a column, shape (n,); UsageError if there is none of that name."""
+        """Return a column, shape (n,); UsageError for an unknown name."""
         return self.table([column])[column].to_numpy(zero_copy_only=False)
 
     def __len__(self) -> int:
@@ -109,7 +110,7 @@ class StudyTable:
         }
 
     def elements(self, by: str | None = None) -> list[str]:
-        """Return the columns of a measure, default the first, or a column itself; UsageError if there is none."""
+        """Return the columns of a measure, default the first, or a column itself; UsageError for an unknown name."""
         name = by or next(iter(self.facts["measures"]), "")
         columns = [c for c in self.columns if name in (c, c.partition("[")[0])]
         if not columns and name in self.facts["measures"]:
@@ -120,7 +121,7 @@ class StudyTable:
         return columns
 
     def values(self, by: str | None = None) -> Floats:
-        """Return a column, or the largest element of a measure, at each point, (n,); NaN where it failed."""
+        """Return a column, or the largest element of a measure, at each point, (n,); NaN if the run failed."""
         table = self.table(self.elements(by))
         return np.max([column.to_numpy().astype(float) for column in table.columns], axis=0)
 
@@ -144,16 +145,13 @@ class StudyTable:
         return rows
 
     def undefined(self) -> list[str]:
-        """Return a note for each column of a measure that has no finite value at points that did not fail."""
+        """Return a note for each column of a measure without a finite value at points that did not fail."""
         points, failed = self["point"], [*self.failed]
         counts = {c: int(np.sum(~np.isfinite(self[c]) & ~np.isin(points, failed))) for c in self.measures}
         return [f"{c} has no finite value at {n} of {len(points)} points." for c, n in counts.items() if n]
 
     def row(self, which: int | str, by: str | None = None) -> dict[str, Any]:
-        """Return a point: its number, or ``worst`` or ``best``, the largest or smallest value of the measure `by`.
-
-        Of a measure the largest element counts; `by` may be a column too, by default it is the first measure.
-        """
+        """Return a point: its number, or ``worst`` or ``best`` by the largest element of a measure, or by a column."""
         if which in ("worst", "best"):
             values = self.values(by)
             if not np.isfinite(values).any():
@@ -178,41 +176,39 @@ class StudyTable:
     def options(self, which: int | str = "worst", by: str | None = None, *, trust: bool = False) -> dict[str, Any]:
         """Return the options of `vdfmu.run` for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
 
-        If the scenario, or a file that it names, has changed since the study, `notes` says so.
-
-        Raises
-        ------
-        UsageError
-            See `row`; for a study of a package, of inputs that were not a file, or, without `trust`, from elsewhere.
+        `notes` says if the scenario, or a file that it names, has changed since the study. UsageError: see `row`; for a
+        study of a package, of inputs that were not a file, or, without `trust`, from elsewhere.
         """
-        from vdfmu.study.sweeps.plan import digest, of_scenario
+        from vdfmu.study.sweeps.plan import digest
 
         self.require_own(trust)
-        row = self.row(which, by)
-        options = {"scenario": self.facts["source"], **self.facts["options"]}
-        settings: dict[str, Any] = dict(self.facts["settings"])
-        if options["scenario"].endswith(".ssp"):
+        row, source, was = self.row(which, by), self.facts["source"], self.facts["systems"]
+        if source.endswith(".ssp"):
             values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
-            raise UsageError(
-                f"{self.path}: is a study of a package: 'vdfmu run {options['scenario']}' runs it, with {values}."
-            )
-        own = [axis for axis in read_axes(self.facts["axes"]) if not is_option(axis.target)]
-        switched = {axis: row[axis] for axis in self.axes if is_option(axis)}
-        given: Any = {**self.facts["options"], "settings": settings}
-        system = of_scenario(options["scenario"], own, switched, given)
-        was = self.facts["systems"]
-        if digest(system.content) not in [known["package"] for known in was]:
-            self.notes.append(f"{options['scenario']}: its values, units or robot are not those of the study any more.")
-        if [table.digest for table in system.inputs] not in [known["inputs"] for known in was]:
-            self.notes.append(f"{options['scenario']}: its inputs are not those of the study any more.")
+            raise UsageError(f"{self.path}: is a study of a package: 'vdfmu run {source}' runs it, with {values}.")
+        system, options = self.system(row)
+        if digest(system.content) not in [each["package"] for each in was]:
+            self.notes.append(f"{source}: its values, units or robot have changed since the study.")
+        if [table.digest for table in system.inputs] not in [each["inputs"] for each in was]:
+            self.notes.append(f"{source}: its inputs have changed since the study.")
         for target, binding in system.bindings.items():
-            settings |= binding.values(row[target])
+            options["settings"] |= binding.values(row[target])
+        return {"scenario": source, **options}
+
+    def system(self, row: Mapping[str, Any]) -> tuple[WiredSystem, dict[str, Any]]:
+        """Return the system of a point, and the options of its run, without the parameters that vary."""
+        from vdfmu.study.sweeps.plan import of_scenario
+
+        switched = {axis: row[axis] for axis in self.axes if is_option(axis)}
+        axes = [axis for axis in read_axes(self.facts["axes"]) if not is_option(axis.target)]
+        options: Any = {**self.facts["options"], "settings": dict(self.facts["settings"])}
+        system = of_scenario(self.facts["source"], axes, switched, options)
         for axis, value in switched.items():
             if axis.startswith("unit:"):
-                options["units"] = {**options.get("units", {}), axis.removeprefix("unit:"): value}
+                options["units"] = {**(options.get("units") or {}), axis.removeprefix("unit:"): value}
             else:
                 options[axis] = value
-        return {**options, "settings": settings}
+        return system, options
 
     def to_pandas(self) -> Any:
         """Return a ``pandas.DataFrame``."""
@@ -233,31 +229,12 @@ class Side:
     values: Floats
     """(n,): Numbers; for words, their places in `words`."""
     log: bool = False
-    """Whether its scale is logarithmic."""
     words: tuple[str, ...] = ()
-    """Its values, if they are not numbers."""
 
     @property
     def label(self) -> str:
         """Name and unit."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
-
-    @property
-    def scaled(self) -> Floats:
-        """Values between 0 and 1 on the side's scale, NaN where there is none."""
-        x = self.on_scale(self.values)
-        low, high = np.nanmin(x), np.nanmax(x)
-        return (x - low) / (high - low) if high > low else np.where(np.isnan(x), x, 0.5)
-
-    def on_scale(self, values: Floats) -> Floats:
-        """Return values, or their logarithms for a logarithmic side."""
-        return np.log(values) if self.log else values
-
-    def at(self, scaled: Floats) -> Floats:
-        """Return the values at places between 0 and 1 of the side's scale."""
-        x = self.on_scale(self.values)
-        found = np.nanmin(x) + scaled * (np.nanmax(x) - np.nanmin(x))
-        return np.exp(found) if self.log else found
 
     def text(self, value: float) -> str:
         """Return a value as it is written next to an axis."""
@@ -273,15 +250,14 @@ class View:
     """Name as requested."""
     sides: list[Side]
     value: Side
-    """The measure."""
     failed: NDArray[np.bool_]
     """(n,): Points without a value."""
     text: str
-    """Its expression."""
+    """Expression of the measure."""
 
 
 def view(study: StudyTable, measure: str | None = None) -> View:
-    """Read the data in figures of a measure, or of one of its columns; UsageError if there are none."""
+    """Read the data in figures of a measure, or of one of its columns; UsageError if all failed."""
     columns = study.elements(measure)
     values = study.values(measure)
     name, units = columns[0].partition("[")[0], study.facts["units"]

@@ -1,16 +1,17 @@
-"""A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs."""
+"""Workers of a parameter study: processes that run chunks of points, replaced if a point kills them or hangs."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from itertools import takewhile
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import temporary_folder
@@ -31,11 +32,58 @@ _HEAD = {"point": int, "failed": (str, type(None)), "failed_at": (float, int, ty
 """Keys that each row has, and their types; the others are measures."""
 
 
-class Worker:
-    """Runs points of a pickled `Job` in a process of its own, which lives from point to point.
+LARGEST = 50
+"""Most points in a chunk."""
+_SECONDS = 10.0
+"""Time [s] that a chunk should take: the most that is lost when all is killed."""
 
-    A point has the time `time_limit` [s]; beyond it the process is ended.
+
+class Chunks:
+    """Hands out consecutive `points` in their order, as many as take some seconds, fewer towards the end.
+
+    A chunk has the tasks of `size` points, by default by the time that they take, at most `LARGEST`; and a multiple of
+    the number of points that run side by side, `together`.
     """
+
+    def __init__(
+        self, points: NDArray[np.intp], task: Callable[[int], Task], size: int | None = None, together: int = 1
+    ) -> None:
+        self._open = points
+        self._task, self._size, self._next, self._together = task, size, 0, together
+        self._lock = threading.Lock()
+        self._points, self._seconds = 0, 0.0
+
+    def note(self, seconds: float) -> None:
+        """Take into account how long a point took."""
+        with self._lock:
+            self._points += 1
+            self._seconds += seconds
+
+    def take(self, parts: int) -> list[Task] | None:
+        """Return the next chunk, by default at most one of `parts` of the rest; None at the end."""
+        with self._lock:
+            size = self._size
+            if size is None:
+                mean = self._seconds / self._points if self._points else np.inf
+                size = int(np.clip(_SECONDS / mean, 1, LARGEST)) if mean > 0.0 else LARGEST
+                size = min(size, -(-(len(self._open) - self._next) // parts))
+                size = -(-size // self._together) * self._together
+            part = self._open[self._next : self._next + size]
+            if not len(part):
+                return None
+            gaps = np.flatnonzero(np.diff(part) > 1)
+            part = part[: gaps[0] + 1] if len(gaps) else part
+            self._next += len(part)
+        return [self._task(int(point)) for point in part]
+
+    def stop(self) -> None:
+        """Hand out no more chunks."""
+        with self._lock:
+            self._next = len(self._open)
+
+
+class Worker:
+    """Runs points of a pickled `Job` in one process; a point that takes longer than `time_limit` [s] ends it."""
 
     def __init__(self, job: bytes, time_limit: float | None = None) -> None:
         self._job = job
@@ -104,7 +152,7 @@ class Worker:
             child.kill()
 
     def close(self) -> None:
-        """Let the process end, and remove what it left in its temporary folder."""
+        """Let the process end, and remove its temporary folder."""
         with self._folders:
             if self._child is not None:
                 self._end(self._child)
@@ -118,9 +166,7 @@ class Worker:
         if isinstance(ready, list):
             self._together = ready
         elif not self._stopped.is_set():
-            raise VdfmuError(
-                f"a worker could not be started: {ready}. The package must be importable, with what its measures need."
-            )
+            raise VdfmuError(f"a worker could not be started: {ready}. Check that its measures can be imported.")
 
     def _reply(self, child: Child) -> Any:
         """Return the next message, or, as text, why none came."""
@@ -138,7 +184,7 @@ class Worker:
         return f"a component ended the process (exit code {code}){f': {shown(last)}' if last else ''}"
 
     def _end(self, child: Child) -> tuple[int, str]:
-        """End the process; return its exit code and the end of what it printed."""
+        """End the process; return its exit code and the end of its output."""
         self._child = None
         code, _, said = child.end()
         self._folders.close()
@@ -158,9 +204,6 @@ def _rows(message: Any, points: Sequence[int]) -> list[Row] | str:
     if not good:
         return _WRITTEN
     try:
-        return [
-            {key: np.array(value, float) if isinstance(value, list) else value for key, value in row.items()}
-            for row in message
-        ]
+        return [{k: np.array(v, float) if isinstance(v, list) else v for k, v in row.items()} for row in message]
     except (ValueError, TypeError):
         return _WRITTEN

@@ -25,8 +25,7 @@ from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOp
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.study import check_workers
-from vdfmu.study.tuning.evaluate import Evaluations, Score, SpentError
-from vdfmu.study.tuning.problem import make_problem
+from vdfmu.study.tuning.problem import Evaluations, Score, SpentError, make_problem
 from vdfmu.system.scenario.values import group_value
 
 _MISSED = 10.0
@@ -40,7 +39,7 @@ _TRUST = (0.1, 1e-3)
 
 
 def objective(score: Score, start: Score) -> float:
-    """Mean of the elements of the cost relative to the start's; more than 10 where a constraint is missed."""
+    """Mean of the elements of the cost relative to the start's; more than 10 if a constraint is missed."""
     if score.failed:
         return math.inf
     if (score.excess > 0.0).any():
@@ -181,15 +180,15 @@ class Tuned:
 def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[TuneOptions]) -> Tuned:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
-    Every run is kept: after Ctrl-C or a kill the same call continues where it stopped. So does one with more
-    evaluations or another method, which reuses the runs that it needs and finds.
+    Every run is kept: after Ctrl-C or a kill the same call resumes. A call with more evaluations or another method
+    reuses the runs that it needs.
 
     Parameters
     ----------
     scenario : Scenario, str or path
         Loaded, the name of a shipped one, or a file. The search begins at its values.
     vary : mapping, or sequence of "TARGET" or "TARGET=FORM"
-        What varies, element by element: ``controller.K_p``. Its form is ``lin(a, b)`` or ``log(a, b)``; after a star
+        Parameters, element by element: ``controller.K_p``. Its form is ``lin(a, b)`` or ``log(a, b)``; after a star
         factors of the scenario's values. Default ``*log(0.1, 10)``.
     cost : str or callable
         An expression of the signals as in a sweep, such as ``worst(rms(trajectory.q_d - plant.q))``, or a function of
@@ -239,9 +238,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
         if before.failed:
             found.notes.append(f"{before.failed} of the runs with the scenario's own values failed.")
         if options["margin"] == "same" and not problem.margin.all():
-            found.notes.append(
-                "margin: a mode grows at the start, so that same asks of its loops that none grows faster."
-            )
+            found.notes.append("margin: a mode grows at the start, so same demands that none grows faster.")
         loops = problem.loops(after.values)
         if not after.feasible:
             found.notes.append("no values within the limits and the margin were found; more evaluations may find some.")

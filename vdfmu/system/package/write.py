@@ -73,29 +73,34 @@ def write_ssp(
 ) -> Path:  # fmt: skip
     """Write the system of a scenario as a package with its FMUs.
 
-    It holds the structure with its diagram, parameter sets for robot and scenario, parameter mappings if names differ,
-    and ``documentation/index.html``. The same arguments give the same bytes.
+    It holds the structure with its diagram, parameter sets for robot and scenario, parameter mappings where names
+    differ, and ``documentation/index.html``. The same arguments give the same bytes.
 
     Parameters
     ----------
     scenario : Scenario
     fmus : mapping of component to path
         FMUs from :func:`vdfmu.build_fmus`, for the scenario's robot: FMI 2.0 for SSP 1.0, FMI 3.0 for SSP 2.0.
-        Components that the system lacks are ignored.
+        Those that the scenario's system does not have are left out.
     path : path
         File to write, ``name.ssp``.
     values : mapping of component to mapping of variable to value, optional
-        Parameter values, by default :func:`vdfmu.system.scenario.values.system_values`.
+        Parameter values, see :func:`vdfmu.system.scenario.values.system_values`; default those of robot and scenario.
     version : "1.0" or "2.0", optional
-        Version of SSP. With 2.0 connectors and parameters are arrays if the units of FMI 3.0 have arrays.
+        Version of SSP. With 2.0 connectors and parameters are arrays where the units of FMI 3.0 have arrays.
     mixed : bool, optional
-        Whether to mix FMUs of FMI 2.0 and 3.0, for this project's master only: SSP 1.0 then has the elements of arrays
-        of FMI 3.0 as connectors.
+        Whether FMUs of FMI 2.0 and 3.0 may go together, for this project's master: with SSP 1.0, the connectors of
+        arrays of FMI 3.0 are their elements, which other tools do not read so.
+
+    Returns
+    -------
+    Path
+        `path`.
 
     Raises
     ------
     UsageError
-        For an unknown version, FMUs that the version cannot hold, or components without FMU.
+        For an unknown version, FMUs that the version cannot hold, or components without one.
     StorageError
         If an FMU cannot be read, or the file cannot be written or is not a regular file.
     """

@@ -41,22 +41,27 @@ def scenario_names() -> list[str]:
 
 
 def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | None = None) -> Scenario:
-    """Load a shipped scenario by its name, or a scenario from a TOML file.
+    """Load a scenario by the name of a shipped one or by the path of a TOML file.
 
     Parameters
     ----------
     path_or_name : str or path
         See `load_robot`. A relative path of a robot in the file starts at the file's folder.
     robot : Robot, str or None
-        Robot that overrides the robot of the file. A str as for `load_robot`. The paper's numbers are left out if its
-        numbers differ from the file's robot.
+        Robot instead of the one that the file names, or of none where a component takes it; a str as for `load_robot`.
+        The paper's numbers are left out where it has other numbers than the file's.
+
+    Returns
+    -------
+    Scenario
 
     Raises
     ------
     UsageError
-        For an unknown name of a scenario or robot, or a robot that no component takes.
+        If no shipped scenario, or robot given here, has the name; for a robot that neither file nor components have use
+        for.
     ModelError
-        If the scenario or its robot has problems. It lists all problems of both files.
+        If the scenario or its robot has problems; it lists every one of both files.
     """
     path = locate(path_or_name, "scenarios")
     data = read_toml(path)
