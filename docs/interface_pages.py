@@ -199,7 +199,10 @@ a file is reported at once. Beside the numbers below it has
 | `friction` | `"lumped"` (default) or `"split"`: [friction](model.md#friction) |
 | `rotor_coupling` | `true` (default) or `false`: [the rotor as a body](model.md#the-rotor-as-a-body) |
 | `moving_base`, `coupled_tool` | `false` (default) or `true`: [coupled ends](world.md) |
+| `folded` | `true` (default) or `false`: [zeros as parameters](native.md#limits) |
 | `type` of a joint | `"revolute"` or `"prismatic"` |
+| `stiffness` in `[joints.drive]` | linear spring, link-side, N.m/rad [N/m]: instead of `K_f0`, `c_f`, `K_w0`, `c_w` |
+| `rotor_inertia` in `[joints.drive]` | of the motor, kg.m2: instead of `I_m`, which is `ell` times as large |
 | `gear`, `motor` of a joint | [a name in the catalogue](drives.md#the-catalogue) |
 | `[sources]` | `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one |
 | `[[visuals]]` | shapes of the links, for views only |

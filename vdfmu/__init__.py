@@ -6,8 +6,8 @@ Python API
     One FMU of a unit; a system as an object, of FMUs and connections, or of a package, an FMU or a scenario.
 ``load_robot``, ``load_scenario``, ``load_motion``
     A robot, scenario or motion of a file, shipped ones by name; ``vdfmu.motion`` has functions that make motions.
-``robot_from_urdf``, ``robot_from_mjcf``
-    An arm of a file of another tool.
+``robot_from_urdf``, ``robot_from_mjcf``, ``export_robot``
+    An arm of a file of another tool, and a robot as such a file.
 ``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
     Rigid links, link-side torques, one state or a batch.
 ``linearize``, ``natural_modes``
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         jacobian,
         mass_matrix,
     )
+    from vdfmu.arm.export import export_robot
     from vdfmu.arm.fmus import build, build_fmus
     from vdfmu.arm.imports import robot_from_mjcf, robot_from_urdf
     from vdfmu.arm.motion.read import load_motion
@@ -81,6 +82,7 @@ _NAMES = {
     "vdfmu.engine.package.limits": ("package_limit",),
     "vdfmu.base.errors": ("VdfmuError",),
     "vdfmu.arm.fmus": ("build", "build_fmus"),
+    "vdfmu.arm.export": ("export_robot",),
     "vdfmu.study.connected": ("System", "connect", "load"),
     "vdfmu.arm.robot": ("Robot", "load_robot", "robot_names"),
     "vdfmu.arm.motion.read": ("load_motion",),
@@ -99,7 +101,7 @@ _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "Animation", "ArmEnv", "ArmVectorEnv", "Environment", "LiveView", "Modes", "Results", "Robot", "RobotView",
     "Scenario", "Simulator", "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build",
-    "build_fmus", "connect", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque",
+    "build_fmus", "connect", "export_robot", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque",
     "inverse_dynamics", "jacobian", "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp",
     "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run",
     "scenario_names", "simulate", "sweep", "tune", "write_container", "write_ssp",

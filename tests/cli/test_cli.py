@@ -8,6 +8,7 @@ import sys
 import tomllib
 import zipfile
 
+import fmpy
 import pytest
 
 from tests.conftest import TYPICAL
@@ -53,6 +54,35 @@ def test_build_efmus_of_a_scenario_and_of_a_unit_by_name(tmp_path):
     assert one.returncode == 0, one.stderr
     with zipfile.ZipFile(tmp_path / "one" / "NotchFilter.fmu") as archive:
         assert b"30.0f, 30.0f" in archive.read("eFMU/ProductionCode/NotchFilter.c")
+
+
+SYSTEM = ["Feedforward", "PDController", "Plant", "Trajectory"]
+LOADED = ("--robot", "planar_2dof", "--set")
+
+
+@pytest.mark.parametrize(
+    ("words", "files", "starts"),
+    [
+        (("Plant", *LOADED, "payload_mass=2", "--set", "gravity[1]=3"), ["Plant"], ("2.0", "3.0")),
+        (("plant", "--robot", "planar_2dof", "--no-folded"), ["Plant"], ("0.0", "0.0")),
+        (("--robot", "planar_2dof"), SYSTEM, (None, None)),
+        (("reach", *LOADED, "plant.payload_mass=2", "--set", "plant.gravity[1]=3"), SYSTEM, ("2.0", "3.0")),
+        (("planar_tracking", "--no-folded"), SYSTEM, ("0.0", "0.0")),
+    ],
+)  # fmt: skip
+def test_build_does_what_its_words_say(tmp_path, words, files, starts):
+    done = vdfmu("build", *words, "--backend", "python", "--out", "fmus", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.stem for path in (tmp_path / "fmus").iterdir()) == files
+    variables = fmpy.read_model_description(str(tmp_path / "fmus" / "Plant.fmu")).modelVariables
+    of_plant = {v.name: v.start for v in variables}
+    assert (of_plant.get("payload_mass"), of_plant.get("gravity[1]")) == starts
+
+
+def test_a_unit_is_built_before_a_scenario_of_its_name(tmp_path):
+    done = vdfmu("build", "wall", "--backend", "python", "--out", "fmus", cwd=tmp_path)
+    assert [path.name for path in (tmp_path / "fmus").iterdir()] == ["Wall.fmu"], done.stderr
+    assert "the unit wall. For the scenario: 'vdfmu scenario show wall > my.toml'" in " ".join(done.stderr.split())
 
 
 @pytest.mark.heavy

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -38,8 +40,8 @@ if TYPE_CHECKING:
 
 
 def build(
-    scenario: Annotated[str, Positional("Scenario, or a unit.", metavar="[SCENARIO|UNIT]",
-        more="A name or a file; a unit is controller, my_unit.py or my_units.py:Name.")] = "tracking",
+    scenario: Annotated[str, Positional("Unit, or a scenario.", metavar="[UNIT|SCENARIO]",
+        more="A unit is plant, my_unit.py or my_units.py:Name. Default: tracking, or reach with --robot.")] = "",
     robot: RobotOption = None,
     out: Annotated[Path, Option("Folder of the FMUs.")] = Path("fmus"),
     backend: BackendOption = None,
@@ -51,9 +53,11 @@ def build(
     precision: Annotated[str, Option("Floating-point type of eFMI code.", choices=("double", "float32"))] = "double",
     step: Annotated[float | None, Option("Step of eFMI code in s.", more="Default: the scenario's, or 0.001.")] = None,
     settings: SetOption = None,
+    folded: Annotated[bool, Option("Fix zeros of gravity, centres of mass and tool.", more="The fastest form.")] = True,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
-    """Build the FMUs of a scenario, or the FMU of a unit. The scenario's values are their start values."""
+    """Build the FMU of a unit, or the FMUs of a scenario. The scenario's values are their start values."""
+    scenario = scenario or ("tracking" if robot is None else "reach")
     chosen = None if _is_unit(scenario) else load(scenario, robot, settings)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
@@ -61,6 +65,7 @@ def build(
     from vdfmu.compiler.fmu.build import unit_name
     from vdfmu.study.run.scenario_run import prepare
     from vdfmu.system.package.write import build_parts, left_out
+    from vdfmu.system.scenario.replace import robot_for
     from vdfmu.system.scenario.values import start_values
 
     asked: Any = {"backend": backend, "fmi_version": fmi, "platforms": platform, "sources": sources, "target": target,
@@ -68,26 +73,34 @@ def build(
     with replacing_foreign(overwrite):
         if chosen is None:
             unit = find_unit(scenario)
-            fixed = load_robot(robot) if robot is not None else None
+            fixed = robot_for(load_robot(robot), settings or {}) if robot is not None else None
+            fixed = fixed if folded or fixed is None else fixed.unfolded()
+            if scenario in shipped_names("scenarios"):
+                say_notes([f"the unit {scenario}. For the scenario: 'vdfmu scenario show {scenario} > my.toml'."])
             values = {unit_name(unit): start_values(unit, fixed, settings or {})}
             asked["step"] = 1e-3 if step is None else step
             built = build_fmus(fixed, out, units=[unit], start_values=values, **asked)
         else:
             if step is not None:
                 chosen = prepare(chosen, step=step)
+            if not folded and chosen.robot is not None:
+                chosen = replace(chosen, robot=chosen.robot.unfolded())
             built = build_parts(chosen, out, _values(chosen, backend, settings), **asked)
             say_notes(left_out(chosen, target))
     say_written(*dict.fromkeys(built.values()))
 
 
 def _is_unit(name: str) -> bool:
-    """Whether the name or file to build is a unit; a scenario of the same name goes first."""
+    """Whether a name or a file is a unit, which goes before a scenario of the same name."""
     if name.partition(":")[0].endswith(".py"):
         return True
-    units = {path.stem for path in (PACKAGE / "arm" / "units").rglob("[!_]*.py")}  # to import them takes long
-    if name in shipped_names("scenarios") or Path(name).suffix or Path(name).is_file():
+    if Path(name).suffix or Path(name).is_file():
         return False
-    return name in units or added("units", name)
+    files = list((PACKAGE / "arm" / "units").rglob("[!_]*.py"))  # to import them takes long
+    classes = (re.findall(r"^class (\w+)\(", path.read_text(encoding="utf-8"), re.MULTILINE) for path in files)
+    if name in {path.stem for path in files}.union(*classes):
+        return True
+    return name not in shipped_names("scenarios") and added("units", name)
 
 
 def _values(scenario: Scenario, backend: str | None, settings: Mapping[str, str] | None) -> dict[str, dict[str, Any]]:

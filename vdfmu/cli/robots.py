@@ -1,4 +1,4 @@
-"""``vdfmu robot list``, ``show``, ``import``, ``reach`` and ``drives``."""
+"""``vdfmu robot list``, ``show``, ``import``, ``export``, ``reach`` and ``drives``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from vdfmu.cli.terminal import (
     target_file,
 )
 
-app = App("robot", no_args_is_help=True, help="List and show robots, and import them from files of other tools.")
+app = App("robot", no_args_is_help=True, help="List, show, import and export robots.")
 
 
 @app.command("list", example="vdfmu robot list")
@@ -100,6 +100,28 @@ def import_file(
         names = ", ".join(key.removeprefix("joints.") for key in dict.fromkeys(assumed))
         say_notes([f"assumed: {names}. Give known values by --drives."])
     say_written(target, more=f", {robot.n} joint{'s' * (robot.n > 1)}")
+
+
+@app.command("export", example="vdfmu robot export ur5e_6dof --to mjcf")
+def export_file(
+    robot: RobotArgument,
+    to: Annotated[str | None, Option("Default by the suffix of -o, else mjcf.", choices=("mjcf", "urdf"))] = None,
+    out: Annotated[Path | None, Option("File to write (default ROBOT.xml or ROBOT.urdf).")] = None,
+    rigid: Annotated[bool, Option("MJCF without springs; rotors are armature.")] = False,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write a robot as MJCF or URDF.
+
+    Notes name the numbers that the file does not have.
+    """
+    from vdfmu.arm.export import export_robot
+    from vdfmu.base.toml_file import locate
+
+    suffix = ".urdf" if to == "urdf" else ".xml"
+    target = target_file(out, f"{locate(robot, 'robots').stem}{suffix}", overwrite)
+    notes = export_robot(robot, target, to, rigid=rigid)
+    say_notes([f"not in {target.name}: {note}" for note in notes])
+    say_written(target)
 
 
 @app.command("reach", example="vdfmu robot reach ./panda.toml -o reach.toml")

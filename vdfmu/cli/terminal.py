@@ -160,14 +160,17 @@ def load(scenario: str, robot: str | None, settings: Mapping[str, str] | None = 
             locate(robot, "robots")
         from vdfmu.study.analysis.reach import reach_scenario
 
-        return reach_scenario(robot)
-    locate(scenario, "scenarios")
-    if robot is not None:
-        locate(robot, "robots")
-    from vdfmu.system.scenario import load_scenario
-    from vdfmu.system.scenario.replace import with_payload
+        loaded = reach_scenario(robot)
+    else:
+        locate(scenario, "scenarios")
+        if robot is not None:
+            locate(robot, "robots")
+        from vdfmu.system.scenario import load_scenario
 
-    return with_payload(load_scenario(scenario, robot), settings or {})
+        loaded = load_scenario(scenario, robot)
+    from vdfmu.system.scenario.replace import with_parameters
+
+    return with_parameters(loaded, settings or {})
 
 
 def folder_is_gone() -> bool:

@@ -10,6 +10,7 @@ from tests.arm.imports.conftest import ARM, LIMIT, joint, link
 from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot.catalogue import catalogue
 from vdfmu.arm.robot.parameters import PARAMETERS, section
+from vdfmu.arm.robot.plain import PLAIN
 from vdfmu.base.files import data_path
 from vdfmu.base.measure import measure
 
@@ -89,6 +90,23 @@ def test_a_file_of_drives_comes_before_the_robots_own(urdf, tmp_path):
     assert robot.source_of("joints[2].friction.f_v") == "drives.toml: b"
 
 
+def test_a_file_of_drives_has_plain_words(urdf, tmp_path):
+    drives = tmp_path / "drives.toml"
+    drives.write_text(
+        '["*"]\nsource = "sheet"\ndrive = { ell = 50.0, stiffness = 2e4, rotor_inertia = 1e-4 }\n', "utf-8"
+    )
+    robot = vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
+    assert (robot.K_f0.tolist(), robot.I_m.tolist(), robot.K_w0.tolist()) == ([2e4] * 3, [5e-3] * 3, [1e11] * 3)
+    assert robot.source_of("joints[3].drive.K_f0") == "stiffness = 20000 N/m; sheet"
+    drives.write_text('["*"]\ndrive = { stiffness = 2e4, K_w0 = 1.0, rotor_inertia = 1e-4 }\n', encoding="utf-8")
+    with pytest.raises(vdfmu.VdfmuError) as error:
+        vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
+    assert [problem.partition(": ")[2] for problem in error.value.problems] == [
+        "*.drive.stiffness: expected stiffness or K_f0, c_f, K_w0, c_w, got stiffness and K_w0. Delete one.",
+        "*.drive.rotor_inertia: expected ell beside it, got nothing. I_m is ell * rotor_inertia: add ell.",
+    ]
+
+
 def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path):
     drives = tmp_path / "drives.toml"
     drives.write_text(
@@ -102,7 +120,7 @@ def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path):
         "a.engine: expected a known key, got an unknown one. "
         "There are: gear, motor, drive, friction, limits, link, source.",
         "a.drive.gear: expected a known key, got an unknown one. There are: "
-        + ", ".join(row.key for row in section("drive")) + ".",
+        + ", ".join([*(row.key for row in section("drive")), *PLAIN]) + ".",
         "a.drive.ell: expected a finite number >= 1, got 0.5. Give the rotor angle for one unit of joint motion.",
         'a.friction.f_c: expected a finite number >= 0 in N.m, got "low". Write a number. '
         "It is the coulomb friction, link-side, Eq. (54).",

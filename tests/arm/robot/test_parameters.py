@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.kernel import Kernel
+from vdfmu.arm.robot import Robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, NOT_BALANCED, NOT_INVERTED, OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.robot import JOINT_TYPES
 from vdfmu.arm.units.plant import Plant
@@ -20,6 +21,7 @@ from vdfmu.base.measure import measure
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.replace import robot_for
 
 PACKAGE = Path(vdfmu.__file__).parent
 ROW = '    k_new: Array = row("drive", "stiffness", "new stiffness, Eq. {}", "(99)", 1e3, POSITIVE, default=2.0)\n'
@@ -142,10 +144,10 @@ def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name):
     table = f"arm/drive/{row.section}.py" if row.section in JOINT_OPTIONS else "arm/robot/parameters.py"
     assert table in files
     # what is estimated from a log is named where it is estimated, what laws are not told of there; letters of devices
-    # are their own
+    # are their own; files of other tools and plain words have other names
     named = (
         "arm/equations/", "arm/drive/", "arm/world/", "arm/units/devices/", "arm/robot/plausible.py", "study/identify/",
-        "study/run/accuracy.py",
+        "study/run/accuracy.py", "arm/export.py", "arm/robot/plain.py",
     )  # fmt: skip
     others = {path for path in files if not path.startswith(named)}
     if row.section in JOINT_OPTIONS and name in {**NOT_INVERTED, **NOT_BALANCED}:
@@ -171,6 +173,35 @@ def test_a_robot_has_the_flags_and_shapes_of_the_table_and_no_parameters_of_an_i
     assert not any(row.is_free(robot, index) for index in np.ndindex(3, 3))
     heavy = robot.with_parameters(payload_inertia=np.eye(3))
     assert [i for i in np.ndindex(3, 3) if row.is_free(heavy, i)] == [(0, 0), (1, 1), (2, 2)]
+
+
+def test_an_unfolded_robot_has_its_zeros_as_parameters(draw):
+    folded = load_robot("planar_2dof")
+    robot = folded.unfolded()
+    names = {p.name for p in robot.entries()} - {p.name for p in folded.entries()}
+    assert names == {
+        "gravity[1]", "gravity[2]", "tool_offset[2]", "tool_offset[3]", "payload_mass", "payload_centroid[1]",
+        "payload_centroid[2]", "payload_centroid[3]", "centroid[1,2]", "centroid[1,3]", "centroid[2,2]",
+        "centroid[2,3]",
+    }  # fmt: skip
+    again = robot_from_dict(robot.to_dict())
+    assert not again.folded and again.key() == robot.key() != folded.key()
+    kernels, sizes = [Kernel(each, None) for each in (folded, robot)], [2, 2, 2, 6]
+    for state in draw(folded, 3, seed=4):
+        columns = [state.q, state.q_dot, state.q_ddot, state.F_e]
+        torques = [kernel.rows("inverse_dynamics", columns, sizes) for kernel in kernels]
+        np.testing.assert_array_equal(*torques)
+
+
+def test_a_file_can_be_unfolded_and_settings_unfold():
+    data = load_robot("planar_2dof").to_dict()
+    assert robot_from_dict(data | {"folded": False}).payload
+    robot = robot_from_dict(data)
+    assert robot_for(robot, ["plant.mass[1]", "plant.gravity", "robot.gravity[3]"]) is robot
+    for name in ("plant.gravity[1]", "centroid[2,3]", "robot.tool_offset[2]"):
+        assert not robot_for(robot, [name]).folded
+    only = robot_for(robot, ["payload_mass"])
+    assert only.folded and only.payload
 
 
 def test_the_solver_has_one_default_tolerance_and_the_docstring_the_shape_of_each_parameter(tmp_path, plant_solver):

@@ -11,7 +11,7 @@ from vdfmu.study.run.scenario_run import prepare
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.replace import with_payload
+from vdfmu.system.scenario.replace import with_parameters
 from vdfmu.system.scenario.values import system_values
 
 MASS, ARM = 0.6, 0.5  # kg, and its distance from joint 2 [m]: tool_offset 0.4, centroid 0.1
@@ -104,7 +104,7 @@ def test_a_setting_gives_a_robot_a_payload(scenario_file):
     values = system_values(scenario, {"robot.payload_mass": 2.0, "robot.payload_inertia": 0.01})
     assert values["feedforward"]["payload_mass"] == 2.0
     assert values["plant"]["payload_inertia[1,1]"] == 0.01
-    assert with_payload(scenario, ["plant.payload_mass"]) is scenario
+    assert with_parameters(scenario, ["plant.payload_mass"]) is scenario
     assert not prepare("planar_tracking", ["plant.mass"]).robot.payload
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from vdfmu.arm.imports.tree import MOVING, Body, Numbers
 from vdfmu.arm.robot.catalogue import NAMED, tables_of
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
+from vdfmu.arm.robot.plain import PLAIN, in_paper_words
 from vdfmu.arm.robot.robot_file import section_numbers
 from vdfmu.base.files import data_path
 from vdfmu.base.measure import measure
@@ -20,7 +21,7 @@ from vdfmu.base.toml_tables import Problems, Table
 
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _TABLES: tuple[Section, ...] = (*PARTS, "link")
-_FULL = 0.95
+FULL = 0.95
 """Limit of the speed over the motor's no-load speed. The torque is the whole effort up to that limit."""
 _ACCELERATION = 10.0
 """Assumed acceleration [rad/s2, m/s2] of a joint whose file has no torque, in addition to its weight."""
@@ -53,7 +54,7 @@ def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], g
         like = assumed[kind]
         numbers = {row.path: chosen[i][row.path] for row in section("link") if row.path in chosen[i]}
         source = f"Assumed: {like['source']}, for the largest torque in the comment above the joint"
-        ratio = chosen[i].get(PARAMETERS["ell"].path, (like["drive"]["ell"], ""))[0]
+        ratio = (of_file[i] | chosen[i]).get(PARAMETERS["ell"].path, (float(f"{like['drive']['ell']:.6g}"), ""))[0]
         for row in (row for part in parts for row in section(part)):
             scale = (rating / like["rating"]) ** measure(row.unit(kind)).exponents.get("kg", 0)
             if row.path in chosen[i]:
@@ -83,9 +84,14 @@ def _numbers_of_file(body: Body, file: str, chosen: Numbers) -> Numbers:
             continue
         if stops or row.given not in ("lower", "upper"):
             numbers[row.path] = value, f"{file}: {row.given} of the joint"
+    if "stiffness" in joint.given:
+        drive = {key: joint.given[key] for key in ("ell", "stiffness")}
+        paper, _ = in_paper_words(Problems(""), {"drive": drive}, "joints", MOVING[joint.kind])
+        spring = f"{file}: tendon between the joint and its rotor"
+        numbers |= {f"joints.drive.{key}": (value, spring) for key, value in paper["drive"].items()}
     numbers.pop(share, None)
     if top in numbers and top not in chosen:
-        full, (speed, source) = chosen.get(share, (_FULL, ""))[0], numbers[top]
+        full, (speed, source) = chosen.get(share, (FULL, ""))[0], numbers[top]
         numbers[share] = full, f"{source}, up to which there is the whole torque"
         numbers[top] = speed / (full or 1.0), f"{source}, over {full:g}" if full else source
     return numbers
@@ -133,7 +139,11 @@ def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -
         for body, numbers in zip(bodies, chosen, strict=True):
             if body.joint.name in matched:
                 kind = MOVING[body.joint.kind]
-                own = _numbers_of_table(table, kind, source)
+                paper, words = in_paper_words(here, entry, pattern, kind)
+                own = _numbers_of_table(Table(here, paper, pattern, None), kind, source)
+                for place, text in words.items():
+                    key = place.replace(pattern, "joints", 1)
+                    own[key] = own[key][0], f"{text}; {source}"
                 ell = own.get(PARAMETERS["ell"].path, (None,))[0]
                 entries = {part: table.data[part] for part in NAMED if part in table.data}
                 if entries:  # a later table may name the gear or the motor alone
@@ -151,7 +161,8 @@ def _numbers_of_table(table: Table, kind: str, source: str) -> Numbers:
     """Return the numbers in a table of a file of drives, for a type of joint."""
     numbers: Numbers = {}
     for part in _TABLES:
-        inner = table.optional_table(part, tuple(row.key for row in section(part)))
+        known = [*(row.key for row in section(part)), *(PLAIN if part == "drive" else ())]
+        inner = table.optional_table(part, known)
         values = section_numbers(inner, part, kind, inner.data)
         numbers |= {PARAMETERS[name].path: (value, source) for name, value in values.items()}
     return numbers

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,12 @@ _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _CONNECT, _WELD, _JOINT = range(3)
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
 """Shapes by the numbers of MuJoCo's mjtGeom."""
+_OF_JOINT = 1
+"""Part of a tendon along a joint, of MuJoCo's mjtWrap."""
+_SQUARED = ("damping", "armature")
+"""Numbers of a rotor that are ell^2 times as large at its link. The others are ell times as large."""
+_REST = 1e-9
+"""Share of a rotor's inertia about its axis that stays with its link, which is a rigid body so."""
 _VISIBLE = 3
 """First group of shapes that MuJoCo's viewer hides."""
 
@@ -43,6 +50,16 @@ def read_mjcf(path: Path, problems: Problems) -> Tree:
     return _MjcfReader(model, path, problems).tree()
 
 
+class _Rotor(NamedTuple):
+    """The rotor of a joint: its own joint and inertia, the tendon that is its spring, ratio, stiffness link-side."""
+
+    joint: int
+    inertia: float
+    tendon: int
+    ell: float
+    K: float
+
+
 class _MjcfReader:
     """A compiled model."""
 
@@ -53,11 +70,31 @@ class _MjcfReader:
         self.notes: list[str] = []
         self.bodies = [printable(model.body(i).name) or f"body {i}" for i in range(model.nbody)]
         self.names = [printable(model.joint(j).name) or self._unnamed(j) for j in range(model.njnt)]
+        self.rotors = dict(self._rotors())
+        self.rotor_of = {int(model.jnt_bodyid[rotor.joint]): rotor for rotor in self.rotors.values()}
 
     def _unnamed(self, j: int) -> str:
         body = int(self.model.jnt_bodyid[j])
         number = j - int(self.model.body_jntadr[body]) + 1
         return f"joint {number} of {self.bodies[body]}"
+
+    def _rotors(self) -> Iterator[tuple[int, _Rotor]]:
+        """Yield each joint with its rotor: a body without others, on the same parent, that a tendon joins to it."""
+        m = self.model
+        for t in range(m.ntendon):
+            wraps = [int(m.tendon_adr[t]) + k for k in range(int(m.tendon_num[t]))]
+            if len(wraps) != 2 or any(int(m.wrap_type[w]) != _OF_JOINT for w in wraps):
+                continue
+            for ours, its in (wraps, wraps[::-1]):
+                joint, rotor = int(m.wrap_objid[ours]), int(m.wrap_objid[its])
+                link, body = int(m.jnt_bodyid[joint]), int(m.jnt_bodyid[rotor])
+                ell = -float(m.wrap_prm[ours] / m.wrap_prm[its])
+                K = float(np.ravel(m.tendon_stiffness[t])[0]) * float(m.wrap_prm[ours]) ** 2
+                alone = body not in m.body_parentid and m.body_jntnum[body] == 1 and m.jnt_type[rotor] == _HINGE
+                if alone and m.body_parentid[body] == m.body_parentid[link] and ell >= 1.0 and K > 0.0:
+                    axis = _rotation(m.body_iquat[body]).T @ m.jnt_axis[rotor]
+                    yield joint, _Rotor(rotor, float(m.body_inertia[body] @ axis**2), t, ell, K)
+                    break
 
     def tree(self) -> Tree:
         """Return the tree of the model."""
@@ -71,7 +108,8 @@ class _MjcfReader:
         stiff = [self.names[j] for j in range(m.njnt) if np.any(m.jnt_stiffness[j])]
         if stiff:
             self.notes.append(f"springs at joints are left out: {', '.join(stiff)}.")
-        tendons = [printable(m.tendon(i).name) or f"tendon {i}" for i in range(m.ntendon)]
+        others = {*range(m.ntendon)} - {rotor.tendon for rotor in self.rotors.values()}
+        tendons = [printable(m.tendon(i).name) or f"tendon {i}" for i in sorted(others)]
         if tendons:
             self.notes.append(f"tendons are left out: {', '.join(tendons)}.")
         return Tree(
@@ -84,6 +122,9 @@ class _MjcfReader:
         m = self.model
         R = _rotation(m.body_iquat[i])
         inertia = R @ np.diag(m.body_inertia[i]) @ R.T
+        if i in self.rotor_of:  # what turns is in the drive, the rest is a part of the link that carries it
+            axis = np.array(m.jnt_axis[self.rotor_of[i].joint])
+            inertia = inertia - (1.0 - _REST) * self.rotor_of[i].inertia * np.outer(axis, axis)
         first, count = int(m.body_geomadr[i]), int(m.body_geomnum[i])
         shapes = [self.visual(g) for g in range(first, first + count) if m.geom_group[g] < _VISIBLE]
         visuals = tuple(shape for shape in shapes if shape is not None)
@@ -95,6 +136,8 @@ class _MjcfReader:
         parent = self.bodies[int(m.body_parentid[i])]
         at = Placement(_rotation(m.body_quat[i]), np.array(m.body_pos[i]))
         first, count = int(m.body_jntadr[i]), int(m.body_jntnum[i])
+        if i in self.rotor_of:
+            return [Joint(f"{name} (fixed)", "fixed", parent, name, at, np.array([1.0, 0.0, 0.0]))]
         joints: list[Joint] = []
         here = np.zeros(3)  # the last joint's origin in the body's frame
         for j in range(first, first + count):
@@ -136,13 +179,23 @@ class _MjcfReader:
         m = self.model
         if kind not in (_SLIDE, _HINGE):
             return {}
-        at = int(m.jnt_dofadr[j])
         numbers: dict[str, float] = {}
         if m.jnt_limited[j]:
             numbers |= {"lower": float(m.jnt_range[j][0]), "upper": float(m.jnt_range[j][1])}
-        sizes = {"damping": m.dof_damping[at], "friction": m.dof_frictionloss[at], "armature": m.dof_armature[at]}
-        sizes = {key: float(np.ravel(size)[0]) for key, size in sizes.items()} | {"effort": self.effort(j)}
+        sizes = self.sizes(j)
+        if j in self.rotors:
+            rotor, inertia, _, ell, K = self.rotors[j]
+            own = self.sizes(rotor)
+            own["armature"] += inertia
+            sizes = {key: size + ell ** (1 + (key in _SQUARED)) * own[key] for key, size in sizes.items()}
+            sizes |= {"ell": ell, "stiffness": K}
         return numbers | {key: size for key, size in sizes.items() if size > 0.0}
+
+    def sizes(self, j: int) -> dict[str, float]:
+        """Return damping, friction, armature and effort of a joint."""
+        m, at = self.model, int(self.model.jnt_dofadr[j])
+        sizes = {"damping": m.dof_damping[at], "friction": m.dof_frictionloss[at], "armature": m.dof_armature[at]}
+        return {key: float(np.ravel(size)[0]) for key, size in sizes.items()} | {"effort": self.effort(j)}
 
     def effort(self, j: int) -> float:
         """Return the largest torque of a joint's actuators; 0 without a bound."""

@@ -19,7 +19,7 @@ from vdfmu.arm.drive.options import OPTIONS, OptionName, OptionRows
 from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE, unit_of
 
 Section = Literal["robot", "payload", "joint", "link", "drive", "friction"] | OptionName
-Fold = Literal["never", "always", "zeros", "inertia", "lumped friction"]
+Fold = Literal["never", "always", "zeros", "spare zeros", "inertia", "lumped friction"]
 
 JOINT_OPTIONS: tuple[OptionName, ...] = tuple(OPTIONS)
 """Tables that all joints of a robot have or none."""
@@ -60,7 +60,8 @@ class Row:
     """Shape of one joint's value, or of the only value."""
     fold: Fold = "never"
     """Entries that are constants of the functions and cost nothing, no run-time parameters: "never" any, "always" all,
-    "zeros", of an "inertia" the zeros off the diagonal and its symmetric half, all in an arm with "lumped friction"."""
+    "zeros", "spare zeros" of a robot that is `folded`, of an "inertia" the zeros off the diagonal and its symmetric
+    half, all in an arm with "lumped friction"."""
     part_of: str = ""
     """Parameter of the joint that switches this one off, as a constant, if it is 0."""
     hint: str = ""
@@ -119,6 +120,8 @@ class Row:
         match self.fold:
             case "zeros":
                 return bool(array[index] != 0.0)
+            case "spare zeros":
+                return bool(not robot.folded or array[index] != 0.0)
             case "inertia":  # one that is all zero, of a point mass, has no parameters
                 j, k = index[-2:]
                 return bool((j == k and array.any()) or (j < k and array[index] != 0.0))
@@ -139,11 +142,11 @@ class ArmParameters:
 
     # fmt: off
     gravity: Array = row(
-        "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="zeros",
+        "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="spare zeros",
         hint="Write +9.81 along the upward axis.", given="gravity", start=(0.0, 0.0, 9.81))
     tool_offset: Array = row(
         "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
-        shape=_VECTOR, fold="zeros", given="tip")
+        shape=_VECTOR, fold="spare zeros", given="tip")
     tool_rotation: Array = row(
         "robot", "1", "Rotation matrix from {O} to the last link frame", "(44)", default=_ALIGNED, shape=_MATRIX,
         fold="always", given="tip_axes")
@@ -161,7 +164,8 @@ class ArmParameters:
     offset: Array = row(
         "joint", "m", "Origin of the link frame in the frame of the previous link", "(34)-(36)", 1e4, shape=_VECTOR,
         fold="zeros")
-    centroid: Array = row("link", "m", "Centre of mass in the link frame", "(60)", 1e4, shape=_VECTOR, fold="zeros")
+    centroid: Array = row(
+        "link", "m", "Centre of mass in the link frame", "(60)", 1e4, shape=_VECTOR, fold="spare zeros")
     mass: Array = row("link", "kg", "mass of the link", "(60)", 1e6, POSITIVE, scaled_as="mass", start=1.0)
     inertia: Array = row(
         "link", "kg.m2", "Inertia about the centre of mass", "(60)", 1e9, shape=_MATRIX, fold="inertia",

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
+from vdfmu.arm.robot.plain import plain_notes
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import WIDE_ANGLE
@@ -94,8 +95,8 @@ CHECKS = (
 
 
 def robot_notes(robot: Robot) -> list[str]:
-    """Return the probable mistakes of a robot: number, likely cause, way out."""
-    return [*_gravity(robot), *_joints(robot), *_stops(robot)]
+    """Return how plain words were converted, and probable mistakes: number, likely cause, way out."""
+    return [*plain_notes(robot.sources), *_gravity(robot), *_joints(robot), *_stops(robot)]
 
 
 def _gravity(robot: Robot) -> Iterator[str]:

@@ -62,6 +62,9 @@ class Robot(Parameters):
     {options} : bool
         Whether joints have this option of the drives; the fields of its table, such as ``[joints.limits]``, count
         only then.
+    folded : bool
+        Whether zeros of gravity, centres of mass and tool are constants of the functions; else they are parameters
+        at run time, as is a payload.
     moving_base : bool
         Whether the base moves by inputs of the plant; else it is at rest in {I}.
     coupled_tool : bool
@@ -93,6 +96,7 @@ class Robot(Parameters):
     rotor_coupling: bool
     sources: Mapping[str, str]
     payload: bool = False
+    folded: bool = True
     moving_base: bool = False
     coupled_tool: bool = False
     visuals: tuple[Visual, ...] = ()
@@ -223,6 +227,7 @@ class Robot(Parameters):
         return {
             **{name: getattr(self, name) for name in texts},
             **{flag: True for flag in ENDS if getattr(self, flag)},
+            **({} if self.folded else {"folded": False}),
             **({"drive": self.drive} if self.drive else {}),
             **numbers("robot", ()),
             **({"payload": numbers("payload", ())} if self.payload else {}),
@@ -230,6 +235,10 @@ class Robot(Parameters):
             "sources": dict(self.sources),
             **({"visuals": [visual.to_dict() for visual in self.visuals]} if looks and self.visuals else {}),
         }
+
+    def unfolded(self) -> Self:
+        """Return a copy whose gravity, centres of mass, payload and tool are parameters at run time, zeros too."""
+        return dataclasses.replace(self, folded=False, payload=True)
 
     def with_parameters(self, **arrays: npt.ArrayLike) -> Robot:
         """Return a copy with other numbers by field name, unchecked. A scalar sets every joint.

@@ -15,6 +15,7 @@ from vdfmu.arm.robot.catalogue import NAMED, filled_from_catalogue
 from vdfmu.arm.robot.own_drive import drive_text, robot_class
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
+from vdfmu.arm.robot.plain import PLAIN, in_paper_words
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.arrays import Floats
@@ -30,7 +31,7 @@ def _keys(name: Section) -> list[str]:
 
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", *ENDS, "drive", *_keys("robot"), "payload", "joints",
+    "name", "description", "friction", "rotor_coupling", *ENDS, "folded", "drive", *_keys("robot"), "payload", "joints",
     "sources", "visuals",
 )  # fmt: skip
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED, "name")
@@ -48,6 +49,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     rotor_coupling = file.flag("rotor_coupling", True)
     flags = {flag: file.flag(flag, False) for flag in ENDS}
+    folded = file.flag("folded", True)
     whole = section_numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:
         whole |= section_numbers(file.table("payload", _keys("payload")), "payload")
@@ -64,8 +66,9 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     read: list[dict[str, Any]] = []
     of_catalogue: dict[str, str] = {}
     for i, joint in enumerate(cast("list[Any]", joints or []), 1):
+        joint, of_words = in_paper_words(problems, joint, f"joints[{i}]")
         joint, where_from = filled_from_catalogue(problems, joint, f"joints[{i}]")
-        of_catalogue |= where_from
+        of_catalogue |= where_from | of_words
         read.append(_joint(problems, joint, f"joints[{i}]", made))
     names = [joint["name"] for joint in read]
     for i, name_of in enumerate(names, 1):
@@ -85,7 +88,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     return made(
         name=name, description=description, joint_types=tuple(cast(str, joint["type"]) for joint in read),
         joint_names=tuple(names), friction=friction, rotor_coupling=rotor_coupling, sources=of_catalogue | sources,
-        payload="payload" in file.data, visuals=visuals, **options, **flags, **arrays,
+        payload="payload" in file.data or not folded, folded=folded, visuals=visuals, **options, **flags, **arrays,
     )  # fmt: skip
 
 
@@ -148,7 +151,7 @@ def _joint(problems: Problems, data: object, path: str, made: type[Robot]) -> di
     check_rotation(problems, f"{path}.rotation", joint["rotation"])
     parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
     for part in parts:
-        joint |= section_numbers(table.table(part, _keys(part)), part, kind)
+        joint |= section_numbers(table.table(part, [*_keys(part), *(PLAIN if part == "drive" else ())]), part, kind)
     for part in own:
         rows = [row for row in made.rows.values() if row.section == part]
         joint |= section_numbers(table.optional_table(part, [row.key for row in rows]), part, kind, rows=rows)
@@ -206,7 +209,7 @@ def _inertia(table: Table, row: Row, options: dict[str, Any]) -> Floats:
 def _sources(file: Table, made: type[Robot]) -> dict[str, str]:
     """Read [sources], whose keys may be quoted or nested: "joints.link.mass" or joints.link.mass."""
     texts: dict[str, str] = {}
-    keys = [row.path for row in made.rows.values()]
+    keys = [*(row.path for row in made.rows.values()), *(f"joints.drive.{word}" for word in PLAIN)]
 
     def walk(value: object, path: str) -> None:
         if isinstance(value, dict):

@@ -53,7 +53,7 @@ from vdfmu.system.reference.reference import BLOCK, reference_blocks
 from vdfmu.system.reference.witness import Witness
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.replace import with_payload, with_units
+from vdfmu.system.scenario.replace import with_parameters, with_units
 from vdfmu.system.scenario.values import robot_with, system_values
 
 _LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
@@ -68,8 +68,7 @@ def prepare(
 ) -> Scenario:
     """Load a scenario and replace what the options name, with the checks of a scenario file.
 
-    Names in `settings`, and `names`, will be set later: payload parameters among them give the robot a payload, see
-    `with_payload`.
+    Names in `settings`, and `names`, will be set later: the robot gets parameters for them, see `with_parameters`.
 
     Raises
     ------
@@ -86,7 +85,7 @@ def prepare(
         scenario = load_scenario(scenario, robot)
     elif robot is not None:
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
-    scenario = with_payload(scenario, [*names, *(options["settings"] or ())])
+    scenario = with_parameters(scenario, [*names, *(options["settings"] or ())])
     if options["units"]:
         scenario = with_units(scenario, options["units"])
     own = {one.name for one in dataclasses.fields(Scenario)} - {"robot"}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.arm.units._played import Played
 from vdfmu.base.errors import UsageError
@@ -17,18 +18,32 @@ from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, resolve
 from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values
 
+_PAYLOAD = {row.name for row in section("payload")}
 
-def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
-    """Return the scenario with an empty payload if settings, ``plant.payload_mass``, need it and its robot lacks it."""
-    robot = scenario.robot
-    fields = {name.partition(".")[2].partition("[")[0] for name in names}
-    rows = section("payload")
-    if robot is None or robot.payload or fields.isdisjoint(row.name for row in rows):
-        return scenario
-    empty = {row.name: read_only(np.zeros(row.shape)) for row in rows}
-    if "payload_inertia" in fields:  # zeros, a point mass, would have no parameters
-        empty["payload_inertia"] = read_only(1e-12 * np.eye(3))
-    return dataclasses.replace(scenario, robot=dataclasses.replace(robot, payload=True, **empty))
+
+def with_parameters(scenario: Scenario, names: Iterable[str]) -> Scenario:
+    """Return the scenario whose robot has the parameters that settings name, see :func:`robot_for`."""
+    robot = scenario.robot and robot_for(scenario.robot, names)
+    return scenario if robot is scenario.robot else dataclasses.replace(scenario, robot=robot)
+
+
+def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
+    """Return the robot with parameters that settings name and it lacks: an empty payload, zeros that are folded.
+
+    Names are ``plant.payload_mass``, ``robot.gravity[1]``, or of a unit alone, ``gravity[1]``.
+    """
+    named = {name.rpartition(".")[2] for name in names}
+    fields = {name.partition("[")[0] for name in named}
+    here, spare = ({p.name for p in r.entries() if p.field not in _PAYLOAD} for r in (robot, robot.unfolded()))
+    if named & (spare - here):
+        robot = robot.unfolded()
+    if fields.isdisjoint(_PAYLOAD):
+        return robot
+    if not robot.payload:
+        robot = dataclasses.replace(robot, payload=True)
+    if "payload_inertia" in fields and not robot.payload_inertia.any():  # zeros, a point mass, have no parameters
+        robot = dataclasses.replace(robot, payload_inertia=read_only(1e-12 * np.eye(3)))
+    return robot
 
 
 def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:

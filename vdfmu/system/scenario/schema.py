@@ -16,6 +16,7 @@ from vdfmu.arm.motion import OF_FILE
 from vdfmu.arm.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, SHAPES
 from vdfmu.arm.robot.catalogue import NAMED, catalogue
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, section
+from vdfmu.arm.robot.plain import PLAIN
 from vdfmu.base.measure import unit_of
 from vdfmu.base.version import FORMAT
 from vdfmu.compiler.unit import Choice, Input, Parameter, Switch, Unit
@@ -29,6 +30,7 @@ Schema = dict[str, Any]
 _TEXT: Schema = {"type": "string"}
 _FORMAT: Schema = {"type": "integer", "minimum": 1, "maximum": FORMAT, "description": "Version of the file's layout"}
 _FLAG: Schema = {"type": "boolean"}
+_POSITIVE: Schema = {"type": "number", "exclusiveMinimum": 0}
 _FRICTION: Schema = {"enum": list(FRICTION_ARRANGEMENTS)}
 _SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}
 
@@ -38,6 +40,8 @@ def robot_schema() -> Schema:
     payload = _table(_rows("payload"), _required("payload"))
     parts: tuple[Section, ...] = ("link", "drive", "friction", *JOINT_OPTIONS)
     tables = {part: _table(_rows(part), _required(part)) for part in parts}
+    words = {word: _POSITIVE | {"description": f"{row[2]} [{_units(row[0])}]"} for word, row in PLAIN.items()}
+    tables["drive"] = _table(_rows("drive") | words, [])  # a gear, a motor or a plain word may give the others
     named: Schema = {noun: {"enum": list(catalogue()[f"{noun}s"])} for noun in NAMED}
     joint = _table(
         {"type": {"enum": list(JOINT_TYPES)}} | named | _rows("joint") | tables, ["type", *_required("joint"), "link"]
@@ -46,7 +50,7 @@ def robot_schema() -> Schema:
         "name": _TEXT,
         "description": _TEXT,
         "friction": _FRICTION,
-        **dict.fromkeys(("rotor_coupling", *ENDS), _FLAG),
+        **dict.fromkeys(("rotor_coupling", *ENDS, "folded"), _FLAG),
         "drive": _TEXT,
         "payload": payload,
         "joints": {"type": "array", "minItems": 1, "items": joint},
@@ -59,16 +63,15 @@ def robot_schema() -> Schema:
 def scenario_schema(system: str = "system") -> Schema:
     """Return the schema of a scenario file with the sections of a system, a shipped name or the path of a TOML file."""
     file = load_system(system)
-    positive: Schema = {"type": "number", "exclusiveMinimum": 0}
-    share: Schema = positive | {"exclusiveMaximum": 1}
-    factors = {name: _one_or_more(positive) for name in FACTOR_FIELDS}
+    share: Schema = _POSITIVE | {"exclusiveMaximum": 1}
+    factors = {name: _one_or_more(_POSITIVE) for name in FACTOR_FIELDS}
     paper: Schema = {"source": _TEXT} | {name: _list({"type": "number", "minimum": 0}) for name in PAPER_LISTS}
     sections: Schema = {name: {"type": "object"} for name in file.parts}  # an FMU accepts any key
     sections |= {name: _table(_values(unit), []) for name, unit in resolve(file, None).units.items()}
     types: Schema = {
         **dict.fromkeys(("name", "description", "system", "robot", "inputs"), _TEXT),
         "friction": _FRICTION,
-        **dict.fromkeys(("stop", "step"), positive),
+        **dict.fromkeys(("stop", "step"), _POSITIVE),
         "master": {"enum": ALGORITHMS.names()},
         **dict.fromkeys(("adaptive", "tolerance"), share),
         "input_hold": _FLAG,
