@@ -22,11 +22,11 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.cache import one_job
+from vdfmu.base.platforms import PLATFORMS
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.base.version import __version__
-from vdfmu.compiler.c.platforms import PLATFORMS
 from vdfmu.study.analysis.reach import reach_scenario
-from vdfmu.study.run.reference_folder import write_reference
+from vdfmu.study.runs import write_reference
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from benchmarks.report import Report, machine, write_summary
 from benchmarks.timing import processor_time
-from vdfmu.compiler.c.platforms import native_available
+from vdfmu.base.platforms import native_available
 
 NAMES = (
     "fmu_growth", "coupling", "native", "interop", "work_precision", "engines", "whole", "sweeps", "arms", "verdict",

@@ -1,8 +1,7 @@
-"""The native FMUs under the master, folded into a container and in a loop of compiled code, and where the time goes."""
+"""The native FMUs under the master, with steps in C and in Python, folded into a container, and without their code."""
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.importers import PACKAGES, ask, missing
-from benchmarks.native_plan import Plan, interpreter_parts, ready
 from benchmarks.report import Report, Table
 from benchmarks.system import Clock, container_run, least, median, packed, quiet_run, write_emptied
 from vdfmu.engine.container import write_container
@@ -18,15 +16,14 @@ from vdfmu.engine.run import Results
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.replace import with_units
 
-TITLE = "Native FMUs: real-time factor and where the time of a step goes"
-UNITS = ("trajectory", "feedforward", "controller", "plant")
+TITLE = "Native FMUs: real-time factor, and what of a step is the master's"
 PYTHON, NATIVE, ISOLATED, JACOBI, CONTAINER = (
     "Python FMUs", "native FMUs, gauss-seidel", "native FMUs in a process of their own", "native FMUs, jacobi",
     "container FMU",
 )  # fmt: skip
 OWN = "native FMUs, the controller a user's file"
 EMPTY, EMPTY_CONTAINER = "empty FMUs, gauss-seidel", "container FMU of empty FMUs"
-LOOP, LOOP_CONTAINER = "native FMUs in a compiled loop", "container FMU in a compiled loop"
+INTERPRETED, EMPTY_INTERPRETED = "native FMUs, steps in Python", "empty FMUs, steps in Python"
 
 
 @dataclass
@@ -37,12 +34,6 @@ class Native:
     ----------
     wall, processor : dict of case to list of (100,) arrays
         Blocks of each round, see :class:`benchmarks.system.Clock`; all cases take turns.
-    units : dict of unit to (dict of "set" | "do_step" | "get" to time)
-        Inside the units' libraries; that of the user's controller is `OWN`.
-    container : dict of "do_step" | "get" to time
-        Inside the container's library, with its units.
-    master : dict of "calls" | "gather" | "record" to time
-        Parts of the master's step with the four empty units.
     differences : dict of case to float [rad]
         Largest difference of the plant's positions to those of the same algorithm in another form.
     """
@@ -52,9 +43,6 @@ class Native:
     stop_python: float
     wall: dict[str, list[np.ndarray]] = field(default_factory=dict)
     processor: dict[str, list[np.ndarray]] = field(default_factory=dict)
-    units: dict[str, dict[str, float]] = field(default_factory=dict)
-    container: dict[str, float] = field(default_factory=dict)
-    master: dict[str, float] = field(default_factory=dict)
     differences: dict[str, float] = field(default_factory=dict)
 
     def least(self, case: str) -> float:
@@ -67,13 +55,8 @@ class Native:
 
     @property
     def in_units(self) -> float:
-        """Time inside the libraries of the four units [s]."""
-        return sum(sum(self.units[unit].values()) for unit in UNITS)
-
-    @property
-    def more_of_own(self) -> float:
-        """What the user's controller takes in its library more than that of the package [s]."""
-        return sum(self.units[OWN].values()) - sum(self.units["controller"].values())
+        """Time that the code of the four units takes [s]."""
+        return self.least(NATIVE) - self.least(EMPTY)
 
 
 def run(report: Report, quick: bool = False) -> None:
@@ -113,14 +96,14 @@ def study(
         empty = write_emptied(package, folder / "empty.ssp")
         empty_container = write_container(empty, folder / "empty.fmu", step=step)
         last: dict[str, Results] = {}
-        loop: dict[str, dict[str, np.ndarray]] = {}
 
         def under_master(case: str, package: Path, stop: float, algorithm: str = "gauss-seidel") -> None:
-            isolate = case == ISOLATED
+            isolate, compiled = case == ISOLATED, case not in (INTERPRETED, EMPTY_INTERPRETED)
             clock = Clock()
             last[case] = quiet_run(
-                package, step=step, stop=stop, algorithm=algorithm, progress=clock.progress, isolate=isolate
-            )
+                package, step=step, stop=stop, algorithm=algorithm, progress=clock.progress, isolate=isolate,
+                compiled=compiled,
+            )  # fmt: skip
             _note(found, case, clock.wall, clock.processor)
 
         def in_container(case: str, fmu: Path) -> None:
@@ -133,13 +116,6 @@ def study(
             request = {"run": "timed", "importer": importer, "path": str(path), "step": step, "steps": n}
             _note(found, case, np.divide(ask(request | chosen)["wall"], n), None)
 
-        def in_loop(case: str, path: Path, algorithm: str) -> None:
-            with ready(path, algorithm, stop) as exchange:
-                plan = Plan(exchange, step)
-                wall, _, rows = plan.run(n)
-                loop[case] = dict(zip(plan.signals, rows.T, strict=True))
-            _note(found, case, wall, None)
-
         say(f"{rounds} rounds of all forms: {stop:g} s at {step * 1e3:g} ms, Python FMUs {stop_python:g} s")
         quiet_run(python, step=step, stop=20 * step)  # loads what is loaded once
         for _ in range(rounds):
@@ -149,33 +125,13 @@ def study(
             under_master(ISOLATED, package, stop)
             under_master(JACOBI, package, stop, "jacobi")
             in_container(CONTAINER, container)
-            in_loop(LOOP, package, "gauss-seidel")
-            in_loop(LOOP_CONTAINER, container, "jacobi")
+            under_master(INTERPRETED, package, stop)
             under_master(EMPTY, empty, stop)
+            under_master(EMPTY_INTERPRETED, empty, stop)
             in_container(EMPTY_CONTAINER, empty_container)
             for importer in others:
                 elsewhere(importer, package, importer)
                 elsewhere(f"empty FMUs, {importer}", empty, importer)
-
-        say("parts of a step")
-        units: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
-        inner: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
-        of_own: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
-        plans = (
-            (package, "gauss-seidel", units), (own, "gauss-seidel", of_own), (container, "jacobi", inner)
-        )  # fmt: skip
-        for _ in range(rounds):
-            for path, algorithm, kept in plans:
-                with ready(path, algorithm, stop) as exchange:
-                    for name, blocks in Plan(exchange, step).run(n, clocks=True)[1].items():
-                        kept[name].append(blocks)
-        found.units = {unit: {} for unit in (*UNITS, OWN)}
-        controller = {(OWN, what): kept for (unit, what), kept in of_own.items() if unit == "controller"}
-        for (unit, what), rounds_of in (units | controller).items():
-            if what != "gather":
-                found.units[unit][what] = max(least(rounds_of), 0.0)
-        found.container = {what: least(rounds_of) for (_, what), rounds_of in inner.items()}
-        found.master = interpreter_parts(empty, "gauss-seidel", step, 20 * rounds)
 
     q = {case: results["plant.q"] for case, results in last.items()}
     shared = min(len(q[PYTHON]), len(q[NATIVE]))
@@ -184,7 +140,7 @@ def study(
         ISOLATED: float(np.max(np.abs(q[ISOLATED] - q[NATIVE]))),
         OWN: float(np.max(np.abs(q[OWN] - q[NATIVE]))),
         CONTAINER: float(np.max(np.abs(q[CONTAINER] - q[JACOBI]))),
-        LOOP: max(float(np.max(np.abs(loop[LOOP][name] - last[NATIVE][name]))) for name in last[NATIVE].names),
+        INTERPRETED: max(float(np.max(np.abs(last[INTERPRETED][x] - last[NATIVE][x]))) for x in last[NATIVE].names),
     }
     return found
 
@@ -220,64 +176,21 @@ def tabulate(found: Native, report: Report) -> None:
         f"Times of the steps alone, of {len(found.wall[NATIVE])} rounds in which all forms take turns. Least: the sum "
         "over a hundred blocks of the run, of each its shortest wall time in any round; processor: the same of the "
         "processor's time; median: of the whole runs. Factor and ratios are of the least.",
-        "In a compiled loop: the same calls and copies from C, what remains is the time of the units. "
-        "Empty FMUs: the same interface with functions that return at once, what remains is the time of the master.",
+        "Empty FMUs: the same interface with functions that return at once, what remains is the time of the master. "
+        f"The code of the units takes {us * found.in_units:.2f} us, and all else {us * found.least(EMPTY):.2f} us.",
         f"Positions differ by at most {found.differences[PYTHON]:.1e} rad between Python and native FMUs, "
         f"{found.differences[CONTAINER]:.1e} rad between container and jacobi; all signals by at most "
-        f"{found.differences[LOOP]:.1e} between the compiled loop and the master.",
+        f"{found.differences[INTERPRETED]:.1e} between steps in C and in Python.",
     ]
     report.show(table)
 
-    parts = Table(
-        "native_parts",
-        "Where the time of a step goes [us], native FMUs, gauss-seidel",
-        [("part", ""), ("set", ".3f"), ("doStep", ".3f"), ("get", ".3f"), ("sum", ".3f"), ("share", ".1%")],
-    )
-    total = found.least(NATIVE)
-    for unit in (*UNITS, OWN):
-        own = found.units[unit]
-        values = [us * own[k] if k in own else None for k in ("set", "do_step", "get")]
-        label = "in controller, a user's file" if unit == OWN else f"in {unit}"
-        parts.add(label, *values, us * sum(own.values()), sum(own.values()) / total)
-    parts.add("in all units of the package", None, None, None, us * found.in_units, found.in_units / total)
-    for key, value in _master(found).items():
-        parts.add(f"master: {_LABELS[key]}", None, None, None, us * value, value / total)
-    parts.add("total", None, None, None, us * total, 1.0)
-    floor = found.master["calls"]
-    above = total - found.in_units
-    parts.notes += [
-        "In the units: clocks around the calls in the compiled loop, less their own cost, least as above. "
-        "Master: its parts with empty units, each in a loop; the rest is what they leave of the run.",
-        f"{found.master['number of calls']:.0f} FMI calls through ctypes take {us * floor:.2f} us even if they do "
-        f"nothing. That is the floor for a master in this interpreter; this one takes {us * above:.2f} us above the "
-        f"units, {above / floor:.2f} times the floor.",
-        f"Container: {us * sum(found.container.values()):.2f} us inside its library, of which "
-        f"{us * found.container['do_step']:.2f} us in doStep and {us * found.container['get']:.2f} us in getReal of "
-        f"all outputs; {us * (found.least(CONTAINER) - sum(found.container.values())):.2f} us in the master.",
-        f"The controller's law takes {us * found.more_of_own:+.3f} us a step where it comes from a user's file: the "
-        f"calls and the copies are the same, and positions differ by {found.differences[OWN]:.0e} rad.",
-        f"The units alone take {us * found.in_units:.2f} us, so no form of these FMUs can be more than "
-        f"{total / found.in_units:.2f} times as fast as they are under the master.",
-    ]
-    report.show(parts)
     report.facts |= {
         "us_per_step": {case: us * found.least(case) for case in found.wall},
         "real_time_factor": {case: found.step / found.least(case) for case in (PYTHON, NATIVE, JACOBI, CONTAINER)},
         "native_over_python": found.ratio(PYTHON, NATIVE),
         "container_over_native": found.ratio(NATIVE, CONTAINER),
-        "units_us": {unit: {k: us * v for k, v in own.items()} for unit, own in found.units.items()},
-        "master_us": {k: us * v for k, v in _master(found).items()},
-        "container_us": {k: us * v for k, v in found.container.items()},
-        "ctypes_floor_us": us * floor,
-        "more_of_own_us": us * found.more_of_own,
+        "compiled_over_interpreted": found.ratio(NATIVE, INTERPRETED),
+        "units_us": us * found.in_units,
+        "own_over_native": found.ratio(OWN, NATIVE),
         "differences_rad": found.differences,
     }
-
-
-_LABELS = {"calls": "FMI calls through ctypes", "gather": "gather inputs", "record": "record the row", "rest": "rest"}
-
-
-def _master(found: Native) -> dict[str, float]:
-    """Parts of the master [s], which with the units make up the run."""
-    parts = {key: found.master[key] for key in ("calls", "gather", "record")}
-    return parts | {"rest": found.least(NATIVE) - found.in_units - sum(parts.values())}

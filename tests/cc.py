@@ -2,6 +2,6 @@
 
 import shutil
 
-from vdfmu.compiler.c.platforms import zig
+from vdfmu.base.platforms import zig
 
 CC = ["cc"] if shutil.which("cc") else [zig(), "cc", "-fno-sanitize=undefined"]

@@ -3,8 +3,8 @@
 Run as ``python tests/prepare.py``; what it makes stays in the cache, where the tests look.
 """
 
-from vdfmu.compiler.c.compile import Compilation, compile_libraries
-from vdfmu.compiler.c.platforms import PLATFORMS
+from vdfmu.base.compile import Compilation, compile_libraries
+from vdfmu.base.platforms import PLATFORMS
 
 SOURCE = (
     b"#include <math.h>\n#include <stdio.h>\n"

@@ -10,8 +10,8 @@ import zipfile
 import pytest
 
 from tests.docs.pages import ROOT
+from vdfmu.base.platforms import this_platform
 from vdfmu.base.version import __version__
-from vdfmu.compiler.c.platforms import this_platform
 
 CONDA_NAMES = {"fmpy": "fmpy-base", "matplotlib": "matplotlib-base"}
 """Packages that conda-forge has under another name: those without windows."""

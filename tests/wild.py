@@ -1,4 +1,4 @@
-"""A unit that misbehaves when it is told to: the FMU of ``tests/engine/wild.c``."""
+"""Units that misbehave when they are told to: the FMUs of ``tests/engine/wild.c`` and ``strict.c``."""
 
 import subprocess
 import zipfile
@@ -20,6 +20,16 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
   </ModelVariables>
   <ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs>
   <InitialUnknowns><Unknown index="1"/></InitialUnknowns></ModelStructure>
+</fmiModelDescription>"""
+
+STRICT_PARAMETERS = ("end", "nan_from", "inf_from", "refuse", "mute", "discard")
+STRICT_XML = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Strict" guid="{{strict}}">
+  <CoSimulation modelIdentifier="strict" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
+  <ModelVariables>
+    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>{}
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs></ModelStructure>
 </fmiModelDescription>"""
 
 
@@ -44,3 +54,13 @@ def pack(path: Path, library: Path, description: str) -> Path:
 def write(path: Path, library: Path, way: int = 0, at: float = 0.0) -> Path:
     """Write the FMU, with start values of its parameters ``way`` and ``at`` [s]."""
     return pack(path, library, XML.format(way, at))
+
+
+def write_strict(folder: Path) -> Path:
+    """Write the strict FMU, whose y is the time, with parameters for the time [s] of each fault."""
+    more = "".join(
+        f'<ScalarVariable name="{name}" valueReference="{i}" causality="parameter" variability="fixed">'
+        '<Real start="1e9"/></ScalarVariable>'
+        for i, name in enumerate(STRICT_PARAMETERS, start=1)
+    )
+    return pack(folder / "Strict.fmu", build(folder, "strict"), STRICT_XML.format(more))

@@ -4,9 +4,9 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from vdfmu.base.compile import SHOWN
 from vdfmu.base.files import data_path
-from vdfmu.compiler.c.loaded import SHOWN
-from vdfmu.compiler.c.platforms import zig
+from vdfmu.base.platforms import zig
 from vdfmu.compiler.wasm import IMPORTED
 
 FLAGS = (

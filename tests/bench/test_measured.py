@@ -16,7 +16,7 @@ from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.c.platforms import native_available
+from vdfmu.base.platforms import native_available
 from vdfmu.study.identify.problem import regressor
 
 pytestmark = [

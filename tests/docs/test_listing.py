@@ -10,8 +10,8 @@ from lxml import html
 
 import vdfmu
 from vdfmu.arm.units import shipped_units
+from vdfmu.base.platforms import PLATFORMS
 from vdfmu.base.standards import FMI_VERSIONS, SSP_FORMATS
-from vdfmu.compiler.c.platforms import PLATFORMS
 from vdfmu.compiler.efmi.build import ALGORITHM, PRODUCTION
 from vdfmu.compiler.fmu.description import model_description, model_description_3
 from vdfmu.compiler.fmu.reference_results import FOLDER

@@ -8,8 +8,7 @@ import pytest
 
 from tests.conftest import heavy
 from tests.warm import command
-from tests.wild import build
-from tests.wild import pack as pack_library
+from tests.wild import write_strict
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.run import ALGORITHMS, simulate
@@ -17,26 +16,12 @@ from vdfmu.engine.run import ALGORITHMS, simulate
 COUPLINGS = [{"algorithm": name} for name in ALGORITHMS] + [
     {"algorithm": name, "adaptive": 1e-4} for name in ("extrapolated", "iterative")
 ]
-PARAMETERS = ("end", "nan_from", "inf_from", "refuse", "mute", "discard")
-XML = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="Strict" guid="{{strict}}">
-  <CoSimulation modelIdentifier="strict" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
-  <ModelVariables>
-    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>{}
-  </ModelVariables>
-  <ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs></ModelStructure>
-</fmiModelDescription>"""
 
 
 @pytest.fixture(scope="module")
 def strict(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("strict")
-    more = "".join(
-        f'<ScalarVariable name="{name}" valueReference="{i}" causality="parameter" variability="fixed">'
-        '<Real start="1e9"/></ScalarVariable>'
-        for i, name in enumerate(PARAMETERS, start=1)
-    )
-    return pack_library(folder / "Strict.fmu", build(folder, "strict"), XML.format(more))
+    """Return the FMU of strict.c, of which y is the time."""
+    return write_strict(tmp_path_factory.mktemp("strict"))
 
 
 @pytest.fixture

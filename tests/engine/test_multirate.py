@@ -4,16 +4,13 @@ import numpy as np
 import pytest
 
 from tests.conftest import heavy
+from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Simulator, simulate
 
-OURS = (
-    '<ssd:Annotations><ssc:Annotation type="org.vdfmu.experiment"><Experiment xmlns="urn:org.vdfmu:experiment" '
-    'communicationStepSize="{}"/></ssc:Annotation></ssd:Annotations>'
-)
 LIBCOSIM = (
     '<ssd:Annotations><ssc:Annotation type="com.opensimulationplatform"><StepSizeHint '
     'xmlns="http://opensimulationplatform.com/SSP/OSPAnnotations" value="{}"/></ssc:Annotation></ssd:Annotations>'
@@ -24,7 +21,7 @@ LIBCOSIM = (
 def system(pack, xml):
     """Return a package of a ramp into a slow unit into a fast one, each with the FMU and step given."""
 
-    def write(slow="Gain", step=0.5, annotation=OURS, fast="Plant"):
+    def write(slow="Gain", step=0.5, annotation=OWN_STEP, fast="Plant"):
         c = xml.component
         own = annotation.format(step) if step else ""
         return pack(
@@ -35,7 +32,7 @@ def system(pack, xml):
     return write
 
 
-@pytest.mark.parametrize("annotation", [OURS, LIBCOSIM])
+@pytest.mark.parametrize("annotation", [OWN_STEP, LIBCOSIM])
 @pytest.mark.parametrize("isolate", [False, *heavy(True)])
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("slow", ["Gain", "Lag"])
@@ -83,7 +80,7 @@ def test_steps_that_do_not_go_together_are_refused(system):
 def test_a_unit_that_passes_on_and_has_a_state_needs_jacobi(pack, xml):
     path = pack(
         ["r Ramp y:output",
-         xml.component("s", "Mixed", "u:input y:output z:output", OURS.format(0.5)),
+         xml.component("s", "Mixed", "u:input y:output z:output", OWN_STEP.format(0.5)),
          "p Plant u:input load:input"],
         ["r.y -> s.u", "s.y -> p.u", "s.z -> p.load"],
     )  # fmt: skip

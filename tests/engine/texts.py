@@ -17,6 +17,13 @@ def elements(*items: str) -> str:
     return f"<ssd:Elements>{''.join(items)}</ssd:Elements>" if any(items) else ""
 
 
+OWN_STEP = (
+    '<ssd:Annotations><ssc:Annotation type="org.vdfmu.experiment"><Experiment xmlns="urn:org.vdfmu:experiment" '
+    'communicationStepSize="{}"/></ssc:Annotation></ssd:Annotations>'
+)
+"""Annotation of a component with its own step [s]."""
+
+
 def component(name: str = "a", source: str = "a.fmu", inner: str = "", attributes: str = "") -> str:
     return f'<ssd:Component name="{name}" source="{source}" {attributes}>{inner}</ssd:Component>'
 

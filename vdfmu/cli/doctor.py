@@ -26,11 +26,11 @@ WITHOUT = {
 def doctor() -> None:
     """Print the installed packages and the effects of missing packages."""
     from vdfmu.base.errors import FmuError
+    from vdfmu.base.platforms import compiler, native_available, this_platform
     from vdfmu.base.version import __version__
     from vdfmu.cli.cache import say_cache
     from vdfmu.cli.extras import installed
     from vdfmu.cli.terminal import say
-    from vdfmu.compiler.c.platforms import compiler, native_available, this_platform
 
     try:
         here = this_platform()

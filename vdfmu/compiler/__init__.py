@@ -1,7 +1,7 @@
 """A class in numpy becomes functions, C and an FMU. Nothing here knows a robot."""
 
 DOORS = (
-    "c.compile", "c.functions", "c.loaded", "c.platforms", "c.text", "fmu.build", "fmu.content", "fmu.description",
+    "c.functions", "c.loaded", "c.text", "fmu.build", "fmu.content", "fmu.description",
     "functions.sources", "functions.traced", "scalar", "unit", "unit.declaration", "unit.evaluate", "unit.interface",
     "unit.load", "unit.new", "unit.solver", "wasm",
 )  # fmt: skip

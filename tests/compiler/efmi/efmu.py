@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tests.compiler.native.conftest import run
-from vdfmu.compiler.c.compile import compile_library
-from vdfmu.compiler.c.platforms import this_platform
+from vdfmu.base.compile import compile_library
+from vdfmu.base.platforms import this_platform
 
 Rows = dict[str, np.ndarray]
 """Variable to its values, a row for each step."""

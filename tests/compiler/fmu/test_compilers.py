@@ -10,9 +10,9 @@ import pytest
 import vdfmu
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
+from vdfmu.base import platforms
+from vdfmu.base.compile import Compilation
 from vdfmu.base.errors import FmuError, UsageError
-from vdfmu.compiler.c import platforms
-from vdfmu.compiler.c.compile import Compilation
 
 OWN = [name for name in ("gcc", "clang") if shutil.which(name)]
 SMALL = {"small.c": b"double twice(double x);\ndouble twice(double x) { return 2.0 * x; }\n"}

@@ -16,11 +16,11 @@ import pytest
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import shipped_units
 from vdfmu.arm.units.pieces.plant_joint import PlantJoint
+from vdfmu.base import compile, platforms
+from vdfmu.base.compile import Compilation, _Workshop, compile_library
 from vdfmu.base.errors import FmuError, UsageError
-from vdfmu.compiler.c import compile, platforms
-from vdfmu.compiler.c.compile import Compilation, _Workshop, compile_library
+from vdfmu.base.platforms import PLATFORMS, native_available, this_platform
 from vdfmu.compiler.c.generate import generated_sources
-from vdfmu.compiler.c.platforms import PLATFORMS, native_available, this_platform
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
 from vdfmu.compiler.unit.interface import Interface

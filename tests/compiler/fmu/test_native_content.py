@@ -15,8 +15,8 @@ from tests.compiler.conftest import Lazy
 from tests.compiler.exports import REFERENCE, elf_exports, pe_exports
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import shipped_units
-from vdfmu.compiler.c import platforms
-from vdfmu.compiler.c.platforms import ALL, PLATFORMS
+from vdfmu.base import platforms
+from vdfmu.base.platforms import ALL, PLATFORMS
 from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.inspect.fmu import related_notes

@@ -13,7 +13,7 @@ from tests.compiler.native.binding import Model
 from tests.compiler.native.conftest import HERE, bits, driver_arguments, program, run, version_flags
 from tests.compiler.native.fmi_types import HEADERS, signatures
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.compiler.c.platforms import PLATFORMS
+from vdfmu.base.platforms import PLATFORMS
 
 pytestmark = pytest.mark.heavy
 

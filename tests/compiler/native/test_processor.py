@@ -7,8 +7,8 @@ import pytest
 
 from tests.compiler.native.binding import Model
 from tests.compiler.native.conftest import bits, driver_arguments, program, run
-from vdfmu.compiler.c.compile import compile_library
-from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
+from vdfmu.base.compile import compile_library
+from vdfmu.base.platforms import PLATFORMS, this_platform
 from vdfmu.compiler.fmu.native import fmi_headers
 
 BROKEN = b"""#include "processor.h"

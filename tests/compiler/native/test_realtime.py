@@ -11,8 +11,8 @@ import pytest
 from tests.compiler.native.binding import Instance
 from tests.compiler.native.conftest import GCC, HEADERS, HERE, VERSIONS, program, run
 from vdfmu.arm.units.plant import Plant
-from vdfmu.compiler.c.compile import Compilation
-from vdfmu.compiler.c.platforms import this_platform
+from vdfmu.base.compile import Compilation
+from vdfmu.base.platforms import this_platform
 from vdfmu.compiler.unit.declaration import SOLVERS
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface

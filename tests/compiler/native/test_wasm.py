@@ -16,7 +16,7 @@ from tests.compiler.conftest import alone
 from tests.compiler.native.binding import ERROR, OK, Instance, Model
 from tests.compiler.native.fmi_types import signatures
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.compiler.c.platforms import this_platform
+from vdfmu.base.platforms import this_platform
 
 pytestmark = pytest.mark.heavy
 VERSIONS = ("2.0", "3.0")

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from tests.conftest import heavy
+from vdfmu.base.compile import SHOWN, compile_library, load_library
 from vdfmu.base.files import data_path
-from vdfmu.compiler.c.compile import compile_library
-from vdfmu.compiler.c.loaded import SHOWN, load_library
-from vdfmu.compiler.c.platforms import this_platform
+from vdfmu.base.platforms import this_platform
 from vdfmu.study.batch.make import FLAGS, LEVELS
 
 FUNCTIONS = {

@@ -1,49 +1,19 @@
-"""Compiled functions in this process, fast enough for a solver or a loop of Python."""
+"""Rows of traced functions by compiled code, fast enough for a solver or a loop of Python."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from ctypes import CDLL, POINTER, c_size_t, c_void_p
-from pathlib import Path
-from typing import TypeVar
+from collections.abc import Callable, Sequence
+from ctypes import POINTER, c_size_t, c_void_p
 
 import casadi as ca
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.compile import SHOWN, loaded
 from vdfmu.base.errors import FmuError, KernelError
-from vdfmu.base.files import temporary_folder
-from vdfmu.compiler.c.compile import compile_library
+from vdfmu.base.platforms import native_available
 from vdfmu.compiler.c.functions import kernel_source
-from vdfmu.compiler.c.platforms import PLATFORMS, native_available, this_platform
 from vdfmu.compiler.c.text import c_prototype
-
-_Library = TypeVar("_Library", bound=CDLL)
-
-SHOWN = """#ifdef _WIN32
-#define SHOWN __declspec(dllexport)
-#else
-#define SHOWN __attribute__((visibility("default")))
-#endif
-"""
-"""C text that defines the mark of functions for Python."""
-
-
-def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -> _Library:
-    """Compile C files, or take their library `name` from the cache, and load it.
-
-    `kind`: functions of a `CDLL` let other threads run. For short functions this change takes longer than the function:
-    use `PyDLL`. FmuError without a compiler or room.
-    """
-    return load_library(compile_library(files, this_platform(), name=name), name, kind)
-
-
-def load_library(library: bytes, name: str, kind: type[_Library] = CDLL) -> _Library:
-    """Load a compiled library of this platform."""
-    with temporary_folder("vdfmu_library_") as folder:
-        path = Path(folder) / f"{name}{PLATFORMS[this_platform()].suffix}"
-        path.write_bytes(library)
-        return kind(str(path))
 
 
 def compiled_rows(function: ca.Function) -> Callable[[Sequence[Floats], Floats], None] | None:

@@ -15,9 +15,9 @@ from typing import Any
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
+from vdfmu.base.platforms import native_available
 from vdfmu.base.progress import warn_once
 from vdfmu.base.standards import BACKENDS, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
-from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.fmu.content import Content, is_built, keep_record
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.declaration import Machine

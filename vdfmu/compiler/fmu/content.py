@@ -62,7 +62,7 @@ def _tool_of(backend: str) -> str:
     """Name and version of the tool that makes the library of an FMU."""
     if backend == "python":
         return f"pythonfmu {version_of('pythonfmu')}"
-    from vdfmu.compiler.c.platforms import compiler_version
+    from vdfmu.base.platforms import compiler_version
 
     return compiler_version()
 

@@ -9,12 +9,12 @@ from importlib.metadata import files as installed_files
 from importlib.util import find_spec
 from pathlib import Path
 
+from vdfmu.base.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.base.errors import FmuError
 from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_member, source_bytes, storing
+from vdfmu.base.platforms import binaries, chosen_platforms
 from vdfmu.base.standards import FMI_VERSIONS
-from vdfmu.compiler.c.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
-from vdfmu.compiler.c.platforms import binaries, chosen_platforms
 from vdfmu.compiler.fmu.content import CONTENT_PLACES, THIRD_PARTY, Content, is_built, keep_record, terms
 from vdfmu.compiler.fmu.description import build_description, document, model_description, model_description_3
 from vdfmu.compiler.fmu.documentation import documentation_files
@@ -27,7 +27,7 @@ _CONTENT = CONTENT_PLACES["native"]
 
 
 def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str] | str | None) -> None:
-    """Write the FMUs that are not up to date, for :func:`~vdfmu.compiler.c.platforms.chosen_platforms`."""
+    """Write the FMUs that are not up to date, for :func:`~vdfmu.base.platforms.chosen_platforms`."""
     names = chosen_platforms(platforms)
     stale = {path: content for path, content in contents.items() if not _up_to_date(path, content, names)}
     sources: dict[Path, dict[str, bytes]] = {}

@@ -14,6 +14,8 @@ from vdfmu.engine.package.system import Value
 
 Call = tuple[Any, tuple[Any, ...], str]
 """An FMI function, its prepared arguments, and its name for messages."""
+Ends = tuple[NDArray[Any], NDArray[np.intp], NDArray[Any], NDArray[np.intp]]
+"""Target and places in it, source and places in it, of a copy."""
 DTYPES: dict[str, Any] = {
     "Real": np.float64, "Integer": np.int64, "Boolean": np.int32, "String": np.object_, "Binary": np.object_,
 }  # fmt: skip
@@ -109,14 +111,24 @@ class Transfer:
 
         def get(*arguments: Any) -> int:
             status = function(*arguments)
-            self._fetch()
+            self.move()
             return status
 
         def put(*arguments: Any) -> int:
-            self._bring()
+            self.move()
             return function(*arguments)
 
         return get if self.verb == "Get" else put
+
+    @property
+    def ends(self) -> Ends:
+        """Ends of the copy that `move` makes."""
+        call, master = (self.memory, self._places), (self._values, self._where)
+        return (*call, *master) if self.verb == "Set" else (*master, *call)
+
+    def move(self) -> None:
+        """Copy the values between the master's memory and that of the call; CosimError for an integer out of range."""
+        (self._fetch if self.verb == "Get" else self._bring)()
 
     def _fetch(self) -> None:
         received = self.memory[self._places]

@@ -201,13 +201,19 @@ class Instance(Library):
         chosen: Callable[[FmuVariable], bool] = lambda v: True,
     ) -> list[Call]:
         """Return the calls that get or set the chosen variables of one kind, with the values `values`, in place."""
-        calls: list[Call] = []
+        return [self._value_call(moved) for moved in self.transfers(verb, variables, values, chosen)]
+
+    def transfers(
+        self, verb: str, variables: Sequence[FmuVariable], values: NDArray[Any], chosen: Callable[[FmuVariable], bool]
+    ) -> list[Transfer]:
+        """Return the transfers of these calls."""
+        transfers: list[Transfer] = []
         for native in dict.fromkeys(v.native for v in variables if chosen(v)):
             places = [i for i, v in enumerate(variables) if v.native == native and chosen(v)]
             alike = [variables[i] for i in places]
-            moved = Transfer(verb, alike, places, values, self.dtypes[native], self._known, self._failure)
-            calls.append(self._value_call(moved))
-        return calls
+            dtype = self.dtypes[native]
+            transfers.append(Transfer(verb, alike, places, values, dtype, self._known, self._failure))
+        return transfers
 
     def between_events(self, variable: FmuVariable) -> bool:
         """Whether a variable is got or set between events; event mode excludes clocked ones and discrete inputs."""

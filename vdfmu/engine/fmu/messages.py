@@ -10,6 +10,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+from ctypes import c_double, c_int
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -59,19 +60,30 @@ class MessageBox:
         self.pending: list[LogMessage] = []
         self.kept: deque[LogMessage] = deque(maxlen=limit)
         self.ended: dict[str, float] = {}
-        self.time = 0.0
+        self.clock, self.waiting = c_double(), c_int()
+        """Memory that compiled steps share: the communication point [s], and whether a message came since `flush`."""
         self._log = log or _log
         self._limit = limit
 
+    @property
+    def time(self) -> float:
+        """The communication point [s]."""
+        return self.clock.value
+
+    @time.setter
+    def time(self, time: float) -> None:
+        self.clock.value = time
+
     def add(self, message: LogMessage) -> None:
         """Take a message; between two flushes only the last `limit` are certain to be kept."""
+        self.waiting.value = 1
         self.pending.append(message)
         if len(self.pending) >= 2 * self._limit:
             del self.pending[: self._limit]
 
     def flush(self) -> None:
         """Log and keep the pending messages."""
-        messages, self.pending = self.pending, []
+        messages, self.pending, self.waiting.value = self.pending, [], 0
         for message in messages:
             self.kept.append(message)
             self._log(message)

@@ -155,6 +155,8 @@ _EVENT, _END, _EARLY = range(3)
 """Output flags of doStep."""
 _CLOSE = 1e-9
 """Part of a step that an early return may omit by rounding."""
+_KEEP = c_bool.from_param(True)
+"""Argument of doStep: no state from before the step is restored."""
 _CHANGED = 2
 """Value of fmi3IntervalQualifier."""
 
@@ -212,27 +214,30 @@ class Instance3(Instance):
         return moved.around(self.function(moved.verb + moved.native)), arguments, moved.name
 
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
-        step, last = self.function("DoStep"), c_double()
-        flags = (c_bool * 4)()
-        any_flag = c_uint32.from_buffer(flags)
-        answers = *(byref(flags, i) for i in (_EVENT, _END, _EARLY)), byref(last)
+        step = self.function("DoStep")
+        self.flags, self.reached = (c_bool * 4)(), c_double()
+        """Answers of doStep: output flags, and the last successful time [s]."""
+        self._answers = *(byref(self.flags, i) for i in (_EVENT, _END, _EARLY)), byref(self.reached)
 
         def do_step(component: Any, clock: c_double, size: c_double, keep: Any) -> int:
             if self.updates:
                 self._run_line(clock.value, clock.value + size.value)
-            status = step(component, clock, size, keep, *answers)
-            if self._failed is not None:
-                raise self._failed
-            end = clock.value + size.value
-            close = end - _CLOSE * size.value
-            while any_flag.value and status < 2:
-                if self._answered(flags, last.value, last.value >= close):
-                    break
-                rest = c_double(last.value), c_double(end - last.value)
-                status = step(component, *rest, keep, *answers)
-            return status
+            return self.complete(step(component, clock, size, keep, *self._answers), clock, size)
 
-        return do_step, (self.argument, clock, size, c_bool.from_param(True)), "doStep"
+        return do_step, (self.argument, clock, size, _KEEP), "doStep"
+
+    def complete(self, status: int, clock: c_double, size: c_double) -> int:
+        """Complete a step by its status, `flags` and time `reached`; return the last status."""
+        if self._failed is not None:
+            raise self._failed
+        end, any_flag = clock.value + size.value, c_uint32.from_buffer(self.flags)
+        close = end - _CLOSE * size.value
+        while any_flag.value and status < 2:
+            if self._answered(self.flags, self.reached.value, self.reached.value >= close):
+                break
+            rest = c_double(self.reached.value), c_double(end - self.reached.value)
+            status = self.function("DoStep")(self.argument, *rest, _KEEP, *self._answers)
+        return status
 
     def _run_line(self, begin: float, end: float) -> None:
         """Begin a step with inputs on lines; a repeated step begins as before."""

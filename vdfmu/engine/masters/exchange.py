@@ -135,13 +135,15 @@ class Bank:
 
         Default: variables that can be called between events.
         """
+        variables, part = self.window(instance, verb)
+        return instance.access(verb, variables, part, chosen or instance.between_events)
+
+    def window(self, instance: Instance, verb: str) -> tuple[list[FmuVariable], NDArray[Any]]:
+        """Return the variables that are to ``Get`` or ``Set``, and their memory."""
         window = (self.output_windows if verb == "Get" else self.input_windows)[instance.name]
         shift = 0 if verb == "Get" else self.outputs.size
         variables = [v for _, v in self.variables[window.start + shift : window.stop + shift]]
-        part = (self.outputs if verb == "Get" else self.inputs)[window]
-        if chosen is None:
-            chosen = instance.between_events
-        return instance.access(verb, variables, part, chosen)
+        return variables, (self.outputs if verb == "Get" else self.inputs)[window]
 
 
 _HEAD = 4
@@ -176,7 +178,10 @@ class Exchange:
         for kind in KINDS:
             self.banks.append(Bank(kind, checked, words[taken:]))
             taken += self.banks[-1].words
-        self._watched = np.zeros(0, np.intp)
+        self.watched = np.zeros(0, np.intp)
+        """Real outputs that must be finite."""
+        self.columns: dict[str, list[int]] = {}
+        """Places of the recorded signals in their bank, by kind."""
         self._all_finite: Callable[[], bool] = lambda: True
         self._fed: list[tuple[NDArray[Any], NDArray[np.intp], Course]] = []
         for kind, names, course in checked.feed.courses if checked.feed else ():
@@ -293,6 +298,7 @@ class Exchange:
         signals: list[tuple[int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
+        self.columns = {}
         for bank in banks:
             kind = bank.kind.lower()
             chosen = [
@@ -313,9 +319,10 @@ class Exchange:
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
                 outputs = {i for i in chosen if bank.variables[i][1].causality == "output"}
-                self._watched = np.array(sorted(read | outputs), np.intp)
-                self._all_finite = _finite(bank.outputs, self._watched)
+                self.watched = np.array(sorted(read | outputs), np.intp)
+                self._all_finite = _finite(bank.outputs, self.watched)
             if chosen:
+                self.columns[kind] = chosen
                 stores.append(_store(rec, bank.memory, chosen))
         signals.sort(key=lambda item: item[0])
 
@@ -337,7 +344,7 @@ class Exchange:
             return
         bank = self.banks[0]
         order = {unit: i for i, unit in enumerate(self.checked.schedule.units)}
-        wrong = [i for i in self._watched if not math.isfinite(bank.outputs[i])]
+        wrong = [i for i in self.watched if not math.isfinite(bank.outputs[i])]
         first, *rest = sorted(wrong, key=lambda i: order[bank.variables[i][0]])
         unit, variable = bank.variables[first]
         names = [f"{owner}.{v.name}" for owner, v in (bank.variables[i] for i in rest)]

@@ -36,6 +36,10 @@ class RowsInMemory(Tap):
         """Store row `k`."""
         self._put(k)
 
+    def room(self, k: int) -> tuple[int, int]:
+        """Make room for the next row, `k`; return the first row in memory, and the first that has no room."""
+        return 0, k + ROWS
+
     def finish(self, time: Floats) -> Mapping[str, NDArray[Any]]:
         """Return the rows up to the last `time`, by kind."""
         return {kind: array[: len(time)] for kind, array in self._data.items()}
@@ -77,9 +81,13 @@ class Recorder(RowsInMemory):
 
     def take(self, k: int, time: float, components: Any) -> None:
         """Store the next row, `k`."""
+        self._put(k - self.room(k)[0])
+
+    def room(self, k: int) -> tuple[int, int]:
+        """See `RowsInMemory.room`."""
         if k - self._first == self._rows or clock.perf_counter() > self._due:
             self._flush(self._times(self._first, k))
-        self._put(k - self._first)
+        return self._first, self._first + self._rows
 
     def finish(self, time: Floats) -> dict[str, NDArray[Any]]:
         """Write the remaining rows, up to the last `time`; return all rows by kind, mapped from disk."""

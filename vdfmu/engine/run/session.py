@@ -19,12 +19,13 @@ from typing import Any
 import fmpy
 import numpy as np
 
-from vdfmu.base.errors import CosimError, VdfmuError
+from vdfmu.base.errors import LOG, CosimError, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.fmu.description import is_ours
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
+from vdfmu.engine.masters.compiled import CompiledSteps, obstacle
 from vdfmu.engine.masters.components import Components, failure_message
 from vdfmu.engine.masters.observer import Finite, Observed, Pace, Tap
 from vdfmu.engine.masters.sampled import Stepper
@@ -238,7 +239,6 @@ class Run:
         self._done = -1
         """The last complete row."""
         exchange = session.exchange
-        self._one = session.stepping(grid)
         block, longest = (ROWS, SECONDS) if files and speed is None else (grid.n + 1, np.inf)
         self._signals, data, put = exchange.recorders(block, options["record"])
         self._rows = RowsInMemory(data, put)
@@ -252,6 +252,11 @@ class Run:
         self._pace = None if speed is None else Pace(speed, grid.step, self._stopped)
         listed += [*taps, *([] if self._pace is None else [self._pace])]
         self._taps = [(tap.rows(grid), tap.take) for tap in listed]
+        why = obstacle(session.stepper, exchange)
+        summary["stepper"] = f"Python: {why}" if why else "C"
+        LOG.info("stepper: %s", summary["stepper"])
+        self._compiled = None if why else CompiledSteps(exchange, grid, data)
+        self._one = session.stepping(grid)
 
     def steps(self, progress: Any) -> Results:
         """Do the steps and return the results; call ``progress(k, n)`` if it is not None."""
@@ -267,7 +272,7 @@ class Run:
                 if progress is not None:
                     progress(0, grid.n)
                 while self._done < grid.n and not box.ended:
-                    self._do(range(self._done, min(grid.n, self._done + stride)))
+                    self._do(min(grid.n, self._done + stride))
                     if progress is not None:
                         progress(self._done, grid.n)
         except CosimError as error:
@@ -296,18 +301,35 @@ class Run:
             if k in rows:
                 take(k, time, components)
 
-    def _do(self, steps: range) -> None:
-        """Do some steps, until a component ends the simulation."""
-        box, one, row, guard = self._session.box, self._one, self._row, self._guard
-        pending, ended = box.pending, box.ended
-        for k in steps:
-            one(k)
-            row(k + 1)
-            self._done = k + 1
-            if ended:
-                self._done = self._end(k, box.time)
+    def _in_python(self, end: int) -> None:
+        """Do a step with its row."""
+        self._one(self._done)
+        self._row(self._done + 1)
+        self._done += 1
+
+    def _in_c(self, end: int) -> None:
+        """Do steps with their rows to row `end` at most, one if taps look at each row."""
+        assert self._compiled is not None
+        first, full = self._rows.room(self._done + 1)
+        others = self._taps[2:]  # C has the work of the first two
+        try:
+            self._done = self._compiled.run(self._done + 1 if others else min(end, full - 1), first)
+        except BaseException:
+            self._done = self._compiled.row
+            raise
+        for rows, take in others:
+            if self._done in rows:
+                take(self._done, self._grid.time(self._done), self._session.components)
+
+    def _do(self, end: int) -> None:
+        """Do steps to row `end`, until a component ends the simulation."""
+        box, guard, advance = self._session.box, self._guard, self._in_c if self._compiled else self._in_python
+        while self._done < end:
+            advance(end)
+            if box.ended:
+                self._done = self._end(self._done - 1, box.time)
                 break
-            if pending:
+            if box.pending:
                 box.flush()
             if guard.number:
                 raise KeyboardInterrupt
@@ -348,6 +370,8 @@ class Run:
         return results
 
     def _saved(self) -> str:
+        if self._compiled is not None and not self._session.box.ended:
+            self._done = max(self._done, self._compiled.row)
         self._results()
         files = " and ".join(map(str, self._files))
         return f" The rows so far are in {files}." if files and self._done >= 0 else ""

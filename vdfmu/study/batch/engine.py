@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.compile import load_library
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import matching
-from vdfmu.compiler.c.loaded import load_library
 from vdfmu.engine.results.results import Results, Signal
 
 LANES = 8

@@ -8,12 +8,11 @@ from collections.abc import Iterable, Iterator
 import casadi as ca
 import numpy as np
 
+from vdfmu.base.compile import SHOWN, Compilation, compile_libraries
 from vdfmu.base.errors import FmuError, KernelError, UsageError
 from vdfmu.base.files import data_path
-from vdfmu.compiler.c.compile import Compilation, compile_libraries
+from vdfmu.base.platforms import this_platform, zig
 from vdfmu.compiler.c.functions import kernel_source
-from vdfmu.compiler.c.loaded import SHOWN
-from vdfmu.compiler.c.platforms import this_platform, zig
 from vdfmu.compiler.c.text import head
 from vdfmu.compiler.unit.evaluate import Call, Evaluation, Traced
 from vdfmu.study.batch.engine import BatchProgram

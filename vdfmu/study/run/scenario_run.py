@@ -16,9 +16,9 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
+from vdfmu.base.platforms import compiler_version
 from vdfmu.base.progress import doing, report
 from vdfmu.base.standards import PYTHON_FMI
-from vdfmu.compiler.c.platforms import compiler_version
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions

@@ -14,8 +14,8 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import data_path, pack_zip, read_member, regular_target, require_ours, storing
+from vdfmu.base.platforms import native_available
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
-from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.fmu.build import FMI, TARGETS, Content, choose_backend, form_of, unit_name
 from vdfmu.compiler.unit import Unit
 from vdfmu.engine.package.parse import validate

@@ -30,10 +30,10 @@ import scipy
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.compile import SHOWN, loaded
 from vdfmu.base.errors import LOG, FmuError, KernelError, UsageError
+from vdfmu.base.platforms import native_available
 from vdfmu.compiler.c.functions import kernel_source
-from vdfmu.compiler.c.loaded import SHOWN, loaded
-from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.c.text import c_prototype, setting_lines
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.evaluate import Call, Traced

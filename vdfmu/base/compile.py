@@ -1,4 +1,4 @@
-"""Compilation with the C compiler of the package ziglang, or for this machine with gcc or clang.
+"""C libraries by the compiler of the package ziglang, or for this machine by gcc or clang, and their loading.
 
 The same sources give the same bits: objects are compiled under relative names without debug information, and time
 stamps of the linker are replaced. Objects and libraries are cached by the digest of their sources, so FMUs that differ
@@ -16,19 +16,21 @@ import time
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
+from ctypes import CDLL
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path, PurePosixPath
 from threading import Lock
+from typing import TypeVar
 
 from vdfmu.base.cache import COMPILER, cache_folder, load, store, trusted
 from vdfmu.base.errors import LOG, FmuError
 from vdfmu.base.files import temporary_folder
+from vdfmu.base.platforms import PLATFORMS, WASM, X86, Compiler, Platform, compiler, this_platform
 from vdfmu.base.process import end_group
 from vdfmu.base.progress import counted
-from vdfmu.compiler.c.platforms import PLATFORMS, WASM, X86, Compiler, Platform, compiler
 
 _FLAGS = (
     "-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden",
@@ -49,6 +51,14 @@ _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""
 _ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
+SHOWN = """#ifdef _WIN32
+#define SHOWN __declspec(dllexport)
+#else
+#define SHOWN __attribute__((visibility("default")))
+#endif
+"""
+"""C text that defines the mark of functions for Python."""
+_Library = TypeVar("_Library", bound=CDLL)
 
 
 @dataclass(frozen=True)
@@ -58,7 +68,7 @@ class Compilation:
     name: str
     sources: Mapping[str, bytes]
     platform: str
-    """Name in :data:`~vdfmu.compiler.c.platforms.PLATFORMS`."""
+    """Name in :data:`~vdfmu.base.platforms.PLATFORMS`."""
     flags: tuple[str, ...] = ()
     """Further flags of the compiler and the linker."""
     zig: bool = False
@@ -317,3 +327,20 @@ def _without_time(library: bytes) -> bytes:
         return library
     (header,) = struct.unpack_from("<I", library, 0x3C)
     return library[: header + 8] + bytes(4) + library[header + 12 :]
+
+
+def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -> _Library:
+    """Compile C files, or take their library `name` from the cache, and load it.
+
+    `kind`: functions of a `CDLL` let other threads run. For short functions this change takes longer than the function:
+    use `PyDLL`. FmuError without a compiler or room.
+    """
+    return load_library(compile_library(files, this_platform(), name=name), name, kind)
+
+
+def load_library(library: bytes, name: str, kind: type[_Library] = CDLL) -> _Library:
+    """Load a compiled library of this platform."""
+    with temporary_folder("vdfmu_library_") as folder:
+        path = Path(folder) / f"{name}{PLATFORMS[this_platform()].suffix}"
+        path.write_bytes(library)
+        return kind(str(path))

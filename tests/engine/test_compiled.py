@@ -1,0 +1,210 @@
+"""Steps in compiled code give the bits, failures and messages of steps in Python, and are used where they can be."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from tests.engine.files import assert_same_bits
+from tests.engine.reference import models
+from tests.engine.reference.models import V
+from tests.engine.texts import OWN_STEP
+from tests.wild import build, write, write_strict
+from vdfmu.base.errors import CosimError
+from vdfmu.base.interrupt import listening
+from vdfmu.engine.algorithms import named
+from vdfmu.engine.masters import compiled
+from vdfmu.engine.run import Interrupted, Results, session, simulate
+
+HELD = named(substeps=1)
+NUMBERS = models.feedthrough(tuple(kind for kind in models.SCALARS if kind not in ("String", "Binary")), "Numbers")
+NUMBERS_2 = models.feedthrough(("Float64", "Int32", "Boolean"), "Numbers2")
+EXTREMES = {"Float64": 0.1, "Float32": 0.1, "Boolean": True, "Enumeration": 2} | {
+    name: np.iinfo(name.lower()).min for name in models.INTEGERS if name != "UInt64"
+} | {"UInt64": 2**63 - 1}  # fmt: skip
+GROWING = models.Model(
+    "Growing",
+    [V("x", "output", start=0.0), V("der(x)"), V("n", "output", "Int32", needs=("x",)),
+     V("k", "parameter", start=10.0)],
+    "static void outputs(Instance *I) { I->d.der_x = I->d.k; I->d.n = (int)I->d.x; }\n", step=0.1, states=("x",),
+)  # fmt: skip
+ALONE = {"dahlquist": models.DAHLQUIST, "van der pol": models.VAN_DER_POL, "resource": models.RESOURCE}
+
+
+@pytest.fixture(scope="module")
+def strict(tmp_path_factory):
+    """Return the FMU of strict.c, of which y is the time."""
+    return write_strict(tmp_path_factory.mktemp("strict")).read_bytes()
+
+
+@pytest.fixture
+def packaged(system, pack, built, xml, arm_package, strict):
+    """Return a function that packs a system by its name; it returns the package and options of its run."""
+
+    def scaled(version):
+        link = xml.connection("b.x -> a.u", '<ssc:LinearTransformation factor="-1.5" offset="0.5"/>')
+        lags = [f"{name} Lagging u:input x:output" for name in "ab"]
+        return pack(lags, ["a.x -> b.u", link], extra={"resources/Lagging.fmu": built(models.LAG, version)})
+
+    def rates(version):
+        own = {name: OWN_STEP.format(step) for name, step in {"slow": 0.3, "gain": 0.2}.items()}
+        units = {"fast": (models.VAN_DER_POL, version), "gain": (NUMBERS_2, version)}
+        units |= dict.fromkeys(("slow", "after"), (models.LAG, version))
+        links = ["fast.x0 -> gain.Float64_input", "gain.Float64_output -> slow.u", "slow.x -> after.u"]
+        return system(units, links, own)
+
+    def types():
+        units = {"a": (NUMBERS, "3.0"), "two": (NUMBERS_2, "2.0"), "b": (NUMBERS, "3.0")}
+        links = [f"a.{kind}_output -> b.{kind}_input" for kind in EXTREMES if kind not in ("Float32", "Int8")]
+        links += ["a.Int8_output -> two.Int32_input", "two.Int32_output -> b.Int8_input"]
+        links += ["a.Float32_output -> two.Float64_input", "two.Float64_output -> b.Float32_input"]
+        return system(units, links), {"parameters": {f"a.{kind}_input": value for kind, value in EXTREMES.items()}}
+
+    def arrays():
+        units = {"k": (NUMBERS_2, "2.0"), "s": (models.STATE_SPACE, "3.0"), "t": (models.STATE_SPACE, "3.0")}
+        return system(units, ["k.Float64_output -> s.u[2]", "s.y[3] -> t.u[1]", "s.y[1] -> t.u[3]"])
+
+    made = {"types": types, "arrays": arrays, "arm": arm_package}
+    for version in ("2.0", "3.0"):
+        made |= {f"scaled {version}": lambda v=version: scaled(v), f"rates {version}": lambda v=version: rates(v)}
+        for name, model in ALONE.items():
+            made[f"{name} {version}"] = lambda m=model, v=version: system({"m": (m, v)})
+    made["strict"] = lambda: pack(["unit Strict y:output"], extra={"resources/Strict.fmu": strict})
+
+    def make(name):
+        given = made[name]()
+        return given if isinstance(given, tuple) else (given, {})
+
+    return make
+
+
+NAMES = [
+    "types", "arrays", "arm", "strict",
+    *(f"{kind} {version}" for version in ("2.0", "3.0") for kind in ("scaled", "rates", *ALONE)),
+]  # fmt: skip
+
+
+@pytest.fixture
+def both(monkeypatch):
+    """Return a function that runs a system with steps in C and in Python, and returns the same results or failure."""
+
+    def run(package, **options) -> Results | CosimError:
+        outcomes = []
+        for obstacle in (compiled.obstacle, lambda *_: "switched off"):
+            monkeypatch.setattr(session, "obstacle", obstacle)
+            said = []
+            try:
+                results = outcome = simulate(package, isolate=False, log=said.append, **options)
+            except CosimError as error:
+                outcome, results = error, error.results
+            assert results.summary["stepper"] == ("Python: switched off" if outcomes else "C")
+            outcomes.append((outcome, results, said))
+        (one, some, first), (other, others, second) = outcomes
+        assert_same_bits(some, others)
+        assert first == second
+        assert (type(one), str(one)) == (type(other), str(other)) or isinstance(one, Results)
+        assert some.summary["notes"] == others.summary["notes"]
+        return one
+
+    return run
+
+
+@pytest.mark.parametrize("algorithm", HELD)
+@pytest.mark.parametrize("name", NAMES)
+def test_all_systems_have_the_same_bits(packaged, both, name, algorithm):
+    package, options = packaged(name)
+    step = 1e-3 if name == "arm" else 0.1
+    results = both(package, step=step, stop=20 * step, algorithm=algorithm, record=["*"], **options)
+    assert len(results) == 21
+    assert name.startswith(("types", "resource")) or any(
+        (results[each][1:] != results[each][0]).any() for each in results
+    )
+
+
+@pytest.mark.parametrize("others", [False, True])
+def test_rows_go_to_files_block_by_block(packaged, both, monkeypatch, tmp_path, others):
+    """Blocks of 7 rows, and slices of less than a step; an observer sees each row."""
+    monkeypatch.setattr(session, "ROWS", 7)
+    monkeypatch.setattr(compiled, "_SLICE", 0.0)
+    seen = []
+
+    class Seeing:
+        def row(self, time, values):
+            seen.append((time, values.tolist()))
+
+    package, _ = packaged("van der pol 2.0")
+    results = both(package, step=0.01, stop=1.0, stream=tmp_path / "rows.csv", observer=Seeing() if others else None)
+    assert np.array_equal(Results.read(tmp_path / "rows.csv")["m.x0"], results["m.x0"])
+    assert seen[:101] == seen[101:]
+    assert len(seen) == 202 * others
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [("refuse", "the oil is too cold"), ("mute", "its last message"), ("discard", "too long"), ("nan_from", "y is nan"),
+     ("inf_from", "y is -inf"), ("end", "")],
+)  # fmt: skip
+def test_failures_and_ends_name_component_call_and_time(packaged, both, fault, said):
+    package, _ = packaged("strict")
+    outcome = both(package, step=0.25, stop=2.0, parameters={f"unit.{fault}": 0.6})
+    if fault == "end":
+        assert outcome.summary["ended"] == {"component": "unit", "time": 0.6}
+    else:
+        assert (outcome.unit, outcome.call, outcome.time) == ("unit", "doStep", 0.75 if said[0] != "y" else 0.5)
+        assert said in str(outcome)
+
+
+def test_a_unit_of_version_3_ends_the_simulation(system, both):
+    """The stair ends it at 9 s. Components with their own steps have no events."""
+    own = {name: OWN_STEP.format(step) for name, step in {"m": 1.0, "n": 0.5}.items()}
+    results = both(system({"m": (models.STAIR, "3.0"), "n": (models.DAHLQUIST, "3.0")}, (), own), step=0.5, stop=12.0)
+    assert results.summary["ended"] == {"component": "m", "time": 9.0}
+
+
+def test_ctrl_c_ends_a_run_within_a_slice(packaged):
+    """The steps take a second or more."""
+    package, _ = packaged("dahlquist 2.0")
+    with listening(signal.SIGINT), pytest.raises(Interrupted) as info:
+        threading.Timer(0.1, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+        simulate(package, step=0.1, stop=1e6)
+    assert 0 < len(info.value.results) < 1e7
+    assert info.value.results.summary["stepper"] == "C"
+
+
+def test_a_component_that_ends_the_process_is_named_and_the_rows_are_kept(pack, tmp_path):
+    wild = write(tmp_path / "Wild.fmu", build(tmp_path), way=2, at=0.5).read_bytes()
+    path = pack(["unit Wild y:output"], extra={"resources/Wild.fmu": wild})
+    rows = tmp_path / "rows.csv"
+    code = "from pathlib import Path\nimport sys, vdfmu\n"
+    code += "vdfmu.simulate(sys.argv[1], step=0.25, isolate=False, stream=Path(sys.argv[2]))"
+    command = [sys.executable, "-c", code, path, rows]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    said = f"error: component unit ended the process at t = 0.5 s. The rows so far are in {rows}.\n"
+    assert (done.returncode, done.stderr) == (1, said)
+    assert len(rows.read_text().splitlines()) == 2 + 3
+
+
+def test_an_integer_out_of_range_is_refused_when_it_is(system, both):
+    """N = 10 t is 128 after 12.8 s."""
+    path = system({"a": (GROWING, "2.0"), "b": (NUMBERS, "3.0")}, ["a.n -> b.Int8_input"])
+    error = both(path, step=0.1, stop=20.0)
+    assert re.search(r"b failed at t = 12\.\d s in setInt8: expected a value of type Int8, got 128", str(error))
+
+
+def test_the_reason_for_steps_in_python_is_told(system, packaged, monkeypatch):
+    def stepper(path, **options):
+        return simulate(path, stop=0.2, step=0.1, **options).summary["stepper"]
+
+    assert stepper(system({"m": (models.STAIR, "3.0")})) == "Python: events"
+    assert stepper(system({"m": (models.FEEDTHROUGH_2, "2.0")})) == "Python: texts or binary values"
+    package, _ = packaged("dahlquist 2.0")
+    assert stepper(package) == "C"
+    assert stepper(package, isolate=True) == "Python: components in other processes"
+    assert stepper(package, algorithm="extrapolated") == "Python: the algorithm extrapolated"
+    monkeypatch.setattr(compiled, "_library", lambda: None)
+    assert stepper(package) == "Python: no C compiler"

@@ -1,0 +1,247 @@
+"""Steps in compiled code: those of `SampledStepper` and `MultirateStepper` without the interpreter, with the same bits.
+
+The plan is a list of actions: copies of values and calls of FMUs. Python judges each status, each flag of a step and
+each integer out of range. Then the step goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from ctypes import CDLL, Structure, addressof, byref, c_double, c_int, c_long, c_size_t, c_void_p, cast
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import FmuError
+from vdfmu.engine.fmu.access import TEXTS, Ends, Transfer
+from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.versions import Instance3
+from vdfmu.engine.masters.events import EventStepper
+from vdfmu.engine.masters.exchange import Bank, Exchange
+from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
+from vdfmu.engine.plan.conversion import Link
+from vdfmu.engine.plan.grid import Grid, largest_step
+
+_COPY, _SCALED, _VALUES, _, _STEP, _ = range(6)
+"""Kinds of actions. Kinds of calls are one more for FMI 3.0."""
+_NOT_FINITE = 2
+"""Answer of the loop."""
+_TYPES = "float64 float32 int64 bool int32 int16 int8 uint64 uint32 uint16 uint8".split()
+_SLICE = 0.05
+"""Time [s] after which signals and the clock of the recorder are looked at."""
+
+
+def _fields(**names: str) -> list[tuple[str, Any]]:
+    """Return the fields of a structure; the type is the first letter of each keyword."""
+    types = {"i": c_int, "l": c_long, "d": c_double, "n": c_size_t, "p": c_void_p}
+    return [(name, types[letter[0]]) for letter, listed in names.items() for name in listed.split()]
+
+
+class _Action(Structure):
+    _fields_ = _fields(
+        i="kind types", l="every at_end", d="last", p="function component references", n="n_references n",
+        p2="values source to from_ factor offset flags reached",
+    )  # fmt: skip
+
+
+class _RowBlock(Structure):
+    _fields_ = _fields(p="block memory columns", n="n size")
+
+
+class _Master(Structure):
+    _fields_ = _fields(
+        p="actions rows outputs watched", n="n_actions n_rows n_watched", p2="clock size time waiting",
+        d="begin step rest", l="n row", n2="action", i="status", d2="point length",
+    )  # fmt: skip
+
+
+@lru_cache
+def _library() -> CDLL | None:
+    """Return the compiled loop; None without a compiler or room."""
+    from vdfmu.base.compile import SHOWN, loaded
+
+    source = Path(__file__).with_suffix(".c").read_bytes()
+    try:
+        library = loaded({"compiled.c": SHOWN.encode() + source}, "compiled")
+    except FmuError:
+        return None
+    library.do_steps.argtypes = [c_void_p, c_size_t, c_long, c_long, c_double]
+    return library
+
+
+def obstacle(stepper: Stepper, exchange: Exchange) -> str:
+    """Return why the steps of a run are made in Python; empty if compiled code can make them."""
+    if not exchange.instances or type(exchange) is not Exchange:
+        return "components in other processes"
+    if type(stepper) not in (SampledStepper, MultirateStepper):
+        return "events" if isinstance(stepper, EventStepper) else f"the algorithm {exchange.checked.algorithm}"
+    if exchange.checked.feed is not None:
+        return "inputs from outside"
+    for bank in exchange.banks:
+        if bank.kind in TEXTS and bank.variables:
+            return "texts or binary values"
+        if any(link.conversion.table is not None for link in bank.links):
+            return "a connection with a table"
+    for instance in exchange.instances.values():
+        if instance.python or instance.integrator is not None:
+            return f"{instance.name} is {'written in Python' if instance.python else 'integrated by the master'}"
+    return "" if _library() is not None else "no C compiler"
+
+
+class CompiledSteps:
+    """The steps of a run on a `grid`; `data` has the recorded rows by kind, see `Exchange.recorders`."""
+
+    def __init__(self, exchange: Exchange, grid: Grid, data: Mapping[str, NDArray[Any]]) -> None:
+        library, bank = _library(), exchange.banks[0]
+        assert library is not None
+        self._run, self._exchange, self._grid = library.do_steps, exchange, grid
+        self._kept: list[Any] = []
+        """Memory whose addresses the plan has."""
+        self._actions: list[_Action] = []
+        self._judges: list[tuple[Instance, Callable[[Any], None]]] = []
+        """The component of each action, and the function that judges its status."""
+        self._make(exchange)
+        rows: list[_RowBlock] = []
+        for each in exchange.banks:
+            if columns := exchange.columns.get(kind := each.kind.lower()):
+                parts = data[kind], each.memory, np.array(columns, np.intp)
+                rows.append(_RowBlock(*map(self._address, parts), len(columns), each.memory.itemsize))
+        box, watched = exchange.box, exchange.watched
+        self._master = _Master(
+            outputs=self._address(bank.outputs), watched=self._address(watched), n_watched=watched.size,
+            actions=self._array(_Action, self._actions), n_actions=len(self._actions),
+            rows=self._array(_RowBlock, rows), n_rows=len(rows),
+            clock=addressof(exchange.clock), size=addressof(exchange.size), time=addressof(box.clock),
+            waiting=addressof(box.waiting), begin=grid.begin, step=grid.step, rest=grid.last, n=grid.n,
+        )  # fmt: skip
+
+    @property
+    def row(self) -> int:
+        """The last complete row."""
+        return self._master.row
+
+    @property
+    def instance(self) -> Instance:
+        """The component of the last call."""
+        return self._judges[self._master.action][0]
+
+    def run(self, end: int, shift: int) -> int:
+        """Do steps to row `end` at most; return the last complete row. Row k goes to row k - `shift` of the blocks.
+
+        Ends after a step with messages. CosimError for a failure of a component, or an output that is not finite.
+        """
+        master, first = self._master, 0
+        while answer := self._run(byref(master), first, end, shift, _SLICE):
+            if answer == _NOT_FINITE:
+                self._exchange.refuse_not_finite("doStep", self._grid.time(master.row + 1))
+            self._judges[master.action][1](master)
+            first, end = master.action + 1, master.row + 1
+        return master.row
+
+    def _make(self, exchange: Exchange) -> None:
+        """Make the plan, in the order of the schedule."""
+        checked, banks = exchange.checked, exchange.banks
+        fresh, early = checked.schedule.fresh, checked.early if checked.multiples else ()
+        for name in checked.schedule.units:
+            for bank in banks:
+                window = bank.input_windows[name]
+                late = [link for link in bank.links[window] if link.end not in fresh]
+                self._gather(name, bank, late, bank.links[window if checked.multiples else slice(None)])
+        for name in checked.schedule.units:
+            instance, at_end = exchange.instances[name], name not in early
+            for bank in banks:
+                links = bank.links[bank.fresh_windows[name]]
+                self._gather(name, bank, links, links)
+            for moved in self._transfers(instance, "Set"):
+                self._move(instance, moved, False)
+                self._values(instance, moved, False)
+            self._step(instance, at_end)
+            for moved in self._transfers(instance, "Get"):
+                self._values(instance, moved, at_end)
+                self._move(instance, moved, at_end)
+
+    def _transfers(self, instance: Instance, verb: str) -> list[Transfer]:
+        return [
+            moved for bank in self._exchange.banks
+            for moved in instance.transfers(verb, *bank.window(instance, verb), instance.between_events)
+        ]  # fmt: skip
+
+    def _gather(self, name: str, bank: Bank, links: Sequence[Link], alike: Sequence[Link]) -> None:
+        """Add the copy over connections; it scales all if one of `alike` scales, as `Bank.gather` does."""
+        if not links:
+            return
+        places = [(bank.position[link.end], bank.position[link.start]) for link in links]
+        to, source = (np.array(each, np.intp) for each in zip(*places, strict=True))
+        names = () if all(link.conversion.trivial for link in alike) else ("factor", "offset")
+        scales = [np.array([getattr(link.conversion, name) for link in links]) for name in names]
+        self._copy(
+            self._exchange.instances[name], (bank.memory, to, bank.memory, source), False, lambda master: None, scales
+        )
+
+    def _move(self, instance: Instance, moved: Transfer, at_end: bool) -> None:
+        """Add the copy between the memory of a call and the master's, if they differ."""
+        if not moved.direct:
+            self._copy(instance, moved.ends, at_end, lambda master: moved.move())
+
+    def _copy(
+        self, instance: Instance, ends: Ends, at_end: bool, judge: Callable[[Any], None], scales: Sequence[Floats] = ()
+    ) -> None:
+        values, to, source, places = ends
+        types = 16 * _TYPES.index(source.dtype.name) + _TYPES.index(values.dtype.name)
+        factor, offset = map(self._address, scales or (None, None))
+        self._add(
+            instance, judge, kind=_SCALED if scales else _COPY, types=types, n=to.size, at_end=at_end, factor=factor,
+            offset=offset, values=self._address(values), to=self._address(to), source=self._address(source),
+            from_=self._address(places),
+        )  # fmt: skip
+
+    def _values(self, instance: Instance, moved: Transfer, at_end: bool) -> None:
+        """Add a call that gets or sets values."""
+        self._kept.append(moved)
+        self._add(
+            instance, lambda master: instance.judge(master.status, moved.name), moved.verb + moved.native,
+            at_end=at_end, kind=_VALUES + isinstance(instance, Instance3),
+            references=addressof(moved.references), n_references=len(moved.references), n=moved.memory.size,
+            values=self._address(moved.memory),
+        )  # fmt: skip
+
+    def _step(self, instance: Instance, at_end: bool) -> None:
+        """Add the call of a step."""
+        grid, multiples = self._grid, self._exchange.checked.multiples
+        every = multiples.get(instance.name, 1)
+        begun = grid.begin + (grid.n - 1) // every * every * grid.step
+        last = largest_step(begun, grid.begin + (grid.end - grid.begin)) if multiples else grid.last
+        answers: dict[str, Any] = {}
+        if isinstance(instance, Instance3):
+            answers = {"flags": addressof(instance.flags), "reached": addressof(instance.reached)}
+            self._kept += [instance.flags, instance.reached]
+
+        def judge(master: Any) -> None:
+            status = master.status
+            if isinstance(instance, Instance3):
+                status = instance.complete(status, c_double(master.point), c_double(master.length))
+            if status:
+                instance.judge(status, "doStep")
+
+        self._add(instance, judge, "DoStep", kind=_STEP + bool(answers), at_end=at_end, last=last, **answers)
+
+    def _add(self, instance: Instance, judge: Callable[[Any], None], name: str = "", **fields: Any) -> None:
+        """Add an action, a call of the FMI function if it has a name."""
+        function = cast(instance.function(name), c_void_p).value if name else None
+        every = self._exchange.checked.multiples.get(instance.name, 1)
+        self._actions.append(_Action(function=function, component=instance.fmu.component, every=every, **fields))
+        self._judges.append((instance, judge))
+
+    def _address(self, array: NDArray[Any] | None) -> int | None:
+        """Return the address of the memory of an array, and keep it."""
+        self._kept.append(array)
+        return None if array is None else array.ctypes.data
+
+    def _array(self, kind: type[Structure], items: Sequence[Any]) -> int:
+        """Return the address of an array of structures, and keep it."""
+        self._kept.append((kind * len(items))(*items))
+        return addressof(self._kept[-1])
