@@ -4,11 +4,11 @@ It imports nothing of the package but errors, files, processes and units of meas
 """
 
 DOORS = (
-    "algorithms", "container", "federation", "fmu.variables", "inspect.inspection", "inspect.trial",
+    "algorithms", "container", "federation", "fmu.access", "fmu.variables", "inspect.inspection", "inspect.trial",
     "linear.growth", "linear.linearise", "linear.loops", "linear.system", "masters.components", "masters.observer",
     "masters.sampled", "options", "package.archive", "package.join", "package.limits", "package.parse",
     "package.read", "package.system", "package_run", "plan.check", "plan.grid", "plan.inputs", "results.figure",
     "results.folder", "results.formats", "results.parquet", "results.picture", "results.results", "results.verdict",
-    "rules", "run",
+    "rules", "run", "run.isolated",
 )  # fmt: skip
-"""Modules that rooms above import."""
+"""Modules that other rooms import."""

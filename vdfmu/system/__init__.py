@@ -3,6 +3,6 @@
 DOORS = (
     "inspect_source", "package.description", "package.drawing", "package.write", "program", "reference.reference",
     "reference.wired", "reference.witness", "scenario", "scenario.check", "scenario.decomposed", "scenario.replace",
-    "scenario.values",
+    "scenario.schema", "scenario.values",
 )  # fmt: skip
-"""Modules that rooms above import."""
+"""Modules that other rooms import."""
