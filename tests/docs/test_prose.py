@@ -4,6 +4,7 @@ The limits come from the best documentation of the field: mean sentence 13 to 17
 in 0 to 3 % of sentences, facts and no prose in tables.
 """
 
+import ast
 import re
 from pathlib import Path
 
@@ -49,10 +50,42 @@ def measured(texts):
     return dict(zip(LIMITS, values, strict=True))
 
 
+PHRASES = {
+    "what as a noun": r"(?<![?])\b[Ww]hat (?!(?:is|are|do|does|if|next|else)\b[^.]*\?)\w+",
+    "that of, those": r"\b(?:that of|those of|those that|those which)\b",
+    "one as a noun": r"\b(?:the one|the ones|one that|ones that|this one|each one|of one's)\b",
+    "of which": r"\b(?:of|for|by|from|in|to|with) which\b",
+    ", which": r", which\b",
+    "where for if": r"\bwhere (?:a|an|the|it|there|no|one|they)\b",
+    "is no, has none": r"\b(?:is|are|has|have) (?:no|none)\b(?! longer)",
+    "in place of": r"\b(?:but for|in place of|for want of|from which on|till here|hold against|held against)\b",
+    "of its own": r"\bof (?:its|their|one's|yours|his|your) own\b|\bof (?:ours|yours|theirs)\b",
+    "tells": r"\b(?:is|are|was) told\b|\btells?\b",
+}
+"""Phrases that other packages of the field use less than once in 1,000 words."""
+
+
 def test_the_documentation_keeps_the_limits():
-    found = measured([page.read_text(encoding="utf-8") for page in PAGES])
-    assert {name: value for name, value in found.items() if value > LIMITS[name]} == {}
+    groups = {"docs": PAGES} | {name: [ROOT / name] for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")}
+    for name, pages in groups.items():
+        found = measured([page.read_text(encoding="utf-8") for page in pages])
+        assert {limit: value for limit, value in found.items() if value > LIMITS[limit]} == {}, name
     assert len(PAGES) <= 32
+
+
+def texts_of(files):
+    """Return docstrings and messages: all longer texts in files of Python."""
+    nodes = (node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+    texts = (node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str))
+    return "\n".join(text for text in texts if " " in text and len(text) > 25)
+
+
+def test_docstrings_and_messages_use_the_words_of_the_field():
+    text = texts_of((ROOT / "vdfmu").rglob("*.py"))
+    rates = {name: 1000 * len(re.findall(phrase, text)) / len(text.split()) for name, phrase in PHRASES.items()}
+    assert {name: rate for name, rate in rates.items() if rate > 1.0} == {}
+    assert all(re.search(phrase, "The sum of what it has, of which it tells, is that of one that is no sum of its own, "
+                         "where it is in place of the one, which") for phrase in PHRASES.values())  # fmt: skip
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
