@@ -36,6 +36,8 @@ def _command(name: str, command: Any) -> Iterator[str]:
                 yield f"| {_names(parameter)} | {_default(parameter)} | {text} |"
     for word, below in inner.items():
         yield from _command(f"{name} {word}", below)
+        if getattr(below, "of_files", None) is not None:
+            yield from _command(f"{name} {word} FILE", below.of_files)
 
 
 def _names(parameter: Any) -> str:

@@ -80,7 +80,8 @@ def test_a_missing_package_is_named_where_it_is_needed(package: str, tmp_path: P
     done = vdfmu("--version", PYTHONPATH=path)
     assert (done.returncode, done.stdout) == (0, f"vdfmu {__version__}\n"), done.stderr
     out = str(tmp_path / "out")
-    done = vdfmu("run", "planar_tracking", "--stop", "0.001", "--backend", "python", "--out", out, PYTHONPATH=path)
+    done = vdfmu("run", "planar_tracking", "--stop", "0.001", "--backend", "python", "--out", out,
+                 "--pictures", "png", PYTHONPATH=path)  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.startswith(f"error: the Python package {module} is not installed. ")
     assert done.stderr.endswith(f"-m pip install {module}\n")  # and nothing after it

@@ -26,7 +26,7 @@ class Command:
 
     def __init__(self, folder: Path, arguments: tuple[str, ...], cache: str | None) -> None:
         self.folder, self.temporary = folder, folder / "tmp"
-        self.temporary.mkdir()
+        self.temporary.mkdir(exist_ok=True)
         environment = {**os.environ, "TMPDIR": str(self.temporary)}
         if cache is not None:
             environment["VDFMU_CACHE_DIR"] = cache

@@ -65,7 +65,7 @@ class ExportedJoint(NamedTuple):
 def export_robot(
     robot: Robot | str | os.PathLike[str], path: str | os.PathLike[str], to: str | None = None, *, rigid: bool = False
 ) -> list[str]:
-    """Write a robot as MJCF or URDF. Return notes on the numbers that the file does not have.
+    """Write a robot as MJCF or URDF.
 
     In MJCF a rotor is a body on the link that carries it, and a spring joins it to its link. URDF has rigid links.
 
@@ -79,6 +79,11 @@ def export_robot(
         Default after the suffix: ``.xml`` and ``.mjcf``, or ``.urdf``.
     rigid : bool
         MJCF with rigid joints, and rotors as their armature.
+
+    Returns
+    -------
+    list of str
+        Notes on the numbers that the file does not have.
 
     Raises
     ------

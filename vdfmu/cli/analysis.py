@@ -96,7 +96,8 @@ def _numbers(found: Modes) -> dict[str, Any]:
 
 def _print(motors: str, q: list[float], found: Modes) -> None:
     where = " ".join(f"{number:g}" for number in q)
-    shown = table("Hz", "damping", "spring", "", "displacement of joints 1, 2, ..", title=f"Motors {motors} at {where}")
+    heads = ("Hz", "damping", "spring", "", "displacement of joints 1, 2, ...")
+    shown = table(*heads, title=f"Motors {motors} at {where}")
     for i, (frequency, damping) in enumerate(zip(found.frequency, found.damping, strict=True)):
         joint = found.joint[i]
         shapes = {"links": found.links[i]} | ({"rotors": found.rotors[i]} if motors == "free" else {})

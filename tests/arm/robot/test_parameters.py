@@ -77,7 +77,7 @@ def extended(tmp_path_factory):
         (root / folder).symlink_to(PACKAGE.parent / folder)
     table = root / "vdfmu" / "arm" / "robot" / "parameters.py"
     text = table.read_text(encoding="utf-8")
-    before, end, after = text.rpartition("    # fmt: on\n")
+    before, end, after = text.rpartition("\n\nPARAMETERS = ")
     assert end
     table.write_text(before + ROW + end + after, encoding="utf-8")
     return os.environ | {"PYTHONPATH": str(root), "VDFMU_CACHE_DIR": str(root / "cache"), "COLUMNS": "100"}

@@ -221,7 +221,7 @@ def test_margins_and_linearization_are_those_of_the_matrices(inside):
 def test_a_margin_needs_no_torque_of_a_motor(inside):
     """The loop is opened at the input that cuts it."""
     assert "controller.w" in command("margins", "motor.toml", "--at", "0.0").output
-    words = "--vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --margin 0.5 --evaluations 4"
+    words = "--vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --margin 0.5 --evaluations 4 --out margin"
     done = command("tune", "motor.toml", *words.split())
     assert done.exit_code == 0, done.output
 

@@ -127,7 +127,9 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
 def test_all_commands_have_one_margin(master, tmp_path):
     """Of an arm with a mode that grows slowly, whatever the gains are, under a sample of delay."""
     path = tmp_path / "reach.toml"
-    reach = write_reach("scara_4dof", path).margins.judged
+    written = write_reach("scara_4dof", path)
+    reach = margins_along(path).judged
+    np.testing.assert_array_equal(written.margins.modulus, reach.loops.margins().modulus)
     options = ["--master", master, "--no-reference", "--out", str(tmp_path / "run")]
     assert CliRunner().invoke(app, ["run", str(path), *options]).exit_code == 0
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())

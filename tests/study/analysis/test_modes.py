@@ -198,7 +198,7 @@ def test_the_command_prints_a_pose_or_a_path(tmp_path, monkeypatch):
     said = run(app, ["modes", "planar_2dof", "--pose", "0.3, -0.5"])
     modes = natural_modes(vdfmu.load_robot("planar_2dof"), [0.3, -0.5])
     assert said.exit_code == 0 and all(f"{f:.2f}" in said.output for f in modes.frequency)
-    assert "Motors held, at 0.3 -0.5" in said.output and "Not oscillating, 1/s:" in said.output
+    assert "Motors held at 0.3 -0.5" in said.output and "Not oscillating, 1/s:" in said.output
     said = run(app, ["modes", "planar_2dof", "--scenario", "planar_tracking"])
     assert said.exit_code == 0 and " to " in said.output
     assert (tmp_path / "planar_tracking_modes.png").read_bytes().startswith(b"\x89PNG")

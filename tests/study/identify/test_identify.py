@@ -296,7 +296,7 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
     nan = [np.where(t > 0.1, np.nan, y[0]), *y[1:]]
     for given, columns, heads, message in (
         (t[:100], [c[:100] for c in y], names, "100 rows: expected at least 500"),
-        (t, [100.0 * c for c in y], names, r"kappa\[2\]: expected a unit in its heading, .* over 56.38, which looks"),
+        (t, [100.0 * c for c in y], names, r"kappa\[2\]: expected a unit in its heading, .* over 56.38, as degrees"),
         (gap, y, names, "row 300: .* from 0.299 s to 0.35 s there is a gap, and 0 more"),
         (t, nan, names, r"kappa\[1\], row 102, 0.101 s: expected a finite number, got nan, and 498 more"),
         (t, y, names.replace("tau[1]", "tau[1] [A]"), r"tau\[1\]: expected the unit N.m or Nm or .*, got 'A'"),

@@ -185,7 +185,7 @@ class Browser:
 
 
 def show(browser: Browser, path: Path, *size: int, **more: str) -> None:
-    browser.asked = [path.as_uri()]
+    browser.asked.append(path.as_uri())
     browser.open(path, *size, **more)
 
 

@@ -60,7 +60,7 @@ class SampledStepper(Stepper):
             fresh = exchange.gathers(lambda bank, name=name: bank.fresh_windows[name])
             self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))
         for group in exchange.checked.schedule.groups:
-            at = exchange.checked.schedule.units.index(group[0])
+            at = next(i for i, (instance, *_) in enumerate(self.stages) if instance.name == group[0])
             own = slice(at, at + len(group))
             joined = Together([instance for instance, *_ in self.stages[own]], exchange)
             self.stages[own] = stages_of(self.stages[own], joined.step_call(self._clock, self._size))
