@@ -76,12 +76,16 @@ def test_each_has_the_rows_of_its_components(package, start, tmp_path):
 
 
 @pytest.mark.heavy
-def test_a_failure_is_told_to_all_and_all_must_run_the_same(start, tmp_path):
+def test_a_failure_is_told_to_all(start, tmp_path):
     for code, shown in ends(*(start(name, "--set", "f.at=0.5") for name in "pg")):
         assert code == 1
         assert re.search(r"f failed at t = 0\.5 s in doStep: .*q\[3\] is not finite", shown)
     for name in "pg":
         assert len(vdfmu.Results.read(tmp_path / name / "partial" / "results.csv")) == 6
+
+
+@pytest.mark.heavy
+def test_all_must_run_the_same(start):
     # Another step, of which the first exchange after the first step tells.
     (one, shown_p), (other, shown_g) = ends(start("p"), start("g", "--step", "0.05"))
     assert (one, other) == (1, 1)
