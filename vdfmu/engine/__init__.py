@@ -7,8 +7,8 @@ DOORS = (
     "algorithms", "container", "federation", "fmu.access", "fmu.variables", "inspect.inspection", "inspect.trial",
     "linear.growth", "linear.linearise", "linear.loops", "linear.system", "masters.components", "masters.observer",
     "masters.sampled", "options", "package.archive", "package.join", "package.limits", "package.parse",
-    "package.read", "package.system", "package_run", "plan.check", "plan.grid", "plan.inputs", "results.figure",
-    "results.folder", "results.formats", "results.parquet", "results.picture", "results.results", "results.verdict",
-    "rules", "run", "run.isolated",
+    "package.read", "package.system", "package.writing", "package_run", "plan.check", "plan.grid", "plan.inputs",
+    "results.figure", "results.folder", "results.formats", "results.parquet", "results.picture", "results.results",
+    "results.verdict", "rules", "run", "run.isolated",
 )  # fmt: skip
 """Modules that other rooms import."""

@@ -9,7 +9,14 @@ from typing import Any
 
 import fmpy
 import numpy as np
-from fmpy.model_description import CoSimulation, ModelDescription, Unknown, ValidationError, read_model_description
+from fmpy.model_description import (
+    CoSimulation,
+    DefaultExperiment,
+    ModelDescription,
+    Unknown,
+    ValidationError,
+    read_model_description,
+)
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import FMI_1, FMI_2, MASTER_VERSIONS, FmiVersion
@@ -71,6 +78,10 @@ class Description:
     """Numbers of continuous states and of event indicators."""
     tolerance: float | None = None
     """Relative tolerance of the default experiment, for co-simulation; None if a parameter ``tolerance`` decides."""
+    stop: float | None = None
+    """Stop time [s] of the default experiment."""
+    step: float | None = None
+    """Step [s] of the default experiment."""
     period: str = ""
     """Parameter with the time between samples of its discrete outputs, from an annotation of this project. They are
     states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
@@ -203,6 +214,9 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
     derived: list[Any] = [u.variable for u in model.derivatives]
     rates = [v for v in derived if v.derivative is not None]
     part: Any = (model.modelExchange if exchange else model.coSimulation) or CoSimulation()
+    experiment = model.defaultExperiment or DefaultExperiment()
+    # a parameter of this name would be overruled at set-up
+    own_tolerance = any(v.name == "tolerance" and v.causality == "parameter" for v in model.modelVariables)
     relative = {
         v.get("name") for v in root.iterfind("ModelVariables/*")
         for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in _TRUE
@@ -234,17 +248,16 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         event_mode=not exchange and bool(part.hasEventMode),
         exchange=exchange,
         sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
-        tolerance=None if exchange else _tolerance(model),
+        tolerance=None if exchange or own_tolerance else _positive(experiment.tolerance),
+        stop=_positive(experiment.stopTime),
+        step=_positive(experiment.stepSize),
         period=next((e.get("period", "") for e in root.iterfind(_SAMPLED)), ""),
     )
 
 
-def _tolerance(model: ModelDescription) -> float | None:
-    """Return the tolerance to send at set-up; a parameter of that name would be overruled."""
-    experiment: Any = model.defaultExperiment
-    own = any(v.name == "tolerance" and v.causality == "parameter" for v in model.modelVariables)
-    tolerance = 0.0 if own or experiment is None else float(experiment.tolerance or 0.0)
-    return tolerance if 0.0 < tolerance < math.inf else None
+def _positive(text: str | None) -> float | None:
+    number = float(text or 0.0)
+    return number if 0.0 < number < math.inf else None
 
 
 def _declared(root: Any, exchange: bool, *flags: str) -> bool:

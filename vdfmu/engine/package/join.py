@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing
@@ -17,17 +14,17 @@ from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, parse_xml
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN
 from vdfmu.engine.package.system import BASE_UNITS, UnitFactor, Value, spread
+from vdfmu.engine.package.writing import add, root, to_bytes
+from vdfmu.engine.results.recorded import group_of
 
 Ends = str | Sequence[str]
 Connections = Mapping[str, Ends] | Iterable[tuple[str, Ends]]
 """``component.output`` to one or several ``component.input``; without an index, whole vectors."""
 _NAME = re.compile(r"[A-Za-z_][\w-]*")
-_INDEX = re.compile(r"\[([\d, ]+)\]$")
 _TYPES = {"Real", "Integer", "Boolean", "String"}
 """Types of SSP 1.0 that need nothing further; a connector may leave the others out."""
-_SPACES = NAMESPACES | FOREIGN
 _CAUSALITIES = {"from": ("output", "calculatedParameter", "parameter"), "to": ("input", "parameter")}
 
 
@@ -80,10 +77,10 @@ def join(
         raise UsageError("components must be at least one, got none. Give a name and an FMU: {'plant': 'Plant.fmu'}.")
     if bad := [each for each in fmus if not _NAME.fullmatch(each)]:
         raise UsageError(f"component {bad[0]!r}: name must have letters, digits and _ only. Rename it.")
-    read = {component: _described(component, Path(fmu)) for component, fmu in fmus.items()}
-    ports = _Ports({component: description for component, (description, _) in read.items()})
-    stop = max(_stated(read, "stopTime"), default=1.0) if stop is None else stop
-    step = min(_stated(read, "stepSize"), default=1e-3 * stop) if step is None else step
+    ports = _Ports({component: _described(component, Path(fmu)) for component, fmu in fmus.items()})
+    read = ports.descriptions.values()
+    stop = max((each.stop for each in read if each.stop is not None), default=1.0) if stop is None else stop
+    step = min((each.step for each in read if each.step is not None), default=1e-3 * stop) if step is None else step
     pairs = [pair for start, ends in _each(connections) for end in ends for pair in ports.pairs(start, end)]
     bound = ports.bound(values or {})
     if ports.faults:
@@ -91,28 +88,18 @@ def join(
     require_ours(path)
     with storing(path):
         members = {f"resources/{component}.fmu": Path(fmu).read_bytes() for component, fmu in fmus.items()}
-        root = _structure(ports, pairs, bound, name, (stop, step, algorithm))
-        text = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+        text = to_bytes(_structure(ports, pairs, bound, name, (stop, step, algorithm)))
         path.parent.mkdir(parents=True, exist_ok=True)
         pack_zip(path, {"SystemStructure.ssd": text, **members})
     return path
 
 
-def _described(component: str, path: Path) -> tuple[Description, Mapping[str, str]]:
-    """Return an FMU and its default experiment."""
+def _described(component: str, path: Path) -> Description:
     with Archive(path, path.name) as archive:
         description, problems = inspect_description(archive, path.name)
-        if description is None:
-            raise SspError([problem.within(component) for problem in problems])
-        stated = parse_xml(archive.read("modelDescription.xml"), path.name).find("DefaultExperiment")
-    return description, {} if stated is None else stated.attrib
-
-
-def _stated(read: Mapping[str, tuple[Description, Mapping[str, str]]], key: str) -> list[float]:
-    """Return the positive numbers of a key in the default experiments."""
-    texts = [experiment[key] for _, experiment in read.values() if key in experiment]
-    numbers = [float(text) for text in texts if re.fullmatch(r"[-+.\deE]+", text)]
-    return [number for number in numbers if 0.0 < number < math.inf]
+    if description is None:
+        raise SspError([problem.within(component) for problem in problems])
+    return description
 
 
 def _each(connections: Connections) -> list[tuple[str, Sequence[str]]]:
@@ -138,12 +125,12 @@ class _Ports:
             )
             return []
         found = description.elements(wanted) or [
-            v for v in description.variables.values() if _INDEX.sub("", v.name) == wanted
+            v for v in description.variables.values() if group_of(v.name)[0] == wanted
         ]
-        found = sorted(found, key=_index)
+        found = sorted(found, key=lambda v: group_of(v.name)[1])
         if not found:
             allowed = [v.name for v in description.named(causalities[0])]
-            near = close_to(wanted, [*allowed, *dict.fromkeys(_INDEX.sub("", each) for each in allowed)])
+            near = close_to(wanted, [*allowed, *dict.fromkeys(group_of(each)[0] for each in allowed)])
             self.faults.append(
                 f"{where}: {component} has no variable {wanted!r}{near}. {_listed(causalities[0], allowed)}"
             )
@@ -191,13 +178,8 @@ class _Ports:
         return units
 
 
-def _index(variable: FmuVariable) -> tuple[int, ...]:
-    match = _INDEX.search(variable.name)
-    return tuple(int(part) for part in match[1].split(",")) if match else ()
-
-
 def _listed(causality: str, names: Sequence[str]) -> str:
-    groups = list(dict.fromkeys(_INDEX.sub("", name) for name in names))
+    groups = list(dict.fromkeys(group_of(name)[0] for name in names))
     more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
     return f"Its {causality}s: {', '.join(groups[:12]) or 'none'}{more}."
 
@@ -207,52 +189,41 @@ def is_plain(unit: UnitFactor | None) -> bool:
     return unit is not None and unit.exponents is not None and not any(unit.exponents) and unit.factor == 1.0
 
 
-def _add(parent: Any, tag: str, **attributes: Any) -> Any:
-    prefix, _, local = tag.partition(":")
-    texts = {
-        key: value if isinstance(value, str) else repr(value) for key, value in attributes.items() if value is not None
-    }
-    return etree.SubElement(parent, f"{{{_SPACES[prefix]}}}{local}", texts)
-
-
 def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tuple[Any, Any, Any]) -> Any:
     """Return the root of the SSD."""
     units = ports.units
-    root = etree.Element(
-        f"{{{NAMESPACES['ssd']}}}SystemStructureDescription", {"version": "1.0", "name": name},
-        nsmap={prefix: _SPACES[prefix] for prefix in ("ssd", "ssc", "ssv", *FOREIGN)},
-    )  # fmt: skip
-    system = _add(root, "ssd:System", name=name)
-    elements = _add(system, "ssd:Elements")
+    top = root("ssd:SystemStructureDescription", {"version": "1.0", "name": name}, ("ssd", "ssc", "ssv", *FOREIGN))
+    system = add(top, "ssd:System", name=name)
+    elements = add(system, "ssd:Elements")
     for component, description in ports.descriptions.items():
-        element = _add(elements, "ssd:Component", name=component, source=f"resources/{component}.fmu",
+        element = add(elements, "ssd:Component", name=component, source=f"resources/{component}.fmu",
                        type="application/x-fmu-sharedlibrary")  # fmt: skip
         variables = [v for kind in ("input", "output") for v in description.named(kind)]
         used = {id(v): v for pair in pairs for owner, v in pair if owner == component}
         variables += [v for v in used.values() if v.causality not in ("input", "output")]
-        box = _add(element, "ssd:Connectors") if variables else None
+        box = add(element, "ssd:Connectors") if variables else None
         for variable in variables:
-            connector = _add(box, "ssd:Connector", name=variable.name, kind=variable.causality)
+            connector = add(box, "ssd:Connector", name=variable.name, kind=variable.causality)
             kind, unit = type_of(variable.native), variable.unit
             if kind in _TYPES:
                 defined = kind == "Real" and unit is not None and unit == units.get(unit.name)
-                _add(connector, f"ssc:{kind}", unit=unit.name if unit is not None and defined else None)
+                add(connector, f"ssc:{kind}", unit=unit.name if unit is not None and defined else None)
         if component in bound:
-            binding = _add(_add(element, "ssd:ParameterBindings"), "ssd:ParameterBinding")
-            values = _add(_add(binding, "ssd:ParameterValues"), "ssv:ParameterSet", version="1.0", name=component)
-            listed = _add(values, "ssv:Parameters")
+            binding = add(add(element, "ssd:ParameterBindings"), "ssd:ParameterBinding")
+            values = add(add(binding, "ssd:ParameterValues"), "ssv:ParameterSet", version="1.0", name=component)
+            listed = add(values, "ssv:Parameters")
             for variable, value in bound[component]:
                 kind = type_of(variable.native)
                 kind = kind if kind in _TYPES else "Integer"
                 text = str(bool(value)).lower() if kind == "Boolean" else str(value)
-                _add(_add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=text)
-    wires = _add(system, "ssd:Connections") if pairs else None
+                add(add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=text)
+    wires = add(system, "ssd:Connections") if pairs else None
     for (start, source), (end, sink) in pairs:
         plain = source.unit != sink.unit and (is_plain(source.unit) or is_plain(sink.unit))
-        _add(wires, "ssd:Connection", startElement=start, startConnector=source.name, endElement=end,
+        add(wires, "ssd:Connection", startElement=start, startConnector=source.name, endElement=end,
              endConnector=sink.name, suppressUnitConversion="true" if plain else None)  # fmt: skip
     if units:
-        box = _add(root, "ssd:Units")
+        box = add(top, "ssd:Units")
         for unit in units.values():
             powers = {base: power for base, power in zip(BASE_UNITS, unit.exponents or (), strict=True) if power}
             scale = {
@@ -260,10 +231,10 @@ def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tup
                 for key, value, usual in (("factor", unit.factor, 1.0), ("offset", unit.offset, 0.0))
                 if value != usual
             }
-            _add(_add(box, "ssc:Unit", name=unit.name), "ssc:BaseUnit", **powers, **scale)
+            add(add(box, "ssc:Unit", name=unit.name), "ssc:BaseUnit", **powers, **scale)
     stop, step, algorithm = experiment
-    default = _add(root, "ssd:DefaultExperiment", startTime=0.0, stopTime=stop)
+    default = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=stop)
     if step is not None or algorithm is not None:
-        note = _add(_add(default, "ssd:Annotations"), "ssc:Annotation", type=EXPERIMENT_TYPE)
-        _add(note, "vdfmu:Experiment", communicationStepSize=step, algorithm=algorithm)
-    return root
+        note = add(add(default, "ssd:Annotations"), "ssc:Annotation", type=EXPERIMENT_TYPE)
+        add(note, "vdfmu:Experiment", communicationStepSize=step, algorithm=algorithm)
+    return top

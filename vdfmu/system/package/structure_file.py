@@ -6,13 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
-
 from vdfmu.base.measure import measure
 from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.description import number
-from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, OSP_TYPE
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
+from vdfmu.engine.package.writing import add, root
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
 from vdfmu.system.package.drawing import draw_system
 
@@ -20,23 +19,6 @@ META = {
     "generationTool": f"vdfmu {__version__}",
     "generationDateAndTime": "2026-01-01T00:00:00Z",  # a constant: the same system gives the same bytes
 }
-_SPACES = NAMESPACES | FOREIGN
-
-
-def _tag(name: str) -> str:
-    prefix, _, local = name.partition(":")
-    return f"{{{_SPACES[prefix]}}}{local}"
-
-
-def root(name: str, attributes: Mapping[str, str], prefixes: Iterable[str]) -> Any:
-    """Return a root element ``prefix:name`` with the namespaces of the prefixes."""
-    return etree.Element(_tag(name), dict(attributes), nsmap={p: _SPACES[p] for p in prefixes})
-
-
-def add(parent: Any, name: str, /, **attributes: Any) -> Any:
-    """Append an element ``prefix:name`` with the attributes except None."""
-    texts = {key: _text(value) for key, value in attributes.items() if value is not None}
-    return etree.SubElement(parent, _tag(name), texts)
 
 
 def add_units(parent: Any, name: str, units: Iterable[str]) -> None:
@@ -53,15 +35,6 @@ def value_text(kind: str, value: Any) -> str:
     if kind == "Boolean":
         return str(bool(value)).lower()
     return str(int(value)) if kind in ("Integer", "Int32") else number(value)
-
-
-def to_bytes(element: Any) -> bytes:
-    """Return the content of a file."""
-    return etree.tostring(element, xml_declaration=True, encoding="UTF-8", pretty_print=True)
-
-
-def _text(value: Any) -> str:
-    return number(value) if isinstance(value, float) else str(value)
 
 
 _SIDES = {"input": 0.0, "output": 1.0}

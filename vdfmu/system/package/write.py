@@ -19,6 +19,7 @@ from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FOR
 from vdfmu.compiler.fmu.build import FMI, TARGETS, Content, choose_backend, form_of, unit_name
 from vdfmu.compiler.unit import Unit
 from vdfmu.engine.package.parse import validate
+from vdfmu.engine.package.writing import to_bytes
 from vdfmu.system.package import structure_file as files
 from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.scenario.scenario import Scenario
@@ -148,7 +149,7 @@ def _checked(root: Any, kind: str, name: str, version: str) -> bytes:
     """Return the content of a file, validated if the schemas are always installed."""
     if SSP_FORMATS[version].always_validated:
         validate(root, kind, name, version)
-    return files.to_bytes(root)
+    return to_bytes(root)
 
 
 def build_parts(

@@ -1,0 +1,34 @@
+"""Elements of the XML files of a package (SSP), by their prefixed names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
+
+from vdfmu.engine.package.parse import FOREIGN, NAMESPACES
+
+_SPACES = NAMESPACES | FOREIGN
+
+
+def _tag(name: str) -> str:
+    prefix, _, local = name.partition(":")
+    return f"{{{_SPACES[prefix]}}}{local}"
+
+
+def root(name: str, attributes: Mapping[str, str], prefixes: Iterable[str]) -> Any:
+    """Return a root element ``prefix:name`` with the namespaces of the prefixes."""
+    return etree.Element(_tag(name), dict(attributes), nsmap={p: _SPACES[p] for p in prefixes})
+
+
+def add(parent: Any, name: str, /, **attributes: Any) -> Any:
+    """Append an element ``prefix:name`` with the attributes except None."""
+    # repr: the shortest text of a float that reads back as the same number
+    texts = {k: repr(float(v)) if isinstance(v, float) else str(v) for k, v in attributes.items() if v is not None}
+    return etree.SubElement(parent, _tag(name), texts)
+
+
+def to_bytes(element: Any) -> bytes:
+    """Return the content of a file."""
+    return etree.tostring(element, xml_declaration=True, encoding="UTF-8", pretty_print=True)
