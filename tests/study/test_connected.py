@@ -10,26 +10,11 @@ import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.unit import Derivative, Input, Parameter, State, Unit
+from vdfmu.base.files import data_path
 
-
-class Lag(Unit):
-    """First-order lag.
-
-    ::
-
-        T y_dot = u - y
-    """
-
-    u = Input("1", text="signal")
-    T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
-    y = State("1", text="filtered signal")
-    y_dot = Derivative(y)
-
-    def derivatives(self) -> None:
-        """Rate of the filtered signal."""
-        self.y_dot = (self.u - self.y) / self.T
+Lag = find_unit(data_path("examples") / "units" / "low_pass.py")
 
 
 @pytest.fixture(scope="module")
