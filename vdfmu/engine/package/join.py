@@ -215,7 +215,7 @@ def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tup
             for variable, value in bound[component]:
                 kind = type_of(variable.native)
                 kind = kind if kind in _TYPES else "Integer"
-                text = str(bool(value)).lower() if kind == "Boolean" else str(value)
+                text = str(value).strip().lower() if kind == "Boolean" else str(value)
                 add(add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=text)
     wires = add(system, "ssd:Connections") if pairs else None
     for (start, source), (end, sink) in pairs:
