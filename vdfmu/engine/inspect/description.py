@@ -123,8 +123,8 @@ def _rules(model: Any) -> list[Finding]:
         texts += [f'The variable name "{v.name}" (line {v.sourceline}) is not unique.' for v in twice]
     model.modelVariables = [v for v in everything if not _PLAIN.fullmatch(v.name)]
     if model.modelVariables:
-        others = validate_model_description(model)
-        texts += [t for t in validate_model_description(model, validate_variable_names=True) if t not in others]
+        without_names = validate_model_description(model)
+        texts += [t for t in validate_model_description(model, validate_variable_names=True) if t not in without_names]
     model.modelVariables = everything
     return [fmpy_found(str(text).strip().partition("\n")[0]) for text in dict.fromkeys(texts)]
 

@@ -57,8 +57,8 @@ def judged(poses: Poses, begin: float, end: float, failed: bool = False) -> Judg
     growth = poses.loops.growth(begin, end)
     if failed and growth.rate > SLOW:
         return Judged(poses.loops, growth._replace(exponent=math.inf))
-    if growth.unstable and poses.others is not None:
-        return Judged(poses.others, poses.others.growth(begin, end), place_of(growth.state, poses.loops))
+    if growth.unstable and poses.alternative is not None:
+        return Judged(poses.alternative, poses.alternative.growth(begin, end), place_of(growth.state, poses.loops))
     return Judged(poses.loops, growth)
 
 
