@@ -78,7 +78,7 @@ def _numbers_of_file(body: Body, file: str, chosen: Numbers) -> Numbers:
     top, share = (row.path for row in section("limits") if row.given == "velocity")
     stops = joint.kind != "continuous" and joint.given.get("lower", 0.0) < joint.given.get("upper", 0.0)
     for row in (row for part in PARTS for row in section(part)):
-        value = joint.given.get(row.given)
+        value = joint.numbers.get(row.foreign)
         lowest = -row.largest if row.smallest is None else row.smallest
         if value is None or not lowest <= value <= row.largest:
             continue

@@ -142,9 +142,9 @@ class _OperationTable:
 """,
         ]
         for ending in DIRECTIONS:
-            given, made = derivative_names(self._function, ending)
+            arguments, made = derivative_names(self._function, ending)
             lines = [
-                f"const double *const given[] = {{{', '.join(given)}}};",
+                f"const double *const given[] = {{{', '.join(arguments)}}};",
                 f"double *const made[] = {{{', '.join(f'{result}_out' for result in made)}}};",
                 f"{name}_run(given, made, {DIRECTIONS.index(ending)});",
             ]
