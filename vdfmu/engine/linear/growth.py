@@ -36,7 +36,7 @@ from vdfmu.engine.plan.grid import Grid
 _HARM = 50.0
 """Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
 and so do the ends of a motion, since friction falls with speed."""
-_TOLD, _DOUBTFUL = 1.01, 1.1
+_NOTABLE, _DOUBTFUL = 1.01, 1.1
 """Growth of disturbances to be reported, and to make the run doubtful."""
 _ROWS, _FEWEST = 200, 60
 """Most and fewest rows for a linearisation, approximately. Half of the rows left may be used ahead."""
@@ -71,9 +71,9 @@ class Growth(NamedTuple):
         return bool(self.exponent > (1.0 if self.lasts else math.log(_HARM)))
 
     @property
-    def told(self) -> bool:
+    def notable(self) -> bool:
         """Whether they grow enough to be reported."""
-        return bool(self.exponent > math.log(_TOLD))
+        return bool(self.exponent > math.log(_NOTABLE))
 
     @property
     def doubtful(self) -> bool:
