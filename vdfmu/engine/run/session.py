@@ -256,7 +256,7 @@ class Run:
         summary["stepper"] = f"Python: {why}" if why else "C"
         LOG.info("stepper: %s", summary["stepper"])
         self._compiled = None if why else CompiledSteps(exchange, grid, data)
-        self._one = session.stepping(grid)
+        self._do_step = session.stepping(grid)
 
     def steps(self, progress: Any) -> Results:
         """Do the steps and return the results; call ``progress(k, n)`` if it is not None."""
@@ -303,7 +303,7 @@ class Run:
 
     def _in_python(self, end: int) -> None:
         """Do a step with its row."""
-        self._one(self._done)
+        self._do_step(self._done)
         self._row(self._done + 1)
         self._done += 1
 
