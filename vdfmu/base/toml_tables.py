@@ -203,13 +203,9 @@ class Table:
             return np.full(shape, math.nan)
         if scalar and as_number(value) is not None:
             return np.full(shape, self._checked(value, self.key(key), bounds, way_out))
-        value_shape = shape_of(value)
-        if value_shape != shape:
-            got = (
-                value_text(value)
-                if value_shape is None
-                else f"{' x '.join(str(k) for k in value_shape) or 'one number'}"
-            )
+        actual = shape_of(value)
+        if actual != shape:
+            got = value_text(value) if actual is None else f"{' x '.join(str(k) for k in actual) or 'one number'}"
             rows = "" if len(shape) < 2 else " as a list of rows"
             self.problems.add(self.key(key), expected, got, f"Write {size} numbers{rows}. {way_out}".strip())
             return np.full(shape, math.nan)

@@ -141,9 +141,7 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
 
     times, along = modes_along(scenario, dry=dry)
     n = scenario.arm.n
-    pairs = {
-        motors: [(each.frequency[-n:], each.joint[-n:]) for each in at_poses] for motors, at_poses in along.items()
-    }
+    pairs = {motors: [(each.frequency[-n:], each.joint[-n:]) for each in poses] for motors, poses in along.items()}
     save(draw_modes(f"Natural frequencies: {scenario.arm.name}, {scenario.name}", times, pairs), target)
     if as_json:
         say_json({"t": list(times)} | {f"motors_{name}": list(map(_numbers, each)) for name, each in along.items()})

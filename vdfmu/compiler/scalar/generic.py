@@ -52,14 +52,12 @@ def maximum(a: Any, b: Any) -> Any:
 
 
 def _by_pairs(a: Any, b: Any, method: str, on_floats: Any) -> Any:
-    def on_pair(x: Any, y: Any) -> Any:
+    def pair(x: Any, y: Any) -> Any:
         if hasattr(x, method):
             return getattr(x, method)(y)
         return getattr(y, method)(x) if hasattr(y, method) else on_floats(x, y)
 
-    return (
-        np.frompyfunc(on_pair, 2, 1)(a, b) if object in (np.asarray(a).dtype, np.asarray(b).dtype) else on_floats(a, b)
-    )
+    return np.frompyfunc(pair, 2, 1)(a, b) if object in (np.asarray(a).dtype, np.asarray(b).dtype) else on_floats(a, b)
 
 
 def interpolate(x: Any, points: Any, values: Any) -> Any:

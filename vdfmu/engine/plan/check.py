@@ -241,22 +241,20 @@ def with_steps(checked: Checked, step: float) -> Checked:
         if wrong := [k for k in checked.links if k.end == (name, checked.descriptions[name].period)]:
             problems.append(f"{wrong[0]}: expected a value for the time between samples, not a connection")
         fed = [k for k in checked.links if k.stepped and k.end[0] == name]
-        substep = step * multiples.get(name, 1) / max(1, checked.how.substeps)
-        if fed and abs(period / substep - max(1, round(period / substep))) > 1e-9 * period / substep:
+        h = step * multiples.get(name, 1) / max(1, checked.how.substeps)
+        if fed and abs(period / h - max(1, round(period / h))) > 1e-9 * period / h:
             problems.append(
-                f"{name}: samples every {period:g} s, expected a whole multiple of its step {substep:g} s: between "
+                f"{name}: samples every {period:g} s, expected a whole multiple of its step {h:g} s: between "
                 f"communication points it would read inputs of an earlier time. Take a step that divides the period, "
-                f"such as {period / math.ceil(period / substep - 1e-9):g} s (step, --step), or another period (--set "
-                f"{name}.{checked.descriptions[name].period}={substep * max(1, round(period / substep)):g})"
+                f"such as {period / math.ceil(period / h - 1e-9):g} s (step, --step), or another period (--set "
+                f"{name}.{checked.descriptions[name].period}={h * max(1, round(period / h)):g})"
             )
         sampled = {k.start for k in checked.links if k.source.variability == "discrete"} | checked.schedule.direct
         late = {k.start[1] for k in checked.links if k.stepped and k.start[0] == name and k.start in sampled
                 and k.end not in checked.schedule.fresh}  # fmt: skip
         if late and not checked.how.continuous:
             groups = ", ".join(dict.fromkeys(output.split("[")[0] for output in late))
-            notes.append(
-                f"{name}: samples every {period:g} s; a sample acts on {groups} a step later, after {substep:g} s"
-            )
+            notes.append(f"{name}: samples every {period:g} s; a sample acts on {groups} a step later, after {h:g} s")
     if problems:
         raise UsageError("\n".join(problems))
     return replace(checked, multiples=multiples if slow else {}, notes=(*checked.notes, *sorted(notes)))

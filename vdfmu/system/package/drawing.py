@@ -51,9 +51,7 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
     except SspError:
         return ""
     kinds = {
-        c.name: {
-            kind: [n for n, connector in c.connectors.items() if connector.kind == kind] for kind in ("input", "output")
-        }
+        c.name: {kind: [n for n, port in c.connectors.items() if port.kind == kind] for kind in ("input", "output")}
         for c in system.components
     }
     words = {c.name: PurePosixPath(c.source).stem for c in system.components}
@@ -90,12 +88,10 @@ def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> s
     signals = {
         name: {kind: description.signals(name, kind) for kind in ("input", "output")} for name in description.tables
     }
-    kinds = {
-        name: {kind: [s.name for s in each] for kind, each in by_kind.items()} for name, by_kind in signals.items()
-    }
+    kinds = {name: {kind: [s.name for s in each] for kind, each in ends.items()} for name, ends in signals.items()}
     sizes = {
         (name, s.name): " × ".join(map(str, s.shape))
-        for name, by_kind in signals.items() for each in by_kind.values() for s in each if s.shape
+        for name, ends in signals.items() for each in ends.values() for s in each if s.shape
     }  # fmt: skip
     words = {name: PurePosixPath(description.fmu_name(name)).stem for name in signals}
     links = [((x.start[0], x.start[1].name), (x.end[0], x.end[1].name)) for x in description.links]

@@ -86,7 +86,5 @@ def _not_reached(scenario: Scenario) -> Iterator[str]:
         )
     elif keys:
         yield from (
-            f"{keys}: {name} has its own robot, so this does not reach it."
-            for name, plant_robot in plants.items()
-            if plant_robot
+            f"{keys}: {name} has its own robot, so this does not reach it." for name, arm in plants.items() if arm
         )
