@@ -24,8 +24,7 @@ from vdfmu.cli.terminal import (
 )
 from vdfmu.study.options import SweepOptions, TuneOptions
 
-_SHOWN = 5
-"""Failed points that are listed."""
+SimulateOption = Annotated[bool, Option("Let the page run any point.")]
 
 
 class _SweepGroup(App):
@@ -53,18 +52,20 @@ def run(
         more="TARGET is a parameter, or robot, master, step, stop, unit:COMPONENT. FORM is lin(a, b, n), log(a, b, n), "
         "normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before it makes factors: "
         "*lin(0.9, 1.1).")] = None,
-    **options: Unpack[SweepOptions],
+    simulate: SimulateOption = True, **options: Unpack[SweepOptions],
 ) -> None:  # fmt: skip
     """Run a scenario at many points, and keep a row for each.
 
     After Ctrl-C or a kill the same command resumes.
     """
+    from vdfmu.study.report.sheets import sheet_table
     from vdfmu.study.sweeps.sweep import sweep
 
     study = sweep(scenario, vary or (), **options)
+    _say_answer(study)
     say_notes(study.notes)
-    _say_measures(study)
-    say_written(study.path, more=f", {len(study)} points")
+    tell(sheet_table(study.sheet()))
+    say_written(study.path, study.report(simulate=simulate), more=f"; {len(study)} points")
 
 
 StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
@@ -107,7 +108,7 @@ def report(
     study: StudyArgument,
     out: Annotated[Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).",
         more="FILE.tex has the measures.")] = None,
-    simulate: Annotated[bool, Option("Let the page run any point.")] = True,
+    simulate: SimulateOption = True,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a study. It has linked figures of the points, the measures, and failures by cause."""
@@ -124,16 +125,13 @@ def report(
     say_written(sweep.report(out, simulate=simulate))
 
 
-def _say_measures(study: Any) -> None:
-    """Print the range of each measure, and the points that failed."""
-    from vdfmu.study.report.sheets import sheet_table
+def _say_answer(study: Any) -> None:
+    """Print the answer of a study: its first sentence as a verdict, then the others."""
+    from vdfmu.study.report.sheets import state_text
 
-    tell(sheet_table(study.sheet()))
-    failed = study.failed
-    for point, words in list(failed.items())[:_SHOWN]:
-        say(f"point {point} failed: {words}")
-    if len(failed) > _SHOWN:
-        say(f"and {len(failed) - _SHOWN} more points failed: column 'failed'")
+    first, *others = study.answer.sentences
+    console.print(state_text(study.answer.state, first), soft_wrap=True)
+    tell(*others)
 
 
 def tune(
@@ -144,21 +142,25 @@ def tune(
         "one.")],
     cost: Annotated[str, Option("Cost: 'worst(rms(trajectory.q_d - plant.q))'.", metavar="EXPR",
         more="Of several elements the mean of their ratios to the start, each at most 1.")],
-    **options: Unpack[TuneOptions],
+    simulate: SimulateOption = True, **options: Unpack[TuneOptions],
 ) -> None:  # fmt: skip
     """Search parameters that minimise a cost.
 
     The cost may have limits. After Ctrl-C or a kill the same command continues.
     """
     from vdfmu.study.sweeps.sweep import Sweep
+    from vdfmu.study.sweeps.table import TUNED
     from vdfmu.study.tuning.tune import tune as run_tune
 
     tuned = run_tune(scenario, vary, cost, **options)
+    study = Sweep(tuned.folder)
+    _say_answer(study)
     say_notes(tuned.notes)
-    units = Sweep(tuned.folder).facts["units"] | {"phase": "rad", "delay": "s"}
+    units = study.facts["units"] | {"phase": "rad", "delay": "s"}
     shown = table("", "before", "after", "")
     for name, before, after in tuned.table():
         shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
     tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
-    say(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs, {tuned.missed} values without the margin.")
-    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")))
+    tell(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs, {tuned.missed} values without the margin.")
+    page = study.report(simulate=simulate)
+    say_written(*(tuned.folder / name for name in ("tuned.toml", TUNED, "sweep.parquet", "tuning.png")), page)

@@ -12,11 +12,11 @@ from matplotlib.colors import to_rgb
 import vdfmu
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
+from vdfmu.study.sweeps.answer import cause_of, failed_groups
 from vdfmu.study.sweeps.axes import draw, read_axes, shares
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.measures import read_measures, unit_of
-from vdfmu.study.sweeps.page import cause_of, failed_groups
 from vdfmu.study.sweeps.plots import FAILED
 from vdfmu.study.sweeps.table import groups, view
 
@@ -147,7 +147,7 @@ def test_files_are_named_without_their_folders_and_large_numbers_in_full(tmp_pat
 
 def test_a_measure_without_values_is_shown_as_such_and_what_cannot_be_drawn_said(tmp_path):
     found = study(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: a * np.nan)
-    assert found.ranges() == [["y", "no value", "", "", ""]]
+    assert found.ranges() == [["y", "no value", "", "", "", ""]]
     failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
     with pytest.raises(UsageError, match="no point has a value of y: all failed"):
         failed["y"]
@@ -247,4 +247,4 @@ def test_parts_do_not_repeat_what_the_study_is_and_the_worst_point_has_the_large
     found = study(tmp_path / "study", {"f.x": [3.0, -2.0, 5.0, 9.0]}, lambda x: x, fail=(3,))
     assert [found.row(which)["point"] for which in ("worst", "best", 0)] == [2, 1, 0]
     assert found.row("best", "y")["y"] == -2.0
-    assert found.ranges() == [["y", "-2", "3", "5", "2"]]
+    assert found.ranges() == [["y", "-2", "3", "5", "1", "2"]]

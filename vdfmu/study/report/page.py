@@ -44,12 +44,15 @@ class StudyPart(NamedTuple):
     body: str
     content: Mapping[str, Any]
     """For ``web/lab.js``."""
+    lead: str
+    """Answer of the study, HTML."""
 
 
 def study_page(study: StudyPart) -> bytes:
     """Return the page of a study that simulates nothing."""
     body = "\n".join([study.body, scripts.data_element({"runs": [], "study": study.content})])
-    return page(study.title, study.about, body, 84, scripts.look(), scripts=scripts.scripts_of("study"))
+    look, code = scripts.look(), scripts.scripts_of("study")
+    return page(study.title, study.about, body, 84, look, lead=study.lead, scripts=code)
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
@@ -128,7 +131,8 @@ def report_page(
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, _ in lines) or about, arm_alone)
     if study:
-        return page(study.title, study.about, body, 84, head, scripts=scripts.scripts_of("sweep"))
+        code = scripts.scripts_of("sweep")
+        return page(study.title, study.about, body, 84, head, lead=study.lead, scripts=code)
     lead = "".join(f'<p class="verdict {state}">{escape(line)}</p>\n' for line, state in lines)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts.scripts_of("run"))

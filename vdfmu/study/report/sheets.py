@@ -265,7 +265,11 @@ def verdict_table(summary: Summary) -> Table:
 
 def verdict_text(summary: Summary) -> Text:
     """Return the line of a run's verdict, and how many checks pass; empty without a verdict."""
-    state, text = state_of(summary), "; ".join(filter(None, (line_of(summary), checks_line(summary))))
+    return state_text(state_of(summary), "; ".join(filter(None, (line_of(summary), checks_line(summary)))))
+
+
+def state_text(state: str, text: str) -> Text:
+    """Return a line behind the sign of its state; empty without a state."""
     return Text.assemble((f"{SIGNS[state]} ", _STYLES[state]), (text, f"bold {_STYLES[state]}")) if state else Text()
 
 

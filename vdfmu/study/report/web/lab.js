@@ -1,26 +1,47 @@
 // The points of a study: pictures that choose together, the chosen point with its command, and its run in the bench.
 
 import { choice, copyButton, make, unpack } from "./data.js";
-import { Column, Contour, Parallel, Scatter, fieldOf, shade, svg } from "./lab_plots.js";
+import { Column, shade } from "./lab_column.js";
+import { gathered, triangulate } from "./lab_field.js";
+import { Contour, Parallel, Scatter, svg } from "./lab_plots.js";
 import { quantity } from "./numbers.js";
 
 class Lab extends EventTarget {
   constructor(study) {
     super();
-    Object.assign(this, {
-      study,
-      columns: study.columns.map((facts) => new Column(facts)),
-      ranges: new Map(),
-      chosen: null,
-    });
+    this.study = study;
+    this.columns = study.columns.map((facts) => new Column(facts));
+    /** @type {Map<Column, [number, number]>} shares between which points are chosen */
+    this.ranges = new Map();
+    /** @type {number | null} row of the point that is open */
+    this.chosen = null;
+    /** @type {Map<number, string>} role of a row; the last of several counts */
+    this.roles = new Map(
+      ["infeasible", "start", "chosen", "best"].flatMap((role) =>
+        (study.roles[role] ?? []).map((row) => [row, role]),
+      ),
+    );
+    this.missed = new Set(study.roles.infeasible);
     this.axes = this.columns.filter(({ axis }) => axis);
     this.measures = this.columns.filter(({ axis }) => !axis);
     this.colour = this.measures[0];
     this.all = [...study.points.keys()];
   }
 
-  rows() {
-    return this.all;
+  /** Rows of all points; if `ordered`, the points that other points must not cover come last. */
+  rows(ordered = false) {
+    const heights = ["infeasible", "", "start", "chosen", "best"],
+      height = (row) => heights.indexOf(this.roleOf(row));
+    return ordered ? this.all.toSorted((a, b) => height(a) - height(b)) : this.all;
+  }
+
+  roleOf(row) {
+    return this.roles.get(row) ?? "";
+  }
+
+  /** Classes of the marks of a point. */
+  lookOf(row) {
+    return `${this.passes(row) ? "" : " off"}${this.missed.has(row) ? " missed" : ""}${this.chosen === row ? " chosen" : ""} ${this.roleOf(row)}-point`;
   }
 
   changed() {
@@ -50,17 +71,23 @@ class Lab extends EventTarget {
   }
 
   titleOf(row) {
-    return `Point ${this.study.points[row]}: ${[...this.axes, this.colour].map((column) => `${column.name} ${column.written(row)}`).join(", ")}`;
+    return `${this.nameOf(row)}: ${[...this.axes, this.colour].map((column) => `${column.name} ${column.written(row)}`).join(", ")}`;
   }
 
+  nameOf(row) {
+    const role = this.roleOf(row);
+    return `Point ${this.study.points[row]}${role ? `, ${role}` : ""}`;
+  }
+
+  /** The measure between the points, over two axes. */
   field(across, up) {
-    if (across === up || across.words.length || up.words.length) return null;
-    const points = this.all.map((row) => [
-      across.share(row),
-      up.share(row),
-      this.colour.share(row),
-    ]);
-    return points.filter(([, , value]) => !Number.isNaN(value)).length < 4 ? null : fieldOf(points);
+    const of = [across, up, this.colour];
+    if (this.known?.of.every((column, k) => column === of[k])) return this.known;
+    const numbers = across !== up && !across.words.length && !up.words.length,
+      points = numbers ? this.all.map((row) => of.map((column) => column.share(row))) : [],
+      places = gathered(points, this.axes.length > 2);
+    this.known = { of, places, triangles: triangulate(places) };
+    return this.known;
   }
 
   /** Parameters of a point, for the page to simulate it; null where it cannot. */
@@ -167,9 +194,10 @@ export function showLab(section, study, bench) {
   return lab;
 }
 
-/** What the colours mean. */
+/** What the colours and marks mean. */
 function scaleOf(lab) {
-  const [low, high, name] = ["low", "high", "name"].map(() => make("span")),
+  const { study } = lab,
+    [low, high, name] = ["low", "high", "name"].map(() => make("span")),
     strip = make("i", {
       style: `background:linear-gradient(90deg,${[0, 0.25, 0.5, 0.75, 1].map(shade)})`,
     });
@@ -177,7 +205,12 @@ function scaleOf(lab) {
     [low.textContent, high.textContent] = [0, 1].map((share) =>
       lab.colour.wordsOf(lab.colour.valueAt(share)),
     );
-    name.textContent = `${lab.colour.label}${lab.colour.log ? ", logarithmic" : ""}; cross: failed`;
+    const notes = [
+      lab.colour.log ? ", logarithmic" : "",
+      study.failed.some((words) => words !== null) ? "; cross: failed" : "",
+      lab.missed.size ? "; ring: misses a limit or the margin" : "",
+    ];
+    name.textContent = lab.colour.label + notes.join("");
   });
   return make("span", { class: "scale" }, low, strip, high, name);
 }
@@ -194,9 +227,7 @@ function rangeInputs(lab) {
           "aria-label": `${column.label}: ${end ? "at most" : "at least"}`,
           change: () => {
             const [low, high] = ends.map((input, k) =>
-              input.value === ""
-                ? [-1, 2][k]
-                : (column.onScale(Number(input.value)) - column.low) / (column.high - column.low),
+              input.value === "" ? [-1, 2][k] : column.shareOf(Number(input.value)),
             );
             lab.limit(new Map([[column, [low, high]]]));
           },
@@ -247,6 +278,15 @@ function pointPanel(lab, bench) {
           { class: "bar" },
           make("h3", {}, "No point chosen"),
           make("button", { type: "button", click: step(1) }, `Smallest ${lab.colour.name}`),
+          ...[...lab.roles]
+            .filter(([, role]) => role !== "infeasible")
+            .map(([named, role]) =>
+              make(
+                "button",
+                { type: "button", click: () => lab.choose(named) },
+                `The ${role} point`,
+              ),
+            ),
         ),
       );
     const values = lab.columns.map((column) =>
@@ -262,7 +302,7 @@ function pointPanel(lab, bench) {
         : study.reason ||
           "This point differs in more than parameters from what the page simulates; the command runs it.";
     panel.replaceChildren(
-      make("div", { class: "bar" }, make("h3", {}, `Point ${study.points[row]}`), ...buttons),
+      make("div", { class: "bar" }, make("h3", {}, lab.nameOf(row)), ...buttons),
       ...failed,
       make("dl", {}, ...values),
       ...(study.command
