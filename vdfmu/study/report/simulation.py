@@ -90,11 +90,14 @@ any component if the cause is there; their new ``value``, or a ``factor``."""
 
 def keep_program(system: SystemDescription, package: Path) -> None:
     """Keep the program of a system for the pages of its package, or the reason for its absence."""
+    place = _kept(package)
+    if load(place) is not None:
+        return
     try:
         content = page_program(SystemProgram(system)) | {"knobs": list(knobs(system))}
     except VdfmuError as error:
         content = {"reason": _reason(error)}
-    store(_kept(package), json.dumps(content).encode())
+    store(place, json.dumps(content).encode())
 
 
 def _kept(package: Path) -> Path:
