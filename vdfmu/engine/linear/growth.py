@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.linear.linearise import Linearisation, changed, with_part
 from vdfmu.engine.linear.loops import (
@@ -173,7 +173,7 @@ class Along:
     def growth(self, begin: float, end: float, above: float = SLOW) -> Growth:
         """Return the largest growth of disturbances beyond a rate [1/s], of a run from `begin` to `end` [s]."""
         times, rates = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("time", "rate"))
-        bounds = np.union1d(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
+        bounds = distinct(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
         rate = np.interp(bounds, times, np.maximum(rates, -1e9))
         steps = np.diff(bounds) * ((rate[1:] + rate[:-1]) / 2.0 - above)
         most, run, first, place = -np.inf, 0.0, 0, (0, len(steps))  # a run that fails at once has no steps

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, StateSpace
 from vdfmu.engine.linear.system import LinearSystem
@@ -146,7 +146,7 @@ class Loop:
         s = self._modes.s
         s = s[s.imag > least]
         w = s.imag[:, None] + np.abs(s.real)[:, None] * _AROUND
-        return np.unique(np.append(np.geomspace(least, most, points), w[(w > least) & (w < most)]))
+        return distinct(np.geomspace(least, most, points), w[(w > least) & (w < most)])
 
     @property
     def _lost(self) -> Any:

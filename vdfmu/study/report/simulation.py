@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.arrays import distinct
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler import wasm
@@ -248,7 +249,7 @@ def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
     recorded = set(results.names)
     kept = [name for name in names if name in recorded]
     judged = [name for name in kept if name.startswith("plant.q[")] or kept
-    rows = np.unique(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
+    rows = distinct(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
     separation = (summary.get("separation") or {}).get("max_position_difference_rad", 0.0)
     return {
         "rows": rows.tolist(),
