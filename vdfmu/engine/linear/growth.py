@@ -358,16 +358,23 @@ class Poses(Tap):
     def _matrix(self, system: LinearSystem) -> Floats:
         return _matrix(with_tied(system, self._tied))[self._linked]
 
-    def changed(self, values: Mapping[str, Mapping[str, Value]], at: Sequence[int] | None = None) -> Along:
-        """Return the loops with other parameters of some components, at the states of all or some rows.
+    def changed(self, values: Mapping[str, Mapping[str, Value]]) -> Along:
+        """Return the loops with other parameters of some components, at the states of all rows.
 
         Components must be as after the run, and changeable: :func:`~vdfmu.engine.linear.linearise.can_change`.
         """
+        return Along(self.loops.system, self.loops.opened, self._changed(values, self._systems))
+
+    def moved(self, values: Mapping[str, Mapping[str, Value]], at: Sequence[int]) -> list[Loop]:
+        """Return the loops of :meth:`changed` at some rows; UsageError if they have no margins."""
+        rows = self._changed(values, [self._systems[k] for k in at])
+        return [loop_of_part(self.loops.part(M), self.loops.opened) for _, M in rows]
+
+    def _changed(
+        self, values: Mapping[str, Mapping[str, Value]], rows: list[tuple[float, LinearSystem]]
+    ) -> list[tuple[float, Floats]]:
         assert self.components is not None
-        chosen = self._systems if at is None else [self._systems[k] for k in at]
         with ExitStack() as stack:
             for unit, new in values.items():
-                instance = stack.enter_context(changed(self.components, unit, new))
-                chosen = [(time, with_part(system, instance, time)) for time, system in chosen]
-        along = self.loops
-        return Along(along.system, along.opened, [(time, self._matrix(system)) for time, system in chosen])
+                rows = with_part(rows, stack.enter_context(changed(self.components, unit, new)))
+        return [(time, self._matrix(system)) for time, system in rows]
