@@ -300,7 +300,7 @@ function bar(value) {
     {},
     make(
       "div",
-      { class: "level" },
+      { class: "gauge" },
       make("i", {
         style: `width:${50 * Math.abs(shown)}%;${shown < 0 ? "right" : "left"}:50%;background:var(--${shown < 0 ? "negative" : "positive"})`,
       }),
