@@ -19,7 +19,7 @@ from vdfmu.compiler.unit import Unit
 from vdfmu.compiler.unit.load import load_units
 
 PLUGINS = Plugins(
-    "units", "unit", "a class of a unit", lambda found: isinstance(found, type) and issubclass(found, Unit)
+    "units", "unit", "a class of a unit", lambda plugin: isinstance(plugin, type) and issubclass(plugin, Unit)
 )
 
 

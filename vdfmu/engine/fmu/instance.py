@@ -107,7 +107,7 @@ class Instance(Library):
     def slopes(self, variables: Sequence[FmuVariable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
-        return self._slope_call(Transfer("Get", variables, places, values, np.float64, self._known, self._failure))
+        return self._slope_call(Transfer("Get", variables, places, values, np.float64, self._last_set, self._failure))
 
     def set_time(self, time: float) -> None:
         """Set the time of a model-exchange component, and the inputs that follow lines."""
@@ -186,7 +186,7 @@ class Instance(Library):
     def set_all(self, values: Starts) -> None:
         """Set many variables with one call a type."""
         for variable, value in values:
-            self._known(variable.reference)[variable.index] = value
+            self._last_set(variable.reference)[variable.index] = value
         for kind, dtype in DTYPES.items():
             group = [(v, held(kind, x)) for v, x in values if v.kind == kind]
             if group:
@@ -212,7 +212,7 @@ class Instance(Library):
             places = [i for i, v in enumerate(variables) if v.native == native and chosen(v)]
             alike = [variables[i] for i in places]
             dtype = self.dtypes[native]
-            transfers.append(Transfer(verb, alike, places, values, dtype, self._known, self._failure))
+            transfers.append(Transfer(verb, alike, places, values, dtype, self._last_set, self._failure))
         return transfers
 
     def between_events(self, variable: FmuVariable) -> bool:
@@ -223,7 +223,7 @@ class Instance(Library):
     def _failure(self, call: str, reason: str) -> CosimError:
         return CosimError(self.name, call, self.box.time, reason)
 
-    def _known(self, reference: int) -> list[Value]:
+    def _last_set(self, reference: int) -> list[Value]:
         """Return the values of all elements of an input or parameter, as last set."""
         if self._values is None:
             self._values = {}

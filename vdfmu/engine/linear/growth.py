@@ -36,7 +36,7 @@ from vdfmu.engine.plan.grid import Grid
 _HARM = 50.0
 """Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
 and so do the ends of a motion, since friction falls with speed."""
-_TOLD, _DOUBTFUL = 1.01, 1.1
+_NOTABLE, _DOUBTFUL = 1.01, 1.1
 """Growth of disturbances to be reported, and to make the run doubtful."""
 _ROWS, _FEWEST = 200, 60
 """Most and fewest rows for a linearisation, approximately. Half of the rows left may be used ahead."""
@@ -71,9 +71,9 @@ class Growth(NamedTuple):
         return bool(self.exponent > (1.0 if self.lasts else math.log(_HARM)))
 
     @property
-    def told(self) -> bool:
+    def notable(self) -> bool:
         """Whether they grow enough to be reported."""
-        return bool(self.exponent > math.log(_TOLD))
+        return bool(self.exponent > math.log(_NOTABLE))
 
     @property
     def doubtful(self) -> bool:
@@ -273,9 +273,9 @@ class Poses(Tap):
     """Linearises the loops of a run at some of its rows, if its components are in this process.
 
     Loops are opened at the inputs `opened`, by default at connected inputs named `group`, at any component, else at the
-    inputs of :func:`~vdfmu.engine.linear.system.cut`. `others` are a second linearisation at the same states, with the
-    parameters in `without` by component, such as no dry friction. Set `again` before calls of :meth:`changed`, and
-    `noted` to accept a linearisation with notes. `more` are additional rows. For `tied` see
+    inputs of :func:`~vdfmu.engine.linear.system.cut`. `alternative` is a second linearisation at the same states,
+    with the parameters in `without` by component, such as no dry friction. Set `again` before calls of :meth:`changed`,
+    and `noted` to accept a linearisation with notes. `more` are additional rows. For `tied` see
     :func:`~vdfmu.engine.linear.loops.with_tied`.
     """
 
@@ -287,7 +287,7 @@ class Poses(Tap):
         self._whole, self._noted = again or bool(without), noted
         self.lacking, self.notes = "", tuple[str, ...]()
         """Reason for unknown loops, empty if they are known; notes of the linearisation."""
-        self.others: Along | None = None
+        self.alternative: Along | None = None
         self.seconds = 0.0
         """Wall time of the linearisations [s]."""
         self.components: Components | None = None
@@ -330,7 +330,7 @@ class Poses(Tap):
         rows.append(self._loops.pose(time, self._matrix(system)))
         self._rows.go_on(_change(*rows[-2:]) if len(rows) > 1 else 1.0)
         if self._without and self._rows.row == self._rows.n:
-            self.others = self.changed(self._without)
+            self.alternative = self.changed(self._without)
 
     @property
     def loops(self) -> Along:

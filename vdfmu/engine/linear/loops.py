@@ -114,11 +114,11 @@ class Loop:
         parts = (K @ right) * (left @ B).T
         rest: list[Floats] = []
         if len(poles) < len(A):
-            others = np.eye(len(A)) - (right @ left).real  # onto the states of the other eigenvalues
-            power = others @ B
+            complement = np.eye(len(A)) - (right @ left).real  # onto the states of the other eigenvalues
+            power = complement @ B
             while len(rest) < _TERMS and np.abs(power).max() > _LEAST:
                 rest.append((K * power.T).sum(axis=1))
-                power = others @ (closed @ power)
+                power = complement @ (closed @ power)
         s: Any = np.log(poles) / self.step if self.sampled else poles
         moved = np.abs(parts / poles) / self.step if self.sampled else np.abs(parts)
         slow = (moved <= self.slow) & (s.real <= self.slow) & (s.real > -moved)

@@ -361,13 +361,13 @@ def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:
     """Return a function that tests whether the watched outputs are finite: zero times any other number is NaN."""
     whole, zeros, product = watched.size == outputs.size, np.zeros(watched.size), np.zeros(())
     values = outputs if whole else np.zeros(watched.size)
-    found = c_double.from_buffer(product)  # pyright: ignore[reportArgumentType]
+    total = c_double.from_buffer(product)  # pyright: ignore[reportArgumentType]
 
     def finite() -> bool:
         if not whole:
             outputs.take(watched, None, values, "clip")
         values.dot(zeros, product)
-        return found.value == 0.0
+        return total.value == 0.0
 
     return finite
 

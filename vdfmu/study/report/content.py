@@ -191,8 +191,8 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
         title = "Virtual power flow V′F towards the tip, on the side of the base {A} dashed"
         yield Figure("power", title, Shown("W"), curves, "Virtual power flow")
     for unit, axis, noun in (("N.m", 6, "Moments about"), ("N", 3, "Forces along")):
-        own = [(k, name) for k, name in enumerate(names, 1) if results.units.get(f"{name}.tau_s") == unit]
-        curves = [Curve(name, k, [(1.0, signal)]) for k, name in own if (signal := f"{name}.F_B[{axis}]") in results]
+        joints = [(k, name) for k, name in enumerate(names, 1) if results.units.get(f"{name}.tau_s") == unit]
+        curves = [Curve(name, k, [(1.0, signal)]) for k, name in joints if (signal := f"{name}.F_B[{axis}]") in results]
         if curves:
             yield Figure(f"force.{unit}", f"{noun} the axes between joint and link {{B}}", Shown(unit), curves)
 

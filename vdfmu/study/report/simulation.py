@@ -55,7 +55,7 @@ class Knob(NamedTuple):
     names: tuple[str, ...]
     least: float = 0.1
     most: float = 10.0
-    known: bool = False
+    in_feedforward: bool = False
     """Whether the feedforward has them too and may know the change."""
 
 
@@ -159,8 +159,8 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
         span = program["start"], program["stop"], program["step"]
         dry = "without_dry_friction" not in margin
         along = tracks(run.package, run.summary["algorithm"], sliders, values, span, dry, run.poses)
-    for slider, own in zip(sliders, along, strict=True):
-        slider |= {"tracks": own, "why": why}
+    for slider, slider_tracks in zip(sliders, along, strict=True):
+        slider |= {"tracks": slider_tracks, "why": why}
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
         "causes": list(causes(values, sliders, fast)),
@@ -225,7 +225,7 @@ def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
             knowing = [
                 name
                 for name, model in models.items()
-                if knob.known and model == "Feedforward" and (len(targets) == 1 or (unit, name) in joined)
+                if knob.in_feedforward and model == "Feedforward" and (len(targets) == 1 or (unit, name) in joined)
             ]
             yield {
                 "key": f"{unit}.{names[0]}",

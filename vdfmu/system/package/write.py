@@ -141,8 +141,8 @@ def write_ssp(
 
 def _icon(unit: str) -> bytes:
     icons = data_path("fmu_src") / "icons"
-    own = icons / f"{unit}.svg"
-    return (own if own.is_file() else icons / "unit.svg").read_bytes()
+    icon = icons / f"{unit}.svg"
+    return (icon if icon.is_file() else icons / "unit.svg").read_bytes()
 
 
 def _checked(root: Any, kind: str, name: str, version: str) -> bytes:

@@ -212,9 +212,9 @@ class Code:
         self.joints[function.name()] = interface.joints
         names = (*function.name_in(), *function.name_out())
         places = {name: f"m + {begin + interface.arguments[call.group(name)].start}" for name in names}
-        given = [places[name] for name in function.name_in()]
+        arguments = [places[name] for name in function.name_in()]
         made = [(key, places[key], function.numel_out(key), call.group(key) != key) for key in function.name_out()]
-        yield from ("{", *(f"    {line}" for line in setting_lines(function.name(), given, made)), "}")
+        yield from ("{", *(f"    {line}" for line in setting_lines(function.name(), arguments, made)), "}")
 
     def take(self, function: ca.Function) -> ca.Function:
         """Register a called function and return it, renamed if a function of another robot has its name."""
