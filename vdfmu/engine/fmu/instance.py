@@ -166,16 +166,30 @@ class Instance(Library):
         if not self.dead:
             self.fmu.freeFMUState(state)
 
-    def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats) -> Floats:
-        """Return the directional derivatives of unknowns, (k, size), for seeds of the knowns, (k, m), by references."""
-        derivatives, seeds = np.zeros((len(seeds), size)), np.ascontiguousarray(seeds, np.float64)
+    def derivative(
+        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats
+    ) -> Callable[[], Floats]:
+        """Return the function of the directional derivatives of unknowns, (k, size), for seeds of the knowns, (k, m).
+
+        Variables are given by their references. The function returns the same array each time.
+        """
+        arrays = np.zeros((len(seeds), size)), np.array(seeds, np.float64)
         references = [np.array(each, np.uint32) for each in (unknowns, knowns)]
         head = [part for each in references for part in (c_void_p(each.ctypes.data), c_size_t(each.size))]
-        n_seeds, n_values = ([c_size_t(each.shape[1])][: self.sized] for each in (seeds, derivatives))
+        n_values, n_seeds = ([c_size_t(each.shape[1])][: self.sized] for each in arrays)
+        places = [(each.ctypes.data, each.strides[0]) for each in arrays]
+        calls: list[Call] = []
         for k in range(len(seeds)):
-            seed, row = (c_void_p(each.ctypes.data + k * each.strides[0]) for each in (seeds, derivatives))
-            self.call("GetDirectionalDerivative", *head, seed, *n_seeds, row, *n_values)
-        return derivatives
+            row, seed = (c_void_p(begin + k * stride) for begin, stride in places)
+            name = "GetDirectionalDerivative"
+            calls.append((self.function(name), (self.argument, *head, seed, *n_seeds, row, *n_values), name))
+        kept = arrays, references  # the calls have addresses in them
+
+        def calculate() -> Floats:
+            self.run(calls)
+            return kept[0][0]
+
+        return calculate
 
     def get(self, variable: FmuVariable) -> Value:
         """Get one variable."""

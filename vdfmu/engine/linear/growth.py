@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.linear.linearise import Linearisation, changed, with_part
 from vdfmu.engine.linear.loops import (
@@ -173,7 +173,7 @@ class Along:
     def growth(self, begin: float, end: float, above: float = SLOW) -> Growth:
         """Return the largest growth of disturbances beyond a rate [1/s], of a run from `begin` to `end` [s]."""
         times, rates = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("time", "rate"))
-        bounds = np.union1d(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
+        bounds = distinct(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
         rate = np.interp(bounds, times, np.maximum(rates, -1e9))
         steps = np.diff(bounds) * ((rate[1:] + rate[:-1]) / 2.0 - above)
         most, run, first, place = -np.inf, 0.0, 0, (0, len(steps))  # a run that fails at once has no steps
@@ -358,16 +358,23 @@ class Poses(Tap):
     def _matrix(self, system: LinearSystem) -> Floats:
         return _matrix(with_tied(system, self._tied))[self._linked]
 
-    def changed(self, values: Mapping[str, Mapping[str, Value]], at: Sequence[int] | None = None) -> Along:
-        """Return the loops with other parameters of some components, at the states of all or some rows.
+    def changed(self, values: Mapping[str, Mapping[str, Value]]) -> Along:
+        """Return the loops with other parameters of some components, at the states of all rows.
 
         Components must be as after the run, and changeable: :func:`~vdfmu.engine.linear.linearise.can_change`.
         """
+        return Along(self.loops.system, self.loops.opened, self._changed(values, self._systems))
+
+    def moved(self, values: Mapping[str, Mapping[str, Value]], at: Sequence[int]) -> list[Loop]:
+        """Return the loops of :meth:`changed` at some rows; UsageError if they have no margins."""
+        rows = self._changed(values, [self._systems[k] for k in at])
+        return [loop_of_part(self.loops.part(M), self.loops.opened) for _, M in rows]
+
+    def _changed(
+        self, values: Mapping[str, Mapping[str, Value]], rows: list[tuple[float, LinearSystem]]
+    ) -> list[tuple[float, Floats]]:
         assert self.components is not None
-        chosen = self._systems if at is None else [self._systems[k] for k in at]
         with ExitStack() as stack:
             for unit, new in values.items():
-                instance = stack.enter_context(changed(self.components, unit, new))
-                chosen = [(time, with_part(system, instance, time)) for time, system in chosen]
-        along = self.loops
-        return Along(along.system, along.opened, [(time, self._matrix(system)) for time, system in chosen])
+                rows = with_part(rows, stack.enter_context(changed(self.components, unit, new)))
+        return [(time, self._matrix(system)) for time, system in rows]

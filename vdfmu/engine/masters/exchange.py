@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.text import matching
 from vdfmu.engine.fmu.access import DTYPES, KINDS, TEXTS, Call, held
@@ -188,7 +188,7 @@ class Exchange:
             bank = self._bank(kind)
             places = np.array([bank.position[SOURCE, name] for name in names], np.intp)
             self._fed.append((bank.memory, places, course))
-        self.breaks = np.unique(np.concatenate([np.zeros(0), *(course.breaks for *_, course in self._fed)]))
+        self.breaks = distinct([], *(course.breaks for *_, course in self._fed))
         """Times [s] at which a signal from outside jumps or bends."""
         self.close = max((course.tolerance for *_, course in self._fed), default=0.0)
         """Difference [s] within which a time is one of them."""

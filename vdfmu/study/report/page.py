@@ -28,10 +28,12 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import line_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
+from vdfmu.study.report.comparison import answer, comparison
 from vdfmu.study.report.content import content_of
-from vdfmu.study.report.parts import checks, comparison, facts_table, marks, page_title, tables, tiles
+from vdfmu.study.report.parts import checks, facts_table, marks, page_title, tables, tiles
 from vdfmu.study.report.shown_run import NAME, ShownRun, read_run
 from vdfmu.study.report.simulation import simulation_of
+from vdfmu.study.run.key_figures import cut_figures
 from vdfmu.study.run.scene import wired_arm
 from vdfmu.system.package.drawing import system_diagram
 
@@ -82,7 +84,7 @@ def report_page(
     has ended without a verdict.
     """
     names = _names(runs)
-    wired = [{} if "arm" in run.summary else wired_arm(run.results, run.package) for run in runs]
+    wired = [{} if "arm" in run.summary else _wired(run) for run in runs]
     runs = [run._replace(summary={**run.summary, **more}) for run, more in zip(runs, wired, strict=True)]
     binaries: dict[str, str] = {}
     parts = [
@@ -128,6 +130,8 @@ def report_page(
         for name, summary in zip(names, summaries, strict=True)
         if (line := line_of(summary))
     ]
+    if len(runs) > 1 and not arm_alone:
+        lines.insert(0, (answer(names, runs), ""))
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, _ in lines) or about, arm_alone)
     if study:
@@ -136,6 +140,12 @@ def report_page(
     lead = "".join(f'<p class="verdict {state}">{escape(line)}</p>\n' for line, state in lines)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts.scripts_of("run"))
+
+
+def _wired(run: ShownRun) -> dict[str, Any]:
+    """Return the entries of a summary on an arm of joint components."""
+    arm = wired_arm(run.results, run.package)
+    return arm | {"key_figures": cut_figures(run.results)} if arm else {}
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:

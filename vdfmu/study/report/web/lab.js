@@ -22,6 +22,8 @@ class Lab extends EventTarget {
       ),
     );
     this.missed = new Set(study.roles.infeasible);
+    /** Parameters of all points, once they are unpacked. @type {Float64Array | null} */
+    this.values = null;
     this.axes = this.columns.filter(({ axis }) => axis);
     this.measures = this.columns.filter(({ axis }) => !axis);
     this.colour = this.measures[0];
@@ -41,7 +43,15 @@ class Lab extends EventTarget {
 
   /** Classes of the marks of a point. */
   lookOf(row) {
-    return `${this.passes(row) ? "" : " off"}${this.missed.has(row) ? " missed" : ""}${this.chosen === row ? " chosen" : ""} ${this.roleOf(row)}-point`;
+    const role = this.roleOf(row);
+    const looks = {
+      off: !this.passes(row),
+      missed: this.missed.has(row),
+      chosen: this.chosen === row,
+      begin: role === "start",
+      named: role !== "" && role !== "infeasible",
+    };
+    return ["", ...Object.keys(looks).filter((look) => looks[look])].join(" ");
   }
 
   changed() {
@@ -106,70 +116,40 @@ class Lab extends EventTarget {
 /** Fill the section of the study; `bench` runs a point again, where there is one. */
 export function showLab(section, study, bench) {
   const lab = new Lab(study),
-    pick = (columns, chosen, words, change) => {
-      const list = choice(
-        words,
-        columns.map((column, k) => [k, column.label]),
-        (k) => change(columns[k]),
-      );
-      list.querySelector("select").value = columns.indexOf(chosen);
-      return list;
-    };
-  let [across, up] = [lab.axes[0], lab.colour],
-    over = [lab.axes[0], lab.axes[1]];
-  const shown = make("span", { role: "status" });
-  const count = () => {
-    const rows = lab.rows().filter((row) => lab.passes(row));
-    shown.textContent = `${rows.length} of ${lab.rows().length} points`;
+    shown = make("span", { role: "status" }),
+    lists = new Map();
+  /** Columns of the pictures, and of the colours. */
+  const at = { across: lab.axes[0], up: lab.colour, first: lab.axes[0], second: lab.axes[1] };
+  const put = (key, column) => {
+    at[key] = column;
+    lists.get(key).querySelector("select").value = lists.get(key).columns.indexOf(column);
   };
-  const scatter = new Scatter(lab, "Points over two columns", () => [across, up]);
-  const bars = [
-    pick(lab.measures, lab.colour, "Measure", (column) => {
-      if (up === lab.colour) {
-        up = column;
-        vertical.querySelector("select").value = lab.columns.indexOf(up);
-      }
-      lab.colour = column;
+  const pick = (key, words, columns, change = (column) => put(key, column)) => {
+    const pairs = columns.map((column, k) => [k, column.label]);
+    const list = choice(words, pairs, (k) => {
+      change(columns[k]);
       lab.changed();
-    }),
-    shown,
-    make("button", { type: "button", click: () => lab.clear() }, "Show all"),
-    scaleOf(lab),
-  ];
-  const vertical = pick(lab.columns, up, "Up", (column) => {
-    up = column;
-    lab.changed();
+    });
+    lists.set(key, Object.assign(list, { columns }));
+    if (at[key]) put(key, at[key]);
+    return list;
+  };
+  const measure = pick("colour", "Measure", lab.measures, (column) => {
+    if (at.up === lab.colour) put("up", column);
+    lab.colour = column;
   });
-  scatter.element.append(
-    make(
-      "div",
-      { class: "bar" },
-      pick(lab.columns, across, "Across", (column) => {
-        across = column;
-        lab.changed();
-      }),
-      vertical,
-    ),
-  );
-  const pictures = [scatter.element];
+  const scatter = new Scatter(lab, "Points over two columns", () => [at.across, at.up]),
+    ways = [pick("across", "Across", lab.columns), pick("up", "Up", lab.columns)],
+    pictures = [scatter.element];
+  scatter.element.append(make("div", { class: "bar" }, ...ways));
   if (lab.axes.length > 1) {
-    const contour = new Contour(lab, "Contours over two axes", () => over);
-    contour.element.append(
-      make(
-        "div",
-        { class: "bar" },
-        pick(lab.axes, over[0], "Across", (column) => {
-          over = [column, over[1]];
-          lab.changed();
-        }),
-        pick(lab.axes, over[1], "Up", (column) => {
-          over = [over[0], column];
-          lab.changed();
-        }),
-      ),
-    );
+    const contour = new Contour(lab, "Contours over two axes", () => [at.first, at.second]),
+      over = [pick("first", "Across", lab.axes), pick("second", "Up", lab.axes)];
+    contour.element.append(make("div", { class: "bar" }, ...over));
     pictures.push(contour.element);
   }
+  const all = make("button", { type: "button", click: () => lab.clear() }, "Show all"),
+    bars = [measure, shown, all, scaleOf(lab)];
   section.append(
     make("div", { class: "bar sticky" }, ...bars),
     make(
@@ -182,8 +162,13 @@ export function showLab(section, study, bench) {
     rangeInputs(lab),
     pointPanel(lab, bench),
   );
-  lab.addEventListener("change", count);
-  for (const element of document.querySelectorAll("[data-point]")) {
+  lab.addEventListener("change", () => {
+    const rows = lab.all.filter((row) => lab.passes(row));
+    shown.textContent = `${rows.length} of ${lab.all.length} points`;
+  });
+  for (const element of /** @type {NodeListOf<HTMLElement>} */ (
+    document.querySelectorAll("[data-point]")
+  )) {
     const row = study.points.indexOf(Number(element.dataset.point));
     element.addEventListener("click", () => {
       lab.choose(row);

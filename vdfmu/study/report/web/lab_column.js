@@ -88,11 +88,9 @@ export class Column {
     const rough = (high - low) / most,
       power = 10 ** Math.floor(Math.log10(rough)),
       step = [1, 2, 5, 10].find((k) => k * power >= rough) * power,
-      first = Math.ceil(low / step);
-    return Array.from(
-      { length: Math.floor(high / step) - first + 1 },
-      (_, k) => (first + k) * step,
-    );
+      first = Math.ceil(low / step - 1e-9),
+      count = Math.floor(high / step + 1e-9) - first + 1;
+    return Array.from({ length: count }, (_, k) => (first + k) * step);
   }
 
   tickText(value) {

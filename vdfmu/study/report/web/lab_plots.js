@@ -25,7 +25,6 @@ class Picture {
   constructor(lab, title, height) {
     this.lab = lab;
     this.height = height;
-    this.width = 0;
     this.svg = svg("svg", { class: "study", role: "img", "aria-label": title });
     this.element = make(
       "figure",
@@ -43,11 +42,24 @@ class Picture {
 
   draw() {
     this.width = this.svg.clientWidth;
-    if (!this.width) return;
+    if (this.width <= MARGIN.left + MARGIN.right) return; // not laid out
     this.svg.setAttribute("viewBox", `0 0 ${this.width} ${this.height}`);
     this.svg.setAttribute("height", this.height);
     this.svg.replaceChildren(...this.parts());
   }
+
+  /** What is drawn. @returns {Element[]} */
+  parts() {
+    return [];
+  }
+
+  /** The point at a place of the pointer. @returns {number | undefined} */
+  nearestRow(_place) {
+    return undefined;
+  }
+
+  /** Choose the points between two places of the pointer. */
+  brush(_start, _end) {}
 
   placeOf({ clientX, clientY }) {
     const box = this.svg.getBoundingClientRect();
@@ -118,7 +130,8 @@ export class Scatter extends Picture {
     ];
   }
 
-  under() {
+  /** What is drawn below the points. @returns {Element[]} */
+  under(_across, _up) {
     return [];
   }
 
@@ -244,7 +257,10 @@ export class Parallel extends Picture {
     const { lab, columns } = this,
       rows = lab
         .rows(true)
-        .sort((a, b) => lab.passes(a) - lab.passes(b) || (lab.chosen === a) - (lab.chosen === b));
+        .sort(
+          (a, b) =>
+            lab.passes(a) - lab.passes(b) || Number(lab.chosen === a) - Number(lab.chosen === b),
+        );
     const lines = rows.map((row) => {
       const failed = Number.isNaN(lab.colour.share(row)),
         d = columns
