@@ -24,8 +24,6 @@ from vdfmu.cli.terminal import (
 )
 from vdfmu.study.options import SweepOptions, TuneOptions
 
-SimulateOption = Annotated[bool, Option("Let the page run any point.")]
-
 
 class _SweepGroup(App):
     """``vdfmu sweep SCENARIO`` is ``vdfmu sweep run SCENARIO``."""
@@ -37,7 +35,7 @@ class _SweepGroup(App):
 app = _SweepGroup(
     "sweep",
     no_args_is_help=True,
-    help="Run a scenario at many points: vdfmu sweep SCENARIO --vary ..",
+    help="Run a scenario at many points. The word run may be left out: vdfmu sweep SCENARIO --vary ..",
     context_settings={"ignore_unknown_options": True},
 )
 
@@ -52,7 +50,7 @@ def run(
         more="TARGET is a parameter, or robot, master, step, stop, unit:COMPONENT. FORM is lin(a, b, n), log(a, b, n), "
         "normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before it makes factors: "
         "*lin(0.9, 1.1).")] = None,
-    simulate: SimulateOption = True, **options: Unpack[SweepOptions],
+    **options: Unpack[SweepOptions],
 ) -> None:  # fmt: skip
     """Run a scenario at many points, and keep a row for each.
 
@@ -65,7 +63,7 @@ def run(
     _say_answer(study)
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))
-    say_written(study.path, study.report(simulate=simulate), more=f"; {len(study)} points")
+    say_written(study.path, study.report(), more=f"; {len(study)} points")
 
 
 StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
@@ -108,7 +106,7 @@ def report(
     study: StudyArgument,
     out: Annotated[Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).",
         more="FILE.tex has the measures.")] = None,
-    simulate: SimulateOption = True,
+    simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a study. It has linked figures of the points, the measures, and failures by cause."""
@@ -142,7 +140,7 @@ def tune(
         "one.")],
     cost: Annotated[str, Option("Cost: 'worst(rms(trajectory.q_d - plant.q))'.", metavar="EXPR",
         more="Of several elements the mean of their ratios to the start, each at most 1.")],
-    simulate: SimulateOption = True, **options: Unpack[TuneOptions],
+    **options: Unpack[TuneOptions],
 ) -> None:  # fmt: skip
     """Search parameters that minimise a cost.
 
@@ -162,5 +160,5 @@ def tune(
         shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
     tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
     tell(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs, {tuned.missed} values without the margin.")
-    page = study.report(simulate=simulate)
+    page = study.report()
     say_written(*(tuned.folder / name for name in ("tuned.toml", TUNED, "sweep.parquet", "tuning.png")), page)

@@ -17,7 +17,7 @@ from vdfmu.study.sweeps.axes import draw, read_axes, shares
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.measures import read_measures, unit_of
-from vdfmu.study.sweeps.plots import FAILED
+from vdfmu.study.sweeps.plots import FAILED, KINDS
 from vdfmu.study.sweeps.table import groups, view
 
 A, B = 7.0, 0.1
@@ -105,6 +105,17 @@ def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
     ):
         with pytest.raises(UsageError, match=words):
             call()
+
+
+@pytest.mark.parametrize(("power", "scale"), [(1, "linear"), (5, "log")])
+def test_a_tornado_of_a_measure_over_decades_has_a_logarithmic_axis(tmp_path, power, scale):
+    over = {"f.a": "lin(1, 5, 5)", "f.b": "lin(1, 2, 3)"}
+    shown = view(study(tmp_path / "s", over, lambda a, b: b * a**power))
+    (axes,) = KINDS["tornado"][0](shown).axes
+    assert axes.get_xscale() == scale
+    # from 1 to 2 * 5^power, as means over the other axis: bars end within the axis
+    low, high = axes.get_xlim()
+    assert (low > 0.0 or scale == "linear") and high > 1.5 * 5.0**power
 
 
 @pytest.mark.heavy

@@ -243,7 +243,7 @@ def test_the_command_shows_before_and_after(tmp_path):
         app,
         [
             "tune", "planar_tracking", "--vary", "controller.K_p[1]", "--cost", ERRORS, "--evaluations", "3",
-            "--stop", "0.1", "--method", "local", "--no-simulate", "--out", str(tmp_path / "search"),
+            "--stop", "0.1", "--method", "local", "--out", str(tmp_path / "search"),
         ],
     )  # fmt: skip
     assert result.exit_code == 0, result.output

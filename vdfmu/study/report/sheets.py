@@ -155,7 +155,8 @@ _FACTS = {
     "Friction": ("friction", "{}"), "Units": ("backend", "{} FMUs"), "Master": ("master", "{}"),
     "Error control": ("adaptive", "{:g} a step"), "Step": ("step", "{:g} s"), "Stop": ("stop", "{:g} s"),
     "Tolerance": ("tolerance", "{:g}"), "Steps": ("steps", "{}"), "Wall time": ("wall_s", "{:.3g} s"),
-    "Real-time factor": ("real_time_factor", "{:.3g}"), "No reference": ("no_reference", "{}"),
+    "Real-time factor": ("real_time_factor", "{:.3g} simulated seconds a second"),
+    "No reference": ("no_reference", "{}"),
 }  # fmt: skip
 """Name to key and form."""
 
