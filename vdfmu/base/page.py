@@ -52,7 +52,7 @@ def page(
 {_policy(scripts)}
 {PAGE_MARK.decode()}
 <title>{escape(tab or title)}</title>
-<style>{_STYLE}body {{ max-width: {width}rem; }}
+<style>@layer page {{{_STYLE}body {{ max-width: {width}rem; }} }}
 </style>{head}
 </head>
 <body>
