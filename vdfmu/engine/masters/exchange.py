@@ -180,8 +180,6 @@ class Exchange:
             taken += self.banks[-1].words
         self.watched = np.zeros(0, np.intp)
         """Real outputs that must be finite."""
-        self.columns: dict[str, list[int]] = {}
-        """Places of the recorded signals in their bank, by kind."""
         self._all_finite: Callable[[], bool] = lambda: True
         self._fed: list[tuple[NDArray[Any], NDArray[np.intp], Course]] = []
         for kind, names, course in checked.feed.courses if checked.feed else ():
@@ -281,8 +279,8 @@ class Exchange:
 
     def recorders(
         self, rows: int, record: Sequence[str] | None
-    ) -> tuple[list[Signal], dict[str, NDArray[Any]], Callable[[int], None]]:
-        """Return the recorded signals, their arrays, and the function that stores row k.
+    ) -> tuple[list[Signal], dict[str, NDArray[Any]], dict[str, list[int]], Callable[[int], None]]:
+        """Return the recorded signals, by kind their rows and places in the bank, and the function that stores row k.
 
         Names may have ``*`` for any text. Default: outputs, and inputs from outside; other inputs follow from outputs.
         Signals come unit by unit in the order of the SSD, outputs first.
@@ -298,7 +296,7 @@ class Exchange:
         signals: list[tuple[int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
-        self.columns = {}
+        columns: dict[str, list[int]] = {}
         for bank in banks:
             kind = bank.kind.lower()
             chosen = [
@@ -322,7 +320,7 @@ class Exchange:
                 self.watched = np.array(sorted(read | outputs), np.intp)
                 self._all_finite = _finite(bank.outputs, self.watched)
             if chosen:
-                self.columns[kind] = chosen
+                columns[kind] = chosen
                 stores.append(_store(rec, bank.memory, chosen))
         signals.sort(key=lambda item: item[0])
 
@@ -330,7 +328,7 @@ class Exchange:
             for each in stores:
                 each(k)
 
-        return [signal for _, signal in signals], data, stores[0] if len(stores) == 1 else store
+        return [signal for _, signal in signals], data, columns, stores[0] if len(stores) == 1 else store
 
     def reals(self, wanted: Iterable[str]) -> tuple[list[str], Floats, list[int]]:
         """Return names of real signals that match, their memory, and the place of each in it."""

@@ -14,7 +14,6 @@ from vdfmu.engine.fmu.access import KINDS, TEXTS
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.observer import Finite
 from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.system import Value, spread
 from vdfmu.engine.plan.checker import overrides
@@ -31,8 +30,8 @@ class ByHand:
         assert isinstance(session.components, Components)
         self._session, self._grid, self._instances = session, grid, session.components.instances
         session.exchange.recorders(1, ())  # values that are read must be finite
-        self._one, self._k, self._finite = session.stepping(grid), 0, Finite()
-        self._finite.take(0, grid.begin, session.components)
+        self._one, self._k = session.stepping(grid), 0
+        session.exchange.refuse_not_finite("initialization", grid.begin)
         self._sinks: dict[str, list[tuple[Instance, FmuVariable]]] = {}
         self._sources: dict[str, Callable[[], Any]] = {}
         self._memory = [(bank.memory, bank.memory.copy()) for bank in session.exchange.banks]
@@ -75,7 +74,7 @@ class ByHand:
         for _ in range(count):
             self._one(self._k)
             self._k += 1
-            self._finite.take(self._k, self.time, self._session.components)
+            self._session.exchange.refuse_not_finite("doStep", self.time)
             if box.pending:
                 box.flush()
             if box.ended:

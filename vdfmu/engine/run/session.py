@@ -27,13 +27,13 @@ from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.compiled import CompiledSteps, obstacle
 from vdfmu.engine.masters.components import Components, failure_message
-from vdfmu.engine.masters.observer import Finite, Observed, Pace, Tap
+from vdfmu.engine.masters.observer import Observed, Pace, Tap
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.formats import format_of
-from vdfmu.engine.results.recorder import ROWS, SECONDS, Recorder, RowsInMemory
+from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits, Making
 
@@ -240,22 +240,28 @@ class Run:
         """The last complete row."""
         exchange = session.exchange
         block, longest = (ROWS, SECONDS) if files and speed is None else (grid.n + 1, np.inf)
-        self._signals, data, put = exchange.recorders(block, options["record"])
-        self._rows = RowsInMemory(data, put)
+        self._signals, *_ = kept = exchange.recorders(block, options["record"])
+        self._rows = RowsInMemory(*kept[1:])
         if files:
-            self._rows = Recorder(files, self._signals, data, put, grid.times, longest)
-        listed: list[Tap] = [Finite(), self._rows]
+            self._rows = Recorder(files, *kept, grid.times, longest)
+        self._blocks: list[Blocks] = []
+        for tap in taps:
+            names, memory, places = exchange.reals(tap.wanted)
+            tap.begin(grid, names)
+            self._blocks += [Blocks(tap, grid, names, memory, places)] if names else []
+        self._keepers = [self._rows, *self._blocks]
+        self._taps: list[Tap] = []
+        """Taps of single rows, in their order."""
         if self._observer is not None:
-            listed.append(Observed(self._observer, exchange, summary))
+            self._taps.append(Observed(self._observer, exchange, summary))
         guard = self._guard = InterruptGuard()
         self._stopped = lambda: guard.number != 0  # the stepper keeps this, and not the rows
         self._pace = None if speed is None else Pace(speed, grid.step, self._stopped)
-        listed += [*taps, *([] if self._pace is None else [self._pace])]
-        self._taps = [(tap.rows(grid), tap.take) for tap in listed]
+        self._taps += [*taps, *([] if self._pace is None else [self._pace])]
         why = obstacle(session.stepper, exchange)
         summary["stepper"] = f"Python: {why}" if why else "C"
         LOG.info("stepper: %s", summary["stepper"])
-        self._compiled = None if why else CompiledSteps(exchange, grid, data)
+        self._compiled = None if why else CompiledSteps(exchange, grid, self._keepers)
         self._one = session.stepping(grid)
 
     def steps(self, progress: Any) -> Results:
@@ -263,7 +269,7 @@ class Run:
         session, grid, guard, box = self._session, self._grid, self._guard, self._session.box
         session.save = self._saved
         self._began = clock.perf_counter()
-        stride = max(1, -(-grid.n // 100))
+        stride = grid.n if progress is None else max(1, -(-grid.n // 100))
         try:
             with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # Finite reports them
                 session.stepper.pressed = self._stopped
@@ -295,11 +301,17 @@ class Run:
         return results
 
     def _row(self, k: int) -> None:
-        """Show row `k` to the taps."""
-        time, components = self._grid.time(k), self._session.components
-        for rows, take in self._taps:
-            if k in rows:
-                take(k, time, components)
+        """Check and keep row `k`, and show it to the taps."""
+        self._session.exchange.refuse_not_finite("doStep" if k else "initialization", self._grid.time(k))
+        for keeper in self._keepers:
+            keeper.keep(k)
+        self._show(k)
+
+    def _show(self, k: int) -> None:
+        """Show row `k` to the taps that are due."""
+        for tap in self._taps:
+            if tap.due(k) == k:
+                tap.take(k, self._grid.time(k), self._session.components)
 
     def _in_python(self, end: int) -> None:
         """Do a step with its row."""
@@ -308,18 +320,15 @@ class Run:
         self._done += 1
 
     def _in_c(self, end: int) -> None:
-        """Do steps with their rows to row `end` at most, one if taps look at each row."""
+        """Do steps with their rows to row `end` at most, and to the next row that a tap looks at."""
         assert self._compiled is not None
-        first, full = self._rows.room(self._done + 1)
-        others = self._taps[2:]  # C has the work of the first two
+        due = min((tap.due(self._done + 1) for tap in self._taps), default=end)
         try:
-            self._done = self._compiled.run(self._done + 1 if others else min(end, full - 1), first)
+            self._done = self._compiled.run(int(min(end, due)))
         except BaseException:
             self._done = self._compiled.row
             raise
-        for rows, take in others:
-            if self._done in rows:
-                take(self._done, self._grid.time(self._done), self._session.components)
+        self._show(self._done)
 
     def _do(self, end: int) -> None:
         """Do steps to row `end`, until a component ends the simulation."""
@@ -361,6 +370,8 @@ class Run:
         time = self._grid.times(0, done + 1)
         if done == self._grid.n or "ended" in summary:
             time[done] = summary["stop"]
+        for block in self._blocks:
+            block.flush(done + 1)
         results = Results(time, self._signals, rows.finish(time), summary, box.kept)
         for path in self._files if done >= 0 else ():
             if not (form := format_of(path)).streams:
