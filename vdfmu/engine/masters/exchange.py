@@ -321,7 +321,7 @@ class Exchange:
                 self._all_finite = _finite(bank.outputs, self.watched)
             if chosen:
                 columns[kind] = chosen
-                stores.append(_store(rec, bank.memory, chosen))
+                stores.append(row_store(rec, bank.memory, chosen))
         signals.sort(key=lambda item: item[0])
 
         def store(k: int) -> None:
@@ -370,9 +370,10 @@ def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:
     return finite
 
 
-def _store(rec: NDArray[Any], memory: NDArray[Any], picked: list[int]) -> Callable[[int], None]:
+def row_store(rec: NDArray[Any], memory: NDArray[Any], picked: Sequence[int]) -> Callable[[int], None]:
+    """Return the function that stores the picked values in row k of `rec`."""
     n = len(picked)
-    if picked == list(range(picked[0], picked[0] + n)):
+    if list(picked) == list(range(picked[0], picked[0] + n)):
         rows, row = rec.reshape(-1).data, memory[picked[0] : picked[0] + n].data
 
         def whole(k: int) -> None:

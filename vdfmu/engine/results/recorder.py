@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
+from vdfmu.engine.masters.exchange import row_store
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.arrays import no_rows, write_all
@@ -55,8 +56,8 @@ class Blocks(RowsInMemory):
     """Brings the rows of the signals that a tap wants to it, block by block."""
 
     def __init__(self, tap: Tap, grid: Grid, names: Sequence[str], memory: Floats, places: Sequence[int]) -> None:
-        rows, columns = np.empty((tap.size, len(names))), np.array(places, np.intp)
-        super().__init__({"real": rows}, {"real": places}, lambda k: memory.take(columns, None, rows[k], "clip"))
+        rows = np.empty((tap.size, len(names)))
+        super().__init__({"real": rows}, {"real": places}, row_store(rows, memory, places))
         self._tap, self._rows, self._times, self._first = tap, rows, grid.times, 0
 
     def room(self, k: int) -> tuple[int, int]:
