@@ -135,7 +135,7 @@ class InterruptGuard:
         self._taken: list[tuple[int, Any]] = []
 
     def __enter__(self) -> InterruptGuard:
-        self._taken = [] if _command else _listen(signal.SIGINT)  # a command handles it already
+        self._taken = [] if _command or _guards else _listen(signal.SIGINT)  # they handle it already
         if threading.current_thread() is threading.main_thread():
             _guards.append(self)
         return self

@@ -44,8 +44,11 @@ class LogMessage:
         return self.text if named else f"{self.unit}: {self.text}"
 
 
+_LOGGER = logging.getLogger("vdfmu.engine.run")
+
+
 def _log(message: LogMessage) -> None:
-    logging.getLogger("vdfmu.engine.run").log(_LEVEL.get(message.status, logging.ERROR), "%s", message)
+    _LOGGER.log(_LEVEL.get(message.status, logging.ERROR), "%s", message)
 
 
 class MessageBox:

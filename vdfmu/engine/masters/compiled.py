@@ -103,11 +103,12 @@ class CompiledSteps:
         self._run, self._exchange, self._grid = library.do_steps, exchange, grid
         self._kept: list[Any] = []
         """Memory whose addresses the plan has."""
+        self.lasting = True
+        """Whether the plan holds for other start values."""
         self._actions: list[_Action] = []
         self._judges: list[tuple[Instance, Callable[[Any], None]]] = []
         """The component of each action, and the function that judges its status."""
         self._make(exchange)
-        self._keepers = keepers
         rows: list[_RowBlock] = []
         owners: list[RowsInMemory] = []
         for keeper, each in product(keepers, exchange.banks):
@@ -116,7 +117,10 @@ class CompiledSteps:
                 rows.append(_RowBlock(*map(self._address, parts), len(columns), each.memory.itemsize))
                 owners.append(keeper)
         blocks = self._array(_RowBlock, rows)
-        self._blocks = list(zip(owners, blocks, strict=True))
+        self._keepers = [
+            (keeper, [block for owner, block in zip(owners, blocks, strict=True) if owner is keeper])
+            for keeper in keepers
+        ]
         box, watched = exchange.box, exchange.watched
         self._master = _Master(
             outputs=self._address(bank.outputs), watched=self._address(watched), n_watched=watched.size,
@@ -125,11 +129,16 @@ class CompiledSteps:
             clock=addressof(exchange.clock), size=addressof(exchange.size), time=addressof(box.clock),
             waiting=addressof(box.waiting), begin=grid.begin, step=grid.step, rest=grid.last, n=grid.n,
         )  # fmt: skip
+        self._pointer = byref(self._master)
 
     @property
     def row(self) -> int:
         """The last complete row."""
         return self._master.row
+
+    @row.setter
+    def row(self, row: int) -> None:
+        self._master.row = row
 
     @property
     def instance(self) -> Instance:
@@ -142,11 +151,12 @@ class CompiledSteps:
         Ends after a step with messages. CosimError for a failure of a component, or an output that is not finite.
         """
         master, first = self._master, 0
-        rooms = {keeper: keeper.room(master.row + 1) for keeper in self._keepers}
-        end = min(end, *(full - 1 for _, full in rooms.values()))
-        for keeper, block in self._blocks:
-            block.first = rooms[keeper][0]
-        while answer := self._run(byref(master), first, end, _SLICE):
+        for keeper, blocks in self._keepers:
+            begin, full = keeper.room(master.row + 1)
+            end = min(end, full - 1)
+            for block in blocks:
+                block.first = begin
+        while answer := self._run(self._pointer, first, end, _SLICE):
             if answer == _NOT_FINITE:
                 self._exchange.refuse_not_finite("doStep", self._grid.time(master.row + 1))
             self._judges[master.action][1](master)
@@ -213,6 +223,7 @@ class CompiledSteps:
     def _values(self, instance: Instance, moved: Transfer, at_end: bool) -> None:
         """Add a call that gets or sets values."""
         self._kept.append(moved)
+        self.lasting = self.lasting and not moved.partial
         self._add(
             instance, lambda master: instance.judge(master.status, moved.name), moved.verb + moved.native,
             at_end=at_end, kind=_VALUES + isinstance(instance, Instance3),

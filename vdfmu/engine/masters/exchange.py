@@ -180,6 +180,8 @@ class Exchange:
             taken += self.banks[-1].words
         self.watched = np.zeros(0, np.intp)
         """Real outputs that must be finite."""
+        self._reads: list[tuple[Instance, list[Call]]] = []
+        """Calls that get the outputs."""
         self._all_finite: Callable[[], bool] = lambda: True
         self._fed: list[tuple[NDArray[Any], NDArray[np.intp], Course]] = []
         for kind, names, course in checked.feed.courses if checked.feed else ():
@@ -263,8 +265,12 @@ class Exchange:
 
     def read_outputs(self) -> None:
         """Get all outputs."""
-        for instance in self.instances.values():
-            instance.run([call for bank in self.banks for call in bank.calls(instance, "Get")])
+        if not self._reads:
+            for instance in self.instances.values():
+                calls = [call for bank in self.banks for call in bank.calls(instance, "Get")]
+                self._reads.append((instance, calls))
+        for instance, calls in self._reads:
+            instance.run(calls)
 
     def gathers(self, window: Callable[[Bank], slice] = lambda _: slice(None), late: bool = False) -> list[Gather]:
         """Return the functions that update the inputs in a window of each bank; see `Bank.gather`."""
