@@ -105,6 +105,7 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     parameters += [inspect.Parameter(o.name, kind, default=o.option.default, annotation=o.annotation) for o in listed]
     signature = own.replace(parameters=parameters)
     types = {o.name: (o.annotation, o.option.kind, o.option.choices) for o in listed}
+    plain = {o.name: [_PLAIN[part] for part in o.annotation.split(" | ") if part in _PLAIN] for o in listed}
     defaults = {each.name: each.option.default for each in listed}
     leading = [each.name for each in own.parameters.values() if each.kind is each.POSITIONAL_OR_KEYWORD]
     variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
@@ -123,9 +124,10 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
                 signature.bind(*args, **kwargs)
             except TypeError as error:
                 raise TypeError(f"{name}() {error}") from None
-        checked = (type_problem(each, k[0], kwargs[each], *k[1:]) for each, k in types.items() if each in kwargs)
-        if problems := [*filter(None, checked)]:
-            raise UsageError("\n".join(problems))
+        if odd := [each for each, value in kwargs.items() if type(value) not in plain.get(each, ())]:
+            checked = (type_problem(each, k[0], kwargs[each], *k[1:]) for each, k in types.items() if each in odd)
+            if problems := [*filter(None, checked)]:
+                raise UsageError("\n".join(problems))
         return function(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
 
     called.__signature__ = signature  # type: ignore[attr-defined]
@@ -181,6 +183,8 @@ def _texts(value: Any) -> bool:
     return isinstance(value, Iterable) and all(isinstance(each, str) for each in value)
 
 
+_PLAIN = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
+"""Types by their annotation."""
 _MAPPING = ("a mapping with texts as keys", lambda value: isinstance(value, Mapping) and _texts(value))
 _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "float": ("a number", _number),

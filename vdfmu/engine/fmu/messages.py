@@ -86,6 +86,8 @@ class MessageBox:
 
     def flush(self) -> None:
         """Log and keep the pending messages."""
+        if not self.pending:
+            return
         messages, self.pending, self.waiting.value = self.pending, [], 0
         for message in messages:
             self.kept.append(message)

@@ -47,7 +47,7 @@ class Session:
         self.checked, self.box, self._limits, self._coupling = checked, MessageBox(log), limits, coupling
         self.resting = False
         """Whether no run uses the components."""
-        self.plan: Plan | None = None
+        self.plan: RunPlan | None = None
         """Plan of the last run, if the next run may take it."""
         self.isolated = isolate if apart is None else True
         self.results: Results | None = None
@@ -135,20 +135,20 @@ class Session:
     def planned(
         self, grid: Grid, record: Sequence[str] | None, files: Sequence[Path] = (), taps: Sequence[Tap] = (),
         paced: bool = False,
-    ) -> Plan:  # fmt: skip
+    ) -> RunPlan:  # fmt: skip
         """Return the plan of a run."""
         wanted, plan = (grid, None if record is None else tuple(record)), self.plan
         if plan is not None and plan.wanted == wanted and not (files or taps):
             plan.again()
             return plan
         self.plan = None
-        plan = Plan(self, wanted, self._coupling, files, taps, paced)
+        plan = RunPlan(self, wanted, self._coupling, files, taps, paced)
         if plan.lasts and not (files or taps):
             self.plan = plan
         return plan
 
 
-class Plan:
+class RunPlan:
     """Stepper, rows and steps of runs at the same times; `wanted` are their grid and the names of their signals."""
 
     def __init__(
