@@ -98,18 +98,18 @@ def taken_options(function: Callable[..., Any]) -> Any:
 
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """Add its options to a function: defaults, signature, docstring, and UsageError for all values of a wrong type."""
-    own = inspect.signature(function)
+    plain = inspect.signature(function)
     listed = declared(taken_options(function))
-    parameters = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
+    parameters = [each for each in plain.parameters.values() if each.kind is not each.VAR_KEYWORD]
     kind = inspect.Parameter.KEYWORD_ONLY
     parameters += [inspect.Parameter(o.name, kind, default=o.option.default, annotation=o.annotation) for o in listed]
-    signature = own.replace(parameters=parameters)
+    signature = plain.replace(parameters=parameters)
     types = {o.name: (o.annotation, o.option.kind, o.option.choices) for o in listed}
-    plain = {o.name: [_PLAIN[part] for part in o.annotation.split(" | ") if part in _PLAIN] for o in listed}
+    exact = {o.name: [_PLAIN[part] for part in o.annotation.split(" | ") if part in _PLAIN] for o in listed}
     defaults = {each.name: each.option.default for each in listed}
-    leading = [each.name for each in own.parameters.values() if each.kind is each.POSITIONAL_OR_KEYWORD]
+    leading = [each.name for each in plain.parameters.values() if each.kind is each.POSITIONAL_OR_KEYWORD]
     variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
-    needed = {e.name for e in own.parameters.values() if e.default is e.empty and e.kind not in variable}
+    needed = {e.name for e in plain.parameters.values() if e.default is e.empty and e.kind not in variable}
     names = frozenset(signature.parameters)
     name = function.__qualname__.removesuffix(".__init__")
 
@@ -124,7 +124,7 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
                 signature.bind(*args, **kwargs)
             except TypeError as error:
                 raise TypeError(f"{name}() {error}") from None
-        if odd := [each for each, value in kwargs.items() if type(value) not in plain.get(each, ())]:
+        if odd := [each for each, value in kwargs.items() if type(value) not in exact.get(each, ())]:
             checked = (type_problem(each, k[0], kwargs[each], *k[1:]) for each, k in types.items() if each in odd)
             if problems := [*filter(None, checked)]:
                 raise UsageError("\n".join(problems))

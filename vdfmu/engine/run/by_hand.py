@@ -76,7 +76,7 @@ class ByHand:
             if compiled is not None:
                 self._k = compiled.run(end)
             else:
-                self._plan.one(self._k)
+                self._plan.do_step(self._k)
                 self._k += 1
                 self._session.exchange.refuse_not_finite("doStep", self.time)
             if box.pending:

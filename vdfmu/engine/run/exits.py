@@ -51,7 +51,7 @@ def _caller() -> str:
     frame = inspect.currentframe()
     while frame is not None:
         values = [(value, getattr(value, "instance", None)) for value in frame.f_locals.values()]
-        if names := dict.fromkeys(one.name for pair in values for one in pair if isinstance(one, Instance)):
+        if names := dict.fromkeys(each.name for pair in values for each in pair if isinstance(each, Instance)):
             return f"component {' or '.join(names)}"
         frame = frame.f_back
     return "a component"

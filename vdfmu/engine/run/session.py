@@ -174,12 +174,11 @@ class RunPlan:
         begin, end, step, n = grid
         last, rest = n - 1, grid.last
 
-        def one(k: int) -> None:
+        def do_step(k: int) -> None:
             box.time = time = begin + k * step
             advance(time, step if k < last else rest, begin + (k + 1) * step if k < last else end)
 
-        self.one = one
-        """Does step k in Python."""
+        self.do_step = do_step
 
     def again(self) -> None:
         """Begin another run."""
@@ -318,7 +317,7 @@ class Run:
 
     def _in_python(self, end: int) -> None:
         """Do a step with its row."""
-        self._plan.one(self._done)
+        self._plan.do_step(self._done)
         self._row(self._done + 1)
         self._done += 1
 

@@ -128,11 +128,11 @@ class PowerBond(Tap):
         """Add the energies of rows."""
         if not self._columns:
             return
-        tau, kappa_dot, given, received = np.split(values[:, self._columns], 4, axis=1)
+        tau, kappa_dot, transmitted, received = np.split(values[:, self._columns], 4, axis=1)
         h = np.diff(times, prepend=self._time)[:, None]  # 0 at the first row, which ends no step
         self._time = times[-1]
         taken = self._ell * tau * kappa_dot
-        residual = 0.5 * h * (taken - self._ell * given * received)
+        residual = 0.5 * h * (taken - self._ell * transmitted * received)
         self._energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
 
     def summary(self) -> dict[str, Any]:
