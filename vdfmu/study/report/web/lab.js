@@ -1,6 +1,6 @@
 // The points of a study: pictures that choose together, the chosen point with its command, and its run in the bench.
 
-import { choice, copyButton, make, unpack } from "./data.js";
+import { choice, copyButton, darkScheme, make, unpack } from "./data.js";
 import { Column, shade } from "./lab_column.js";
 import { gathered, triangulate } from "./lab_field.js";
 import { Contour, Parallel, Scatter, svg } from "./lab_plots.js";
@@ -183,10 +183,10 @@ export function showLab(section, study, bench) {
 function scaleOf(lab) {
   const { study } = lab,
     [low, high, name] = ["low", "high", "name"].map(() => make("span")),
-    strip = make("i", {
-      style: `background:linear-gradient(90deg,${[0, 0.25, 0.5, 0.75, 1].map(shade)})`,
-    });
+    strip = make("i");
+  darkScheme.addEventListener("change", () => lab.changed());
   lab.addEventListener("change", () => {
+    strip.style.background = `linear-gradient(90deg,${[0, 0.25, 0.5, 0.75, 1].map(shade)})`;
     [low.textContent, high.textContent] = [0, 1].map((share) =>
       lab.colour.wordsOf(lab.colour.valueAt(share)),
     );

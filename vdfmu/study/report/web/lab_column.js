@@ -1,6 +1,6 @@
 // A column of a study: its values by point, its scale, its ticks and its colours.
 
-import { largest } from "./data.js";
+import { darkScheme, largest } from "./data.js";
 import { fitted, quantity, raised, text } from "./numbers.js";
 
 const STOPS = [
@@ -11,9 +11,10 @@ const STOPS = [
   [253, 231, 37],
 ]; // viridis
 
-/** Colour of a share between 0 and 1: viridis; other values are not numbers. */
+/** Colour of a share between 0 and 1: viridis, from its end far from the page; other values are not numbers. */
 export function shade(share) {
-  const place = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1),
+  const far = darkScheme.matches ? 1 - share : share,
+    place = Math.min(Math.max(far, 0), 1) * (STOPS.length - 1),
     k = Math.min(Math.floor(place), STOPS.length - 2);
   return `rgb(${STOPS[k].map((from, i) => Math.round(from + (place - k) * (STOPS[k + 1][i] - from)))})`;
 }
