@@ -147,7 +147,6 @@ def tune(
     The cost may have limits. After Ctrl-C or a kill the same command continues.
     """
     from vdfmu.study.sweeps.sweep import Sweep
-    from vdfmu.study.sweeps.table import TUNED
     from vdfmu.study.tuning.tune import tune as run_tune
 
     tuned = run_tune(scenario, vary, cost, **options)
@@ -161,4 +160,4 @@ def tune(
     tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
     tell(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs, {tuned.missed} values without the margin.")
     page = study.report()
-    say_written(*(tuned.folder / name for name in ("tuned.toml", TUNED, "sweep.parquet", "tuning.png")), page)
+    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")), page)

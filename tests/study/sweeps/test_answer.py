@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.study.sweeps.test_understand import study
+from tests.study.sweeps.conftest import study_of
 from vdfmu.base.errors import UsageError
 
 GRID = {"f.a": "lin(0, 4, 5)", "f.b": "*lin(1, 5, 5)"}
@@ -17,7 +17,7 @@ def bowl(a, b):
 
 
 def test_a_study_says_best_and_largest_point_ranking_and_the_axis_that_matters(tmp_path):
-    answer = study(tmp_path / "s", GRID, bowl, fail=[0, 24]).answer
+    answer = study_of(tmp_path / "s", GRID, bowl, fail=[0, 24]).answer
     assert answer.state == "good"
     first, *others = answer.sentences
     # bowl: 1 at (2, 3); the corners left have 5.4; of 23 values the twelfth is 2.4, as at (1, 1)
@@ -43,19 +43,19 @@ def test_a_study_says_best_and_largest_point_ranking_and_the_axis_that_matters(t
     (GRID, lambda a, b: np.random.default_rng(1).permutation(25.0 + np.arange(25)), "No axis stands out"),
 ])  # fmt: skip
 def test_what_is_known_of_the_ranking_and_of_axes_is_said(tmp_path, over, function, words):
-    sentences = " ".join(study(tmp_path / "s", over, function).answer.sentences)
+    sentences = " ".join(study_of(tmp_path / "s", over, function).answer.sentences)
     assert words in sentences
 
 
 def test_a_drawn_study_has_a_spread_and_no_best(tmp_path):
     over = {"f.a": "normal(0, 1)", "f.b": "lognormal(1, 0.1)"}
-    sentences = study(tmp_path / "s", over, lambda a, b: 10 + a, "lhs", 40).answer.sentences
+    sentences = study_of(tmp_path / "s", over, lambda a, b: 10 + a, "lhs", 40).answer.sentences
     assert sentences[0].startswith("y is 10 rad in the median, at most 11.") and "in 95 % of the points" in sentences[0]
     assert not any("Best" in each or "ranking" in each for each in sentences)
 
 
 def test_a_study_without_a_value_says_why(tmp_path):
-    failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
+    failed = study_of(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
     assert failed.answer == ("failed", ("4 of 4 points failed: it broke (4).",))
     text = failed.report().read_text("utf-8")
     assert '<p class="verdict failed">4 of 4 points failed: it broke (4).</p>' in text
@@ -63,7 +63,7 @@ def test_a_study_without_a_value_says_why(tmp_path):
 
 def searched(folder, **roles):
     """Write a study as the search of a tuning, whose points have these roles."""
-    study(folder, {"f.a": "lin(0, 4, 5)"}, lambda a: 9.0 - 2.0 * a)
+    study_of(folder, {"f.a": "lin(0, 4, 5)"}, lambda a: 9.0 - 2.0 * a)
     rows = [{"name": "cost", "before": 9.0, "after": 3.0}, {"name": "modulus[1]", "before": 0.8, "after": 0.51}]
     points = {"start": [0], "chosen": [3], "infeasible": [4], **roles}
     (folder / "tune.json").write_text(json.dumps({"points": points, "comparison": rows}))

@@ -19,7 +19,7 @@ from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
 from vdfmu.study.options import LoopOptions
 from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.indices import indices
-from vdfmu.study.sweeps.table import Search, Side, StudyTable, View, groups, view
+from vdfmu.study.sweeps.table import SearchPoints, Side, StudyTable, View, groups, view
 
 _TIE = 0.01
 """Share by which the values of points that tie differ at most."""
@@ -128,7 +128,7 @@ def _edges(study: StudyTable) -> Iterator[str]:
                     yield f"It is at the {words} end of {axis.target}: a better point may be beyond."
 
 
-def _chosen(study: StudyTable, search: Search) -> str:
+def _chosen(study: StudyTable, search: SearchPoints) -> str:
     point = min(search.chosen)
     place = f"{place_of(study, study.row(point))} (point {point})"
     pairs = [pair for name, pair in search.compared.items() if name.partition("[")[0] == "cost"]
@@ -147,7 +147,7 @@ def _chosen(study: StudyTable, search: Search) -> str:
     )
 
 
-def _robots(study: StudyTable, search: Search, values: Floats) -> Iterator[str]:
+def _robots(study: StudyTable, search: SearchPoints, values: Floats) -> Iterator[str]:
     """Yield for how many robots of several the chosen values are better than those at the start."""
     if study.robots > 1:
         of = dict(zip(study["point"].tolist(), values.tolist(), strict=True))
@@ -155,7 +155,7 @@ def _robots(study: StudyTable, search: Search, values: Floats) -> Iterator[str]:
         yield f"The chosen values are better for {better} of {study.robots} robots."
 
 
-def _loops(study: StudyTable, search: Search | None) -> tuple[str, str]:
+def _loops(study: StudyTable, search: SearchPoints | None) -> tuple[str, str]:
     """Return the state of the best point by its loops, and its margin in words."""
     demanded = study.facts.get("tune", {}).get("margin") if search else None
     if search is not None and demanded:

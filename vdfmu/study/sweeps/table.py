@@ -41,7 +41,7 @@ TUNED = "tune.json"
 """File of these results."""
 
 
-class Search(NamedTuple):
+class SearchPoints(NamedTuple):
     """Points of a search."""
 
     start: frozenset[int]
@@ -120,7 +120,7 @@ class StudyTable:
         return self.table(["point"]).num_rows if self._files else 0
 
     @cached_property
-    def search(self) -> Search | None:
+    def search(self) -> SearchPoints | None:
         """The points of a search by their roles; None for a sweep, and before a search has ended."""
         file = self.folder / TUNED
         if "tune" not in self.facts or not file.exists():
@@ -132,8 +132,8 @@ class StudyTable:
         if problems:
             raise UsageError(f"{file}: expected the results of a search: {'; '.join(problems).rstrip('.')}.")
         compared = {row["name"]: (row["before"], row["after"]) for row in content["comparison"]}
-        start, chosen, infeasible = (frozenset(content["points"][role]) for role in Search._fields[:3])
-        return Search(start, chosen, infeasible, compared)
+        start, chosen, infeasible = (frozenset(content["points"][role]) for role in SearchPoints._fields[:3])
+        return SearchPoints(start, chosen, infeasible, compared)
 
     @property
     def robots(self) -> int:
