@@ -22,7 +22,7 @@ from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.scenario import resolve
 from vdfmu.system.scenario.scenario_file import load_scenario, load_system
 
-_KINDS = {"joints": "robot", "units": "system", "extends": "system", "connections": "system"}
+_KINDS = {"joints": "robot", **dict.fromkeys(("components", "units", "extends", "connections"), "system")}
 """Key of TOML to the kind of file. Other files are scenarios."""
 
 

@@ -57,7 +57,7 @@ class SpeedPI(Unit):
 '''
 SYSTEM = """
 name = "drive"
-[units]
+[components]
 controller = "motor.py:SpeedPI"
 motor = "motor.py:DCMotor"
 [connections]
@@ -82,7 +82,7 @@ TOLERANCE = 1e-7 * 101.0 * 81.0
 ARM = """
 extends = "system"
 name = "own_robots"
-[units]
+[components]
 """ + "".join(
     f'{name} = {{ unit = "{name}", robot = "ur5e_6dof" }}\n'
     for name in ("trajectory", "feedforward", "controller", "plant")
