@@ -240,8 +240,7 @@ def test_a_broken_robot_file_reports_every_problem_and_a_unit_that_fails_its_wor
 
 
 @pytest.mark.parametrize("command", [
-    ["run"], ["judge"], ["build"], ["ssp"], ["check"], ["robot", "list"], ["scenario", "show"], ["cache"],
-    ["cache", "clear"],
+    ["run"], ["judge"], ["build"], ["ssp"], ["check"], ["robot", "list"], ["scenario", "show"], ["doctor"],
 ])  # fmt: skip
 def test_help_of_every_command_has_an_example(tmp_path, command):
     done = vdfmu(*command, "--help", cwd=tmp_path)
@@ -259,16 +258,16 @@ def test_the_cache_is_shown_and_cleared(tmp_path):
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    assert "Entries  0\n" in output("cache")
+    assert "Entries  0\n" in output("doctor", "--cache")
     output("build", "planar_tracking", "--backend", "python")
     entries = [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
     size = f"{sum(path.stat().st_size for path in entries) / 2**20:.1f} MB"
-    shown = output("cache")
+    shown = output("doctor", "--cache")
     assert f"Folder   {tmp_path / 'cache'}\n" in shown and f"Entries  {len(entries)}\n" in shown
     assert entries and f"Size     {size}, at most 300 MB\n" in shown
-    assert output("cache", "clear") == f"Removed {len(entries)} entries, {size}.\n"
-    assert "Entries  0\n" in output("cache")
-    wrong = vdfmu("cache", cwd=tmp_path, env=environment | {"VDFMU_CACHE_MB": "much"})
+    assert output("doctor", "--clear-cache") == f"Removed {len(entries)} entries, {size}.\n"
+    assert "Entries  0\n" in output("doctor", "--cache")
+    wrong = vdfmu("doctor", "--cache", cwd=tmp_path, env=environment | {"VDFMU_CACHE_MB": "much"})
     assert wrong.returncode == 2 and "VDFMU_CACHE_MB: expected" in wrong.stderr
 
 

@@ -1,15 +1,30 @@
-"""``vdfmu scenario list`` and ``show``, and ``vdfmu schema``."""
+"""``vdfmu scenario list``, ``show`` and ``motion``."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from vdfmu.base.option import Option
 from vdfmu.cli.app import App
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import JsonOption, known_scenarios, say, say_json, say_list
+from vdfmu.cli.terminal import (
+    JsonOption,
+    OverwriteOption,
+    RobotOption,
+    console,
+    known_scenarios,
+    load,
+    say,
+    say_json,
+    say_list,
+    say_notes,
+    say_written,
+    table,
+    target_file,
+)
 
-app = App("scenario", no_args_is_help=True, help="List and show scenarios.")
+app = App("scenario", no_args_is_help=True, help="List and show scenarios and motions.")
 
 
 @app.command("list", example="vdfmu scenario list")
@@ -29,22 +44,65 @@ def show_scenario(name: Annotated[str, Positional("Scenario, or its TOML file.",
     say(path.read_text(encoding="utf-8"))
 
 
-def schema(
-    kind: Annotated[str, Positional("Kind of the file.", choices=("robot", "scenario", "system"))],
-    system: Annotated[str, Option("System of the scenario.", more="Its components have sections.")] = "system",
+@app.command("motion", example="vdfmu scenario motion path.toml --robot planar_2dof -o path.png")
+def motion(
+    file: Annotated[str, Positional("Scenario, TOML file with a motion, or CSV samples.", names=known_scenarios)],
+    robot: RobotOption = None,
+    out: Annotated[Path | None, Option("Picture to write.")] = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Print the JSON schema of a TOML file.
+    """Print peak speed, acceleration and torque of a motion.
 
-    Editors read it if the first line of the file is "#:schema robot.schema.json".
+    The torques are those of the rigid links.
     """
-    from vdfmu.base.errors import UsageError
-    from vdfmu.system.scenario import schema
+    import numpy as np
 
-    known = {
-        "robot": schema.robot_schema,
-        "scenario": lambda: schema.scenario_schema(system),
-        "system": schema.system_schema,
-    }
-    if kind not in known:
-        raise UsageError(f"schema: expected {', '.join(known)}, got {kind!r}.")
-    say_json(known[kind]())
+    from vdfmu.arm.dynamics import inverse_dynamics
+    from vdfmu.arm.motion import load_motion
+    from vdfmu.arm.robot import load_robot
+    from vdfmu.base.errors import UsageError
+    from vdfmu.base.toml_file import locate, read_toml
+
+    place: str | Path | None = robot
+    path = Path(file) if file.lower().endswith(".csv") else locate(file, "scenarios")
+    content = read_toml(path) if path.suffix.lower() == ".toml" else {}
+    if robot is None and isinstance(named := content.get("robot"), str):
+        place = locate(named, "robots", path.parent)
+    if place is None:
+        raise UsageError(f"{file}: expected a robot, named in the file or by --robot.")
+    target = None if out is None else target_file(out, out.name, overwrite)
+    arm = load_robot(place)
+    pieces, closed = "at 1001 times", False
+    if "stop" in content and "motion" not in content:
+        from vdfmu.study.analysis.modes import desired_motion
+
+        names = ["q_d", *(f"q_d_{'d' * k}ot" for k in range(1, 5))]
+        t, q = desired_motion(load(file, robot), names, 1001)
+        peaks = np.abs(q[1:]).max(axis=1)
+    else:
+        found = load_motion(path, arm)
+        t = np.linspace(0.0, found.duration, 1001)
+        q, peaks, closed = found.at(t), found.peaks, found.closed
+        pieces = f"in {len(found.knots) - 1} pieces"
+        say_notes(found.notes)
+    tau = np.abs(inverse_dynamics(arm, q[0], q[1], q[2])).max(axis=0)
+    headings = ("from", "to", "speed", "acceleration", "jerk", "snap", "torque")
+    rows = [(q[0, 0, j], q[0, -1, j], *peaks[:, j], tau[j]) for j in range(arm.n)]
+    if as_json:
+        joints = [dict(zip(headings, map(float, row), strict=True)) for row in rows]
+        say_json({"duration": float(t[-1]), "closed": bool(closed), "joints": joints})
+    else:
+        shown = table("joint", *headings)
+        for label, row in zip(arm.joint_labels, rows, strict=True):
+            shown.add_row(label, *(f"{round(value, 9) + 0.0:.4g}" for value in row))
+        console.print(shown)
+        ends = ", and ends where it starts" if closed else ""
+        say(f"{t[-1]:.6g} s {pieces}{ends}. Units: rad or m, s, N.m or N on the link side.")
+    if target is not None:
+        from vdfmu.base.style import save
+        from vdfmu.study.report.drawings import draw_motion
+
+        save(draw_motion(arm, t, q), target)
+        if not as_json:
+            say_written(target)

@@ -133,6 +133,12 @@ def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
     return target
 
 
+def refuse(options: Mapping[str, Any], why: str) -> None:
+    """Raise UsageError for the options that have a value: they do not fit, and `why`."""
+    if unfit := [name for name, value in options.items() if value not in (None, "", [], {}) and value is not False]:
+        raise UsageError("\n".join(f"{name} {why}." for name in unfit))
+
+
 def _aside(text: str, markup: bool = False) -> None:
     """Print a line on standard error: broken between words on a terminal, unbroken elsewhere, for programs."""
     errors.print(text, markup=markup, soft_wrap=not errors.is_terminal)

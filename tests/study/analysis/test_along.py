@@ -137,7 +137,7 @@ def test_all_commands_have_one_margin(master, tmp_path):
     assert ("a mode grows by 1 1/s at joint 4, slower than 2 1/s" in said) == (master == "jacobi")
     found = margins_along(path, master=master).judged
     assert found.words[1] == said and (master == "jacobi" or reach.words == found.words)
-    along = CliRunner().invoke(app, ["margins", str(path), "--master", master, "--json"])
+    along = CliRunner().invoke(app, ["linear", str(path), "--master", master, "--json"])
     assert along.exit_code == 0 and json.loads(along.output)["text"] == said
     least, own = found.loops.modulus, summary["key_figures"]["margin"]["value"]
     assert own == least.min() > 0.3
