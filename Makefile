@@ -1,6 +1,8 @@
 # Needs Python 3.11 to 3.14 and make. `make demo PYTHON=python3.12` chooses the interpreter.
 PYTHON ?= python3
 VENV := .venv
+WEB := requirements/web
+SCRIPTS := $(WEB) vdfmu/study/report/web
 BIN := $(VENV)/bin
 # Modules are compiled when they are imported: few of the 13,000 are.
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check --no-compile
@@ -13,7 +15,7 @@ MARKS := not heavy
 unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-all test-lowest hostile mutants claims bench docs lint sbom audit release lock vendor clean
+.PHONY: demo test test-all test-lowest hostile mutants claims bench docs lint lint-web pages sbom audit release lock vendor clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -50,10 +52,14 @@ docs: $(VENV)/docs  ## build the documentation into site/VERSION, beside other v
 	$(BIN)/python docs/make.py $(DOCS_ARGS)
 
 # Types are resolved in what the tests install: the packages of all extras.
-lint: $(VENV)/test $(VENV)/dev  ## ruff and pyright
+lint: $(VENV)/test $(VENV)/dev $(if $(shell command -v npm),lint-web)  ## ruff, pyright and, with npm, eslint and prettier
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+lint-web: $(WEB)/node_modules  ## eslint and prettier on the scripts of the pages; needs node and npm
+	$(WEB)/node_modules/.bin/eslint --config $(WEB)/eslint.config.mjs $(SCRIPTS)
+	$(WEB)/node_modules/.bin/prettier --print-width 100 --check $(SCRIPTS)
 
 sbom: $(VENV)/listed $(VENV)/supply  ## write dist/sbom.cdx.json: what is installed with vdfmu[native], as CycloneDX
 	mkdir -p dist
@@ -75,10 +81,10 @@ release: sbom $(VENV)/test  ## write dist/vdfmu-VERSION: wheel, sdist, FMUs and 
 lock: $(VENV)/supply  ## choose the versions and write their hashes; LOCK=--upgrade takes the newest
 	$(VENV)/tools/bin/python requirements/lock.py $(LOCK)
 
-# Needs node and npm; nothing else does. The versions are those of requirements/web/package-lock.json, held against hashes.
-vendor: $(VENV)/test  ## put what pages need into the package: three.js, uPlot, and functions of the C library
-	npm --prefix requirements/web ci --ignore-scripts --no-audit --no-fund
-	node requirements/web/build.mjs
+pages: $(WEB)/node_modules  ## pack the scripts and styles of the pages, three.js and uPlot; needs node and npm
+	node $(WEB)/build.mjs
+
+vendor: pages $(VENV)/test  ## put what pages need into the package: scripts, and functions of the C library
 	$(BIN)/python requirements/wasm/build.py
 
 clean:  ## remove the environment and all that was built
@@ -108,6 +114,11 @@ $(VENV)/listed: $(VENV)/python requirements/base.txt requirements/native.txt
 $(VENV)/supply: $(VENV)/python requirements/supply.txt
 	$(PYTHON) -m venv $(VENV)/tools
 	$(VENV)/tools/bin/python $(PIP_INSTALL) --require-hashes -r requirements/supply.txt
+	touch $@
+
+# The versions are those of package-lock.json, held against hashes.
+$(WEB)/node_modules: $(WEB)/package-lock.json
+	npm --prefix $(WEB) ci --ignore-scripts --no-audit --no-fund
 	touch $@
 
 $(VENV)/platforms: $(VENV)/test

@@ -1,6 +1,5 @@
 """What the page of a run is made of: numbers, checks, files; without a browser."""
 
-import hashlib
 import io
 import json
 import re
@@ -22,14 +21,11 @@ from vdfmu.engine.results.verdict import Check, checks_of, verdict_of
 from vdfmu.study.report import content, page
 from vdfmu.study.report.content import EXTREMES, FRAMES, content_of
 from vdfmu.study.report.page import report_page, write_report
-from vdfmu.study.report.scripts import MODULES, ROBOT, STUDY, STUDY_ALONE, WORDS, WORKER, script
 from vdfmu.study.report.sheets import verdict_table
 from vdfmu.study.report.shown_run import ShownRun, newest_run, read_run
 from vdfmu.study.run.scene import arm_of
 from vdfmu.study.run.verdict import run_checks
 
-ROOT = Path(vdfmu.__file__).resolve().parents[1]
-WEB = ROOT / "vdfmu" / "study" / "report" / "web"
 LIMIT = 1_000_000
 """Bytes of a page without its data."""
 
@@ -295,43 +291,7 @@ def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
     assert checks_of({}) == []
 
 
-def test_vendored_files_are_those_of_the_pinned_build():
-    built = json.loads((WEB / "vendor.json").read_text())
-    for name, digest in built["sha256"].items():
-        assert hashlib.sha256((WEB / name).read_bytes()).hexdigest() == digest, f"{name}: 'make vendor' writes it"
-    lock = json.loads((ROOT / "requirements" / "web" / "package-lock.json").read_text())["packages"]
-    assert built["versions"] == {name: lock[f"node_modules/{name}"]["version"] for name in built["versions"]}
-    assert lock[""]["dependencies"] == built["versions"]
-    assert all("integrity" in entry and "resolved" not in entry for name, entry in lock.items() if name)
-    packed = (WEB / "three_uplot.min.js").read_text()
-    assert packed.count("Permission is hereby granted") == 2  # both licences
-    assert "</script" not in packed and "<!--" not in packed
-
-
-@pytest.mark.parametrize(
-    "modules",
-    [(*MODULES, *STUDY), WORKER, STUDY_ALONE, ROBOT, WORDS],
-    ids=["page", "worker", "study", "robot", "words"],
-)
-def test_modules_join_into_one_script(modules):
-    exported: dict[str, set[str]] = {}
-    top: list[str] = []
-    for name in modules:
-        text = (WEB / name).read_text()
-        for names, source in re.findall(r'^import \{([^}]*)\} from "\./(.*)";', text, re.MULTILINE):
-            assert {one.strip() for one in names.split(",")} <= exported[source], (name, source)
-        words = re.findall(r"^(export )?(?:async )?(?:const|let|function|class) (\w+)", text, re.MULTILINE)
-        exported[name] = {word for export, word in words if export}
-        top += [word for _, word in words]
-    assert len(top) == len(set(top))  # they share a scope
-    assert not re.search("^(import|export) ", script(modules), re.MULTILINE)
-
-
-def test_the_pages_own_modules_are_all_used_and_a_comparison_names_the_robots_of_all_runs(planar):
-    listed = {path.name for path in WEB.glob("*.js")} - {"three_uplot.min.js"}
-    assert {*MODULES, *WORKER, *STUDY_ALONE, *ROBOT, *WORDS} == listed
-    own = [*WEB.glob("*.css"), *(WEB / name for name in listed)]
-    assert sum(len(p.read_text().splitlines()) for p in own if not p.name.endswith("min.css")) < 4000
+def test_a_comparison_names_the_robots_of_all_runs(planar):
     run = read_run(planar[0])
     other = run._replace(summary={**run.summary, "robot": "another"})
     assert "Robot planar_2dof; robot another, 2 runs of vdfmu" in report_page([run, other]).decode()

@@ -1,6 +1,6 @@
 """``report.html``: one run, or several side by side, as one file that works offline; the arm of a run alone.
 
-Static parts are HTML of :mod:`vdfmu.study.report.parts`; ``web/*.js`` draws the rest from the numbers of
+Static parts are HTML of :mod:`vdfmu.study.report.parts`; ``web/run.js`` draws the rest from the numbers of
 :mod:`vdfmu.study.report.content`.
 """
 
@@ -49,7 +49,7 @@ class StudyPart(NamedTuple):
 def study_page(study: StudyPart) -> bytes:
     """Return the page of a study that simulates nothing."""
     body = "\n".join([study.body, scripts.data_element({"runs": [], "study": study.content})])
-    return page(study.title, study.about, body, 84, scripts.look(), scripts=scripts.scripts_of(scripts.STUDY_ALONE))
+    return page(study.title, study.about, body, 84, scripts.look(), scripts=scripts.scripts_of("study"))
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
@@ -116,7 +116,7 @@ def report_page(
             *facts_table(names, runs),
             "<noscript><p>Figures and the arm need scripts. Allow scripts in this browser.</p></noscript>",
             scripts.data_element(data),
-            *([f'<script type="text/plain" id="worker">{scripts.script(scripts.WORKER)}</script>'] if binaries else []),
+            *([f'<script type="text/plain" id="worker">{scripts.bundle("master.js")}</script>'] if binaries else []),
             scripts.libraries(),
         ]
     )
@@ -128,13 +128,10 @@ def report_page(
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, _ in lines) or about, arm_alone)
     if study:
-        made = scripts.scripts_of((*scripts.MODULES, *scripts.STUDY))
-        return page(study.title, study.about, body, 84, head, scripts=made)
+        return page(study.title, study.about, body, 84, head, scripts=scripts.scripts_of("sweep"))
     lead = "".join(f'<p class="verdict {state}">{escape(line)}</p>\n' for line, state in lines)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
-    return page(
-        ", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts.scripts_of(scripts.MODULES)
-    )
+    return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts.scripts_of("run"))
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:

@@ -1,13 +1,10 @@
-"""Scripts and style of the pages of runs and studies: the modules in ``web/``, joined to one script a page.
-
-Names are unique among the modules of a page; the lines of ``import`` and the words ``export`` are removed.
-"""
+"""Scripts and styles of the pages of runs and studies: ``make vendor`` packs them from ``web`` into ``bundles``."""
 
 from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
 from html import escape
 from pathlib import Path
@@ -22,27 +19,8 @@ from vdfmu.base.text import to_json
 from vdfmu.compiler.fmu.content import THIRD_PARTY
 from vdfmu.system.program import compressed
 
-_WEB = Path(__file__).parent / "web"
-MODULES = (
-    "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "labels.js", "heat.js", "save.js", "chart.js",
-    "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
-    "knob.js", "budget.js", "simulation.js", "comparison.js", "share.js", "server.js", "live.js", "main.js",
-)  # fmt: skip
-"""Each comes after the modules that it imports."""
-STUDY = ("lab_plots.js", "lab.js", "lab_main.js")
-"""Further modules of the page of a study."""
-STUDY_ALONE = ("data.js", "numbers.js", *STUDY)
-"""Modules of the page of a study that simulates nothing."""
-WORDS = ("server.js", "words.js")
-"""Modules of the page of a text."""
-ROBOT = (
-    "packed.js", "vendor.js", "data.js", "numbers.js", "arm.js", "world.js", "puppet.js", "scene.js", "server.js",
-    "live.js", "robot.js",
-)  # fmt: skip
-"""Modules of the page of a robot."""
-WORKER = ("packed.js", "master.js")
-"""Modules of the worker that simulates; the page holds them as text."""
-_VENDOR = ("three_uplot.min.js", "uplot.min.css")
+_BUNDLES = Path(__file__).parent / "bundles"
+_LIBRARIES = "three_uplot.min.js"
 
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="7" fill="#0b63c4"/>'
@@ -57,13 +35,13 @@ def look(*more: str, icon: str = "data:,") -> str:
 
     `more` are further style sheets.
     """
-    style = style_sheet() + "".join(map(_text, ("report.css", *more)))
+    style = style_sheet() + "".join(map(bundle, ("report.css", *more)))
     return f'<link rel="icon" href="{icon}"><style>{style}</style>'
 
 
 def run_head(description: str, arm_alone: bool) -> str:
     """Return the content of the head of a page of runs, or of their arms alone."""
-    sheets = (_VENDOR[1], *(["arm_alone.css"] if arm_alone else []))
+    sheets = ("uplot.min.css", *(["arm_alone.css"] if arm_alone else []))
     head = look(*sheets, icon=f"data:image/svg+xml,{quote(_ICON)}")
     return f'<meta name="description" content="{escape(description)}">{head}'
 
@@ -71,17 +49,11 @@ def run_head(description: str, arm_alone: bool) -> str:
 @lru_cache
 def libraries() -> str:
     """Return the libraries, compressed, below their licences."""
-    text = _text(_VENDOR[0])
+    text = bundle(_LIBRARIES)
     units = THIRD_PARTY.replace("libraries in binaries/", "units that a page simulates")
     licences = "\n".join([*re.findall(r"/\*!(.*?)\*/", text, re.DOTALL), units])
     packed = compressed(text.encode())
     return f'<!--\n{licences}-->\n<script type="text/plain" id="vendor">{packed}</script>'
-
-
-def script(modules: Sequence[str]) -> str:
-    """Return modules of the page as one script."""
-    lines = (line for name in modules for line in _text(name).splitlines() if not line.startswith("import "))
-    return "\n".join(re.sub("^export ", "", line) for line in lines)
 
 
 def data_element(content: Mapping[str, Any]) -> str:
@@ -90,13 +62,14 @@ def data_element(content: Mapping[str, Any]) -> str:
     return f'<script id="data" type="application/json">{inert}</script>'
 
 
-def scripts_of(modules: Sequence[str]) -> list[str]:
-    """Return the script of modules, and the libraries that it adds to the page."""
-    return [script(modules), *([_text(_VENDOR[0])] if "vendor.js" in modules else [])]
+def scripts_of(name: str) -> list[str]:
+    """Return the script of a page by the name of its module in ``web``, and the libraries that it adds to the page."""
+    return [bundle(f"{name}.js"), *([] if name in ("study", "words") else [bundle(_LIBRARIES)])]
 
 
-def _text(name: str) -> str:
-    return (_WEB / name).read_text(encoding="utf-8")
+def bundle(name: str) -> str:
+    """Return a packed script or style."""
+    return (_BUNDLES / name).read_text(encoding="utf-8")
 
 
 def packed(values: NDArray[Any], kind: str) -> str:

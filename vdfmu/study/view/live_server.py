@@ -23,7 +23,7 @@ from vdfmu.base.process import Parent
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.run import mapped
 from vdfmu.study.report.page import report_page
-from vdfmu.study.report.scripts import WORDS, look, scripts_of
+from vdfmu.study.report.scripts import look, scripts_of
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.view.live import HEAD, SIGNALS
@@ -37,7 +37,7 @@ _GONE = 3.0
 
 def words_page(title: str, text: str) -> bytes:
     """Return a page of text that loads its successor."""
-    return page(title, "A view of vdfmu", f"<p>{escape(text)}</p>", 60, look(), scripts=scripts_of(WORDS))
+    return page(title, "A view of vdfmu", f"<p>{escape(text)}</p>", 60, look(), scripts=scripts_of("words"))
 
 
 def live_page(title: str, about: Mapping[str, Any], names: Sequence[str], start: float, stop: float) -> bytes:

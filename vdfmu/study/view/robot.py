@@ -18,7 +18,7 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.base.page import page
 from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
-from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, packed, scripts_of
+from vdfmu.study.report.scripts import data_element, libraries, look, packed, scripts_of
 from vdfmu.study.report.shapes import Chain, DrawnShape, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
 from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.server import PERIOD, PageServer
@@ -188,4 +188,4 @@ def _page(
         ]
     )
     about = robot.description or f"A robot of {robot.n} joints"
-    return page(robot.name, about, body, 92, look(), scripts=scripts_of(ROBOT))
+    return page(robot.name, about, body, 92, look(), scripts=scripts_of("robot"))

@@ -1,14 +1,17 @@
 // The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
 
+import { vendor as T } from "./vendor.js";
 import { colourOf, darkScheme, framesOf, inkOf, largest, unpack } from "./data.js";
 
-const T = vendor;
 export const POSITIVE = new T.Color(inkOf("positive"));
 export const NEGATIVE = new T.Color(inkOf("negative"));
 export const NEUTRAL = new T.Color("#a3aeba");
 
 /** The arms of a run, each with its drawing and its frames. */
-export const armsOf = (run) => [run, ...(run.more ?? []).map((one) => ({ ...one, result: run.result }))];
+export const armsOf = (run) => [
+  run,
+  ...(run.more ?? []).map((one) => ({ ...one, result: run.result })),
+];
 
 /** The frames of an arm. */
 export class Chain {
@@ -17,7 +20,8 @@ export class Chain {
     this.root = new T.Group();
     let parent = this.root;
     this.links = arm.types.map((_, i) => {
-      const placed = new T.Group(), link = new T.Group();
+      const placed = new T.Group(),
+        link = new T.Group();
       placed.position.set(...arm.offset[i]);
       placed.setRotationFromMatrix(turned(arm.rotation[i]));
       parent.add(placed.add(link));
@@ -62,13 +66,17 @@ export class Motion {
   /** Values of all joints at a time, between frames on a straight line. */
   at(name, t) {
     const last = this.time.length - 1;
-    let low = 0, high = last;
+    let low = 0,
+      high = last;
     while (high - low > 1) {
       const middle = (low + high) >> 1;
       if (this.time[middle] <= t) low = middle;
       else high = middle;
     }
-    const share = high > low ? Math.min(1, Math.max(0, (t - this.time[low]) / (this.time[high] - this.time[low]))) : 0;
+    const share =
+      high > low
+        ? Math.min(1, Math.max(0, (t - this.time[low]) / (this.time[high] - this.time[low])))
+        : 0;
     return this[name].map((row) => (1 - share) * row[low] + share * row[high]);
   }
 
@@ -90,9 +98,11 @@ const errors = new WeakMap();
 export function toolErrors(run) {
   const known = run.result ?? run;
   if (errors.has(known)) return errors.get(known);
-  const chain = new Chain(run.arm), motion = new Motion(run);
+  const chain = new Chain(run.arm),
+    motion = new Motion(run);
   const values = Float64Array.from(motion.time, (_, k) => {
-    const q = motion.row("q", k), error = motion.row("error", k);
+    const q = motion.row("q", k),
+      error = motion.row("error", k);
     return 1e3 * chain.toolAt(q).distanceTo(chain.toolAt(q.map((v, i) => v + error[i])));
   });
   errors.set(known, { time: motion.time, values });
@@ -104,17 +114,30 @@ export function solid(color) {
 }
 
 export function ghost() {
-  return new T.MeshStandardMaterial({ color: "#2f8fe8", transparent: true, opacity: 0.3, depthWrite: false, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 });
+  return new T.MeshStandardMaterial({
+    color: "#2f8fe8",
+    transparent: true,
+    opacity: 0.3,
+    depthWrite: false,
+    polygonOffset: true,
+    polygonOffsetFactor: 2,
+    polygonOffsetUnits: 2,
+  });
 }
 
 /** Give the links of a chain bodies, and the end effector its axes. */
 export function dress(chain, { parts, reach }, material, tint) {
   const bodies = [chain.root, ...chain.links];
-  const looks = { light: tint ?? (darkScheme.matches ? "#dfe6ee" : "#e9edf2"), dark: "#586473", joint: NEUTRAL };
+  const looks = {
+    light: tint ?? (darkScheme.matches ? "#dfe6ee" : "#e9edf2"),
+    dark: "#586473",
+    joint: NEUTRAL,
+  };
   chain.marked = [];
   for (const { body, shape, size, offset, rotation, colour, mesh: faces } of parts) {
     const own = new T.Color(looks[colour] ?? colour);
-    const look = material(tint && !looks[colour] ? own.lerp(tint, 0.6) : own), mesh = new T.Mesh(faces ? faceted(faces) : shaped(shape, size), look);
+    const look = material(tint && !looks[colour] ? own.lerp(tint, 0.6) : own),
+      mesh = new T.Mesh(faces ? faceted(faces) : shaped(shape, size), look);
     mesh.castShadow = mesh.receiveShadow = !look.transparent;
     mesh.setRotationFromMatrix(turned(rotation));
     mesh.position.set(...offset);
@@ -132,19 +155,37 @@ export function dress(chain, { parts, reach }, material, tint) {
 
 /** Axes of a frame: x red, y green, z blue. */
 export function axesOf(length) {
-  const axes = new T.Group(), r = 0.046 * length;
+  const axes = new T.Group(),
+    r = 0.046 * length;
   ["#d22f2f", "#2f9e44", "#1667c7"].forEach((color, axis) => {
     const arrow = new T.CylinderGeometry(r, r, length, 12).translate(0, length / 2, 0);
-    axes.add(new T.Mesh(axis === 0 ? arrow.rotateZ(-Math.PI / 2) : axis === 2 ? arrow.rotateX(Math.PI / 2) : arrow, new T.MeshBasicMaterial({ color })));
+    axes.add(
+      new T.Mesh(
+        axis === 0 ? arrow.rotateZ(-Math.PI / 2) : axis === 2 ? arrow.rotateX(Math.PI / 2) : arrow,
+        new T.MeshBasicMaterial({ color }),
+      ),
+    );
   });
   return axes;
 }
 
 /** Geometry of a mesh: corners of its triangles, and three of their numbers each; its faces are flat. */
 function faceted({ corners, triangles }) {
-  const points = unpack(corners), at = unpack(triangles, Uint32Array), geometry = new T.PlaneGeometry(), { constructor } = geometry.attributes.position;
+  const points = unpack(corners),
+    at = unpack(triangles, Uint32Array),
+    geometry = new T.PlaneGeometry(),
+    { constructor } = geometry.attributes.position;
   for (const name of ["uv", "normal"]) geometry.deleteAttribute(name);
-  geometry.setIndex(null).setAttribute("position", new constructor(Float32Array.from({ length: 3 * at.length }, (_, k) => points[3 * at[Math.floor(k / 3)] + (k % 3)]), 3));
+  geometry.setIndex(null).setAttribute(
+    "position",
+    new constructor(
+      Float32Array.from(
+        { length: 3 * at.length },
+        (_, k) => points[3 * at[Math.floor(k / 3)] + (k % 3)],
+      ),
+      3,
+    ),
+  );
   geometry.computeVertexNormals();
   return geometry;
 }

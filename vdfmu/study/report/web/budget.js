@@ -7,7 +7,9 @@ import { quantity, text } from "./numbers.js";
 
 /** A run of a system that exchanges values `split` times in each communication step. */
 export function finer(simulation, split) {
-  const steps = simulation.steps * split, step = simulation.step / split, { start, stop } = simulation;
+  const steps = simulation.steps * split,
+    step = simulation.step / split,
+    { start, stop } = simulation;
   let last = stop - (start + (steps - 1) * step);
   while (start + (steps - 1) * step + last > stop) last *= 1 - Number.EPSILON;
   return { ...simulation, steps, step, last };
@@ -19,8 +21,17 @@ export class Budget {
     this.button = make("button", { type: "button", click: () => this.find() }, "Find out");
     this.status = make("span", { class: "note", role: "status" });
     this.table = make("table", { hidden: true });
-    this.element = make("div", { class: "budget", hidden: true }, make("div", { class: "bar" }, make("h3", {}, "What limits it"), this.button, this.status),
-      make("p", { class: "note" }, "The recorded system runs again with one cause of its error changed at a time: the smaller the error then, the more it is due to this cause."), this.table);
+    this.element = make(
+      "div",
+      { class: "budget", hidden: true },
+      make("div", { class: "bar" }, make("h3", {}, "What limits it"), this.button, this.status),
+      make(
+        "p",
+        { class: "note" },
+        "The recorded system runs again with one cause of its error changed at a time: the smaller the error then, the more it is due to this cause.",
+      ),
+      this.table,
+    );
     section.append(this.element);
   }
 
@@ -38,40 +49,81 @@ export class Budget {
   }
 
   async find() {
-    const { run, worker } = this, { simulation } = run, rows = [];
+    const { run, worker } = this,
+      { simulation } = run,
+      rows = [];
     this.button.disabled = true;
     const all = [{ words: "As recorded", changes: [] }, ...simulation.causes];
     try {
       for (const cause of all) {
         this.status.textContent = `${rows.length + 1} of ${all.length}: ${cause.words.toLowerCase()}`;
-        const left = await worker.run(cause.split ? finer(simulation, cause.split) : simulation, cause.changes).then(
-          (result) => errorsOf({ ...run, result }),
-          (error) => { if (error.name === "AbortError") throw error; return { failure: error.message }; });
+        const left = await worker
+          .run(cause.split ? finer(simulation, cause.split) : simulation, cause.changes)
+          .then(
+            (result) => errorsOf({ ...run, result }),
+            (error) => {
+              if (error.name === "AbortError") throw error;
+              return { failure: error.message };
+            },
+          );
         rows.push({ ...cause, ...left });
         this.show(rows);
       }
       this.status.textContent = "";
     } catch (error) {
-      this.status.textContent = error.name === "AbortError" ? "Stopped for a slider." : error.message;
+      this.status.textContent =
+        error.name === "AbortError" ? "Stopped for a slider." : error.message;
     }
     this.button.disabled = false;
   }
 
   show(rows) {
-    const most = Math.max(...rows.map(({ max }) => max ?? 0)), [whole] = rows;
-    const bar = (value) => make("td", { class: "share" }, make("i", { style: `width:${(100 * value) / most}%` }));
+    const most = Math.max(...rows.map(({ max }) => max ?? 0)),
+      [whole] = rows;
+    const bar = (value) =>
+      make("td", { class: "share" }, make("i", { style: `width:${(100 * value) / most}%` }));
     this.table.hidden = false;
-    this.table.replaceChildren(make("caption", {}, "Error of the end effector"),
-      make("thead", {}, make("tr", {}, ...["", "", "largest", "RMS", "change"].map((head) => make("th", { scope: "col" }, head)))),
-      make("tbody", {}, ...rows.map((row) => make("tr", {}, make("th", { scope: "row" }, row.words),
-        ...(row.failure ? [make("td", { colspan: 4 }, make("small", {}, row.failure))] : [bar(row.max), make("td", {}, quantity(row.max, "m", most)), make("td", {}, quantity(row.rms, "m", most)), make("td", {}, row === whole ? "" : changeOf(whole.max, row.max))])))));
+    this.table.replaceChildren(
+      make("caption", {}, "Error of the end effector"),
+      make(
+        "thead",
+        {},
+        make(
+          "tr",
+          {},
+          ...["", "", "largest", "RMS", "change"].map((head) => make("th", { scope: "col" }, head)),
+        ),
+      ),
+      make(
+        "tbody",
+        {},
+        ...rows.map((row) =>
+          make(
+            "tr",
+            {},
+            make("th", { scope: "row" }, row.words),
+            ...(row.failure
+              ? [make("td", { colspan: 4 }, make("small", {}, row.failure))]
+              : [
+                  bar(row.max),
+                  make("td", {}, quantity(row.max, "m", most)),
+                  make("td", {}, quantity(row.rms, "m", most)),
+                  make("td", {}, row === whole ? "" : changeOf(whole.max, row.max)),
+                ]),
+          ),
+        ),
+      ),
+    );
   }
 }
 
 /** Largest error of the end effector and its root mean square, in m. */
 function errorsOf(run) {
   const { values } = toolErrors(run);
-  return { max: 1e-3 * largest(values), rms: 1e-3 * Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / values.length) };
+  return {
+    max: 1e-3 * largest(values),
+    rms: 1e-3 * Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / values.length),
+  };
 }
 
 /** How a value differs from another, in words. */
@@ -79,5 +131,7 @@ export function changeOf(before, after) {
   const ratio = after / before;
   if (!Number.isFinite(ratio)) return "–";
   if (Math.abs(ratio - 1) < 1e-6) return "none";
-  return ratio >= 2 || ratio <= 0.5 ? `× ${text(ratio, 3)}` : `${ratio > 1 ? "+" : ""}${text(100 * (ratio - 1), 2)} %`;
+  return ratio >= 2 || ratio <= 0.5
+    ? `× ${text(ratio, 3)}`
+    : `${ratio > 1 ? "+" : ""}${text(100 * (ratio - 1), 2)} %`;
 }

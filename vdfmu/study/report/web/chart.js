@@ -1,15 +1,28 @@
 // A figure: curves over time that zoom together, show their values under the pointer, and have a logarithmic scale.
 
-import { COLOURS, colourOf, darkScheme, inkOf, make, recorded, runs, simulated, toggle, view } from "./data.js";
+import {
+  COLOURS,
+  colourOf,
+  darkScheme,
+  inkOf,
+  make,
+  recorded,
+  runs,
+  simulated,
+  toggle,
+  view,
+} from "./data.js";
 import { Heat } from "./heat.js";
 import { drawEnds, endsOf, keyOf, roomForNames } from "./labels.js";
 import { FILES, saveMenu } from "./save.js";
 import { fitted, raised, text } from "./numbers.js";
+import { vendor } from "./vendor.js";
 
 const { uPlot } = vendor;
 const DASHES = [[], [9, 4], [9, 3, 2, 3], [2, 3]]; // as `DASHES` of vdfmu/base/style.py
 const HEIGHT = 240;
-const PALE = 0.4, FADED = 0.15;
+const PALE = 0.4,
+  FADED = 0.15;
 const NEAR = 14; // px, of the pointer to a curve
 
 export class Chart {
@@ -17,20 +30,49 @@ export class Chart {
   constructor(title, unit, curves) {
     Object.assign(this, { title, unit, curves, worst: null, log: false, seen: false, stale: true });
     this.unitText = make("span", { class: "unit" }, unit);
-    this.place = make("div", { class: "plot", tabindex: 0, "aria-label": `${title}: values at the time shown`, focus: () => this.moveMark(), blur: () => this.plot?.setCursor({ left: -10, top: -10 }) });
+    this.place = make("div", {
+      class: "plot",
+      tabindex: 0,
+      "aria-label": `${title}: values at the time shown`,
+      focus: () => this.moveMark(),
+      blur: () => this.plot?.setCursor({ left: -10, top: -10 }),
+    });
     this.tip = make("div", { class: "tip", hidden: true });
     this.mark = make("div", { class: "mark" });
-    this.element = make("figure", { class: "chart", "aria-label": `${title} in ${unit || "no unit"} over time in seconds` },
-      make("figcaption", {}, make("span", {}, make("strong", {}, title), " ", this.unitText),
-        saveMenu(this), toggle("log", false, (on) => { this.log = on; this.build(); }, { "aria-label": `${title}: logarithmic scale of absolute values` })),
-      this.place);
-    new IntersectionObserver(([entry]) => {
-      this.seen = entry.isIntersecting;
-      if (this.seen && this.stale) this.build();
-      if (this.seen) this.moveMark();
-    }, { rootMargin: "200px" }).observe(this.element);
-    new ResizeObserver(() => this.plot && this.plot.setSize({ width: this.place.clientWidth, height: HEIGHT })).observe(this.place);
-    addEventListener("beforeprint", () => { if (this.stale) this.build(); });
+    this.element = make(
+      "figure",
+      { class: "chart", "aria-label": `${title} in ${unit || "no unit"} over time in seconds` },
+      make(
+        "figcaption",
+        {},
+        make("span", {}, make("strong", {}, title), " ", this.unitText),
+        saveMenu(this),
+        toggle(
+          "log",
+          false,
+          (on) => {
+            this.log = on;
+            this.build();
+          },
+          { "aria-label": `${title}: logarithmic scale of absolute values` },
+        ),
+      ),
+      this.place,
+    );
+    new IntersectionObserver(
+      ([entry]) => {
+        this.seen = entry.isIntersecting;
+        if (this.seen && this.stale) this.build();
+        if (this.seen) this.moveMark();
+      },
+      { rootMargin: "200px" },
+    ).observe(this.element);
+    new ResizeObserver(
+      () => this.plot && this.plot.setSize({ width: this.place.clientWidth, height: HEIGHT }),
+    ).observe(this.place);
+    addEventListener("beforeprint", () => {
+      if (this.stale) this.build();
+    });
     for (const event of ["time", "marks"]) view.addEventListener(event, () => this.moveMark());
     view.addEventListener("focus", () => this.refocus());
     for (const event of ["range", "shown"]) view.addEventListener(event, () => this.refresh());
@@ -51,7 +93,9 @@ export class Chart {
       return;
     }
     const { min, max } = this.plot.scales.x;
-    this.unpacked.forEach((curve, k) => { this.plot.series[k + 1].alpha = this.alpha(curve); });
+    this.unpacked.forEach((curve, k) => {
+      this.plot.series[k + 1].alpha = this.alpha(curve);
+    });
     this.plot.setData(this.table(), false);
     this.plot.setScale("x", { min, max });
   }
@@ -71,13 +115,16 @@ export class Chart {
       if (this.plot.series[k + 1].show !== show) this.plot.setSeries(k + 1, { show });
     });
     const [min, max] = view.range ?? view.full();
-    if (this.plot.scales.x.min !== min || this.plot.scales.x.max !== max) this.plot.setScale("x", { min, max });
+    if (this.plot.scales.x.min !== min || this.plot.scales.x.max !== max)
+      this.plot.setScale("x", { min, max });
   }
 
   /** Fade what is not pointed to; of many joints, show the one that is. */
   refocus() {
     if (!this.seen || !this.plot || !this.unpacked) return;
-    this.unpacked.forEach((curve, k) => { this.plot.series[k + 1].alpha = this.alpha(curve); });
+    this.unpacked.forEach((curve, k) => {
+      this.plot.series[k + 1].alpha = this.alpha(curve);
+    });
     if (this.worst) this.refresh();
     this.plot.redraw(false);
   }
@@ -85,7 +132,8 @@ export class Chart {
   /** Of many joints those with the largest values, until the reader chooses. */
   shows(curve) {
     if (view.hiddenRuns.has(curve.run)) return false;
-    if (!this.worst || !curve.joint || view.hiddenJoints.size) return !view.hiddenJoints.has(curve.joint);
+    if (!this.worst || !curve.joint || view.hiddenJoints.size)
+      return !view.hiddenJoints.has(curve.joint);
     return this.worst.includes(curve.joint) || curve.joint === view.focus;
   }
 
@@ -97,7 +145,11 @@ export class Chart {
 
   /** Whether another curve is pointed to. */
   faded(curve) {
-    return view.focus !== null && keyOf(curve) !== view.focus && this.unpacked.some((one) => keyOf(one) === view.focus && this.shows(one));
+    return (
+      view.focus !== null &&
+      keyOf(curve) !== view.focus &&
+      this.unpacked.some((one) => keyOf(one) === view.focus && this.shows(one))
+    );
   }
 
   strokeOf(curve) {
@@ -106,7 +158,11 @@ export class Chart {
 
   dashOf({ dashed, run, colour }) {
     if (dashed) return [5, 4];
-    return DASHES[(recorded.length > 1 && runs[run] !== simulated ? run : Math.floor(Math.max(colour - 1, 0) / COLOURS)) % DASHES.length];
+    return DASHES[
+      (recorded.length > 1 && runs[run] !== simulated
+        ? run
+        : Math.floor(Math.max(colour - 1, 0) / COLOURS)) % DASHES.length
+    ];
   }
 
   ends() {
@@ -142,44 +198,83 @@ export class Chart {
     this.worst = Heat.worst(this.unpacked);
     if (this.worst) this.heat ??= new Heat(this);
     const [ink, line, names] = ["muted", "line", "ink"].map(inkOf);
-    const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1, size: 4 }, font: "12px system-ui, sans-serif" };
+    const axis = {
+      stroke: ink,
+      grid: { stroke: line, width: 1 },
+      ticks: { stroke: line, width: 1, size: 4 },
+      font: "12px system-ui, sans-serif",
+    };
     const [min, max] = view.range ?? view.full();
-    this.plot = new uPlot({
-      width: this.place.clientWidth || 300,
-      height: HEIGHT,
-      legend: { show: false },
-      padding: [8, roomForNames(this), 0, 0],
-      pxAlign: 0, // else curves become stairs, each point in the middle of a pixel
-      cursor: { y: false, points: { size: 7 }, drag: { x: true, y: false }, dataIdx: nearest },
-      scales: { x: { time: false, min, max }, y: this.log ? { distr: 3 } : { range: padded } },
-      axes: [
-        { ...axis, size: 30, space: 60, values: (_, splits) => splits.map((v, k) => `${text(v)}${k ? "" : " s"}`) },
-        { ...axis, size: 54, ...(this.log && { grid: { ...axis.grid, filter: decades }, ticks: { ...axis.ticks, filter: decades } }), values: (_, splits) => this.labels(splits) },
-      ],
-      series: [{}, ...this.unpacked.map((curve) => ({
-        label: curve.label,
-        stroke: this.strokeOf(curve),
-        width: curve.dashed ? 1 : this.unpacked.some((one) => one.dashed) ? 2.6 : 1.4,
-        dash: this.dashOf(curve),
-        alpha: this.alpha(curve),
-        points: { show: false },
-        spanGaps: true,
-        show: this.shows(curve),
-      }))],
-      hooks: {
-        setCursor: [() => this.showTip()],
-        draw: [(plot) => this.unpacked && drawEnds(plot, this, names), () => this.moveMark(), (plot) => this.unpacked && this.worst && this.heat.draw(plot)],
-        setScale: [(plot, key) => key === "x" && plot.status && this.zoomed(plot.scales.x)],
+    this.plot = new uPlot(
+      {
+        width: this.place.clientWidth || 300,
+        height: HEIGHT,
+        legend: { show: false },
+        padding: [8, roomForNames(this), 0, 0],
+        pxAlign: 0, // else curves become stairs, each point in the middle of a pixel
+        cursor: { y: false, points: { size: 7 }, drag: { x: true, y: false }, dataIdx: nearest },
+        scales: { x: { time: false, min, max }, y: this.log ? { distr: 3 } : { range: padded } },
+        axes: [
+          {
+            ...axis,
+            size: 30,
+            space: 60,
+            values: (_, splits) => splits.map((v, k) => `${text(v)}${k ? "" : " s"}`),
+          },
+          {
+            ...axis,
+            size: 54,
+            ...(this.log && {
+              grid: { ...axis.grid, filter: decades },
+              ticks: { ...axis.ticks, filter: decades },
+            }),
+            values: (_, splits) => this.labels(splits),
+          },
+        ],
+        series: [
+          {},
+          ...this.unpacked.map((curve) => ({
+            label: curve.label,
+            stroke: this.strokeOf(curve),
+            width: curve.dashed ? 1 : this.unpacked.some((one) => one.dashed) ? 2.6 : 1.4,
+            dash: this.dashOf(curve),
+            alpha: this.alpha(curve),
+            points: { show: false },
+            spanGaps: true,
+            show: this.shows(curve),
+          })),
+        ],
+        hooks: {
+          setCursor: [() => this.showTip()],
+          draw: [
+            (plot) => this.unpacked && drawEnds(plot, this, names),
+            () => this.moveMark(),
+            (plot) => this.unpacked && this.worst && this.heat.draw(plot),
+          ],
+          setScale: [(plot, key) => key === "x" && plot.status && this.zoomed(plot.scales.x)],
+        },
       },
-    }, this.table(), this.place);
+      this.table(),
+      this.place,
+    );
     this.plot.over.append(this.mark, this.tip);
     this.plot.over.addEventListener("mousemove", ({ buttons }) => buttons || this.point());
     this.plot.over.addEventListener("mouseleave", () => view.change("focus", null));
-    this.plot.over.addEventListener("click", () => this.plot.select.width < 2 && this.plot.cursor.idx !== null && view.change("time", this.plot.posToVal(this.plot.cursor.left, "x")));
-    this.plot.over.addEventListener("touchmove", (event) => {
-      const box = this.plot.over.getBoundingClientRect();
-      this.plot.setCursor({ left: event.touches[0].clientX - box.left, top: 0 });
-    }, { passive: true });
+    this.plot.over.addEventListener(
+      "click",
+      () =>
+        this.plot.select.width < 2 &&
+        this.plot.cursor.idx !== null &&
+        view.change("time", this.plot.posToVal(this.plot.cursor.left, "x")),
+    );
+    this.plot.over.addEventListener(
+      "touchmove",
+      (event) => {
+        const box = this.plot.over.getBoundingClientRect();
+        this.plot.setCursor({ left: event.touches[0].clientX - box.left, top: 0 });
+      },
+      { passive: true },
+    );
   }
 
   zoomed({ min, max }) {
@@ -191,7 +286,10 @@ export class Chart {
   /** Point to the curve that is nearest to the pointer. */
   point() {
     const { top, idxs } = this.plot.cursor;
-    const far = (k) => (this.plot.series[k + 1].show && (this.plot.data[k + 1][idxs?.[k + 1]] ?? null) !== null ? Math.abs(this.plot.valToPos(this.plot.data[k + 1][idxs[k + 1]], "y") - top) : Infinity);
+    const far = (k) =>
+      this.plot.series[k + 1].show && (this.plot.data[k + 1][idxs?.[k + 1]] ?? null) !== null
+        ? Math.abs(this.plot.valToPos(this.plot.data[k + 1][idxs[k + 1]], "y") - top)
+        : Infinity;
     const nearby = [...this.unpacked.keys()].map((k) => [far(k), k]).sort(([a], [b]) => a - b)[0];
     const focus = nearby?.[0] < NEAR ? keyOf(this.unpacked[nearby[1]]) : null;
     if (focus !== view.focus) view.change("focus", focus);
@@ -202,14 +300,18 @@ export class Chart {
     const largest = Math.max(...splits.map((v) => Math.abs(v ?? 0)));
     const [unit, scaled] = this.log ? [this.unit, 0] : this.fit(largest);
     this.unitText.textContent = unit;
-    if (this.log) return decades(null, splits).map((v) => (v === null ? "" : `10${raised(Math.round(Math.log10(v)))}`));
+    if (this.log)
+      return decades(null, splits).map((v) =>
+        v === null ? "" : `10${raised(Math.round(Math.log10(v)))}`,
+      );
     return splits.map((v) => text(v / 10 ** scaled, 5));
   }
 
   /** A value and the unit of the axis that it is in, with three digits of the stretch that this spans. */
   written(value) {
     if (this.log) return [text(value, 3), this.unit];
-    const { min, max } = this.plot.scales.y, [unit, scaled] = this.fit(Math.max(Math.abs(min), Math.abs(max)));
+    const { min, max } = this.plot.scales.y,
+      [unit, scaled] = this.fit(Math.max(Math.abs(min), Math.abs(max)));
     const digits = Math.max(0, Math.min(9, 2 - Math.floor(Math.log10((max - min) / 10 ** scaled))));
     return [text(Number((value / 10 ** scaled).toFixed(digits)), 9), unit];
   }
@@ -217,19 +319,51 @@ export class Chart {
   showTip() {
     const { left, idxs } = this.plot.cursor;
     const found = this.unpacked.flatMap((curve, k) => {
-      const value = this.plot.series[k + 1].show && idxs[k + 1] !== null ? this.plot.data[k + 1][idxs[k + 1]] : null;
-      return value === null || value === undefined ? [] : [{ ...curve, value, time: this.plot.data[0][idxs[k + 1]] }];
+      const value =
+        this.plot.series[k + 1].show && idxs[k + 1] !== null
+          ? this.plot.data[k + 1][idxs[k + 1]]
+          : null;
+      return value === null || value === undefined
+        ? []
+        : [{ ...curve, value, time: this.plot.data[0][idxs[k + 1]] }];
     });
-    this.tip.setAttribute("role", document.activeElement === this.place ? "status" : "presentation"); // said where keys read, not at every move of the pointer
+    this.tip.setAttribute(
+      "role",
+      document.activeElement === this.place ? "status" : "presentation",
+    ); // said where keys read, not at every move of the pointer
     this.tip.hidden = left < 0 || !found.length;
     if (this.tip.hidden) return;
-    const places = [...new Set(found.map(({ run }) => run))], several = places.length > 1, rows = Map.groupBy(found, ({ label }) => label);
+    const places = [...new Set(found.map(({ run }) => run))],
+      several = places.length > 1,
+      rows = Map.groupBy(found, ({ label }) => label);
     this.tip.style.gridTemplateColumns = `repeat(${places.length + 1}, auto)`;
-    this.tip.replaceChildren(make("b", {}, `${text(found[0].time)} s${several ? ` [${this.written(0)[1]}]` : ""}`), ...places.map((place) => make("b", {}, several ? runs[place].name : "")),
+    this.tip.replaceChildren(
+      make("b", {}, `${text(found[0].time)} s${several ? ` [${this.written(0)[1]}]` : ""}`),
+      ...places.map((place) => make("b", {}, several ? runs[place].name : "")),
       ...[...rows].flatMap(([label, [first, ...more]]) => [
-        make("span", {}, make("i", { style: `background:${first.dashed ? "var(--ink)" : colourOf(first.colour)}` }), label),
-        ...places.map((place) => [first, ...more].find(({ run }) => run === place)).map((one) => make("output", {}, one ? this.written(one.value).slice(0, several ? 1 : 2).join(" ") : "")),
-      ]));
+        make(
+          "span",
+          {},
+          make("i", {
+            style: `background:${first.dashed ? "var(--ink)" : colourOf(first.colour)}`,
+          }),
+          label,
+        ),
+        ...places
+          .map((place) => [first, ...more].find(({ run }) => run === place))
+          .map((one) =>
+            make(
+              "output",
+              {},
+              one
+                ? this.written(one.value)
+                    .slice(0, several ? 1 : 2)
+                    .join(" ")
+                : "",
+            ),
+          ),
+      ]),
+    );
     const free = this.plot.over.clientWidth - this.tip.offsetWidth; // a broad one reaches over the axis
     this.tip.style.left = `${Math.max(Math.min(0, free), 2 * left > this.plot.over.clientWidth ? left - this.tip.offsetWidth - 12 : Math.min(left + 12, free))}px`;
   }
@@ -240,7 +374,15 @@ export class Chart {
     this.mark.hidden = place < 0 || place > this.plot.over.clientWidth;
     this.mark.style.transform = `translateX(${place}px)`;
     this.events?.forEach((event) => event.remove());
-    this.events = (view.marks ?? []).filter(({ time }) => time >= this.plot.scales.x.min && time <= this.plot.scales.x.max).map(({ time, words }) => make("div", { class: "event", style: `transform:translateX(${this.plot.valToPos(time, "x")}px)` }, make("span", {}, words)));
+    this.events = (view.marks ?? [])
+      .filter(({ time }) => time >= this.plot.scales.x.min && time <= this.plot.scales.x.max)
+      .map(({ time, words }) =>
+        make(
+          "div",
+          { class: "event", style: `transform:translateX(${this.plot.valToPos(time, "x")}px)` },
+          make("span", {}, words),
+        ),
+      );
     this.plot.over.append(...this.events);
     if (document.activeElement === this.place) this.plot.setCursor({ left: place, top: 0 }); // keys read values too
   }
@@ -255,7 +397,9 @@ function padded(_, low, high) {
 
 /** Powers of ten among the numbers of a logarithmic axis. */
 function decades(_, splits) {
-  return splits.map((v) => (v !== null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null));
+  return splits.map((v) =>
+    v !== null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null,
+  );
 }
 
 /** Row with a number that is nearest to that of the first curve near the pointer: runs have rows of their own. */
@@ -266,7 +410,8 @@ function nearest(plot, series, row) {
 
 function nearestOf(values, row) {
   for (let k = 0; k < values.length; k += 1) {
-    for (const at of [row - k, row + k]) if (values[at] !== null && values[at] !== undefined) return at;
+    for (const at of [row - k, row + k])
+      if (values[at] !== null && values[at] !== undefined) return at;
   }
   return row;
 }

@@ -1,6 +1,17 @@
 // What runs do differently: their largest values, and a figure for each joint with the runs over each other, or their difference.
 
-import { choice, colourOf, curvesOf, darkScheme, make, merged, recorded, runs, simulated, toggle } from "./data.js";
+import {
+  choice,
+  colourOf,
+  curvesOf,
+  darkScheme,
+  make,
+  merged,
+  recorded,
+  runs,
+  simulated,
+  toggle,
+} from "./data.js";
 import { Chart } from "./chart.js";
 import { changeOf } from "./budget.js";
 import { peaksOf } from "./simulation.js";
@@ -12,7 +23,9 @@ const LEAST = 50; // common times, of which a difference needs no values between
 class RunsChart extends Chart {
   build() {
     super.build();
-    this.unpacked.forEach((curve, k) => { this.plot.series[k + 1].dash = this.dashOf(curve); });
+    this.unpacked.forEach((curve, k) => {
+      this.plot.series[k + 1].dash = this.dashOf(curve);
+    });
     this.plot.redraw(false);
   }
 
@@ -29,14 +42,33 @@ export function showComparison(section) {
   if (!figures.length) return;
   const others = recorded.slice(1);
   const grid = make("div", { class: "grid triple" });
-  let key = figures.find(([one]) => one.startsWith("tracking."))?.[0] ?? figures[0][0], apart = false;
+  let key = figures.find(([one]) => one.startsWith("tracking."))?.[0] ?? figures[0][0],
+    apart = false;
   const show = () => grid.replaceChildren(...chartsOf(key, apart).map(({ element }) => element));
-  const chosen = choice("Joint by joint", figures.map(([one, { title }]) => [one, title]), (one) => { key = one; show(); });
+  const chosen = choice(
+    "Joint by joint",
+    figures.map(([one, { title }]) => [one, title]),
+    (one) => {
+      key = one;
+      show();
+    },
+  );
   chosen.querySelector("select").value = key;
   section.append(
-    make("div", { class: "bar" }, chosen,
-      toggle(others.length > 1 ? `minus ${recorded[0].name}` : `${others[0].name} − ${recorded[0].name}`, false, (on) => { apart = on; show(); }),
-      legend()),
+    make(
+      "div",
+      { class: "bar" },
+      chosen,
+      toggle(
+        others.length > 1 ? `minus ${recorded[0].name}` : `${others[0].name} − ${recorded[0].name}`,
+        false,
+        (on) => {
+          apart = on;
+          show();
+        },
+      ),
+      legend(),
+    ),
     grid,
   );
   show();
@@ -44,7 +76,10 @@ export function showComparison(section) {
 
 function legend() {
   const entries = recorded.map((run, k) => {
-    const line = make("i"), colour = () => { line.style.background = colourOf(k + 1); };
+    const line = make("i"),
+      colour = () => {
+        line.style.background = colourOf(k + 1);
+      };
     darkScheme.addEventListener("change", colour);
     colour();
     return make("span", {}, line, run.name);
@@ -62,22 +97,59 @@ function peakTable() {
       found.get(key)[k] = peak;
     }
   });
-  const cell = (peak) => make("td", {}, peak ? quantity(peak.value, peak.unit) : "–", ...(peak?.joint ? [make("small", {}, ` joint ${peak.joint}`)] : []));
-  const rows = [...found].filter(([, peaks]) => peaks.filter(Boolean).length > 1).map(([, peaks]) => {
-    const before = peaks.find(Boolean), changes = peaks.slice(1).map((peak) => make("td", {}, peak && peak !== before ? changed(before.value, peak.value) : "–"));
-    return make("tr", {}, make("th", { scope: "row" }, before.words), ...peaks.map(cell), ...changes);
-  });
-  const heads = ["Largest", ...recorded.map(({ name }) => name), ...recorded.slice(1).map((_, k) => (recorded.length > 2 ? `change ${k + 2}` : "change"))];
-  return make("div", { class: "wide" }, make("table", {}, make("thead", {}, make("tr", {}, ...heads.map((head) => make("th", { scope: "col" }, head)))), make("tbody", {}, ...rows)));
+  const cell = (peak) =>
+    make(
+      "td",
+      {},
+      peak ? quantity(peak.value, peak.unit) : "–",
+      ...(peak?.joint ? [make("small", {}, ` joint ${peak.joint}`)] : []),
+    );
+  const rows = [...found]
+    .filter(([, peaks]) => peaks.filter(Boolean).length > 1)
+    .map(([, peaks]) => {
+      const before = peaks.find(Boolean),
+        changes = peaks
+          .slice(1)
+          .map((peak) =>
+            make("td", {}, peak && peak !== before ? changed(before.value, peak.value) : "–"),
+          );
+      return make(
+        "tr",
+        {},
+        make("th", { scope: "row" }, before.words),
+        ...peaks.map(cell),
+        ...changes,
+      );
+    });
+  const heads = [
+    "Largest",
+    ...recorded.map(({ name }) => name),
+    ...recorded.slice(1).map((_, k) => (recorded.length > 2 ? `change ${k + 2}` : "change")),
+  ];
+  return make(
+    "div",
+    { class: "wide" },
+    make(
+      "table",
+      {},
+      make("thead", {}, make("tr", {}, ...heads.map((head) => make("th", { scope: "col" }, head)))),
+      make("tbody", {}, ...rows),
+    ),
+  );
 }
 
-const changed = (before, after) => (Math.abs(after / before - 1) < 5e-4 ? "< 0.1 %" : changeOf(before, after));
+const changed = (before, after) =>
+  Math.abs(after / before - 1) < 5e-4 ? "< 0.1 %" : changeOf(before, after);
 
 function chartsOf(key, apart) {
-  const { unit } = merged("figures").get(key), of = () => curvesOf("figures", key).filter(({ run }) => runs[run] !== simulated);
+  const { unit } = merged("figures").get(key),
+    of = () => curvesOf("figures", key).filter(({ run }) => runs[run] !== simulated);
   const joints = [...new Set(of().map(({ joint, label }) => joint || label))];
   return joints.map((joint) => {
-    const mine = () => of().filter((curve) => (curve.joint || curve.label) === joint).map(ofRun);
+    const mine = () =>
+      of()
+        .filter((curve) => (curve.joint || curve.label) === joint)
+        .map(ofRun);
     const words = typeof joint === "number" ? `Joint ${joint}` : joint;
     return new RunsChart(words, unit, () => (apart ? differences(mine()) : mine()));
   });
@@ -85,22 +157,38 @@ function chartsOf(key, apart) {
 
 /** A curve as that of its run: its name, its colour. What is desired is drawn once, that of the first run. */
 function ofRun(curve) {
-  return { ...curve, joint: 0, label: curve.dashed ? curve.label.replace(/^joint \d+, /, "") : runs[curve.run].name, colour: curve.run + 1 };
+  return {
+    ...curve,
+    joint: 0,
+    label: curve.dashed ? curve.label.replace(/^joint \d+, /, "") : runs[curve.run].name,
+    colour: curve.run + 1,
+  };
 }
 
 /** The solid curves minus the first, at the times that both have: where these are few, A between its rows. */
 export function differences(curves) {
   const [first, ...others] = curves.filter(({ dashed }) => !dashed);
-  const last = first ? first.time.length - 1 : -1, at = new Map(Array.from(first?.time ?? [], (t, k) => [t.toFixed(9), k]));
+  const last = first ? first.time.length - 1 : -1,
+    at = new Map(Array.from(first?.time ?? [], (t, k) => [t.toFixed(9), k]));
   return others.map((curve) => {
     const common = [...curve.time.keys()].filter((k) => at.has(curve.time[k].toFixed(9)));
-    const rows = common.length >= LEAST ? common : [...curve.time.keys()].filter((k) => curve.time[k] >= first.time[0] && curve.time[k] <= first.time[last]);
+    const rows =
+      common.length >= LEAST
+        ? common
+        : [...curve.time.keys()].filter(
+            (k) => curve.time[k] >= first.time[0] && curve.time[k] <= first.time[last],
+          );
     const base = (t) => {
       const row = at.get(t.toFixed(9));
       if (row !== undefined) return first.values[row];
-      const k = first.time.findIndex((one) => one > t), share = (t - first.time[k - 1]) / (first.time[k] - first.time[k - 1]);
+      const k = first.time.findIndex((one) => one > t),
+        share = (t - first.time[k - 1]) / (first.time[k] - first.time[k - 1]);
       return (1 - share) * first.values[k - 1] + share * first.values[k];
     };
-    return { ...curve, time: Float64Array.from(rows, (k) => curve.time[k]), values: Float64Array.from(rows, (k) => curve.values[k] - base(curve.time[k])) };
+    return {
+      ...curve,
+      time: Float64Array.from(rows, (k) => curve.time[k]),
+      values: Float64Array.from(rows, (k) => curve.values[k] - base(curve.time[k])),
+    };
   });
 }

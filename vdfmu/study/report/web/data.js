@@ -21,13 +21,27 @@ export const simulated = {
   name: "simulated",
   of: runs.find((run) => run.simulation?.units),
   result: NOTHING,
-  get arm() { return this.of.arm; },
-  get figures() { return this.of.figures; },
-  get signals() { return this.of.signals; },
-  get frames() { return this.of.frames; },
-  get component() { return this.of.component; },
-  get more() { return this.of.more; },
-  get objects() { return this.of.objects; },
+  get arm() {
+    return this.of.arm;
+  },
+  get figures() {
+    return this.of.figures;
+  },
+  get signals() {
+    return this.of.signals;
+  },
+  get frames() {
+    return this.of.frames;
+  },
+  get component() {
+    return this.of.component;
+  },
+  get more() {
+    return this.of.more;
+  },
+  get objects() {
+    return this.of.objects;
+  },
 };
 if (simulated.of) runs.push(simulated);
 
@@ -40,7 +54,8 @@ export const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
 export const darkScheme = matchMedia("(prefers-color-scheme: dark)");
 
 /** A colour of the page by the name of its variable. */
-export const inkOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+export const inkOf = (name) =>
+  getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 export const COLOURS = Number(inkOf("joints")); // of vdfmu/base/page.py
 
@@ -56,18 +71,22 @@ export function unpack(text, Kind = Float32Array) {
 }
 
 /** Largest absolute value. */
-export const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value) || 0), 0);
+export const largest = (values) =>
+  values.reduce((most, value) => Math.max(most, Math.abs(value) || 0), 0);
 
 /** Split numbers that stand curve by curve. */
 export const split = (array, count) =>
-  Array.from({ length: count }, (_, k) => array.subarray((k * array.length) / count, ((k + 1) * array.length) / count));
+  Array.from({ length: count }, (_, k) =>
+    array.subarray((k * array.length) / count, ((k + 1) * array.length) / count),
+  );
 
 /** Entries of all runs under `kind`, "figures" or "signals": key to title, unit and the part of each run. */
 export function merged(kind) {
   const found = new Map();
   runs.forEach((run, place) => {
     for (const figure of run[kind]) {
-      if (!found.has(figure.key)) found.set(figure.key, { title: figure.title, unit: figure.unit, parts: [] });
+      if (!found.has(figure.key))
+        found.set(figure.key, { title: figure.title, unit: figure.unit, parts: [] });
       found.get(figure.key).parts.push({ run: place, figure });
     }
   });
@@ -76,34 +95,55 @@ export function merged(kind) {
 
 /** Curves of a figure of all runs. */
 export function curvesOf(kind, key) {
-  return merged(kind).get(key).parts.flatMap(({ run, figure }) => {
-    const { time, values } = rowsOf(figure, runs[run].result);
-    return figure.curves.map(([label, joint, dashed], k) => ({ label, joint, colour: joint || k + 1, dashed: !!dashed, run, time, values: values[k] }));
-  });
+  return merged(kind)
+    .get(key)
+    .parts.flatMap(({ run, figure }) => {
+      const { time, values } = rowsOf(figure, runs[run].result);
+      return figure.curves.map(([label, joint, dashed], k) => ({
+        label,
+        joint,
+        colour: joint || k + 1,
+        dashed: !!dashed,
+        run,
+        time,
+        values: values[k],
+      }));
+    });
 }
 
 /** Times and values of the curves of a figure: as recorded, or of the result of a simulation. */
 export function rowsOf(figure, result) {
-  if (!result) return { time: unpack(figure.time, Float64Array), values: split(unpack(figure.values), figure.curves.length) };
+  if (!result)
+    return {
+      time: unpack(figure.time, Float64Array),
+      values: split(unpack(figure.values), figure.curves.length),
+    };
   const { time, signals } = result;
   return { time, values: figure.recipes.map((recipe) => summed(recipe, signals, time.length)) };
 }
 
 /** Times of the frames of a run, and by name the values of each joint; of a simulated run those at the recorded times. */
 export function framesOf(run) {
-  const { time: times, recipes, ...packed } = run.frames, found = {}, taken = unpack(times, Float64Array);
+  const { time: times, recipes, ...packed } = run.frames,
+    found = {},
+    taken = unpack(times, Float64Array);
   if (!run.result) {
-    for (const [name, values] of Object.entries(packed)) found[name] = split(unpack(values), recipes[name].length);
+    for (const [name, values] of Object.entries(packed))
+      found[name] = split(unpack(values), recipes[name].length);
     return { time: taken, ...found };
   }
-  const { time, signals } = run.result, last = time.length - 1, rows = [];
+  const { time, signals } = run.result,
+    last = time.length - 1,
+    rows = [];
   if (last <= FRAMES) rows.push(...time.keys());
-  else for (let k = 0, row = 0; row < last; k += 1) {
-    while (row < last && !(time[row] >= taken[k] - 1e-9)) row += 1;
-    if (row !== rows.at(-1)) rows.push(row);
-  }
+  else
+    for (let k = 0, row = 0; row < last; k += 1) {
+      while (row < last && !(time[row] >= taken[k] - 1e-9)) row += 1;
+      if (row !== rows.at(-1)) rows.push(row);
+    }
   const thinned = (values) => Float64Array.from(rows, (row) => values[row]);
-  for (const [name, sums] of Object.entries(recipes)) found[name] = sums.map((recipe) => thinned(summed(recipe, signals, time.length)));
+  for (const [name, sums] of Object.entries(recipes))
+    found[name] = sums.map((recipe) => thinned(summed(recipe, signals, time.length)));
   return { time: thinned(time), ...found };
 }
 
@@ -112,7 +152,7 @@ function summed([scale, terms], signals, rows) {
   const sum = new Float64Array(rows);
   for (const [factor, name] of terms) {
     const values = signals.get(name) ?? [];
-    for (let k = 0; k < rows; k += 1) sum[k] += factor * (name ? values[k] ?? NaN : 1);
+    for (let k = 0; k < rows; k += 1) sum[k] += factor * (name ? (values[k] ?? NaN) : 1);
   }
   return sum.map((value) => scale * value);
 }
@@ -122,7 +162,8 @@ export function make(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name, value);
-    else if (value !== false && value !== null && value !== undefined) element.setAttribute(name, value === true ? "" : value);
+    else if (value !== false && value !== null && value !== undefined)
+      element.setAttribute(name, value === true ? "" : value);
   }
   element.append(...children);
   return element;
@@ -133,7 +174,8 @@ export async function copied(text) {
   try {
     await navigator.clipboard.writeText(text);
     return true;
-  } catch { // a browser that lets no page from disk do this
+  } catch {
+    // a browser that lets no page from disk do this
     const field = make("textarea", { style: "position:fixed;opacity:0" }, text);
     document.body.append(field);
     field.select();
@@ -145,7 +187,18 @@ export async function copied(text) {
 
 /** A button that copies a command. */
 export function copyButton(command) {
-  const button = make("button", { type: "button", click: async () => { button.textContent = (await copied(command)) ? "Copied" : "Not allowed here: select the command"; } }, "Copy");
+  const button = make(
+    "button",
+    {
+      type: "button",
+      click: async () => {
+        button.textContent = (await copied(command))
+          ? "Copied"
+          : "Not allowed here: select the command";
+      },
+    },
+    "Copy",
+  );
   return button;
 }
 
@@ -158,14 +211,20 @@ export function choice(label, pairs, change) {
 
 /** A button that stays down. */
 export function toggle(label, pressed, change, attributes = {}) {
-  const button = make("button", {
-    type: "button", "aria-pressed": String(pressed), ...attributes,
-    click: () => {
-      const now = button.getAttribute("aria-pressed") !== "true";
-      button.setAttribute("aria-pressed", String(now));
-      change(now);
+  const button = make(
+    "button",
+    {
+      type: "button",
+      "aria-pressed": String(pressed),
+      ...attributes,
+      click: () => {
+        const now = button.getAttribute("aria-pressed") !== "true";
+        button.setAttribute("aria-pressed", String(now));
+        change(now);
+      },
     },
-  }, label);
+    label,
+  );
   return button;
 }
 
@@ -192,7 +251,8 @@ export const view = new (class extends EventTarget {
   /** Show one joint of those up to `count`, or all again if it is alone. */
   isolate(joint, count) {
     const others = Array.from({ length: count }, (_, i) => i + 1).filter((one) => one !== joint);
-    const alone = !this.hiddenJoints.has(joint) && others.every((one) => this.hiddenJoints.has(one));
+    const alone =
+      !this.hiddenJoints.has(joint) && others.every((one) => this.hiddenJoints.has(one));
     this.hiddenJoints = new Set(alone ? [] : others);
     this.dispatchEvent(new Event("shown"));
   }

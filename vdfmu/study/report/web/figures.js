@@ -1,13 +1,27 @@
 // The figures of the runs, with one selector of joints and one zoom for all.
 
-import { COLOURS, curvesOf, make, merged, recorded, runs, simulated, toggle, view } from "./data.js";
+import {
+  COLOURS,
+  curvesOf,
+  make,
+  merged,
+  recorded,
+  runs,
+  simulated,
+  toggle,
+  view,
+} from "./data.js";
 import { Chart } from "./chart.js";
 
 /** Fill the section of the figures; `more` are figures that the page has calculated: key, title, unit and a function that gives the curves. */
 export function showFigures(section, more) {
   const several = recorded.length > 1; // then dashes are for the runs, and what is desired is not drawn
-  const packed = [...merged("figures")].map(([key, { title, unit }]) => ({ key, unit, title: several ? title.replace(/, [^,]*dashed/, "") : title,
-    curves: () => curvesOf("figures", key).filter(({ dashed }) => !several || !dashed) }));
+  const packed = [...merged("figures")].map(([key, { title, unit }]) => ({
+    key,
+    unit,
+    title: several ? title.replace(/, [^,]*dashed/, "") : title,
+    curves: () => curvesOf("figures", key).filter(({ dashed }) => !several || !dashed),
+  }));
   const charts = [...packed, ...more].map(({ key, title, unit, curves }) => {
     const chart = new Chart(title, unit, curves);
     chart.element.dataset.figure = key; // by which tiles and addresses find it
@@ -16,41 +30,98 @@ export function showFigures(section, more) {
   if (!charts.length) return charts;
   section.hidden = false;
   section.append(
-    make("div", { class: "bar sticky" }, make("h2", {}, "Figures"), jointChips(), ...runChips(), zoomButtons()),
-    make("p", { class: "note" }, "Drag across a figure to zoom, or use + and −; double-click to see all. Point to read values" + (runs.some((run) => run.arm) ? ", click to move the arm there. " : ". ")
-      + "Values are those of recorded rows; no peak is left out."),
+    make(
+      "div",
+      { class: "bar sticky" },
+      make("h2", {}, "Figures"),
+      jointChips(),
+      ...runChips(),
+      zoomButtons(),
+    ),
+    make(
+      "p",
+      { class: "note" },
+      "Drag across a figure to zoom, or use + and −; double-click to see all. Point to read values" +
+        (runs.some((run) => run.arm) ? ", click to move the arm there. " : ". ") +
+        "Values are those of recorded rows; no peak is left out.",
+    ),
     make("div", { class: "grid" }, ...charts.map((chart) => chart.element)),
   );
   return charts;
 }
 
 function jointChips() {
-  const count = Math.max(0, ...runs.flatMap((run) => run.figures.flatMap((figure) => figure.curves.map(([, joint]) => joint))));
+  const count = Math.max(
+    0,
+    ...runs.flatMap((run) =>
+      run.figures.flatMap((figure) => figure.curves.map(([, joint]) => joint)),
+    ),
+  );
   const chips = Array.from({ length: count }, (_, i) => jointChip(i + 1, count));
-  view.addEventListener("shown", () => chips.forEach((chip, i) => chip.setAttribute("aria-pressed", String(!view.hiddenJoints.has(i + 1)))));
-  return make("div", { class: "chips", role: "group", "aria-label": "Joints shown" }, make("span", {}, "Joints"), ...chips);
+  view.addEventListener("shown", () =>
+    chips.forEach((chip, i) =>
+      chip.setAttribute("aria-pressed", String(!view.hiddenJoints.has(i + 1))),
+    ),
+  );
+  return make(
+    "div",
+    { class: "chips", role: "group", "aria-label": "Joints shown" },
+    make("span", {}, "Joints"),
+    ...chips,
+  );
 }
 
 /** Hides a joint and shows it again; pointed to, the others fade; with Alt or twice it shows this one alone. */
 function jointChip(joint, count) {
-  const focus = (one) => () => view.change("focus", one), alone = () => view.isolate(joint, count);
-  return make("button", {
-    type: "button", class: "chip", "aria-pressed": "true", "aria-label": `Joint ${joint}`, style: `--chip:var(--joint-${((joint - 1) % COLOURS) + 1})`,
-    title: `Joint ${joint}: a click hides it, Alt and a click (or Enter), or a double click, show it alone`,
-    click: (event) => (event.altKey ? alone() : view.show("hiddenJoints", joint, view.hiddenJoints.has(joint))),
-    keydown: (event) => { if (event.altKey && event.key === "Enter") { event.preventDefault(); alone(); } },
-    dblclick: alone, mouseenter: focus(joint), mouseleave: focus(null), focus: focus(joint), blur: focus(null),
-  }, String(joint));
+  const focus = (one) => () => view.change("focus", one),
+    alone = () => view.isolate(joint, count);
+  return make(
+    "button",
+    {
+      type: "button",
+      class: "chip",
+      "aria-pressed": "true",
+      "aria-label": `Joint ${joint}`,
+      style: `--chip:var(--joint-${((joint - 1) % COLOURS) + 1})`,
+      title: `Joint ${joint}: a click hides it, Alt and a click (or Enter), or a double click, show it alone`,
+      click: (event) =>
+        event.altKey ? alone() : view.show("hiddenJoints", joint, view.hiddenJoints.has(joint)),
+      keydown: (event) => {
+        if (event.altKey && event.key === "Enter") {
+          event.preventDefault();
+          alone();
+        }
+      },
+      dblclick: alone,
+      mouseenter: focus(joint),
+      mouseleave: focus(null),
+      focus: focus(joint),
+      blur: focus(null),
+    },
+    String(joint),
+  );
 }
 
 function runChips() {
   if (runs.length < 2) return [];
-  const chips = runs.map((run, k) => toggle(run.name, true, (on) => view.show("hiddenRuns", k, on), { class: `chip run${run === simulated ? " second" : k % 4}` }));
-  const words = make("span"), group = make("div", { class: "chips", role: "group", "aria-label": "Runs shown" }, words, ...chips);
+  const chips = runs.map((run, k) =>
+    toggle(run.name, true, (on) => view.show("hiddenRuns", k, on), {
+      class: `chip run${run === simulated ? " second" : k % 4}`,
+    }),
+  );
+  const words = make("span"),
+    group = make(
+      "div",
+      { class: "chips", role: "group", "aria-label": "Runs shown" },
+      words,
+      ...chips,
+    );
   const offer = () => {
     const pale = simulated.result.time.length > 0;
     words.textContent = pale ? "Runs, recorded pale" : "Runs";
-    chips.forEach((chip, k) => { chip.hidden = runs[k] === simulated && !pale; });
+    chips.forEach((chip, k) => {
+      chip.hidden = runs[k] === simulated && !pale;
+    });
     group.hidden = chips.filter((chip) => !chip.hidden).length < 2;
   };
   view.addEventListener("simulated", offer);
@@ -63,10 +134,19 @@ function zoomButtons() {
     const [first, last] = view.full();
     const [min, max] = view.range ?? [first, last];
     const centre = view.time > min && view.time < max ? view.time : (min + max) / 2;
-    const range = [Math.max(first, centre - factor * (centre - min)), Math.min(last, centre + factor * (max - centre))];
+    const range = [
+      Math.max(first, centre - factor * (centre - min)),
+      Math.min(last, centre + factor * (max - centre)),
+    ];
     view.change("range", range[0] <= first && range[1] >= last ? null : range);
   };
-  const button = (label, name, click) => make("button", { type: "button", "aria-label": name, title: name, click }, label);
-  return make("div", { class: "chips" }, button("+", "Zoom in on the time shown", zoom(0.5)), button("−", "Zoom out", zoom(2)),
-    button("All", "Show the whole run", () => view.change("range", null)));
+  const button = (label, name, click) =>
+    make("button", { type: "button", "aria-label": name, title: name, click }, label);
+  return make(
+    "div",
+    { class: "chips" },
+    button("+", "Zoom in on the time shown", zoom(0.5)),
+    button("−", "Zoom out", zoom(2)),
+    button("All", "Show the whole run", () => view.change("range", null)),
+  );
 }

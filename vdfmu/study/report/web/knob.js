@@ -8,58 +8,138 @@ const NOTCHES = 100; // of a slider to either side
 /** A slider of factors around 1, for all joints and for each. */
 export class Knob {
   constructor(knob, margins, changed) {
-    Object.assign(this, { knob, margins, places: Array(knob.values.length + 1).fill(0), chosen: 0, known: false });
+    Object.assign(this, {
+      knob,
+      margins,
+      places: Array(knob.values.length + 1).fill(0),
+      chosen: 0,
+      known: false,
+    });
     this.output = make("output");
-    this.slider = make("input", { type: "range", min: -NOTCHES, max: NOTCHES, "aria-label": knob.words,
-      input: () => { this.places[this.chosen] = Number(this.slider.value); this.show(); changed(); },
-      dblclick: () => { this.slider.value = 0; this.slider.dispatchEvent(new Event("input")); } });
-    const joints = knob.values.length > 1 ? [choice("", [[0, "all joints"], ...knob.values.map((_, i) => [i + 1, `joint ${i + 1}`])], (k) => { this.chosen = Number(k); this.show(); })] : [];
+    this.slider = make("input", {
+      type: "range",
+      min: -NOTCHES,
+      max: NOTCHES,
+      "aria-label": knob.words,
+      input: () => {
+        this.places[this.chosen] = Number(this.slider.value);
+        this.show();
+        changed();
+      },
+      dblclick: () => {
+        this.slider.value = 0;
+        this.slider.dispatchEvent(new Event("input"));
+      },
+    });
+    const joints =
+      knob.values.length > 1
+        ? [
+            choice(
+              "",
+              [[0, "all joints"], ...knob.values.map((_, i) => [i + 1, `joint ${i + 1}`])],
+              (k) => {
+                this.chosen = Number(k);
+                this.show();
+              },
+            ),
+          ]
+        : [];
     joints[0]?.querySelector("select").setAttribute("aria-label", `${knob.words}: joint`);
-    this.knows = knob.known.length ? toggle("feedforward knows it", false, (on) => { this.known = on; changed(); }, { class: "chip", "aria-label": `${knob.words}: the feedforward knows it` }) : null;
+    this.knows = knob.known.length
+      ? toggle(
+          "feedforward knows it",
+          false,
+          (on) => {
+            this.known = on;
+            changed();
+          },
+          { class: "chip", "aria-label": `${knob.words}: the feedforward knows it` },
+        )
+      : null;
     this.track = make("div", { class: "track" });
     this.bounds = make("small", { class: "note" });
-    this.element = make("div", { class: "knob" }, make("span", {}, knob.words), this.output, this.slider, this.track, this.bounds, make("div", { class: "chips" }, ...joints, ...(this.knows ? [this.knows] : [])));
+    this.element = make(
+      "div",
+      { class: "knob" },
+      make("span", {}, knob.words),
+      this.output,
+      this.slider,
+      this.track,
+      this.bounds,
+      make("div", { class: "chips" }, ...joints, ...(this.knows ? [this.knows] : [])),
+    );
     this.show();
   }
 
   /** Factor of a place of the slider, with three digits. */
   factor(place) {
-    const { least, most } = this.knob, share = Math.abs(place) / NOTCHES;
+    const { least, most } = this.knob,
+      share = Math.abs(place) / NOTCHES;
     return Number((place > 0 ? most ** share : least ? least ** share : 1 - share).toPrecision(3));
   }
 
   show() {
-    const [all, ...own] = this.places.map((place) => this.factor(place)), { values, units } = this.knob, joint = this.chosen - 1;
-    const found = values.map((value, i) => all * own[i] * value), one = joint >= 0 ? found[joint] : found.every((value, i) => value === found[0] && units[i] === units[0]) ? found[0] : null;
+    const [all, ...own] = this.places.map((place) => this.factor(place)),
+      { values, units } = this.knob,
+      joint = this.chosen - 1;
+    const found = values.map((value, i) => all * own[i] * value),
+      one =
+        joint >= 0
+          ? found[joint]
+          : found.every((value, i) => value === found[0] && units[i] === units[0])
+            ? found[0]
+            : null;
     this.slider.value = this.places[this.chosen];
     this.output.textContent = `× ${text(joint < 0 ? all : all * own[joint], 3)}${one === null ? "" : ` = ${text(one, 4)} ${units[Math.max(joint, 0)]}`}`;
-    this.element.querySelectorAll("option").forEach((option, k) => { option.textContent = `${k ? `joint ${k}` : "all joints"}${this.places[k] ? ` × ${text(this.factor(this.places[k]), 3)}` : ""}`; });
+    this.element.querySelectorAll("option").forEach((option, k) => {
+      option.textContent = `${k ? `joint ${k}` : "all joints"}${this.places[k] ? ` × ${text(this.factor(this.places[k]), 3)}` : ""}`;
+    });
     this.paint();
   }
 
   /** Colour the track of the joint that is chosen, and say where its limits are. */
   paint() {
-    const track = this.knob.tracks[this.chosen], place = this.places[this.chosen];
+    const track = this.knob.tracks[this.chosen],
+      place = this.places[this.chosen];
     this.track.hidden = !track;
     this.bounds.hidden = !(track || this.knob.why);
     this.bounds.textContent = this.knob.why ?? "";
-    const said = [this.output.textContent.replace("×", "times"), ...(this.knob.why ? [this.knob.why] : [])];
+    const said = [
+      this.output.textContent.replace("×", "times"),
+      ...(this.knob.why ? [this.knob.why] : []),
+    ];
     if (track) {
-      const limits = this.limits(track), margin = marginAt(track, place);
-      this.track.replaceChildren(...this.bands(track), ...track.limits.filter((limit) => limit !== null).map((limit) => make("b", { style: `left:${percent(limit)}%` })));
+      const limits = this.limits(track),
+        margin = marginAt(track, place);
+      this.track.replaceChildren(
+        ...this.bands(track),
+        ...track.limits
+          .filter((limit) => limit !== null)
+          .map((limit) => make("b", { style: `left:${percent(limit)}%` })),
+      );
       this.bounds.textContent = `${margin ? `margin ${text(margin, 2)}` : "unstable"}${limits ? `; ${limits}` : ""}`;
-      said.push(`${margin ? `modulus margin ${text(margin, 2)}, ${this.colour(margin)}` : "unstable"}${limits ? `; ${limits.replaceAll("×", "times")}` : ""}`);
+      said.push(
+        `${margin ? `modulus margin ${text(margin, 2)}, ${this.colour(margin)}` : "unstable"}${limits ? `; ${limits.replaceAll("×", "times")}` : ""}`,
+      );
     }
     this.slider.setAttribute("aria-valuetext", said.join("; "));
   }
 
   /** Stretches of a track of one colour. */
   bands(track) {
-    const colours = Array.from({ length: 2 * NOTCHES + 1 }, (_, k) => this.colour(marginAt(track, k - NOTCHES))), bands = [];
+    const colours = Array.from({ length: 2 * NOTCHES + 1 }, (_, k) =>
+        this.colour(marginAt(track, k - NOTCHES)),
+      ),
+      bands = [];
     colours.forEach((colour, k) => {
       if (colour !== colours[k - 1]) bands.push({ colour, from: k ? k - NOTCHES - 0.5 : -NOTCHES });
     });
-    return bands.map(({ colour, from }, k) => make("i", { class: colour, style: `left:${percent(from)}%;right:${100 - percent(bands[k + 1]?.from ?? NOTCHES)}%` }));
+    return bands.map(({ colour, from }, k) =>
+      make("i", {
+        class: colour,
+        style: `left:${percent(from)}%;right:${100 - percent(bands[k + 1]?.from ?? NOTCHES)}%`,
+      }),
+    );
   }
 
   colour(margin) {
@@ -69,7 +149,9 @@ export class Knob {
   /** Factors from and up to which the loops are stable, in words. */
   limits({ limits: [low, high] }) {
     if (low === 0 && high === 0) return "";
-    const [from, to] = [low, high].map((limit) => (limit === null ? "" : text(this.factor(limit), 2)));
+    const [from, to] = [low, high].map((limit) =>
+      limit === null ? "" : text(this.factor(limit), 2),
+    );
     if (from && to) return `stable × ${from} to ${to}`;
     return from || to ? `stable ${from ? `from × ${from}` : `up to × ${to}`}` : "";
   }
@@ -78,9 +160,18 @@ export class Knob {
   moved() {
     return this.places.flatMap((place, k) => {
       if (!place) return [];
-      const track = this.knob.tracks[k], words = `${this.knob.words.charAt(0).toLowerCase()}${this.knob.words.slice(1)}${k ? ` of joint ${k}` : ""} × ${text(this.factor(place), 3)}`;
+      const track = this.knob.tracks[k],
+        words = `${this.knob.words.charAt(0).toLowerCase()}${this.knob.words.slice(1)}${k ? ` of joint ${k}` : ""} × ${text(this.factor(place), 3)}`;
       const limit = track && !marginAt(track, place) ? track.limits[place > 0 ? 1 : 0] : null;
-      return [{ words, judged: !!track, unstable: !!track && !marginAt(track, place), limit: limit === null ? null : this.factor(limit), above: place > 0 }];
+      return [
+        {
+          words,
+          judged: !!track,
+          unstable: !!track && !marginAt(track, place),
+          limit: limit === null ? null : this.factor(limit),
+          above: place > 0,
+        },
+      ];
     });
   }
 
@@ -101,11 +192,17 @@ export class Knob {
   /** State as text: the factors of all joints and of each, "known" if the feedforward knows; "" with all at 1. */
   get state() {
     const last = this.places.findLastIndex((place) => place !== 0);
-    return [...this.places.slice(0, last + 1).map((place) => this.factor(place)), ...(this.known ? ["known"] : [])].join("_");
+    return [
+      ...this.places.slice(0, last + 1).map((place) => this.factor(place)),
+      ...(this.known ? ["known"] : []),
+    ].join("_");
   }
 
   set state(given) {
-    const parts = given.split("_").filter((part) => part !== "known").map(Number);
+    const parts = given
+      .split("_")
+      .filter((part) => part !== "known")
+      .map(Number);
     this.places = this.places.map((_, k) => (parts[k] >= 0 && given ? this.placeOf(parts[k]) : 0));
     this.known = given.endsWith("known") && !!this.knows;
     this.knows?.setAttribute("aria-pressed", String(this.known));
@@ -115,17 +212,33 @@ export class Knob {
   /** The place of the slider whose factor is nearest to one. */
   placeOf(factor) {
     const { least, most } = this.knob;
-    const share = factor > 1 ? Math.log(factor) / Math.log(most) : least ? -Math.log(factor) / Math.log(least) : factor - 1;
+    const share =
+      factor > 1
+        ? Math.log(factor) / Math.log(most)
+        : least
+          ? -Math.log(factor) / Math.log(least)
+          : factor - 1;
     return Math.round(NOTCHES * Math.min(Math.max(share, -1), 1));
   }
 
   /** Changes of the parameters of units, by their full names. */
   changes({ units }) {
-    const { targets, known } = this.knob, [all, ...own] = this.places.map((place) => this.factor(place));
-    return own.flatMap((factor, i) => (all * factor === 1 ? [] : [...targets, ...(this.known ? known : [])].flatMap(({ unit, name }) =>
-      Object.keys(units.find((one) => one.name === unit).parameters)
-        .filter((one) => one === name || one.startsWith(`${name}[${i + 1}]`) || one.startsWith(`${name}[${i + 1},`))
-        .map((one) => ({ unit, name: one, factor: all * factor })))));
+    const { targets, known } = this.knob,
+      [all, ...own] = this.places.map((place) => this.factor(place));
+    return own.flatMap((factor, i) =>
+      all * factor === 1
+        ? []
+        : [...targets, ...(this.known ? known : [])].flatMap(({ unit, name }) =>
+            Object.keys(units.find((one) => one.name === unit).parameters)
+              .filter(
+                (one) =>
+                  one === name ||
+                  one.startsWith(`${name}[${i + 1}]`) ||
+                  one.startsWith(`${name}[${i + 1},`),
+              )
+              .map((one) => ({ unit, name: one, factor: all * factor })),
+          ),
+    );
   }
 }
 
@@ -135,6 +248,13 @@ const percent = (place) => 50 * (1 + place / NOTCHES);
 /** Modulus margin of a track at a place, a straight line between those that are known; 0 beyond the limits. */
 export function marginAt({ places, modulus, limits: [low, high] }, place) {
   if ((low !== null && place < low) || (high !== null && place > high)) return 0;
-  const k = Math.min(Math.max(places.findIndex((one) => one >= place), 1), places.length - 1), [a, b] = [places[k - 1], places[k]];
+  const k = Math.min(
+      Math.max(
+        places.findIndex((one) => one >= place),
+        1,
+      ),
+      places.length - 1,
+    ),
+    [a, b] = [places[k - 1], places[k]];
   return modulus[k - 1] + ((place - a) / (b - a)) * (modulus[k] - modulus[k - 1]);
 }

@@ -7,7 +7,12 @@ import { quantity } from "./numbers.js";
 class Lab extends EventTarget {
   constructor(study) {
     super();
-    Object.assign(this, { study, columns: study.columns.map((facts) => new Column(facts)), ranges: new Map(), chosen: null });
+    Object.assign(this, {
+      study,
+      columns: study.columns.map((facts) => new Column(facts)),
+      ranges: new Map(),
+      chosen: null,
+    });
     this.axes = this.columns.filter(({ axis }) => axis);
     this.measures = this.columns.filter(({ axis }) => !axis);
     this.colour = this.measures[0];
@@ -23,7 +28,9 @@ class Lab extends EventTarget {
   }
 
   passes(row) {
-    return [...this.ranges].every(([column, [low, high]]) => column.share(row) >= low && column.share(row) <= high);
+    return [...this.ranges].every(
+      ([column, [low, high]]) => column.share(row) >= low && column.share(row) <= high,
+    );
   }
 
   limit(ranges) {
@@ -48,7 +55,11 @@ class Lab extends EventTarget {
 
   field(across, up) {
     if (across === up || across.words.length || up.words.length) return null;
-    const points = this.all.map((row) => [across.share(row), up.share(row), this.colour.share(row)]);
+    const points = this.all.map((row) => [
+      across.share(row),
+      up.share(row),
+      this.colour.share(row),
+    ]);
     return points.filter(([, , value]) => !Number.isNaN(value)).length < 4 ? null : fieldOf(points);
   }
 
@@ -67,36 +78,90 @@ class Lab extends EventTarget {
 
 /** Fill the section of the study; `bench` runs a point again, where there is one. */
 export function showLab(section, study, bench) {
-  const lab = new Lab(study), pick = (columns, chosen, words, change) => {
-    const list = choice(words, columns.map((column, k) => [k, column.label]), (k) => change(columns[k]));
-    list.querySelector("select").value = columns.indexOf(chosen);
-    return list;
-  };
-  let [across, up] = [lab.axes[0], lab.colour], over = [lab.axes[0], lab.axes[1]];
+  const lab = new Lab(study),
+    pick = (columns, chosen, words, change) => {
+      const list = choice(
+        words,
+        columns.map((column, k) => [k, column.label]),
+        (k) => change(columns[k]),
+      );
+      list.querySelector("select").value = columns.indexOf(chosen);
+      return list;
+    };
+  let [across, up] = [lab.axes[0], lab.colour],
+    over = [lab.axes[0], lab.axes[1]];
   const shown = make("span", { role: "status" });
-  const count = () => { const rows = lab.rows().filter((row) => lab.passes(row)); shown.textContent = `${rows.length} of ${lab.rows().length} points`; };
+  const count = () => {
+    const rows = lab.rows().filter((row) => lab.passes(row));
+    shown.textContent = `${rows.length} of ${lab.rows().length} points`;
+  };
   const scatter = new Scatter(lab, "Points over two columns", () => [across, up]);
   const bars = [
-    pick(lab.measures, lab.colour, "Measure", (column) => { if (up === lab.colour) { up = column; vertical.querySelector("select").value = lab.columns.indexOf(up); } lab.colour = column; lab.changed(); }),
-    shown, make("button", { type: "button", click: () => lab.clear() }, "Show all"), scaleOf(lab),
+    pick(lab.measures, lab.colour, "Measure", (column) => {
+      if (up === lab.colour) {
+        up = column;
+        vertical.querySelector("select").value = lab.columns.indexOf(up);
+      }
+      lab.colour = column;
+      lab.changed();
+    }),
+    shown,
+    make("button", { type: "button", click: () => lab.clear() }, "Show all"),
+    scaleOf(lab),
   ];
-  const vertical = pick(lab.columns, up, "Up", (column) => { up = column; lab.changed(); });
-  scatter.element.append(make("div", { class: "bar" }, pick(lab.columns, across, "Across", (column) => { across = column; lab.changed(); }), vertical));
+  const vertical = pick(lab.columns, up, "Up", (column) => {
+    up = column;
+    lab.changed();
+  });
+  scatter.element.append(
+    make(
+      "div",
+      { class: "bar" },
+      pick(lab.columns, across, "Across", (column) => {
+        across = column;
+        lab.changed();
+      }),
+      vertical,
+    ),
+  );
   const pictures = [scatter.element];
   if (lab.axes.length > 1) {
     const contour = new Contour(lab, "Contours over two axes", () => over);
-    contour.element.append(make("div", { class: "bar" }, pick(lab.axes, over[0], "Across", (column) => { over = [column, over[1]]; lab.changed(); }), pick(lab.axes, over[1], "Up", (column) => { over = [over[0], column]; lab.changed(); })));
+    contour.element.append(
+      make(
+        "div",
+        { class: "bar" },
+        pick(lab.axes, over[0], "Across", (column) => {
+          over = [column, over[1]];
+          lab.changed();
+        }),
+        pick(lab.axes, over[1], "Up", (column) => {
+          over = [over[0], column];
+          lab.changed();
+        }),
+      ),
+    );
     pictures.push(contour.element);
   }
   section.append(
     make("div", { class: "bar sticky" }, ...bars),
-    make("p", { class: "note" }, "Drag in a picture, or along an axis, to choose points in all of them; a double click shows all. A click on a point opens it below."),
-    make("div", { class: "grid" }, ...pictures), new Parallel(lab, "Axes side by side, a line a point").element, rangeInputs(lab), pointPanel(lab, bench),
+    make(
+      "p",
+      { class: "note" },
+      "Drag in a picture, or along an axis, to choose points in all of them; a double click shows all. A click on a point opens it below.",
+    ),
+    make("div", { class: "grid" }, ...pictures),
+    new Parallel(lab, "Axes side by side, a line a point").element,
+    rangeInputs(lab),
+    pointPanel(lab, bench),
   );
   lab.addEventListener("change", count);
   for (const element of document.querySelectorAll("[data-point]")) {
     const row = study.points.indexOf(Number(element.dataset.point));
-    element.addEventListener("click", () => { lab.choose(row); section.querySelector(".panel").scrollIntoView({ block: "nearest" }); });
+    element.addEventListener("click", () => {
+      lab.choose(row);
+      section.querySelector(".panel").scrollIntoView({ block: "nearest" });
+    });
   }
   lab.changed();
   return lab;
@@ -104,9 +169,14 @@ export function showLab(section, study, bench) {
 
 /** What the colours mean. */
 function scaleOf(lab) {
-  const [low, high, name] = ["low", "high", "name"].map(() => make("span")), strip = make("i", { style: `background:linear-gradient(90deg,${[0, 0.25, 0.5, 0.75, 1].map(shade)})` });
+  const [low, high, name] = ["low", "high", "name"].map(() => make("span")),
+    strip = make("i", {
+      style: `background:linear-gradient(90deg,${[0, 0.25, 0.5, 0.75, 1].map(shade)})`,
+    });
   lab.addEventListener("change", () => {
-    [low.textContent, high.textContent] = [0, 1].map((share) => lab.colour.wordsOf(lab.colour.valueAt(share)));
+    [low.textContent, high.textContent] = [0, 1].map((share) =>
+      lab.colour.wordsOf(lab.colour.valueAt(share)),
+    );
     name.textContent = `${lab.colour.label}${lab.colour.log ? ", logarithmic" : ""}; cross: failed`;
   });
   return make("span", { class: "scale" }, low, strip, high, name);
@@ -114,17 +184,36 @@ function scaleOf(lab) {
 
 /** The same choice by numbers, for keys and small screens. */
 function rangeInputs(lab) {
-  const rows = lab.columns.filter(({ words }) => !words.length).map((column) => {
-    const ends = [0, 1].map((end) => make("input", { type: "number", step: "any", "aria-label": `${column.label}: ${end ? "at most" : "at least"}`, change: () => {
-      const [low, high] = ends.map((input, k) => (input.value === "" ? [-1, 2][k] : (column.onScale(Number(input.value)) - column.low) / (column.high - column.low)));
-      lab.limit(new Map([[column, [low, high]]]));
-    } }));
-    lab.addEventListener("change", () => ends.forEach((input, k) => {
-      const share = lab.ranges.get(column)?.[k];
-      if (document.activeElement !== input) input.value = share === undefined || share < -0.5 || share > 1.5 ? "" : Number(column.valueAt(share).toPrecision(4));
-    }));
-    return make("div", {}, make("span", {}, column.label), ...ends);
-  });
+  const rows = lab.columns
+    .filter(({ words }) => !words.length)
+    .map((column) => {
+      const ends = [0, 1].map((end) =>
+        make("input", {
+          type: "number",
+          step: "any",
+          "aria-label": `${column.label}: ${end ? "at most" : "at least"}`,
+          change: () => {
+            const [low, high] = ends.map((input, k) =>
+              input.value === ""
+                ? [-1, 2][k]
+                : (column.onScale(Number(input.value)) - column.low) / (column.high - column.low),
+            );
+            lab.limit(new Map([[column, [low, high]]]));
+          },
+        }),
+      );
+      lab.addEventListener("change", () =>
+        ends.forEach((input, k) => {
+          const share = lab.ranges.get(column)?.[k];
+          if (document.activeElement !== input)
+            input.value =
+              share === undefined || share < -0.5 || share > 1.5
+                ? ""
+                : Number(column.valueAt(share).toPrecision(4));
+        }),
+      );
+      return make("div", {}, make("span", {}, column.label), ...ends);
+    });
   return make("details", { class: "ranges" }, make("summary", {}, "Choose by numbers"), ...rows);
 }
 
@@ -132,20 +221,56 @@ function rangeInputs(lab) {
 function pointPanel(lab, bench) {
   const panel = make("div", { class: "panel", role: "region", "aria-label": "The chosen point" });
   const step = (by) => () => {
-    const rows = lab.rows().filter((row) => lab.passes(row)).sort((a, b) => (lab.colour.values[a] ?? Infinity) - (lab.colour.values[b] ?? Infinity));
+    const rows = lab
+      .rows()
+      .filter((row) => lab.passes(row))
+      .sort((a, b) => (lab.colour.values[a] ?? Infinity) - (lab.colour.values[b] ?? Infinity));
     if (rows.length) lab.choose(rows[(rows.indexOf(lab.chosen) + by + rows.length) % rows.length]);
   };
   const show = () => {
-    const row = lab.chosen, { study } = lab, buttons = [["Smaller", -1], ["Larger", 1]].map(([words, by]) => make("button", { type: "button", "aria-label": `${words} ${lab.colour.name}`, click: step(by) }, words));
-    if (row === null) return panel.replaceChildren(make("div", { class: "bar" }, make("h3", {}, "No point chosen"), make("button", { type: "button", click: step(1) }, `Smallest ${lab.colour.name}`)));
-    const values = lab.columns.map((column) => make("div", {}, make("dt", {}, column.name), make("dd", {}, column.written(row))));
+    const row = lab.chosen,
+      { study } = lab,
+      buttons = [
+        ["Smaller", -1],
+        ["Larger", 1],
+      ].map(([words, by]) =>
+        make(
+          "button",
+          { type: "button", "aria-label": `${words} ${lab.colour.name}`, click: step(by) },
+          words,
+        ),
+      );
+    if (row === null)
+      return panel.replaceChildren(
+        make(
+          "div",
+          { class: "bar" },
+          make("h3", {}, "No point chosen"),
+          make("button", { type: "button", click: step(1) }, `Smallest ${lab.colour.name}`),
+        ),
+      );
+    const values = lab.columns.map((column) =>
+      make("div", {}, make("dt", {}, column.name), make("dd", {}, column.written(row))),
+    );
     const command = `${study.command} ${study.points[row]}`;
-    const failed = study.failed[row] === null ? [] : [make("p", { class: "failure" }, study.failed[row])];
+    const failed =
+      study.failed[row] === null ? [] : [make("p", { class: "failure" }, study.failed[row])];
     const changes = lab.changes(row);
-    const words = changes && bench ? "Simulated by this page, over the scenario as it is: the arm and the figures below." : study.reason || "This point differs in more than parameters from what the page simulates; the command runs it.";
+    const words =
+      changes && bench
+        ? "Simulated by this page, over the scenario as it is: the arm and the figures below."
+        : study.reason ||
+          "This point differs in more than parameters from what the page simulates; the command runs it.";
     panel.replaceChildren(
-      make("div", { class: "bar" }, make("h3", {}, `Point ${study.points[row]}`), ...buttons), ...failed, make("dl", {}, ...values),
-      ...(study.command ? [make("div", { class: "bar" }, make("code", {}, command), copyButton(command))] : []), make("p", { class: "note" }, words), ...keptCurves(study, row));
+      make("div", { class: "bar" }, make("h3", {}, `Point ${study.points[row]}`), ...buttons),
+      ...failed,
+      make("dl", {}, ...values),
+      ...(study.command
+        ? [make("div", { class: "bar" }, make("code", {}, command), copyButton(command))]
+        : []),
+      make("p", { class: "note" }, words),
+      ...keptCurves(study, row),
+    );
     return panel;
   };
   lab.addEventListener("change", show);
@@ -159,14 +284,49 @@ function pointPanel(lab, bench) {
 /** Curves that the study has kept of a point, each over its whole time. */
 function keptCurves(study, row) {
   if (!study.kept) return [];
-  const { names, units, count, time, values } = study.kept, width = 300, height = 110, all = unpack(values), times = unpack(time);
-  const slice = (array, place) => array.subarray(place * count, (place + 1) * count), t = slice(times, row), last = t.findLastIndex((v) => !Number.isNaN(v));
+  const { names, units, count, time, values } = study.kept,
+    width = 300,
+    height = 110,
+    all = unpack(values),
+    times = unpack(time);
+  const slice = (array, place) => array.subarray(place * count, (place + 1) * count),
+    t = slice(times, row),
+    last = t.findLastIndex((v) => !Number.isNaN(v));
   if (last < 1) return [];
   const charts = names.map((name, k) => {
-    const own = slice(all, row * names.length + k).subarray(0, last + 1), low = own.reduce((a, b) => Math.min(a, b)), high = own.reduce((a, b) => Math.max(a, b));
-    const d = Array.from(own, (v, i) => `${((t[i] - t[0]) / (t[last] - t[0])) * width} ${height - ((v - low) / (high - low || 1)) * (height - 4) - 2}`).join("L");
-    return make("figure", { class: "chart" }, make("figcaption", {}, make("strong", {}, name), make("span", { class: "unit" }, ` ${quantity(low, units[k])} to ${quantity(high, units[k])}, ${quantity(t[last], "s")}`)),
-      svg("svg", { class: "study kept", viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: "none", role: "img", "aria-label": name }, svg("path", { class: "line", d: `M${d}` })));
+    const own = slice(all, row * names.length + k).subarray(0, last + 1),
+      low = own.reduce((a, b) => Math.min(a, b)),
+      high = own.reduce((a, b) => Math.max(a, b));
+    const d = Array.from(
+      own,
+      (v, i) =>
+        `${((t[i] - t[0]) / (t[last] - t[0])) * width} ${height - ((v - low) / (high - low || 1)) * (height - 4) - 2}`,
+    ).join("L");
+    return make(
+      "figure",
+      { class: "chart" },
+      make(
+        "figcaption",
+        {},
+        make("strong", {}, name),
+        make(
+          "span",
+          { class: "unit" },
+          ` ${quantity(low, units[k])} to ${quantity(high, units[k])}, ${quantity(t[last], "s")}`,
+        ),
+      ),
+      svg(
+        "svg",
+        {
+          class: "study kept",
+          viewBox: `0 0 ${width} ${height}`,
+          preserveAspectRatio: "none",
+          role: "img",
+          "aria-label": name,
+        },
+        svg("path", { class: "line", d: `M${d}` }),
+      ),
+    );
   });
   return [make("div", { class: "grid triple" }, ...charts)];
 }

@@ -8,7 +8,12 @@ const compiled = new Map();
 /** The module of a digest: decompressed and compiled once. */
 function moduleOf(digest, binaries) {
   if (!compiled.has(digest)) {
-    compiled.set(digest, unzip(binaries[digest]).arrayBuffer().then((module) => WebAssembly.compile(module)));
+    compiled.set(
+      digest,
+      unzip(binaries[digest])
+        .arrayBuffer()
+        .then((module) => WebAssembly.compile(module)),
+    );
   }
   return compiled.get(digest);
 }
@@ -16,7 +21,8 @@ function moduleOf(digest, binaries) {
 /** The limit that a value breaks, in words; empty if it breaks none. */
 function wanted(value, least, most) {
   if (!Number.isFinite(value)) return "finite";
-  if (least !== null && value < least) return value <= 0 && least > 0 ? "above 0" : `at least ${least}`;
+  if (least !== null && value < least)
+    return value <= 0 && least > 0 ? "above 0" : `at least ${least}`;
   return most !== null && value > most ? `at most ${most}` : "";
 }
 
@@ -26,7 +32,9 @@ function changed({ memory, units }, changes) {
   for (const { unit, name, factor, value } of changes) {
     const { parameters } = units.find((one) => one.name === unit) ?? {};
     if (!parameters) throw new Error(`There is no unit ${unit}.`);
-    const chosen = Object.entries(parameters).filter(([one]) => one === name || one.startsWith(`${name}[`));
+    const chosen = Object.entries(parameters).filter(
+      ([one]) => one === name || one.startsWith(`${name}[`),
+    );
     if (!chosen.length) throw new Error(`${unit} has no parameter ${name}.`);
     for (const [one, [place, , least, most]] of chosen) {
       values[place] = value ?? factor * values[place];
@@ -43,8 +51,12 @@ function changed({ memory, units }, changes) {
  * `found` of the Error of a run that fails on its way, up to there.
  */
 export async function simulate(simulation, binaries, changes = [], progress = () => {}) {
-  const { growth, address, memory, names, places, start, step, steps, last, conditions, moving } = simulation;
-  const [module, shipped] = await Promise.all([moduleOf(simulation.module, binaries), moduleOf(simulation.base, binaries)]);
+  const { growth, address, memory, names, places, start, step, steps, last, conditions, moving } =
+    simulation;
+  const [module, shipped] = await Promise.all([
+    moduleOf(simulation.module, binaries),
+    moduleOf(simulation.base, binaries),
+  ]);
   const { exports: base } = await WebAssembly.instantiate(shipped, {});
   base.memory.grow(growth[0]);
   base.__indirect_function_table.grow(growth[1]);
@@ -54,23 +66,37 @@ export async function simulate(simulation, binaries, changes = [], progress = ()
   values.set(changed(simulation, changes));
   const unmet = exports.begin();
   if (unmet) throw new Error(conditions[unmet - 1]);
-  const width = names.length, rows = new Float64Array(width * (steps + 1)), stride = Math.ceil(steps / PARTS);
+  const width = names.length,
+    rows = new Float64Array(width * (steps + 1)),
+    stride = Math.ceil(steps / PARTS);
   let kept = 0;
   const keep = (k) => {
     for (let i = 0; i < width; i += 1) {
-      const value = rows[k * width + i] = values[places[i]];
-      if (!Number.isFinite(value)) throw new Error(`${names[i]} is not finite at t = ${start + k * step} s.`);
+      const value = (rows[k * width + i] = values[places[i]]);
+      if (!Number.isFinite(value))
+        throw new Error(`${names[i]} is not finite at t = ${start + k * step} s.`);
     }
     kept = k + 1;
   };
   const advance = (k) => {
-    const time = start + k * step, stopped = exports.step(time, k < steps - 1 ? step : last);
-    if (stopped) throw new Error(`${moving[stopped - 1]}: doStep at t = ${time} s failed: the internal step reached its minimum. Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance.`);
+    const time = start + k * step,
+      stopped = exports.step(time, k < steps - 1 ? step : last);
+    if (stopped)
+      throw new Error(
+        `${moving[stopped - 1]}: doStep at t = ${time} s failed: the internal step reached its minimum. Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance.`,
+      );
     keep(k + 1);
   };
   const found = () => ({
-    time: Float64Array.from({ length: kept }, (_, k) => (k < steps ? start + k * step : simulation.stop)),
-    signals: new Map(names.map((name, i) => [name, Float64Array.from({ length: kept }, (_, k) => rows[k * width + i])])),
+    time: Float64Array.from({ length: kept }, (_, k) =>
+      k < steps ? start + k * step : simulation.stop,
+    ),
+    signals: new Map(
+      names.map((name, i) => [
+        name,
+        Float64Array.from({ length: kept }, (_, k) => rows[k * width + i]),
+      ]),
+    ),
     seconds: (performance.now() - began) / 1e3,
   });
   keep(0);
@@ -92,7 +118,15 @@ if (typeof WorkerGlobalScope !== "undefined") {
     binaries ??= data.binaries;
     if (!data.simulation) return;
     const run = simulate(data.simulation, binaries, data.changes, (part) => postMessage({ part }));
-    const { found, error } = await run.then((one) => ({ found: one }), ({ message, found: one }) => ({ found: one, error: message }));
-    postMessage({ found, error }, found ? [found.time.buffer, ...Array.from(found.signals.values(), ({ buffer }) => buffer)] : []);
+    const { found, error } = await run.then(
+      (one) => ({ found: one }),
+      ({ message, found: one }) => ({ found: one, error: message }),
+    );
+    postMessage(
+      { found, error },
+      found
+        ? [found.time.buffer, ...Array.from(found.signals.values(), ({ buffer }) => buffer)]
+        : [],
+    );
   });
 }

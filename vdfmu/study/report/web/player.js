@@ -6,7 +6,8 @@ import { quantity, raised, text } from "./numbers.js";
 import { Scene3D, VIEWS } from "./scene.js";
 import { Timeline } from "./timeline.js";
 
-const UNITS = { // factor and unit for revolute and prismatic joints
+const UNITS = {
+  // factor and unit for revolute and prismatic joints
   torque: { words: "Control torque", revolute: [1, "N.m"], prismatic: [1, "N"] },
   torsion: { words: "Torsion", revolute: [180 / Math.PI, "deg"], prismatic: [1e3, "mm"] },
   power: { words: "Power into the link", revolute: [1, "W"], prismatic: [1, "W"] },
@@ -48,47 +49,138 @@ export class Player {
 
   /** The wheel scrolls the page; with Ctrl, or after a click into the scene until the pointer leaves it, it comes nearer. */
   letWheelPass(host) {
-    const hint = make("span", { class: "hint", "aria-hidden": "true" }, "Ctrl and the wheel, or a click first, to come nearer");
+    const hint = make(
+      "span",
+      { class: "hint", "aria-hidden": "true" },
+      "Ctrl and the wheel, or a click first, to come nearer",
+    );
     let inside = false;
     host.append(hint);
-    host.addEventListener("pointerdown", () => { inside = true; });
-    host.addEventListener("pointerleave", () => { inside = false; });
-    host.addEventListener("wheel", (event) => {
-      if (inside || event.ctrlKey || event.metaKey) return;
-      event.stopPropagation();
-      hint.classList.add("on");
-      clearTimeout(this.hinting);
-      this.hinting = setTimeout(() => hint.classList.remove("on"), HINT);
-    }, { capture: true, passive: true });
+    host.addEventListener("pointerdown", () => {
+      inside = true;
+    });
+    host.addEventListener("pointerleave", () => {
+      inside = false;
+    });
+    host.addEventListener(
+      "wheel",
+      (event) => {
+        if (inside || event.ctrlKey || event.metaKey) return;
+        event.stopPropagation();
+        hint.classList.add("on");
+        clearTimeout(this.hinting);
+        this.hinting = setTimeout(() => hint.classList.remove("on"), HINT);
+      },
+      { capture: true, passive: true },
+    );
   }
 
   controls(shown) {
-    this.button = make("button", { type: "button", class: "play", click: () => this.play(!this.playing) });
-    this.slider = make("input", { type: "range", min: 0, step: "any", value: 0, "aria-label": "Time", input: () => { this.play(false); view.change("time", Number(this.slider.value)); } });
+    this.button = make("button", {
+      type: "button",
+      class: "play",
+      click: () => this.play(!this.playing),
+    });
+    this.slider = make("input", {
+      type: "range",
+      min: 0,
+      step: "any",
+      value: 0,
+      "aria-label": "Time",
+      input: () => {
+        this.play(false);
+        view.change("time", Number(this.slider.value));
+      },
+    });
     this.clock = make("output", { class: "clock", "aria-live": "off" });
     this.timeline = new Timeline(this.slider);
     const quantities = Object.keys(UNITS).filter((name) => this.motion[name]);
     this.scene.quantity = quantities[0];
     const powers = [0, 1, 2, 3, 4, 5].map((p) => [10 ** p, p ? `× 10${raised(p)}` : "as it is"]);
     this.other = shown.length === 2 ? shown[1] : null;
-    const others = choice("Beside it", [[-1, "none"], ...shown.map((run, k) => [k, run.name])], (k) => { this.scene.beside(null); this.other = shown[k] ?? null; this.setRun(this.scene.run); });
+    const others = choice(
+      "Beside it",
+      [[-1, "none"], ...shown.map((run, k) => [k, run.name])],
+      (k) => {
+        this.scene.beside(null);
+        this.other = shown[k] ?? null;
+        this.setRun(this.scene.run);
+      },
+    );
     others.querySelector("select").value = shown.indexOf(this.other);
-    const picker = choice("Run", shown.map((run, k) => [k, run.name]), (k) => { this.play(false); this.setRun(shown[k]); });
-    view.addEventListener("run", () => { picker.querySelector("select").value = shown.indexOf(view.run); this.setRun(view.run); });
-    const layer = (words, name) => toggle(words, true, (on) => this.scene.layer({ [name]: on }), { class: "chip" });
-    const speed = choice("", [1, 0.1, 0.3, 3, 10].map((factor) => [factor, `${factor} ×`]), (factor) => { this.speed = Number(factor); });
+    const picker = choice(
+      "Run",
+      shown.map((run, k) => [k, run.name]),
+      (k) => {
+        this.play(false);
+        this.setRun(shown[k]);
+      },
+    );
+    view.addEventListener("run", () => {
+      picker.querySelector("select").value = shown.indexOf(view.run);
+      this.setRun(view.run);
+    });
+    const layer = (words, name) =>
+      toggle(words, true, (on) => this.scene.layer({ [name]: on }), { class: "chip" });
+    const speed = choice(
+      "",
+      [1, 0.1, 0.3, 3, 10].map((factor) => [factor, `${factor} ×`]),
+      (factor) => {
+        this.speed = Number(factor);
+      },
+    );
     speed.querySelector("select").setAttribute("aria-label", "Speed");
     return [
       make("div", { class: "transport" }, this.button, this.timeline.element, this.clock, speed),
-      this.bar = make("div", { class: "bar" },
+      (this.bar = make(
+        "div",
+        { class: "bar" },
         ...(shown.length > 1 ? [picker, others] : []),
-        ...(quantities.length ? [choice("Colour", quantities.map((name) => [name, UNITS[name].words]), (name) => { this.scene.quantity = name; this.show(); })] : []),
-        choice("View", Object.keys(VIEWS).reverse().map((name) => [name, name]), (name) => this.scene.look(name)),
-        ...(this.motion.error ? [choice("Errors drawn", powers, (factor) => { this.scene.magnify = Number(factor); this.show(); })] : []),
-        make("div", { class: "chips", role: "group", "aria-label": "Shown" },
+        ...(quantities.length
+          ? [
+              choice(
+                "Colour",
+                quantities.map((name) => [name, UNITS[name].words]),
+                (name) => {
+                  this.scene.quantity = name;
+                  this.show();
+                },
+              ),
+            ]
+          : []),
+        choice(
+          "View",
+          Object.keys(VIEWS)
+            .reverse()
+            .map((name) => [name, name]),
+          (name) => this.scene.look(name),
+        ),
+        ...(this.motion.error
+          ? [
+              choice("Errors drawn", powers, (factor) => {
+                this.scene.magnify = Number(factor);
+                this.show();
+              }),
+            ]
+          : []),
+        make(
+          "div",
+          { class: "chips", role: "group", "aria-label": "Shown" },
           ...(this.motion.error ? [layer("desired arm", "desired")] : []),
-          layer("path", "path"), layer("forces", "forces")),
-        this.tools = make("div", { class: "chips tools" }, make("details", { class: "help" }, make("summary", { "aria-label": "Keys" }, "?"), make("p", {}, KEYS)))),
+          layer("path", "path"),
+          layer("forces", "forces"),
+        ),
+        (this.tools = make(
+          "div",
+          { class: "chips tools" },
+          make(
+            "details",
+            { class: "help" },
+            make("summary", { "aria-label": "Keys" }, "?"),
+            make("p", {}, KEYS),
+          ),
+        )),
+      )),
     ];
   }
 
@@ -98,35 +190,60 @@ export class Player {
       this.scene.load(run);
     }
     const other = simulated.of === run && simulated.result.time.length ? simulated : this.other;
-    this.scene.beside(other === run ? null : other ?? null);
+    this.scene.beside(other === run ? null : (other ?? null));
     [this.slider.min, this.slider.max] = [this.motion.time[0], this.motion.time.at(-1)];
-    const arms = armsOf(run), joints = arms.flatMap(({ arm, component }) => arm.types.map((type, i) => [type, arms.length > 1 ? `${component},\u00a0${i + 1}` : `Joint ${i + 1}`]));
+    const arms = armsOf(run),
+      joints = arms.flatMap(({ arm, component }) =>
+        arm.types.map((type, i) => [
+          type,
+          arms.length > 1 ? `${component},\u00a0${i + 1}` : `Joint ${i + 1}`,
+        ]),
+      );
     this.rows = joints.map(([type, joint]) => {
-      const cells = this.scene.puppets.map((_, k) => ({ fill: make("i", { class: k ? "second" : "" }), value: make("output", { class: k ? "second" : "", "aria-live": "off" }) }));
-      const row = make("tr", {}, make("th", { scope: "row" }, joint), make("td", { class: "level" }, ...cells.map(({ fill }) => fill)), make("td", { class: "number" }, ...cells.map(({ value }) => value)));
+      const cells = this.scene.puppets.map((_, k) => ({
+        fill: make("i", { class: k ? "second" : "" }),
+        value: make("output", { class: k ? "second" : "", "aria-live": "off" }),
+      }));
+      const row = make(
+        "tr",
+        {},
+        make("th", { scope: "row" }, joint),
+        make("td", { class: "level" }, ...cells.map(({ fill }) => fill)),
+        make("td", { class: "number" }, ...cells.map(({ value }) => value)),
+      );
       return { type, cells, row };
     });
     this.heading = make("caption");
     this.timeline.draw(run, this.motion.time[0], this.motion.time.at(-1));
-    this.readout.replaceChildren(make("table", {}, this.heading, make("tbody", {}, ...this.rows.map(({ row }) => row))));
+    this.readout.replaceChildren(
+      make("table", {}, this.heading, make("tbody", {}, ...this.rows.map(({ row }) => row))),
+    );
     this.show();
   }
 
   show() {
-    const { time } = this.motion, t = Math.min(Math.max(view.time, time[0]), time.at(-1));
+    const { time } = this.motion,
+      t = Math.min(Math.max(view.time, time[0]), time.at(-1));
     this.scene.show(t);
     this.slider.value = t;
     this.slider.setAttribute("aria-valuetext", `${text(t, 4)} s`);
     this.clock.textContent = `${t.toFixed(time.at(-1) < 1 ? 3 : 2)} s`;
     const name = this.scene.quantity;
     if (!this.motion[name]) return;
-    const all = this.scene.puppets.map((puppet) => puppet.values(name, t)), peaks = this.scene.peaks();
+    const all = this.scene.puppets.map((puppet) => puppet.values(name, t)),
+      peaks = this.scene.peaks();
     this.heading.textContent = `${UNITS[name].words}; bars: share of the joint's largest${all.length > 1 ? `; below: ${this.scene.second.name}` : ""}`;
-    this.rows.forEach(({ type, cells }, i) => cells.forEach(({ fill, value }, k) => {
-      const [factor, unit] = UNITS[name][type], now = all[k][i] ?? NaN, share = Math.min(1, Math.abs(now) / (peaks[i] || 1));
-      fill.style.cssText = `width:${50 * share}%;${now < 0 ? "right" : "left"}:50%;background:var(--${now < 0 ? "negative" : "positive"})`;
-      value.textContent = Number.isNaN(now) ? "" : quantity(factor * now, unit, factor * peaks[i]);
-    }));
+    this.rows.forEach(({ type, cells }, i) =>
+      cells.forEach(({ fill, value }, k) => {
+        const [factor, unit] = UNITS[name][type],
+          now = all[k][i] ?? NaN,
+          share = Math.min(1, Math.abs(now) / (peaks[i] || 1));
+        fill.style.cssText = `width:${50 * share}%;${now < 0 ? "right" : "left"}:50%;background:var(--${now < 0 ? "negative" : "positive"})`;
+        value.textContent = Number.isNaN(now)
+          ? ""
+          : quantity(factor * now, unit, factor * peaks[i]);
+      }),
+    );
   }
 
   play(on) {
@@ -149,11 +266,25 @@ export class Player {
 
   key(event) {
     const { tagName, type } = event.target;
-    if (event.target.closest?.("#simulate") || event.ctrlKey || event.metaKey || event.altKey || tagName === "SELECT" || (tagName === "INPUT" && type !== "range")) return;
+    if (
+      event.target.closest?.("#simulate") ||
+      event.ctrlKey ||
+      event.metaKey ||
+      event.altKey ||
+      tagName === "SELECT" ||
+      (tagName === "INPUT" && type !== "range")
+    )
+      return;
     const [first, last] = [this.motion.time[0], this.motion.time.at(-1)];
     const step = ((event.shiftKey ? 10 : 1) * (last - first)) / STEPS;
-    const moves = { ArrowLeft: view.time - step, ArrowRight: view.time + step, Home: first, End: last };
-    if (event.key === " " && tagName !== "BUTTON" && tagName !== "SUMMARY") this.play(!this.playing);
+    const moves = {
+      ArrowLeft: view.time - step,
+      ArrowRight: view.time + step,
+      Home: first,
+      End: last,
+    };
+    if (event.key === " " && tagName !== "BUTTON" && tagName !== "SUMMARY")
+      this.play(!this.playing);
     else if (event.key in moves) {
       this.play(false);
       view.change("time", Math.min(Math.max(moves[event.key], first), last));

@@ -3,12 +3,18 @@
 import { darkScheme, inkOf } from "./data.js";
 import { Chain, Motion, NEGATIVE, NEUTRAL, POSITIVE, armsOf, dress, ghost, solid } from "./arm.js";
 import { Arc, Arrow, drawn, plate } from "./world.js";
+import { vendor } from "./vendor.js";
 
 /** An arm: `actual`, `desired`, and the path of its tool in {I}. */
 class Arm {
   constructor(one, tint) {
     const { arm } = one;
-    Object.assign(this, { arm, component: one.component ?? one.name, mounted: one.mounted, error: !!one.frames.error });
+    Object.assign(this, {
+      arm,
+      component: one.component ?? one.name,
+      mounted: one.mounted,
+      error: !!one.frames.error,
+    });
     this.actual = new Chain(arm);
     this.bare = new Chain(arm); // of frames alone, which is quick to place
     this.desired = this.error ? new Chain(arm) : null;
@@ -17,19 +23,30 @@ class Arm {
     dress(this.actual, arm, solid, tint);
     if (this.desired) dress(this.desired, arm, ghost, tint);
     if (!this.mounted) this.actual.root.add((this.plate = plate(arm)));
-    this.arcs = arm.types.map((type, i) => (type === "prismatic" || arm.types.length > 8 ? null : new Arc(0.12 * arm.reach * (1 - (0.42 * i) / Math.max(1, arm.types.length - 1)))));
+    this.arcs = arm.types.map((type, i) =>
+      type === "prismatic" || arm.types.length > 8
+        ? null
+        : new Arc(0.12 * arm.reach * (1 - (0.42 * i) / Math.max(1, arm.types.length - 1))),
+    );
     this.arcs.forEach((arc, i) => arc && this.actual.links[i].add(arc.turned));
-    this.arrows = ["F_e", "F_S"].filter((name) => one.frames[name]).map((name) => {
-      const force = new Arrow(0.4 * arm.reach), moment = new Arc(0.13 * arm.reach);
-      (name === "F_e" ? this.actual.tool : this.actual.root).add(force, moment.turned);
-      return { name, force, moment };
-    });
+    this.arrows = ["F_e", "F_S"]
+      .filter((name) => one.frames[name])
+      .map((name) => {
+        const force = new Arrow(0.4 * arm.reach),
+          moment = new Arc(0.13 * arm.reach);
+        (name === "F_e" ? this.actual.tool : this.actual.root).add(force, moment.turned);
+        return { name, force, moment };
+      });
   }
 
   /** Positions of the joints, by `magnify` times as far from the desired ones. */
   position(t, magnify) {
-    const q = this.motion.at("q", t), error = this.error && this.motion.at("error", t);
-    return { q: error ? q.map((v, i) => v - (magnify - 1) * error[i]) : q, desired: error ? q.map((v, i) => v + error[i]) : q };
+    const q = this.motion.at("q", t),
+      error = this.error && this.motion.at("error", t);
+    return {
+      q: error ? q.map((v, i) => v - (magnify - 1) * error[i]) : q,
+      desired: error ? q.map((v, i) => v + error[i]) : q,
+    };
   }
 
   base(t) {
@@ -40,7 +57,10 @@ class Arm {
   largest(name, first) {
     this.lengths ??= {};
     const rows = this.motion[name].slice(first, first + 3);
-    this.lengths[name + first] ??= rows[0].reduce((most, _, k) => Math.max(most, Math.hypot(...rows.map((row) => row[k]))), 0);
+    this.lengths[name + first] ??= rows[0].reduce(
+      (most, _, k) => Math.max(most, Math.hypot(...rows.map((row) => row[k]))),
+      0,
+    );
     return this.lengths[name + first];
   }
 
@@ -49,7 +69,9 @@ class Arm {
     const values = this.motion[quantity] && this.motion.at(quantity, t);
     this.actual.marked.forEach((material, i) => {
       const share = values ? values[i] / (peaks[i] || 1) : 0;
-      material.color.copy(NEUTRAL).lerp(share < 0 ? NEGATIVE : POSITIVE, Math.min(1, Math.abs(share)));
+      material.color
+        .copy(NEUTRAL)
+        .lerp(share < 0 ? NEGATIVE : POSITIVE, Math.min(1, Math.abs(share)));
       this.arcs[i]?.wind(forces && quantity === "torque" ? share : 0, material.color);
     });
     for (const { name, force, moment } of this.arrows) {
@@ -58,8 +80,11 @@ class Arm {
       moment.point(wrench.slice(3), this.largest(name, 3));
     }
     if (!this.plate) return;
-    const at = new vendor.Vector3(), centre = new vendor.Vector3().setFromMatrixPosition(this.plate.matrixWorld);
-    const within = [...this.actual.links.slice(1), this.actual.tool].some((link) => at.setFromMatrixPosition(link.matrixWorld).distanceTo(centre) < this.plate.inside);
+    const at = new vendor.Vector3(),
+      centre = new vendor.Vector3().setFromMatrixPosition(this.plate.matrixWorld);
+    const within = [...this.actual.links.slice(1), this.actual.tool].some(
+      (link) => at.setFromMatrixPosition(link.matrixWorld).distanceTo(centre) < this.plate.inside,
+    );
     Object.assign(this.plate.material, { transparent: within, opacity: within ? 0.35 : 1 });
   }
 }
@@ -70,7 +95,10 @@ class Path extends vendor.Group {
     super();
     const look = new vendor.MeshBasicMaterial({ color, transparent: opacity < 1, opacity });
     this.tube = new vendor.Mesh(undefined, look);
-    this.end = new vendor.Mesh(new vendor.CylinderGeometry(radius, radius, 1, 6).rotateX(Math.PI / 2).translate(0, 0, 0.5), look);
+    this.end = new vendor.Mesh(
+      new vendor.CylinderGeometry(radius, radius, 1, 6).rotateX(Math.PI / 2).translate(0, 0, 0.5),
+      look,
+    );
     this.end.visible = false;
     this.add(this.tube, this.end);
     this.radius = radius;
@@ -78,18 +106,24 @@ class Path extends vendor.Group {
 
   /** Lead straight from point to point, which are reached at `times`; those that are hardly elsewhere are left out. */
   along(points, times) {
-    const kept = [...points.keys()].filter(((last) => (k) => {
-      const far = k === 0 || points[k].distanceTo(points[last]) > 0.2 * this.radius;
-      if (far) last = k;
-      return far;
-    })(0));
+    const kept = [...points.keys()].filter(
+      ((last) => (k) => {
+        const far = k === 0 || points[k].distanceTo(points[last]) > 0.2 * this.radius;
+        if (far) last = k;
+        return far;
+      })(0),
+    );
     this.points = kept.map((k) => points[k]);
     this.times = kept.map((k) => times[k]);
-    const { length } = this.points, curve = new vendor.CatmullRomCurve3(this.points);
-    curve.getPointAt = (u, to = new vendor.Vector3()) => to.copy(this.points[Math.round(u * (length - 1))]);
+    const { length } = this.points,
+      curve = new vendor.CatmullRomCurve3(this.points);
+    curve.getPointAt = (u, to = new vendor.Vector3()) =>
+      to.copy(this.points[Math.round(u * (length - 1))]);
     curve.getTangentAt = (u, to = new vendor.Vector3()) => {
       const k = Math.round(u * (length - 1));
-      return to.subVectors(this.points[Math.min(k + 1, length - 1)], this.points[Math.max(k - 1, 0)]).normalize();
+      return to
+        .subVectors(this.points[Math.min(k + 1, length - 1)], this.points[Math.max(k - 1, 0)])
+        .normalize();
     };
     this.tube.geometry.dispose();
     this.tube.visible = length > 1;
@@ -98,13 +132,19 @@ class Path extends vendor.Group {
 
   /** Show it up to a time, and from there to the tool. */
   until(t, tool) {
-    const next = this.times.findIndex((time) => time > t), k = (next < 0 ? this.times.length : Math.max(1, next)) - 1;
+    const next = this.times.findIndex((time) => time > t),
+      k = (next < 0 ? this.times.length : Math.max(1, next)) - 1;
     this.tube.geometry.setDrawRange(0, 36 * k); // 6 sides of 2 triangles
-    const from = this.points[k], length = from.distanceTo(tool);
+    const from = this.points[k],
+      length = from.distanceTo(tool);
     this.end.visible = length > 0;
     this.end.position.copy(from);
     this.end.scale.z = length;
-    if (length > 0) this.end.quaternion.setFromUnitVectors(new vendor.Vector3(0, 0, 1), tool.clone().sub(from).divideScalar(length));
+    if (length > 0)
+      this.end.quaternion.setFromUnitVectors(
+        new vendor.Vector3(0, 0, 1),
+        tool.clone().sub(from).divideScalar(length),
+      );
   }
 }
 
@@ -117,7 +157,8 @@ export class Puppet {
       const carrier = this.arms.slice(0, k).find(({ component }) => component === arm.mounted);
       (carrier?.actual.tool ?? this.root).add(arm.actual.root);
       carrier?.bare.tool.add(arm.bare.root);
-      if (arm.desired) (carrier?.desired?.tool ?? carrier?.actual.tool ?? this.root).add(arm.desired.root);
+      if (arm.desired)
+        (carrier?.desired?.tool ?? carrier?.actual.tool ?? this.root).add(arm.desired.root);
       this.root.add(arm.path, arm.trace);
     }
     this.objects = [];
@@ -128,8 +169,17 @@ export class Puppet {
     });
     for (const object of this.objects) {
       this.root.add(object);
-      const along = new vendor.Vector3(...object.object.direction).multiplyScalar(0.4 * run.arm.reach); // of the largest arrow
-      this.box.union(new vendor.Box3().setFromCenterAndSize(object.position, new vendor.Vector3().setScalar(0.4 * run.arm.reach))).expandByPoint(along.add(object.position));
+      const along = new vendor.Vector3(...object.object.direction).multiplyScalar(
+        0.4 * run.arm.reach,
+      ); // of the largest arrow
+      this.box
+        .union(
+          new vendor.Box3().setFromCenterAndSize(
+            object.position,
+            new vendor.Vector3().setScalar(0.4 * run.arm.reach),
+          ),
+        )
+        .expandByPoint(along.add(object.position));
     }
   }
 
@@ -139,7 +189,9 @@ export class Puppet {
 
   /** Take over the motion of a run: its paths, and the space that it needs. */
   follow(run) {
-    armsOf(run).forEach((one, k) => { Object.assign(this.arms[k], { motion: new Motion(one), lengths: {} }); });
+    armsOf(run).forEach((one, k) => {
+      Object.assign(this.arms[k], { motion: new Motion(one), lengths: {} });
+    });
     this.magnify = undefined;
     this.lead(1, (this.box = new vendor.Box3()));
   }
@@ -147,7 +199,8 @@ export class Puppet {
   /** Place all arms at a time, without what colours them. */
   pose(t, magnify) {
     for (const arm of this.arms) {
-      const { q, desired } = arm.position(t, magnify), base = arm.base(t);
+      const { q, desired } = arm.position(t, magnify),
+        base = arm.base(t);
       arm.actual.set(q, base);
       arm.desired?.set(desired, base);
     }
@@ -161,10 +214,12 @@ export class Puppet {
     const point = new vendor.Vector3();
     for (const arm of this.arms) {
       const chain = this.arms.filter((one) => one === arm || arm.mounted);
-      const times = arm.motion.time, step = Math.max(1, Math.floor(times.length / 250));
+      const times = arm.motion.time,
+        step = Math.max(1, Math.floor(times.length / 250));
       const points = Array.from(times, (t, k) => {
         for (const one of chain) one.bare.set(one.position(t, magnify).q, one.base(t));
-        for (const link of box && k % step === 0 ? [arm.bare.root, ...arm.bare.links] : []) box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
+        for (const link of box && k % step === 0 ? [arm.bare.root, ...arm.bare.links] : [])
+          box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
         const tool = new vendor.Vector3().setFromMatrixPosition(arm.bare.tool.matrixWorld);
         box?.expandByPoint(tool);
         return tool;
@@ -176,11 +231,15 @@ export class Puppet {
 
   /** Values of a quantity of all joints, arm after arm; NaN where it is not known. */
   values(name, t) {
-    return this.arms.flatMap(({ motion, arm }) => (motion[name] ? motion.at(name, t) : arm.types.map(() => NaN)));
+    return this.arms.flatMap(({ motion, arm }) =>
+      motion[name] ? motion.at(name, t) : arm.types.map(() => NaN),
+    );
   }
 
   peaks(name) {
-    return this.arms.flatMap(({ motion, arm }) => (motion[name] ? motion.peaks(name) : arm.types.map(() => 0)));
+    return this.arms.flatMap(({ motion, arm }) =>
+      motion[name] ? motion.peaks(name) : arm.types.map(() => 0),
+    );
   }
 
   show(t, quantity, magnify, peaks, forces) {
@@ -190,8 +249,14 @@ export class Puppet {
     for (const arm of this.arms) {
       arm.show(t, quantity, peaks.slice(first), forces);
       first += arm.arm.types.length;
-      arm.path.until(t, this.root.worldToLocal(new vendor.Vector3().setFromMatrixPosition(arm.actual.tool.matrixWorld)));
+      arm.path.until(
+        t,
+        this.root.worldToLocal(
+          new vendor.Vector3().setFromMatrixPosition(arm.actual.tool.matrixWorld),
+        ),
+      );
     }
-    for (const drawing of this.objects) if (this.motion[drawing.object.turn]) drawing.turn(this.motion.at(drawing.object.turn, t)[0]);
+    for (const drawing of this.objects)
+      if (this.motion[drawing.object.turn]) drawing.turn(this.motion.at(drawing.object.turn, t)[0]);
   }
 }

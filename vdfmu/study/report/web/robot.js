@@ -7,6 +7,7 @@ import { askServer, hearServer } from "./server.js";
 import { quantity, text } from "./numbers.js";
 import { Scene3D, VIEWS } from "./scene.js";
 import { Arrow } from "./world.js";
+import { vendor } from "./vendor.js";
 
 const CYCLE = 1500; // ms that any mode takes on the screen
 const SENT = 40; // ms between two poses that are sent
@@ -18,35 +19,52 @@ const own = String(Math.random());
 class RobotScene extends Scene3D {
   load(run) {
     super.load(run);
-    const [{ actual, arcs }] = this.puppets[0].arms, { reach } = this, length = 0.1 * reach;
+    const [{ actual, arcs }] = this.puppets[0].arms,
+      { reach } = this,
+      length = 0.1 * reach;
     this.chain = actual;
     this.labels?.forEach(({ span }) => span.remove());
     arcs.forEach((arc) => arc?.turned.removeFromParent());
     actual.tool.clear();
     this.bodies = [];
     actual.root.traverse((one) => one.isMesh && this.bodies.push(one));
-    Object.assign(this, { labels: [], groups: { frames: [], centres: [], ellipsoids: [], gravity: [] } });
-    const bodies = [actual.root, ...actual.links], frame = (parent, size, name, axis) => {
-      const axes = axesOf(size);
-      parent.add(axes);
-      this.groups.frames.push(axes);
-      this.label(axes, name, new vendor.Vector3().setComponent(axis, 1.25 * length)); // at tips of their own: some frames are at one place
-    };
-    bodies.forEach((body, i) => frame(body, (i ? 1 : 1.3) * length, i ? `{B_${i}}` : "{I}", i ? 2 : 0));
+    Object.assign(this, {
+      labels: [],
+      groups: { frames: [], centres: [], ellipsoids: [], gravity: [] },
+    });
+    const bodies = [actual.root, ...actual.links],
+      frame = (parent, size, name, axis) => {
+        const axes = axesOf(size);
+        parent.add(axes);
+        this.groups.frames.push(axes);
+        this.label(axes, name, new vendor.Vector3().setComponent(axis, 1.25 * length)); // at tips of their own: some frames are at one place
+      };
+    bodies.forEach((body, i) =>
+      frame(body, (i ? 1 : 1.3) * length, i ? `{B_${i}}` : "{I}", i ? 2 : 0),
+    );
     frame(actual.tool, 1.3 * length, "{O}", 1);
     for (const [body, place] of robot.centres) {
-      const ball = new vendor.Mesh(new vendor.SphereGeometry(0.014 * reach, 24, 12), solid("#be185d"));
+      const ball = new vendor.Mesh(
+        new vendor.SphereGeometry(0.014 * reach, 24, 12),
+        solid("#be185d"),
+      );
       ball.position.set(...place);
       bodies[body].add(ball);
       this.groups.centres.push(ball);
     }
-    const seen = (colour) => Object.assign(solid(colour), { transparent: true, opacity: 0.45, depthWrite: false }), before = new Set();
+    const seen = (colour) =>
+        Object.assign(solid(colour), { transparent: true, opacity: 0.45, depthWrite: false }),
+      before = new Set();
     actual.root.traverse((one) => before.add(one));
     dress(actual, { parts: robot.ellipsoids }, seen);
     actual.root.traverse((one) => !before.has(one) && this.groups.ellipsoids.push(one));
     if (!robot.weightless) {
       const pull = new Arrow(0.25 * reach);
-      pull.position.set(0.05, 0.5, 0.12).applyQuaternion(this.turn).multiplyScalar(reach).add(this.puppets[0].box.getCenter(new vendor.Vector3()));
+      pull.position
+        .set(0.05, 0.5, 0.12)
+        .applyQuaternion(this.turn)
+        .multiplyScalar(reach)
+        .add(this.puppets[0].box.getCenter(new vendor.Vector3()));
       pull.point(this.up.clone().negate(), 1);
       pull.look.color.set("#66717d");
       this.scene.add(pull);
@@ -57,7 +75,8 @@ class RobotScene extends Scene3D {
   }
 
   label(parent, name, place) {
-    const anchor = new vendor.Group(), span = make("span", { class: "name", "aria-hidden": "true" }, name);
+    const anchor = new vendor.Group(),
+      span = make("span", { class: "name", "aria-hidden": "true" }, name);
     anchor.position.copy(place);
     parent.add(anchor);
     this.host.append(span);
@@ -66,12 +85,26 @@ class RobotScene extends Scene3D {
 
   /** Show what is chosen, at a pose. */
   apply(changed = {}) {
-    this.chosen = { links: "see-through", frames: true, centres: true, ellipsoids: false, gravity: true, ...this.chosen, ...changed };
-    for (const [name, members] of Object.entries(this.groups)) for (const one of members) one.visible = this.chosen[name];
+    this.chosen = {
+      links: "see-through",
+      frames: true,
+      centres: true,
+      ellipsoids: false,
+      gravity: true,
+      ...this.chosen,
+      ...changed,
+    };
+    for (const [name, members] of Object.entries(this.groups))
+      for (const one of members) one.visible = this.chosen[name];
     const opacity = LINKS[this.chosen.links];
     for (const body of this.bodies) {
       body.visible = opacity > 0;
-      Object.assign(body.material, { transparent: opacity < 1, opacity, depthWrite: opacity === 1, needsUpdate: true });
+      Object.assign(body.material, {
+        transparent: opacity < 1,
+        opacity,
+        depthWrite: opacity === 1,
+        needsUpdate: true,
+      });
       body.castShadow = opacity === 1;
     }
     this.pose(this.q ?? this.run.arm.types.map(() => 0));
@@ -87,7 +120,9 @@ class RobotScene extends Scene3D {
     super.render();
     const { clientWidth: width, clientHeight: height } = this.host;
     for (const { parent, anchor, span } of this.labels) {
-      const { x, y } = new vendor.Vector3().setFromMatrixPosition(anchor.matrixWorld).project(this.camera);
+      const { x, y } = new vendor.Vector3()
+        .setFromMatrixPosition(anchor.matrixWorld)
+        .project(this.camera);
       span.style.visibility = parent.visible ? "visible" : "hidden";
       span.style.transform = `translate(${((x + 1) / 2) * width}px, ${((1 - y) / 2) * height}px) translate(-50%, -50%)`;
     }
@@ -96,7 +131,13 @@ class RobotScene extends Scene3D {
 
 const section = (id) => document.getElementById(id);
 const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D" });
-const state = { q: [...unpack(runs[0].frames.q)], motors: robot.motors[0], modes: [], chosen: -1, amplitude: 0.2 };
+const state = {
+  q: [...unpack(runs[0].frames.q)],
+  motors: robot.motors[0],
+  modes: [],
+  chosen: -1,
+  amplitude: 0.2,
+};
 const say = stateLine();
 let scene = null;
 
@@ -108,14 +149,37 @@ function showArm() {
     host.replaceWith(make("p", {}, `The arm cannot be drawn here: ${error.message}`));
     return;
   }
-  const part = (words, name) => toggle(words, scene.chosen[name], (on) => scene.apply({ [name]: on }), { class: "chip" });
-  const links = choice("Links", Object.keys(LINKS).map((name) => [name, name]), (name) => scene.apply({ links: name }));
+  const part = (words, name) =>
+    toggle(words, scene.chosen[name], (on) => scene.apply({ [name]: on }), { class: "chip" });
+  const links = choice(
+    "Links",
+    Object.keys(LINKS).map((name) => [name, name]),
+    (name) => scene.apply({ links: name }),
+  );
   links.querySelector("select").value = scene.chosen.links;
-  section("arm").append(make("div", { class: "bar" }, links,
-    make("div", { class: "chips", role: "group", "aria-label": "Shown" }, part("frames", "frames"), part("centres of mass", "centres"),
-      part("ellipsoids of inertia", "ellipsoids"), ...(robot.weightless ? [] : [part("gravity", "gravity")])),
-    choice("View", Object.keys(VIEWS).reverse().map((name) => [name, name]), (name) => scene.look(name)),
-    make("small", { class: "note" }, "Axes: x red, y green, z blue. Keys 1 to 4 are the views.")));
+  section("arm").append(
+    make(
+      "div",
+      { class: "bar" },
+      links,
+      make(
+        "div",
+        { class: "chips", role: "group", "aria-label": "Shown" },
+        part("frames", "frames"),
+        part("centres of mass", "centres"),
+        part("ellipsoids of inertia", "ellipsoids"),
+        ...(robot.weightless ? [] : [part("gravity", "gravity")]),
+      ),
+      choice(
+        "View",
+        Object.keys(VIEWS)
+          .reverse()
+          .map((name) => [name, name]),
+        (name) => scene.look(name),
+      ),
+      make("small", { class: "note" }, "Axes: x red, y green, z blue. Keys 1 to 4 are the views."),
+    ),
+  );
 }
 
 let sending = null;
@@ -130,15 +194,32 @@ function send() {
 
 const sliders = robot.sliders.map(({ unit, factor, low, high }, i) => {
   const output = make("output");
-  const input = make("input", { type: "range", min: low, max: high, step: 0.1, "aria-label": `Joint ${i + 1}`,
-    input: () => { state.q[i] = Number(input.value) / factor; write(); draw(); send(); } });
+  const input = make("input", {
+    type: "range",
+    min: low,
+    max: high,
+    step: 0.1,
+    "aria-label": `Joint ${i + 1}`,
+    input: () => {
+      state.q[i] = Number(input.value) / factor;
+      write();
+      draw();
+      send();
+    },
+  });
   const write = () => {
     output.textContent = `${(state.q[i] * factor).toFixed(1).replace("-", "−")} ${unit}`;
     input.setAttribute("aria-valuetext", output.textContent);
   };
-  const show = () => { input.value = state.q[i] * factor; write(); };
+  const show = () => {
+    input.value = state.q[i] * factor;
+    write();
+  };
   show();
-  return { show, element: make("div", { class: "knob" }, make("span", {}, `Joint ${i + 1}`), output, input) };
+  return {
+    show,
+    element: make("div", { class: "knob" }, make("span", {}, `Joint ${i + 1}`), output, input),
+  };
 });
 
 function pose(q) {
@@ -148,12 +229,49 @@ function pose(q) {
 }
 
 section("joints").append(
-  make("div", { class: "bar" }, make("h2", {}, "Joints"), make("button", { type: "button", click: () => { pose(robot.sliders.map(({ start, factor }) => start / factor)); send(); } }, "Back to the start")),
-  make("div", { class: "knobs" }, ...sliders.map(({ element }) => element)));
+  make(
+    "div",
+    { class: "bar" },
+    make("h2", {}, "Joints"),
+    make(
+      "button",
+      {
+        type: "button",
+        click: () => {
+          pose(robot.sliders.map(({ start, factor }) => start / factor));
+          send();
+        },
+      },
+      "Back to the start",
+    ),
+  ),
+  make("div", { class: "knobs" }, ...sliders.map(({ element }) => element)),
+);
 
-const motors = choice("Motors", robot.motors.map((name) => [name, name]), (name) => { state.motors = name; send(); });
-const table = make("div", { class: "wide" }), words = make("p", { class: "note", role: "status" });
-const amplitude = make("input", { type: "range", min: 0, max: 0.5, step: 0.01, value: state.amplitude, "aria-label": "Amplitude", input: () => { state.amplitude = Number(amplitude.value); far(); draw(); } }), reach = make("output");
+const motors = choice(
+  "Motors",
+  robot.motors.map((name) => [name, name]),
+  (name) => {
+    state.motors = name;
+    send();
+  },
+);
+const table = make("div", { class: "wide" }),
+  words = make("p", { class: "note", role: "status" });
+const amplitude = make("input", {
+    type: "range",
+    min: 0,
+    max: 0.5,
+    step: 0.01,
+    value: state.amplitude,
+    "aria-label": "Amplitude",
+    input: () => {
+      state.amplitude = Number(amplitude.value);
+      far();
+      draw();
+    },
+  }),
+  reach = make("output");
 
 function far() {
   reach.textContent = `${state.amplitude.toFixed(2)} rad or m`;
@@ -162,24 +280,93 @@ function far() {
 
 far();
 section("modes").append(
-  make("div", { class: "bar" }, make("h2", {}, "Modes"), motors), words, table,
-  make("div", { class: "knob" }, make("span", {}, "Amplitude of the link that moves most"), reach, amplitude));
+  make("div", { class: "bar" }, make("h2", {}, "Modes"), motors),
+  words,
+  table,
+  make(
+    "div",
+    { class: "knob" },
+    make("span", {}, "Amplitude of the link that moves most"),
+    reach,
+    amplitude,
+  ),
+);
 
 /** A part of a shape, as a bar and a number. */
 function bar(value) {
   const shown = Math.abs(value) < LEAST ? 0 : value;
-  return make("td", {}, make("div", { class: "level" }, make("i", { style: `width:${50 * Math.abs(shown)}%;${shown < 0 ? "right" : "left"}:50%;background:var(--${shown < 0 ? "negative" : "positive"})` })),
-    make("small", {}, text(Number(shown.toFixed(2)), 2)));
+  return make(
+    "td",
+    {},
+    make(
+      "div",
+      { class: "level" },
+      make("i", {
+        style: `width:${50 * Math.abs(shown)}%;${shown < 0 ? "right" : "left"}:50%;background:var(--${shown < 0 ? "negative" : "positive"})`,
+      }),
+    ),
+    make("small", {}, text(Number(shown.toFixed(2)), 2)),
+  );
 }
 
 function showModes() {
-  const rows = state.modes.map(({ frequency, damping, joint, share, real }, k) => make("tr", {},
-    make("th", { scope: "row" }, toggle(quantity(frequency, "Hz"), k === state.chosen, (on) => { state.chosen = on ? k : -1; showModes(); draw(); }, { class: "chip mode", "aria-label": `Mode ${k + 1}, ${quantity(frequency, "Hz")}: moves the arm` })),
-    make("td", {}, text(damping, 2)), make("td", {}, `${joint} (${(100 * share).toFixed(0)} %)`), ...real.map(bar)));
+  const rows = state.modes.map(({ frequency, damping, joint, share, real }, k) =>
+    make(
+      "tr",
+      {},
+      make(
+        "th",
+        { scope: "row" },
+        toggle(
+          quantity(frequency, "Hz"),
+          k === state.chosen,
+          (on) => {
+            state.chosen = on ? k : -1;
+            showModes();
+            draw();
+          },
+          {
+            class: "chip mode",
+            "aria-label": `Mode ${k + 1}, ${quantity(frequency, "Hz")}: moves the arm`,
+          },
+        ),
+      ),
+      make("td", {}, text(damping, 2)),
+      make("td", {}, `${joint} (${(100 * share).toFixed(0)} %)`),
+      ...real.map(bar),
+    ),
+  );
   const focus = [...table.querySelectorAll("button")].indexOf(document.activeElement);
-  table.replaceChildren(...(rows.length ? [make("table", { class: "modes" }, make("caption", {}, "At the pose of the sliders; 1, 2 and so on: how far each link moves"),
-    make("thead", {}, make("tr", {}, ...["Mode", "Damping", "Spring of"].map((head) => make("th", { scope: "col" }, head)), ...robot.sliders.map((_, i) => make("th", { scope: "col", "aria-label": `Link ${i + 1}` }, String(i + 1))))),
-    make("tbody", {}, ...rows))] : []));
+  table.replaceChildren(
+    ...(rows.length
+      ? [
+          make(
+            "table",
+            { class: "modes" },
+            make(
+              "caption",
+              {},
+              "At the pose of the sliders; 1, 2 and so on: how far each link moves",
+            ),
+            make(
+              "thead",
+              {},
+              make(
+                "tr",
+                {},
+                ...["Mode", "Damping", "Spring of"].map((head) =>
+                  make("th", { scope: "col" }, head),
+                ),
+                ...robot.sliders.map((_, i) =>
+                  make("th", { scope: "col", "aria-label": `Link ${i + 1}` }, String(i + 1)),
+                ),
+              ),
+            ),
+            make("tbody", {}, ...rows),
+          ),
+        ]
+      : []),
+  );
   table.querySelectorAll("button")[focus]?.focus();
 }
 
@@ -189,8 +376,18 @@ let moving = false;
 function draw() {
   if (!scene || moving) return;
   const tick = (now) => {
-    const mode = state.modes[state.chosen], phase = reducedMotion.matches ? 0 : (2 * Math.PI * now) / CYCLE;
-    scene.pose(mode ? state.q.map((q, i) => q + state.amplitude * (mode.real[i] * Math.cos(phase) - mode.imaginary[i] * Math.sin(phase))) : state.q);
+    const mode = state.modes[state.chosen],
+      phase = reducedMotion.matches ? 0 : (2 * Math.PI * now) / CYCLE;
+    scene.pose(
+      mode
+        ? state.q.map(
+            (q, i) =>
+              q +
+              state.amplitude *
+                (mode.real[i] * Math.cos(phase) - mode.imaginary[i] * Math.sin(phase)),
+          )
+        : state.q,
+    );
     moving = !!mode && !reducedMotion.matches;
     if (moving) requestAnimationFrame(tick);
   };
@@ -200,18 +397,21 @@ function draw() {
 
 showArm();
 draw();
-hearServer(({ q, motors: chosen, from, modes, words: why }) => {
-  if (q && from !== own) {
-    state.motors = motors.querySelector("select").value = chosen;
-    pose(q);
-  }
-  if (!modes) return;
-  state.modes = modes;
-  if (state.chosen >= modes.length) state.chosen = -1;
-  words.textContent = why;
-  showModes();
-  draw();
-}, (lost) => say(lost ? "The view has ended, or cannot be reached." : ""));
+hearServer(
+  ({ q, motors: chosen, from, modes, words: why }) => {
+    if (q && from !== own) {
+      state.motors = motors.querySelector("select").value = chosen;
+      pose(q);
+    }
+    if (!modes) return;
+    state.modes = modes;
+    if (state.chosen >= modes.length) state.chosen = -1;
+    words.textContent = why;
+    showModes();
+    draw();
+  },
+  (lost) => say(lost ? "The view has ended, or cannot be reached." : ""),
+);
 
 /** For the console and for tests. */
 globalThis.report = { scene, state };

@@ -21,4 +21,5 @@ export function hearServer(take = () => {}, lost = () => {}) {
 }
 
 /** Send a request to the server. */
-export const askServer = (request) => fetch(`${door}ask`, { method: "POST", body: JSON.stringify(request) }).catch(() => {}); // the line of the state says so
+export const askServer = (request) =>
+  fetch(`${door}ask`, { method: "POST", body: JSON.stringify(request) }).catch(() => {}); // the line of the state says so

@@ -17,7 +17,8 @@ export function remember(name, value) {
 export const whenRecalled = (listener) => fragment.listeners.push(listener);
 
 /** Address of the page as it is now. */
-export const address = () => `${location.href.split("#")[0]}${fragment.state.size ? `#${fragment.state}` : ""}`;
+export const address = () =>
+  `${location.href.split("#")[0]}${fragment.state.size ? `#${fragment.state}` : ""}`;
 
 function readFragment() {
   return new URLSearchParams(location.hash.includes("=") ? location.hash.slice(1) : "");

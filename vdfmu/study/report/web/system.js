@@ -11,9 +11,17 @@ export function showSystem(section) {
   if (!signals.size) return;
   section.hidden = false;
   if (!svg) section.querySelector("h2").textContent = "Recorded signals";
-  const wires = svg ? [...svg.querySelectorAll(".wire")].map((element) => new Wire(element, signals)).filter(({ key }) => key) : [];
+  const wires = svg
+    ? [...svg.querySelectorAll(".wire")]
+        .map((element) => new Wire(element, signals))
+        .filter(({ key }) => key)
+    : [];
   const place = make("div", { class: "grid single", "aria-live": "polite" });
-  const list = choice("Signal", [...signals.keys()].map((key) => [key, key]), (key) => show(key));
+  const list = choice(
+    "Signal",
+    [...signals.keys()].map((key) => [key, key]),
+    (key) => show(key),
+  );
   const show = (key) => {
     list.querySelector("select").value = key;
     for (const wire of wires) wire.choose(wire.key === key);
@@ -22,10 +30,27 @@ export function showSystem(section) {
   };
   for (const wire of wires) wire.listen(() => show(wire.key));
   section.append(
-    make("div", { class: "bar" }, list, ...(wires.length ? [make("small", { class: "note" }, "On the wires: the largest element at the time shown. A click on a wire shows what it carries.")] : [])),
+    make(
+      "div",
+      { class: "bar" },
+      list,
+      ...(wires.length
+        ? [
+            make(
+              "small",
+              { class: "note" },
+              "On the wires: the largest element at the time shown. A click on a wire shows what it carries.",
+            ),
+          ]
+        : []),
+    ),
     place,
   );
-  show(wires.find(({ key }) => key === "controller.tau")?.key ?? wires[0]?.key ?? [...signals.keys()][0]);
+  show(
+    wires.find(({ key }) => key === "controller.tau")?.key ??
+      wires[0]?.key ??
+      [...signals.keys()][0],
+  );
   if (wires.length) keepCurrent(svg, wires);
 }
 
@@ -33,15 +58,28 @@ export function showSystem(section) {
 function keepCurrent(svg, wires) {
   let seen = false;
   svg.setAttribute("role", "group"); // its wires are buttons
-  const update = () => { if (seen) for (const wire of wires) wire.update(); };
-  new IntersectionObserver(([entry]) => { seen = entry.isIntersecting; update(); }).observe(svg);
+  const update = () => {
+    if (seen) for (const wire of wires) wire.update();
+  };
+  new IntersectionObserver(([entry]) => {
+    seen = entry.isIntersecting;
+    update();
+  }).observe(svg);
   view.addEventListener("time", update);
-  view.addEventListener("simulated", () => { for (const wire of wires) wire.curves = null; update(); });
+  view.addEventListener("simulated", () => {
+    for (const wire of wires) wire.curves = null;
+    update();
+  });
 }
 
 class Wire {
   constructor(element, signals) {
-    Object.assign(this, { element, title: element.querySelector("title"), value: element.querySelector(".value"), curves: null });
+    Object.assign(this, {
+      element,
+      title: element.querySelector("title"),
+      value: element.querySelector(".value"),
+      curves: null,
+    });
     this.words = this.title.textContent;
     const names = [element.dataset.signal, ...element.dataset.ends.split(" ")];
     this.key = [...signals.keys()].find((key) => names.includes(signals.get(key).title));
@@ -52,7 +90,13 @@ class Wire {
     const hit = this.element.querySelector(".line").cloneNode(); // a broad line that takes clicks
     hit.setAttribute("class", "hit");
     this.element.append(hit);
-    for (const [name, value] of Object.entries({ tabindex: 0, role: "button", "aria-pressed": "false", "aria-label": this.words })) this.element.setAttribute(name, value);
+    for (const [name, value] of Object.entries({
+      tabindex: 0,
+      role: "button",
+      "aria-pressed": "false",
+      "aria-label": this.words,
+    }))
+      this.element.setAttribute(name, value);
     this.element.addEventListener("click", show);
     this.element.addEventListener("keydown", (event) => {
       if (event.key !== "Enter" && event.key !== " ") return;
@@ -71,21 +115,26 @@ class Wire {
   update() {
     this.curves ??= newest(curvesOf("signals", this.key));
     const values = this.curves.map(({ time, values: own }) => own[rowAt(time, view.time)]);
-    const place = values.reduce((most, value, k) => (Math.abs(value) > Math.abs(values[most]) ? k : most), 0);
+    const place = values.reduce(
+      (most, value, k) => (Math.abs(value) > Math.abs(values[most]) ? k : most),
+      0,
+    );
     this.value.textContent = quantity(values[place], this.unit === "1" ? "" : this.unit);
     this.title.textContent = `${this.words}; ${values.length > 1 ? "the largest, " : ""}${this.curves[place].label}, is ${this.value.textContent}`;
   }
 }
 
 function newest(curves) {
-  const shown = curves.filter(({ time }) => time.length), mine = shown.filter(({ run }) => runs[run] === simulated);
+  const shown = curves.filter(({ time }) => time.length),
+    mine = shown.filter(({ run }) => runs[run] === simulated);
   const run = (mine[0] ?? shown[0]).run;
   return shown.filter((curve) => curve.run === run);
 }
 
 /** The last row that is not later than a time. */
 function rowAt(time, t) {
-  let low = 0, high = time.length - 1;
+  let low = 0,
+    high = time.length - 1;
   while (low < high) {
     const middle = (low + high + 1) >> 1;
     if (time[middle] <= t + 1e-9) low = middle;

@@ -16,14 +16,35 @@ export class Timeline {
 
   /** Draw the errors of a run, and of the one simulated beside it, from `first` to `last` [s]. */
   draw(run, first, last) {
-    const pale = simulated.of === run && simulated.result.time.length, shown = [run, ...(pale ? [simulated] : [])].filter((one) => one.frames.error);
-    const found = shown.map(toolErrors), most = Math.max(0, ...found.map(({ values }) => largest(values)));
+    const pale = simulated.of === run && simulated.result.time.length,
+      shown = [run, ...(pale ? [simulated] : [])].filter((one) => one.frames.error);
+    const found = shown.map(toolErrors),
+      most = Math.max(0, ...found.map(({ values }) => largest(values)));
     const share = (time) => Math.min(1, Math.max(0, (time - first) / (last - first || 1)));
-    const paths = found.map(({ time, values }) => Array.from(time, (t, k) => `${(SPARK[0] * share(t)).toFixed(1)} ${(SPARK[1] * (1 - 0.96 * Math.min(1, (values[k] || 0) / (most || 1)))).toFixed(2)}`).join("L"));
+    const paths = found.map(({ time, values }) =>
+      Array.from(
+        time,
+        (t, k) =>
+          `${(SPARK[0] * share(t)).toFixed(1)} ${(SPARK[1] * (1 - 0.96 * Math.min(1, (values[k] || 0) / (most || 1)))).toFixed(2)}`,
+      ).join("L"),
+    );
     this.line.innerHTML = `<svg viewBox="0 0 ${SPARK[0]} ${SPARK[1]}" preserveAspectRatio="none">${paths.map((path, k) => (path ? `<path class="${k ? "second" : ""}" d="M${path}"/>` : "")).join("")}</svg>`;
-    const stopped = pale && simulated.result.time.at(-1) < last - 1e-9 * Math.abs(last) ? [{ time: simulated.result.time.at(-1), words: "the simulated run stopped", bad: true }] : [];
-    this.marks.replaceChildren(...[...(run.marks ?? []), ...contacts(run), ...stopped].map(({ time, words, bad }) =>
-      make("button", { type: "button", class: bad ? "bad" : "", style: `left:${100 * share(time)}%`, title: `${words}, ${quantity(time, "s")}`, "aria-label": `Go to ${quantity(time, "s")}: ${words}`, click: () => view.change("time", time) })));
+    const stopped =
+      pale && simulated.result.time.at(-1) < last - 1e-9 * Math.abs(last)
+        ? [{ time: simulated.result.time.at(-1), words: "the simulated run stopped", bad: true }]
+        : [];
+    this.marks.replaceChildren(
+      ...[...(run.marks ?? []), ...contacts(run), ...stopped].map(({ time, words, bad }) =>
+        make("button", {
+          type: "button",
+          class: bad ? "bad" : "",
+          style: `left:${100 * share(time)}%`,
+          title: `${words}, ${quantity(time, "s")}`,
+          "aria-label": `Go to ${quantity(time, "s")}: ${words}`,
+          click: () => view.change("time", time),
+        }),
+      ),
+    );
   }
 }
 
@@ -31,6 +52,7 @@ export class Timeline {
 function contacts(run) {
   const figure = run.figures.find(({ title }) => /contact/i.test(title));
   if (!figure) return [];
-  const { time, values } = rowsOf(figure), rows = [...time.keys()].filter((k) => values.some((curve) => Math.abs(curve[k]) > 0));
+  const { time, values } = rowsOf(figure),
+    rows = [...time.keys()].filter((k) => values.some((curve) => Math.abs(curve[k]) > 0));
   return rows.length ? [{ time: time[rows[0]], words: "first contact" }] : [];
 }

@@ -3,4 +3,7 @@
 import { study } from "./data.js";
 import { showLab } from "./lab.js";
 
-globalThis.report = { ...globalThis.report, lab: showLab(document.getElementById("lab"), study, globalThis.report?.simulation ?? null) };
+globalThis.report = {
+  ...globalThis.report,
+  lab: showLab(document.getElementById("lab"), study, globalThis.report?.simulation ?? null),
+};

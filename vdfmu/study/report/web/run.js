@@ -16,10 +16,24 @@ import { SimulationWorker, difference } from "./worker.js";
 const section = (id) => document.getElementById(id);
 view.time = view.full()[0];
 const places = [...runs.keys()].filter((k) => runs[k].arm && runs[k].frames.error);
-const more = places.length ? [{
-  key: "tool", title: "Error of the end effector", unit: "mm",
-  curves: () => places.map((k) => ({ label: "distance", joint: 0, colour: 0, dashed: false, run: k, ...toolErrors(runs[k]) })),
-}] : [];
+const more = places.length
+  ? [
+      {
+        key: "tool",
+        title: "Error of the end effector",
+        unit: "mm",
+        curves: () =>
+          places.map((k) => ({
+            label: "distance",
+            joint: 0,
+            colour: 0,
+            dashed: false,
+            run: k,
+            ...toolErrors(runs[k]),
+          })),
+      },
+    ]
+  : [];
 const player = recorded.some((run) => run.arm) ? new Player(section("arm")) : null;
 const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
@@ -27,14 +41,16 @@ showSystem(section("system"));
 showComparison(section("comparison"));
 const follows = followRun(player);
 
-const title = document.querySelector("h1"), top = make("div", { class: "title" });
+const title = document.querySelector("h1"),
+  top = make("div", { class: "title" });
 title.replaceWith(top);
 top.append(title, shareButtons(simulation));
 player?.tools?.prepend(...pictureButtons(player));
 
 /** Show the time, and the figure, that the address has. */
 function recall() {
-  const [first, last] = view.full(), time = Number(recalled("t") ?? NaN);
+  const [first, last] = view.full(),
+    time = Number(recalled("t") ?? NaN);
   view.change("time", Number.isFinite(time) ? Math.min(Math.max(time, first), last) : first);
   if (recalled("figure")) follow({ dataset: { figure: recalled("figure") } }, charts);
 }
@@ -44,10 +60,28 @@ for (const tile of document.querySelectorAll(".tile")) {
     remember("figure", tile.dataset.figure);
   });
 }
-view.addEventListener("time", () => { if (!player?.playing && !follows()) remember("t", view.time === view.full()[0] ? null : Number(view.time.toPrecision(6))); });
+view.addEventListener("time", () => {
+  if (!player?.playing && !follows())
+    remember("t", view.time === view.full()[0] ? null : Number(view.time.toPrecision(6)));
+});
 whenRecalled(recall);
 if (recalled("t") || recalled("figure")) recall();
 
 /** For the console and for tests; what is around the page hears when it is there. */
-globalThis.report = { binaries, charts, curvesOf, difference, differences, player, quantity, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
+globalThis.report = {
+  binaries,
+  charts,
+  curvesOf,
+  difference,
+  differences,
+  player,
+  quantity,
+  runs,
+  simulation,
+  view,
+  Chain,
+  Motion,
+  SimulationWorker,
+  toolErrors,
+};
 dispatchEvent(new Event("report"));
