@@ -10,11 +10,13 @@ import zipfile
 
 import fmpy
 import pytest
+from click.testing import CliRunner
 
 from tests.conftest import TYPICAL
 from tests.engine.files import edited
 from tests.warm import command
 from vdfmu.base.files import data_path
+from vdfmu.cli.commands import app
 
 
 def vdfmu(*arguments, cwd, **options):
@@ -77,6 +79,22 @@ def test_build_does_what_its_words_say(tmp_path, words, files, starts):
     variables = fmpy.read_model_description(str(tmp_path / "fmus" / "Plant.fmu")).modelVariables
     of_plant = {v.name: v.start for v in variables}
     assert (of_plant.get("payload_mass"), of_plant.get("gravity[1]")) == starts
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("words", "said"), [
+    (("linear", "--at", "0"), "Stable with a modulus margin"),
+    (("judge", "--stop", "0.3", "--wanted", "60", "--master", "extrapolated"), "Right to 21 %"),
+    (("sweep", "--vary", "plant.payload_mass=0,1", "--stop", "0.01", "--measure", "m=peak(plant.q)"), "2 points"),
+    (("ssp",), "Written to planar_2dof_reach.ssp"),
+    (("scenario", "motion"), "2.5 s at 1001 times"),
+])  # fmt: skip
+def test_commands_that_take_a_scenario_take_reach_with_a_payload(tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    load = () if words[0] in ("sweep", "scenario") else ("--set", "plant.payload_mass=0.5")
+    at = 2 if words[0] == "scenario" else 1
+    done = CliRunner().invoke(app, [*words[:at], "reach", "--robot", "planar_2dof", *words[at:], *load])
+    assert done.exit_code == 0 and said in done.output, done.output
 
 
 def test_a_unit_is_built_before_a_scenario_of_its_name(tmp_path):

@@ -48,6 +48,7 @@ def test_what_is_right_has_no_problems(path, kind):
     ("x.toml", SYSTEM + '"plant.q" = ["controller.q", "controller.q"]\n', "system",
      "x.toml: connections: controller.q: expected one output that feeds it, got plant.q and plant.q."),
     ("x.py", UNIT + "    def outputs(self) -> None:\n        self.y = self.v\n", "unit", "x.py, line 9"),
+    ("x.toml", SCENARIO + '[joints]\ndrive = "none.py"\n', "scenario", "none.py"),  # the joints of a robot are a list
     ("x.py", UNIT, "unit", "y"),
 ])  # fmt: skip
 def test_what_is_wrong_is_named(tmp_path, name, text, kind, problem):

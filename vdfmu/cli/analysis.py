@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
@@ -241,13 +241,15 @@ def _margins(
 
 
 def judge(
-    system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO")],
+    system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO",
+        names=known_scenarios)],
+    robot: RobotOption = None,
     wanted: Annotated[float, Option("Largest error wanted, in % of a signal's peak.", metavar="PERCENT",
         more="Default 1.")] = 1.0,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
     master: Annotated[str | None, master_option] = None,
-    settings: Annotated[Mapping[str, Any] | None, settings_option] = None,
+    settings: Annotated[dict[str, str] | None, settings_option] = None,
     meant: Annotated[str | None, Option("Meaning of discrete outputs without a period.",
         choices=("sampled", "continuous"),
         more="Sampled components keep the step as their period. By default both readings are printed.")] = None,
@@ -260,9 +262,12 @@ def judge(
     """
     from vdfmu.study.connected import load as load_system
 
-    judged = load_system(system).judge(
-        wanted / 100.0, stop=stop, step=step, values=settings, algorithm=master, meant=meant
-    )
+    if system.lower().endswith((".ssp", ".fmu")):
+        refuse({"--robot": robot}, "is for a scenario")
+        judging = load_system(system)
+    else:
+        judging = load_system(load(system, robot, settings))
+    judged = judging.judge(wanted / 100.0, stop=stop, step=step, values=settings, algorithm=master, meant=meant)
     if as_json:
         say_json(judged.to_dict())
     else:

@@ -136,7 +136,7 @@ def reach(
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
-    from vdfmu.study.analysis.reach import write_reach
+    from vdfmu.study.analysis.reach_file import write_reach
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     found = write_reach(robot, target)

@@ -38,8 +38,11 @@ def list_scenarios(as_json: JsonOption = False) -> None:
 @app.command("show", example="vdfmu scenario show tracking")
 def show_scenario(name: Annotated[str, Positional("Scenario, or its TOML file.", names=known_scenarios)]) -> None:
     """Show the file of a scenario."""
+    from vdfmu.base.errors import UsageError
     from vdfmu.base.toml_file import locate, read_toml
 
+    if name == "reach":
+        raise UsageError("reach: is made for a robot. 'vdfmu robot reach ROBOT' writes its file.")
     read_toml(path := locate(name, "scenarios"))
     say(path.read_text(encoding="utf-8"))
 
@@ -65,20 +68,22 @@ def motion(
     from vdfmu.base.toml_file import locate, read_toml
 
     place: str | Path | None = robot
-    path = Path(file) if file.lower().endswith(".csv") else locate(file, "scenarios")
+    made = file == "reach" and not Path(file).exists()
+    path = Path(file) if made or file.lower().endswith(".csv") else locate(file, "scenarios")
     content = read_toml(path) if path.suffix.lower() == ".toml" else {}
     if robot is None and isinstance(named := content.get("robot"), str):
         place = locate(named, "robots", path.parent)
-    if place is None:
+    if place is None and not made:
         raise UsageError(f"{file}: expected a robot, named in the file or by --robot.")
     target = None if out is None else target_file(out, out.name, overwrite)
-    arm = load_robot(place)
+    scenario = load(file, robot) if made or ("stop" in content and "motion" not in content) else None
+    arm = load_robot(place or "") if scenario is None else scenario.arm
     pieces, closed = "at 1001 times", False
-    if "stop" in content and "motion" not in content:
+    if scenario is not None:
         from vdfmu.study.analysis.modes import desired_motion
 
         names = ["q_d", *(f"q_d_{'d' * k}ot" for k in range(1, 5))]
-        t, q = desired_motion(load(file, robot), names, 1001)
+        t, q = desired_motion(scenario, names, 1001)
         peaks = np.abs(q[1:]).max(axis=1)
     else:
         found = load_motion(path, arm)

@@ -15,7 +15,7 @@ from vdfmu.engine.linear.growth import Growth
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import grown, margins_along, run_along, told
-from vdfmu.study.analysis.reach import write_reach
+from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
 from vdfmu.study.run.scenario_run import prepare
