@@ -66,10 +66,10 @@ LOADED = ("--robot", "planar_2dof", "--set")
     ("words", "files", "starts"),
     [
         (("Plant", *LOADED, "payload_mass=2", "--set", "gravity[1]=3"), ["Plant"], ("2.0", "3.0")),
-        (("plant", "--robot", "planar_2dof", "--no-folded"), ["Plant"], ("0.0", "0.0")),
-        (("--robot", "planar_2dof"), SYSTEM, (None, None)),
+        (("plant", "--robot", "planar_2dof"), ["Plant"], ("0.0", "0.0")),
+        (("--robot", "planar_2dof", "--folded"), SYSTEM, (None, None)),
         (("reach", *LOADED, "plant.payload_mass=2", "--set", "plant.gravity[1]=3"), SYSTEM, ("2.0", "3.0")),
-        (("planar_tracking", "--no-folded"), SYSTEM, ("0.0", "0.0")),
+        (("planar_tracking",), SYSTEM, ("0.0", "0.0")),
     ],
 )  # fmt: skip
 def test_build_does_what_its_words_say(tmp_path, words, files, starts):
@@ -79,6 +79,10 @@ def test_build_does_what_its_words_say(tmp_path, words, files, starts):
     variables = fmpy.read_model_description(str(tmp_path / "fmus" / "Plant.fmu")).modelVariables
     of_plant = {v.name: v.start for v in variables}
     assert (of_plant.get("payload_mass"), of_plant.get("gravity[1]")) == starts
+    with zipfile.ZipFile(tmp_path / "fmus" / "Plant.fmu") as archive:
+        (folded,) = re.findall("<Folded xmlns=.*>(.*)</Folded>", archive.read("modelDescription.xml").decode())
+    assert ("gravity[1]" in folded.split()) == (starts[1] is None)
+    assert {"rotation", "tool_rotation", "offset[1,1]"} < {*folded.split()} - of_plant.keys()
 
 
 @pytest.mark.heavy

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,6 +38,8 @@ from vdfmu.study.options import RobotOptions
 if TYPE_CHECKING:
     from vdfmu.system.scenario import Scenario
 
+FoldedOption = Annotated[bool, Option("Fix zeros of gravity, centres of mass and tool.",
+    more="The fastest form. By default they are parameters, as is a payload.")]  # fmt: skip
 _SCHEMAS = ("robot", "scenario", "system")
 
 
@@ -61,7 +62,7 @@ def build(
     step: Annotated[float | None, Option("Step of eFMI code or the container in s.",
         more="Default: the scenario's, or 0.001.")] = None,
     settings: SetOption = None,
-    folded: Annotated[bool, Option("Fix zeros of gravity, centres of mass and tool.", more="The fastest form.")] = True,
+    folded: FoldedOption = False,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
     """Build the FMU of a unit, or the FMUs of a scenario.
@@ -74,7 +75,7 @@ def build(
                     "--no-sources": not sources, "--target": target == "efmi"}  # fmt: skip
         refuse(of_units, "does not go with --container")
         return say_written(_container(scenario, robot, out, step, settings, folded, overwrite))
-    chosen = None if _is_unit(scenario) else load(scenario, robot, settings)
+    chosen = None if _is_unit(scenario) else _load(scenario, robot, settings, folded)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
     from vdfmu.arm.units import find_unit
@@ -100,7 +101,6 @@ def build(
         else:
             if step is not None:
                 chosen = prepare(chosen, step=step)
-            chosen = chosen if folded else _unfolded(chosen)
             built = build_parts(chosen, out, _values(chosen, backend, settings), **asked)
             say_notes(left_out(chosen, target))
     say_written(*dict.fromkeys(built.values()))
@@ -130,8 +130,12 @@ def _values(scenario: Scenario, backend: str | None, settings: Mapping[str, str]
     return system_values(scenario, given)
 
 
-def _unfolded(scenario: Scenario) -> Scenario:
-    return scenario if scenario.robot is None else replace(scenario, robot=scenario.robot.unfolded())
+def _load(name: str, robot: str | None, settings: Mapping[str, str] | None, folded: bool) -> Scenario:
+    """Load a scenario for FMUs that leave this machine."""
+    loaded = load(name, robot, settings)
+    from vdfmu.system.scenario.replace import unfolded
+
+    return loaded if folded else unfolded(loaded)
 
 
 def _container(
@@ -145,13 +149,13 @@ def _container(
 
         with replacing_foreign(overwrite):
             return load_system(system).container(out or Path(f"{Path(system).stem}.fmu"), step)
-    chosen = load(system, robot, settings)
+    chosen = _load(system, robot, settings, folded)
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.container import write_container
     from vdfmu.study.run.scenario_run import prepare
     from vdfmu.system.package.write import cached_fmus, write_ssp
 
-    chosen = prepare(chosen if folded else _unfolded(chosen), step=step)
+    chosen = prepare(chosen, step=step)
     values = _values(chosen, "native", settings)
     path = out or Path(f"{chosen.name}.fmu")
     with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
@@ -172,6 +176,7 @@ def ssp(
         more="It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.")] = False,
     backend: BackendOption = None,
     settings: SetOption = None,
+    folded: FoldedOption = False,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
     """Pack the system of a scenario as an SSP.
@@ -179,7 +184,7 @@ def ssp(
     FMUs and parameters are inside. The FMUs have the scenario's values as start values too, for importers that do not
     apply all parameter sets.
     """
-    chosen = load(scenario, robot, settings)
+    chosen = _load(scenario, robot, settings, folded)
     from vdfmu.base.files import temporary_folder
     from vdfmu.system.package.write import build_parts, fmi_of_format, write_ssp
     from vdfmu.system.scenario.values import system_values
