@@ -47,10 +47,10 @@ class Described(click.Command):
     """Command of the same name for files."""
 
     def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
-        given = settings.get("params", ())
+        params = settings.get("params", ())
         settings["params"] = [
-            *given,
-            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in given) else []),
+            *params,
+            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in params) else []),
             parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
@@ -95,8 +95,8 @@ class FunctionCommand(Described):
     """A command: its options are declared by its function."""
 
     def __init__(self, name: str | None, *, callback: Callable[..., Any], example: str, **settings: Any) -> None:
-        known = {"help": inspect.getdoc(callback), **settings, "params": parameters_of(callback)}
-        super().__init__(name, callback=callback, example=example, **known)
+        attributes = {"help": inspect.getdoc(callback), **settings, "params": parameters_of(callback)}
+        super().__init__(name, callback=callback, example=example, **attributes)
 
 
 class App(Described, click.Group):
@@ -125,8 +125,10 @@ class App(Described, click.Group):
         if command is not None and of_files is not None:
             options = [each for each in (*command.params, *of_files.params) if isinstance(each, click.Option)]
             takes = {word for each in options if not each.is_flag for word in each.opts}
-            own = {w for each in of_files.params for w in each.opts} - {w for each in command.params for w in each.opts}
-            if not own.isdisjoint(word.partition("=")[0] for word in rest) or any(
+            added = {w for each in of_files.params for w in each.opts} - {
+                w for each in command.params for w in each.opts
+            }
+            if not added.isdisjoint(word.partition("=")[0] for word in rest) or any(
                 _FMUS.fullmatch(word) and before not in takes for before, word in pairwise(["", *rest])
             ):
                 command = of_files
@@ -158,8 +160,8 @@ class App(Described, click.Group):
 def _usage(error: Any, words: Sequence[str]) -> str:
     """Return the message of wrong usage, with the way out."""
     if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
-        known = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
-        close = [known[word] for word in get_close_matches(error.option_name.lstrip("-"), known)]
+        spelled = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
+        close = [spelled[word] for word in get_close_matches(error.option_name.lstrip("-"), spelled)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")
     # an option without its value has no context of its command

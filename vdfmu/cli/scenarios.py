@@ -86,11 +86,11 @@ def motion(
         t, q = desired_motion(scenario, names, 1001)
         peaks = np.abs(q[1:]).max(axis=1)
     else:
-        found = load_motion(path, arm)
-        t = np.linspace(0.0, found.duration, 1001)
-        q, peaks, closed = found.at(t), found.peaks, found.closed
-        pieces = f"in {len(found.knots) - 1} pieces"
-        say_notes(found.notes)
+        course = load_motion(path, arm)
+        t = np.linspace(0.0, course.duration, 1001)
+        q, peaks, closed = course.at(t), course.peaks, course.closed
+        pieces = f"in {len(course.knots) - 1} pieces"
+        say_notes(course.notes)
     tau = np.abs(inverse_dynamics(arm, q[0], q[1], q[2])).max(axis=0)
     headings = ("from", "to", "speed", "acceleration", "jerk", "snap", "torque")
     rows = [(q[0, 0, j], q[0, -1, j], *peaks[:, j], tau[j]) for j in range(arm.n)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Results
 from vdfmu.study.analysis.modes import natural_modes
+from vdfmu.study.run.scene import joints_of
 from vdfmu.study.run.summary import ArmLimits, has_signals
 from vdfmu.system.reference.reference import BLOCK
 
@@ -34,17 +35,19 @@ _SMALL = 0.1
 
 
 def key_figures(
-    results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot, touch: str = ""
-) -> dict[str, Any]:
+    results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot, touch: str = "",
+    objects: Iterable[Mapping[str, Any]] = (),
+) -> dict[str, Any]:  # fmt: skip
     """Return the largest errors and torque of a run of an arm, and the lowest mode of its links.
 
     With `limits` of the arms, the torque is of the joint with the largest share of its limit. `plant` is the robot of
     the plant, with its modes; a tool error needs the geometry of `robot`. `touch` is the signal of the wrench at the
-    tool, if it is the output of another component.
+    tool, if it is the output of another component. `objects` are those of the scene.
 
     Keys: ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``mode``
     [Hz], with the motors held; ``path``, the error of tool or joint that is worst for the ``size`` of its motion;
-    ``contact``, the largest force at the tool [N], and its begin. Numbers without signals are left out.
+    ``contact``, the largest force at the tool [N], and its begin; ``depth``, the largest length that an object shows
+    of a contact [m]. Numbers without signals are left out.
     """
     figures: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
@@ -59,23 +62,47 @@ def key_figures(
             away = np.linalg.norm(place - first, axis=1)
             peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - part["plant.q"])), tool_errors(robot, part)]))
             reached.add(part.time, np.column_stack([scale * q_d, -scale * q_d, away]))
-        known = same_frames(robot, plant)
+        comparable = same_frames(robot, plant)
         figures["joint_error"] = peaks.worst([unit.position for unit in units])
-        if known:
+        if comparable:
             figures["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
         sizes = reached.most[: robot.n] + reached.most[robot.n : -1]
-        figures["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if known else math.inf)
+        figures["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if comparable else math.inf)
     if touch and has_signals(results, touch):
         force = np.linalg.norm(results[touch][:, :3], axis=1)
         if force.any():
             begin = float(results.time[np.flatnonzero(force)[0]])
             figures["contact"] = {"value": float(force.max()), "unit": "N", "at_s": begin}
+    for name in (name for each in objects for name in each["forces"] if name in results and results.units[name] == "m"):
+        row = int(results[name].argmax())
+        deepest = {"value": float(results[name][row]), "unit": "m", "place": name, "at_s": float(results.time[row])}
+        figures["depth"] = max(deepest, figures.get("depth", deepest), key=lambda each: each["value"])
     if has_signals(results, "controller.tau"):
         arm = next((each for each in limits if each.plant == "plant"), None)
         figures["torque"] = _torque(results, robot, arm)
     modes = list(_modes(results, plant)) if has_signals(results, "plant.q") else []
     if modes:
         figures["mode"] = dict(zip(("value", "at_s"), min(modes), strict=True))
+    return figures
+
+
+def cut_figures(results: Results) -> dict[str, Any]:
+    """Return the largest virtual power flow, and torque or force about an axis, at the cutting points of joints."""
+    names, figures = joints_of(results), dict[str, Any]()
+    for key, units, signals in (
+        ("power", ("W",), [f"{name}.P_B" for name in names]),
+        ("cut", ("N.m", "N"), [f"{name}.F_B[{6 if results.units.get(f'{name}.q') == 'rad' else 3}]" for name in names]),
+    ):
+        largest = [
+            (float(size[row]), -k, float(results.time[row]), signal)
+            for k, signal in enumerate(signals, 1)
+            if signal in results and results.units[signal] in units
+            for size in [np.abs(results[signal])]
+            for row in [int(size.argmax())]
+        ]
+        if largest:
+            value, joint, at, signal = max(largest)
+            figures[key] = {"value": value, "unit": results.units[signal], "joint": -joint, "at_s": at}
     return figures
 
 
@@ -112,7 +139,7 @@ class _Peaks:
         comparable = [unit == units[0] for unit in units]
         share = self.most[: len(units)] * comparable if limit is None else self.most[: len(units)] / limit
         i = int(share.argmax())
-        more = {} if limit is None else {"limit": float(limit[i])}
+        more = {} if limit is None else {"limit": float(limit[i]), "limits": limit.tolist()}
         return {"value": float(self.most[i]), "unit": units[i], "joint": i + 1, "at_s": float(self.at[i])} | more
 
 
@@ -144,14 +171,14 @@ def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, 
     """Return the largest torque that a motor gave, link-side."""
     limit = None
     if arm is not None:
-        least = np.minimum(arm.tau_max, arm.given(np.full(robot.n, NO_LIMIT), np.zeros(robot.n)))
+        least = np.minimum(arm.tau_max, arm.delivered(np.full(robot.n, NO_LIMIT), np.zeros(robot.n)))
         limit = robot.ell * np.where(least < NO_LIMIT, least, np.inf)
         limit = limit if np.isfinite(limit).any() else None
     peaks = _Peaks(robot.n)
     for part in results.blocks(BLOCK):
         tau = part["controller.tau"]
         if arm is not None and "plant.kappa_dot[1]" in results:
-            tau = arm.given(np.clip(tau, -arm.tau_max, arm.tau_max), part["plant.kappa_dot"])
+            tau = arm.delivered(np.clip(tau, -arm.tau_max, arm.tau_max), part["plant.kappa_dot"])
         peaks.add(part.time, np.abs(robot.ell * tau))
     return peaks.worst([JOINT_UNITS[kind].torque for kind in robot.joint_types], limit)
 
