@@ -9,6 +9,7 @@ import tomllib
 import zipfile
 
 import fmpy
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -128,9 +129,11 @@ def test_build_ssp_check_models_work_together(tmp_path):
         "run", "planar_tracking", "--no-reference", "--stop", "0.2", "--set", "controller.K_p=900", cwd=tmp_path
     )
     assert ran.returncode == 0, ran.stderr
-    ours, theirs = tmp_path / "results" / "planar_ssp", tmp_path / "results" / "planar_tracking"
-    assert (ours / "results.csv").read_text() == (theirs / "results.csv").read_text()
-    assert (ours / "results.csv").exists()
+    ours, theirs = (tmp_path / "results" / name for name in ("planar_ssp", "planar_tracking"))
+    kept, other = ((folder / "results.csv").read_text().splitlines() for folder in (ours, theirs))
+    assert kept[:2] == other[:2]
+    # equal numbers: zeros of the robot are parameters in the package, and may change the sign of a zero
+    np.testing.assert_array_equal(*(np.loadtxt(rows[2:], delimiter=",") for rows in (kept, other)))
     summary = json.loads((ours / "summary.json").read_text())
     assert (summary["package"], summary["steps"]) == ("planar.ssp", 200)
     assert summary["settings"] == {"controller.K_p": "900"}
@@ -153,7 +156,7 @@ def test_build_ssp_check_models_work_together(tmp_path):
     # the next one that fails takes its place, with the page
     assert vdfmu("run", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path).returncode == 1
     assert sorted(path.name for path in ours.iterdir() if path.is_dir()) == ["partial"]
-    assert (ours / "results.csv").read_text() == (theirs / "results.csv").read_text()
+    assert (ours / "results.csv").read_text().splitlines() == kept
 
 
 @pytest.mark.heavy
