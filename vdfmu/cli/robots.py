@@ -86,7 +86,10 @@ def import_file(
     out: Annotated[Path | None, Option("Robot file to write (default FILE.toml).")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:  # fmt: skip
-    """Write a robot file from a URDF or a MuJoCo file. The file names the source of each number."""
+    """Write a robot file from a URDF or a MuJoCo file.
+
+    The file names the source of each number.
+    """
     from vdfmu.arm.imports import import_robot
     from vdfmu.arm.robot import joint_free
     from vdfmu.base.files import write_whole
