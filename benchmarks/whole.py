@@ -80,25 +80,26 @@ def _commands(report: Report, folder: Path, scenario: str, rounds: int) -> None:
     def new() -> list[str]:
         return ["--set", f"controller.K_p[1]={1000.0 + time.time() % 1000.0!r}"]  # no solution of it is kept
 
-    out = ["--out", str(folder / "out")]
     commands: dict[str, Callable[[], list[str]]] = {
-        "vdfmu run, without references": lambda: ["run", scenario, "--no-reference", *out],
-        "vdfmu run, references kept": lambda: ["run", scenario, *out],
-        "vdfmu run, references kept, Parquet": lambda: ["run", scenario, "--format", "parquet", *out],
-        "vdfmu run, references solved": lambda: ["run", scenario, *new(), *out],
-        "vdfmu run system.ssp": lambda: ["run", str(folder / "run" / "system.ssp"), *out],
+        "vdfmu run, without references": lambda: ["run", scenario, "--no-reference"],
+        "vdfmu run, references kept": lambda: ["run", scenario],
+        "vdfmu run, references kept, Parquet": lambda: ["run", scenario, "--format", "parquet"],
+        "vdfmu run, references solved": lambda: ["run", scenario, *new()],
+        "vdfmu run system.ssp": lambda: ["run", str(folder / "run" / "system.ssp")],
         "vdfmu --help": lambda: ["--help"],
         f"vdfmu run {_UNKNOWN}": lambda: ["run", _UNKNOWN],
         "vdfmu check Plant.fmu": lambda: ["check", str(folder / "fmus" / "Plant.fmu")],
     }
     if scenario == "tracking":
-        command("run", "two_joint", *out)
-        commands["vdfmu run two_joint, references solved"] = lambda: ["run", "two_joint", *new(), *out]
-        commands["vdfmu run two_joint, references kept"] = lambda: ["run", "two_joint", *out]
+        command("run", "two_joint", "--out", str(folder / "run two_joint"))
+        commands["vdfmu run two_joint, references solved"] = lambda: ["run", "two_joint", *new()]
+        commands["vdfmu run two_joint, references kept"] = lambda: ["run", "two_joint"]
     best = dict.fromkeys(commands, float("inf"))
     for _ in range(rounds):
-        for name, arguments in commands.items():
-            best[name] = min(best[name], command(*arguments()))
+        for k, (name, arguments) in enumerate(commands.items()):
+            words = arguments()
+            out = ["--out", str(folder / str(k))] if words[0] == "run" else []
+            best[name] = min(best[name], command(*words, *out))
     table = Table("commands", f"Processor time of commands, {scenario}", [("command", ""), ("time [s]", ".2f")])
     for name, seconds in best.items():
         table.add(name, seconds)
