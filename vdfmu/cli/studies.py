@@ -127,9 +127,9 @@ def _say_answer(study: Any) -> None:
     """Print the answer of a study: its first sentence as a verdict, then the others."""
     from vdfmu.study.report.sheets import state_text
 
-    first, *others = study.answer.sentences
+    first, *rest = study.answer.sentences
     console.print(state_text(study.answer.state, first), soft_wrap=True)
-    tell(*others)
+    tell(*rest)
 
 
 def tune(

@@ -45,17 +45,17 @@ def answer(names: Sequence[str], runs: Sequence[ShownRun]) -> str:
     summaries = [run.summary for run in runs]
     wins: dict[str, list[str]] = {}
     for key, (words, sign) in _BETTER.items():
-        known = {
+        figures_by_run = {
             name: figures[key] for name, s in zip(names, summaries, strict=True)
             if key in (figures := s.get("key_figures") or {}) and state_of(s) != FAILED
         }  # fmt: skip
-        if not sign or len(known) < 2 or len({figure.get("unit") for figure in known.values()}) > 1:
+        if not sign or len(figures_by_run) < 2 or len({figure.get("unit") for figure in figures_by_run.values()}) > 1:
             continue
-        *_, second, best = sorted(known, key=lambda name: sign * known[name]["value"])
-        changed = change(known[second]["value"], known[best]["value"])
-        if changed in ("none", "< 0.1 %") or known[best]["value"] == known[second]["value"]:
+        *_, second, best = sorted(figures_by_run, key=lambda name: sign * figures_by_run[name]["value"])
+        changed = change(figures_by_run[second]["value"], figures_by_run[best]["value"])
+        if changed in ("none", "< 0.1 %") or figures_by_run[best]["value"] == figures_by_run[second]["value"]:
             continue
-        against = f"{value_of(key, known[best])} instead of {value_of(key, known[second])}"
+        against = f"{value_of(key, figures_by_run[best])} instead of {value_of(key, figures_by_run[second])}"
         wins.setdefault(best, []).append(f"{words} ({', '.join(filter(None, (against, changed)))})")
     failed = [name for name, s in zip(names, summaries, strict=True) if state_of(s) == FAILED]
     than = "better" if len(names) == 2 else "best"
@@ -72,8 +72,8 @@ def answer(names: Sequence[str], runs: Sequence[ShownRun]) -> str:
 
 
 def _listed(texts: Sequence[str]) -> str:
-    *others, last = texts
-    return f"{', '.join(others)} and {last}" if others else last
+    *front, last = texts
+    return f"{', '.join(front)} and {last}" if front else last
 
 
 def figure_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> Sheet | None:
@@ -81,10 +81,10 @@ def figure_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> Sheet | 
     every: list[Summary] = [summary.get("key_figures") or {} for summary in summaries]
     rows: list[tuple[str, ...]] = []
     for key, (words, _) in _BETTER.items():
-        known = [figures.get(key) for figures in every]
-        if sum(figure is not None for figure in known) > 1:
-            cells = [value_of(key, figure) if figure else _MISSING for figure in known]
-            pair = [figure and figure["value"] for figure in known]
+        figures_by_run = [figures.get(key) for figures in every]
+        if sum(figure is not None for figure in figures_by_run) > 1:
+            cells = [value_of(key, figure) if figure else _MISSING for figure in figures_by_run]
+            pair = [figure and figure["value"] for figure in figures_by_run]
             rows.append((words.capitalize(), *cells, *([change(*pair)] if len(pair) == 2 else [])))
     columns = ("Key figure", *names, *(["change"] if len(names) == 2 else []))
     return Sheet("What they do", columns, rows, []) if rows else None

@@ -109,11 +109,11 @@ def _best(study: StudyTable, values: Floats) -> str:
 
 
 def _spread(study: StudyTable, values: Floats) -> str:
-    (name, unit), worst, known = _named(study), study.row("worst"), values[np.isfinite(values)]
+    (name, unit), worst, finite = _named(study), study.row("worst"), values[np.isfinite(values)]
     return (
-        f"{name} is {quantity(float(np.median(known)), unit)} in the median, at most "
-        f"{quantity(float(np.quantile(known, 0.95)), unit)} in 95 % of the points, and "
-        f"{quantity(float(known.max()), unit)} at worst, {place_of(study, worst)} (point {worst['point']})."
+        f"{name} is {quantity(float(np.median(finite)), unit)} in the median, at most "
+        f"{quantity(float(np.quantile(finite, 0.95)), unit)} in 95 % of the points, and "
+        f"{quantity(float(finite.max()), unit)} at worst, {place_of(study, worst)} (point {worst['point']})."
     )
 
 
@@ -185,12 +185,12 @@ def _ranking(study: StudyTable, values: Floats) -> str:
     points, allowed = study["point"], np.isfinite(values)
     if study.search:
         allowed &= ~np.isin(points, [*study.search.infeasible])
-    known = np.sort(values[allowed])
-    if len(known) < 2:
+    finite = np.sort(values[allowed])
+    if len(finite) < 2:
         return ""
-    gap = (known[1] - known[0]) / abs(known[0]) if known[0] else np.inf
+    gap = (finite[1] - finite[0]) / abs(finite[0]) if finite[0] else np.inf
     second = points[allowed][np.argsort(values[allowed], kind="stable")[1]]
-    if tied := int(np.sum(known[1:] - known[0] <= _TIE * abs(known[0]))):
+    if tied := int(np.sum(finite[1:] - finite[0] <= _TIE * abs(finite[0]))):
         return f"{tied} other point{' ties' if tied == 1 else 's tie'} with it, within {100.0 * _TIE:.0f} %."
     return f"The ranking is clear: the next, point {second}, has {_per_cent(gap)} more." if gap < np.inf else ""
 

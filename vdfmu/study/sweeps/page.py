@@ -112,8 +112,8 @@ def _measures(study: StudyTable) -> str:
             f"{escape(_short(place_of(study, columns[places[int(point)]])))}</button>" if point else ""
             for point in (least, most)
         ]  # fmt: skip
-        known = [quantity(float(text), unit) for text in (low, middle, high)] if least else [low, "", ""]
-        rows.append([escape(column), *map(escape, known), *ends])
+        numbers = [quantity(float(text), unit) for text in (low, middle, high)] if least else [low, "", ""]
+        rows.append([escape(column), *map(escape, numbers), *ends])
     return _html_table(("measure", "smallest", "median", "largest", "smallest at", "largest at"), rows)
 
 
