@@ -29,8 +29,8 @@ from vdfmu.cli.terminal import (
     unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, live_view
-from vdfmu.engine.options import PackageOptions, SystemOptions
-from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
+from vdfmu.engine.options import LoadedOptions, PackageOptions, SystemOptions
+from vdfmu.study.options import JudgeOptions, RobotOptions, ScenarioOptions, ScenarioRunOptions
 
 _POINT = "One point of a study"
 OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
@@ -135,6 +135,8 @@ def run_package(
         more="Vectors connect by name. A component may be a unit too: filter=low_pass.py.")] = None, *,
     unpack_limit: UnpackOption = None, live: LiveOption = False, port: PortOption = None,
     robot: Annotated[str | None, option_of(RobotOptions, "robot", "Arm that --live shows.")] = None,
+    judge: Annotated[float | None, option_of(JudgeOptions, "judge")] = None,
+    meant: Annotated[str | None, option_of(JudgeOptions, "meant")] = None,
     **options: Unpack[SystemOptions],
 ) -> None:  # fmt: skip
     """Run FMUs or a system package and write their signals.
@@ -148,7 +150,7 @@ def run_package(
         options["out"] = Path("results", package.stem)
     with live_view(live, port, robot) as observer:
         options["observer"] = observer
-        _run_package(package, unpack_limit, source, **options)
+        _run_package(package, unpack_limit, source, judge, meant, **options)
     del kept
 
 
@@ -232,14 +234,19 @@ def report(
 
 
 def _run_package(
-    package: Path, unpack_limit: int | None, source: str | None = None, **options: Unpack[SystemOptions]
-) -> None:
-    """Run a package by the options of a command; print its facts."""
+    package: Path, unpack_limit: int | None, source: str | None = None, wanted: float | None = None,
+    meant: str | None = None, **options: Unpack[SystemOptions],
+) -> None:  # fmt: skip
+    """Run a package by the options of a command; judge it if an error is wanted; print its facts."""
     from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.package.read import load_ssp
     from vdfmu.engine.package_run import default_folder, run_system
-    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
+    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, write_summary, written
+    from vdfmu.engine.results.verdict import FAILED, state_of, verdict_of
     from vdfmu.engine.run import Interrupted
+    from vdfmu.study import referee
     from vdfmu.study.report.sheets import run_panel
+    from vdfmu.study.run.verdict import run_checks
 
     folder = Path(options["out"] or default_folder(package))
     try:
@@ -253,8 +260,21 @@ def _run_package(
             write_failed(package.stem, package, folder / PARTIAL, error)
             _say_failed(error, folder)
         raise
-    tell(run_panel(results.summary))
+    summary = results.summary
+    if wanted is not None:
+        own = pick(LoadedOptions, options)
+        judgement = referee.judge(
+            load_ssp(package, options["variant"]), wanted, stop=summary["stop"], step=summary["step"], meant=meant,
+            algorithm=summary["algorithm"], parameters=options["settings"], **own,
+        )  # fmt: skip
+        summary["judgement"] = judgement.to_dict()
+        summary["verdict"] = verdict_of([*run_checks(summary)])
+        write_summary(summary, folder)
+        _say_verdict(summary)
+    tell(run_panel(summary))
     say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
+    if state_of(summary) == FAILED:
+        raise SystemExit(1)
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
