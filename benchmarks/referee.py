@@ -109,7 +109,7 @@ def evaluate(rng: np.random.Generator, counts: dict[str, Counter[str]]) -> None:
                 try:
                     for divisor in (1, 2, 4):
                         results = instance.run(stop=n * step, step=step / divisor)
-                        runs.append(np.column_stack([results[name] for name in names])[::divisor])
+                        runs.append(np.column_stack([results[name] for name in names]))
                 except vdfmu.VdfmuError:
                     count["failed"] += 1
                     continue
@@ -120,19 +120,21 @@ def evaluate(rng: np.random.Generator, counts: dict[str, Counter[str]]) -> None:
                 count_case(count, ALGORITHMS[algorithm].order, names, runs, exact)
 
 
-def count_case(count: Counter[str], order: int, names: Sequence[str], runs: Sequence[Any], exact: Any) -> None:
+def count_case(
+    count: Counter[str], order: int, names: Sequence[str], runs: Sequence[Any], exact: Any, sampled: Sequence[str] = ()
+) -> None:
     """Add the verdicts on three runs, and how near their estimate is to the true error, to a count."""
     size = np.abs(exact).max(axis=0)
     true = float((np.abs(runs[0] - exact).max(axis=0) / np.where(size > 0.0, size, np.inf)).max())
-    d1, d2, _ = differences(runs, [name.partition("[")[0] for name in names])
-    error = error_of(d1, order)
+    seen = differences(runs, names, sampled)
+    error = error_of(seen.d1, order)
     count["cases"] += 1
     if 1e-12 < true < 1.0:
         count["compared"] += 1
         for factor in (2, 3):
             count[f"within {factor}"] += 1.0 / factor < error.max() / true < factor
     for wanted in WANTED:
-        verdict = verdict_of(d1, d2, order, wanted)
+        verdict = verdict_of(seen, order, wanted)
         count[f"right {wanted}"] += verdict == RIGHT
         count[f"not right {wanted}"] += verdict == WRONG
         count[f"false right {wanted}"] += verdict == RIGHT and true > wanted

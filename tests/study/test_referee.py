@@ -46,6 +46,17 @@ class Switch(Unit):
         self.y = where(self.u < 0.5, 1.0, 0.0)
 
 
+class Step(Unit):
+    """A step."""
+
+    y = Output("1", text="step")
+    at = Parameter("s", text="its time", start=0.5)
+
+    def outputs(self) -> None:
+        """Step."""
+        self.y = where(self.t > self.at, 1.0, 0.0)
+
+
 @pytest.fixture(scope="module")
 def lags() -> vdfmu.System:
     return vdfmu.connect({"a": Lag, "b": Lag, "c": Lag}, {"a.y": "b.u", "b.y": "c.u"}, stop=1.0, values={"a.u": 1.0})
@@ -86,7 +97,7 @@ def test_a_period_that_is_declared_is_kept(tmp_path):
     flat = vdfmu.load_ssp(package)
     parts = tuple(replace(each, step=0.005) if each.name == "law" else each for each in flat.components)
     sampled = judge(replace(flat, components=parts), 0.001, step=0.005, algorithm="gauss-seidel")
-    assert "law: the period of 5 ms is kept." in sampled.text
+    assert "Kept periods: law 5 ms." in sampled.text
     assert sampled.error < 1e-5  # held inputs over whole steps of the plant: exact but for its solver's 1e-6
 
 
@@ -137,18 +148,48 @@ def test_a_system_that_leaves_its_order_is_not_decided():
 
 def test_the_rule():
     # order 1, half as large each time: differences 4 and 2 of 101, an error of 8
-    d1, d2, row = differences([np.array([[0.0], [100.0 + off]]) for off in (7.0, 3.0, 1.0)])
-    assert (error_of(d1[0], 1), d2[0] / d1[0], row[0]) == (pytest.approx(8 / 101), pytest.approx(0.5), 1)
-    assert verdict_of(d1, d2, 1, 0.2) == RIGHT
-    assert verdict_of(d1, d2, 1, 0.1) == OPEN
-    assert verdict_of(d1, d2, 1, 0.04) == WRONG
-    assert verdict_of(d1, 0.05 * d1, 1, 0.2) == OPEN  # luck, not order
-    assert verdict_of(d1, 0.05 * d1, 2, 0.2) == RIGHT  # an error at the first point of the longest step
-    assert verdict_of(d1, 0.5 * d1, 2, 0.2) == OPEN
-    assert verdict_of(d1 / 100, d1 / 2000, 1, 0.2) == RIGHT  # too small to matter
-    assert verdict_of(np.zeros(1), np.full(1, 1e-4), 1, 0.01) == RIGHT
+    seen = differences(
+        [np.linspace(0.0, 100.0 + off, 8 * 2**k + 1)[:, None] for k, off in enumerate((7, 3, 1))], ["a.y"]
+    )
+    d1, d2 = seen.d1, seen.d2
+    assert (error_of(d1[0], 1), d2[0] / d1[0], seen.row[0]) == (pytest.approx(8 / 101), pytest.approx(0.5), 8)
+
+    def verdict(d1, d2, order, wanted):
+        return verdict_of(seen._replace(d1=d1, d2=d2), order, wanted)
+
+    assert verdict(d1, d2, 1, 0.2) == RIGHT
+    assert verdict(d1, d2, 1, 0.1) == OPEN
+    assert verdict(d1, d2, 1, 0.04) == WRONG
+    assert verdict(d1, 0.05 * d1, 1, 0.2) == OPEN  # luck, not order
+    assert verdict(d1, 0.05 * d1, 2, 0.2) == RIGHT  # an error at the first point of the longest step
+    assert verdict(d1, 0.5 * d1, 2, 0.2) == OPEN
+    assert verdict(d1 / 100, d1 / 2000, 1, 0.2) == RIGHT  # too small to matter
+    assert verdict(np.zeros(1), np.full(1, 1e-4), 1, 0.01) == RIGHT
     # a signal near 0 in a vector counts by the vector
-    assert differences([np.array([[1.0, off]]) for off in (1e-9, 0.0, 0.0)], ["v", "v"])[0][1] == pytest.approx(1e-3)
+    assert differences([np.array([[1.0, off]]) for off in (1e-9, 0.0, 0.0)], ["v[1]", "v[2]"]).d1[1] == pytest.approx(
+        1e-3
+    )
+
+
+def test_jumps_that_no_difference_shows():
+    """A step in the last quarter before a point: all runs see it there. It is 0.0048 s late, in a lag of 0.1 s."""
+    system = vdfmu.connect({"step": Step, "lag": Lag}, {"step.y": "lag.u"}, stop=0.5, values={"step.at": 0.0952})
+    judged = system.judge(0.01, step=0.02, algorithm="jacobi")
+    assert judged.error < 1e-3 < 0.01 < 1.0 - np.exp(-0.048)  # largest when the late step comes
+    assert judged.verdict == OPEN
+    assert judged.text.startswith("Not decided: step.y jumps, and a run passes a jump on at its next step.")
+    t = np.linspace(0.0, 1.0, 33)
+    runs = [np.column_stack([t >= 0.5, np.maximum(t - 0.5, 0.0)])[:: 4 // 2**k].astype(float) for k in range(3)]
+    seen = differences(runs, ["a.y", "b.y"])
+    assert (seen.d1.max(), seen.d2.max(), list(seen.jumps)) == (0.0, 0.0, [1, 0])
+    assert seen.late == pytest.approx(1 / 16)  # b.y changes by 1/32 of 0.5 a step
+    assert [verdict_of(seen, 1, wanted) for wanted in (0.1, 0.09)] == [RIGHT, OPEN]
+    assert differences(runs, ["a.y", "b.y"], ["a"]).late == 0.0  # samples at declared times
+
+
+def test_signals_that_nothing_moves_show_nothing():
+    system = vdfmu.connect({"a": Lag, "b": Lag}, {"a.y": "b.u"}, stop=1.0)
+    assert system.judge(step=0.1).text.startswith("Not decided: no connected signal changes.")
 
 
 @pytest.mark.parametrize(("options", "text"), [

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -41,8 +41,9 @@ _SMALL = 20
 """Differences below the wanted error divided by this need no order: rounding and solvers decide them."""
 _FLOOR = 1e-6
 """Smallest scale of an element, as a share of the largest of its vector: below, rounding of solvers decides."""
-_OFTEN = 0.1
-"""Share of steps with jumps, above which they are noise or samples."""
+_JUMP, _JUMPS = 3.0, (1e-3, 0.5)
+"""A jump is a change in a step of more than this times the changes before and after it. As a share of the signal's
+largest value, a change below the first limit is none, and a change above the second is always one."""
 RIGHT, WRONG, OPEN = "right", "not right", "not decided"
 
 
@@ -96,28 +97,42 @@ class Judgement:
         return asdict(self) | {"signals": [each._asdict() for each in self.signals]}
 
 
-def differences(runs: Sequence[Floats], groups: Sequence[str] = ()) -> tuple[Floats, Floats, Any]:
-    """Return d1 and d2 of each signal, and the row of its largest difference.
+class Differences(NamedTuple):
+    """The differences of three runs, signal by signal."""
 
-    Parameters
-    ----------
-    runs : three arrays (m, signals)
-        Values at the times of the longest step, of the steps h, h/2 and h/4.
-    groups : sequence of str, optional
-        The vector of each signal.
+    d1: Floats
+    """Of the first two, as a share of the signal's largest value."""
+    d2: Floats
+    """Of the last two."""
+    row: Any
+    """Row of the largest difference of the first two."""
+    jumps: Any
+    """Number of jumps."""
+    late: float
+    """Share that runs may miss in common, since all see a jump late: by up to a step of the last run."""
 
-    Returns
-    -------
-    d1, d2, row : (signals,) arrays
-        Shares of each signal's largest value.
+
+def differences(runs: Sequence[Floats], names: Sequence[str], sampled: Collection[str] = ()) -> Differences:
+    """Return the differences of runs with the steps h, h/2 and h/4: arrays (rows, signals).
+
+    The jumps of components in `sampled` have their times by declaration. Other jumps may be between rows. Then the
+    last run is late by up to its step, and the others by no less. If they are as late, no difference shows it. A
+    signal without jumps changes in this time by its largest change in a step, for each jump.
     """
-    first, half, quarter = runs
-    size = np.abs(quarter).max(axis=0)
-    whole = {group: size[[name == group for name in groups]].max() for group in set(groups)}
-    scale = np.maximum(size, [_FLOOR * whole[group] for group in groups]) if whole else size
+    least = min(len(run[:: 2**k]) for k, run in enumerate(runs))  # a component may end the run
+    first, half, quarter = (run[:: 2**k][:least] for k, run in enumerate(runs))
+    size, groups = np.abs(quarter).max(axis=0), np.array([name.partition("[")[0] for name in names])
+    scale = np.maximum(size, [_FLOOR * size[groups == group].max() for group in groups])
     scale = np.where(scale > 0.0, scale, np.inf)
+    change = np.abs(np.diff(runs[2], axis=0)) / scale
+    jumping = change[1:-1] > np.clip(_JUMP * np.maximum(change[:-2], change[2:]), *_JUMPS)
+    smooth, known = ~jumping.any(axis=0), np.isin([name.partition(".")[0] for name in names], [*sampled])
+    count = int(jumping[:, ~known].any(axis=1).sum())
+    late = count * change[:, smooth].max(initial=0.0 if smooth.any() else 1.0) if count else 0.0
     far, near = np.abs(first - half), np.abs(half - quarter)
-    return far.max(axis=0) / scale, near.max(axis=0) / scale, far.argmax(axis=0)
+    return Differences(
+        far.max(axis=0) / scale, near.max(axis=0) / scale, far.argmax(axis=0), jumping.sum(axis=0), float(late)
+    )
 
 
 def error_of(d1: Any, order: int) -> Any:
@@ -125,11 +140,12 @@ def error_of(d1: Any, order: int) -> Any:
     return d1 / (1.0 - 0.5**order)
 
 
-def verdict_of(d1: Floats, d2: Floats, order: int, wanted: float) -> str:
+def verdict_of(seen: Differences, order: int, wanted: float) -> str:
     """Return the verdict by the largest differences of all signals."""
-    largest, second, (low, high) = float(d1.max()), float(d2.max()), BANDS[order]
+    largest, second, (low, high) = float(seen.d1.max()), float(seen.d2.max()), BANDS[order]
     worst, regular = error_of(largest, order), largest > 0.0 and low < second / largest < high
-    if MARGIN * worst <= wanted and (regular or max(largest, second) < wanted / _SMALL):
+    small = max(largest, second) < wanted / _SMALL
+    if MARGIN * max(worst, seen.late) <= wanted and (regular or small):
         return RIGHT
     return WRONG if regular and worst > MARGIN * wanted else OPEN
 
@@ -190,20 +206,25 @@ def judge(
     return replace(readings[1], verdict=worse, text=text)
 
 
+def _declared(checked: Checked, system: FlatSystem) -> set[str]:
+    """Return the components whose samples have declared times: by a step, a period, or a clock."""
+    stepped = {component.name for component in system.components if component.step is not None}
+    described = checked.descriptions.items()
+    return stepped | {name for name, each in described if each.period or any(v.clock for v in each.variables.values())}
+
+
 def _undeclared(checked: Checked) -> list[str]:
     """Return the components that may sample: with discrete outputs, or with held inputs and without states.
 
-    Components with a step, a period, a clock, or for model exchange say what they are.
+    Components for model exchange have no steps that could be samples.
     """
-    declared = {component.name for component in checked.system.components if component.step is not None}
-    fed, names = {link.end[0] for link in checked.links if link.stepped and checked.how.substeps}, dict[str, None]()
+    declared, names = _declared(checked, checked.system), dict[str, None]()
+    fed = {link.end[0] for link in checked.links if link.stepped and checked.how.substeps}
     for link in checked.links:
-        each = checked.descriptions.get(link.start[0])
-        if each is None or not link.stepped or link.source.type != "Real" or link.start[0] in declared:
-            continue
-        law = link.start[0] in fed and not each.states and not each.exchange
-        if (law or link.source.variability == "discrete") and not link.source.clocks and not each.period:
-            names[link.start[0]] = None
+        name, each = link.start[0], checked.descriptions.get(link.start[0])
+        if each is not None and name not in declared and link.stepped and link.source.type == "Real":
+            law = name in fed and not each.states and not each.exchange
+            names |= {name: None} if law or link.source.variability == "discrete" else {}
     return list(names)
 
 
@@ -245,8 +266,9 @@ class _Case(NamedTuple):
         if not order:
             why = f"the algorithm {algorithm} declares no order. Declare substeps or continuous in its row."
             return Judgement(OPEN, f"Not decided: {why}", **facts)
+        options: dict[str, Any] = {**self.options, "algorithm": algorithm}
         runs: list[Floats] = []
-        with Simulator(flat, **{**self.options, "algorithm": algorithm}) as simulator:
+        with Simulator(flat, **options) as simulator:
             for divisor in (1, 2, 4):
                 step = self.step / divisor
                 try:
@@ -257,48 +279,48 @@ class _Case(NamedTuple):
                     at = f"the run with a step of {_time(step)} failed: {error}"
                     return Judgement(OPEN, f"Not decided: {at}{self._cause(flat, None)}", **facts)
                 runs.append(np.column_stack([results[name] for name in names]).astype(float))
-        finest, least = runs[2], min(len(run[:: 2**k]) for k, run in enumerate(runs))  # a component may end the run
-        runs, times = [run[:: 2**k][:least] for k, run in enumerate(runs)], results.time[::4][:least]
-        d1, d2, rows = differences(runs, [name.partition("[")[0] for name in names])
-        verdict, error = verdict_of(d1, d2, order, self.wanted), error_of(d1, order)
-        q = d2 / np.where(d1 > 0.0, d1, np.inf)
-        signals = map(SignalError, names, error.tolist(), q.tolist(), times[rows].tolist())
-        table = sorted(zip(signals, _jumps(finest), strict=True), key=lambda each: -each[0].error)
+        seen = differences(runs, names, _declared(self.checked, flat))
+        if not np.ptp(runs[2], axis=0).any():
+            return Judgement(
+                OPEN, "Not decided: no connected signal changes. Set inputs or values that move it.", **facts
+            )
+        verdict, error = verdict_of(seen, order, self.wanted), error_of(seen.d1, order)
+        q, times = seen.d2 / np.where(seen.d1 > 0.0, seen.d1, np.inf), results.time[::4][seen.row]
+        signals = map(SignalError, names, error.tolist(), q.tolist(), times.tolist())
+        table = sorted(zip(signals, seen.jumps, strict=True), key=lambda each: -each[0].error)
         worst = table[0][0]
         facts |= {"error": worst.error, "signal": worst.name, "signals": tuple(signal for signal, _ in table)}
-        return Judgement(verdict, self._text(verdict, table, order, flat), **facts)
+        return Judgement(verdict, self._text(verdict, table, order, flat, seen.late), **facts)
 
-    def _text(self, verdict: str, table: Sequence[tuple[SignalError, float]], order: int, flat: FlatSystem) -> str:
-        worst, jumps = table[0]
-        error, wanted = _share(worst.error), _share(self.wanted)
-        steps = {part.step: [each.name for each in flat.components if each.step == part.step] for part in flat.components}
-        kept = "".join(f" {', '.join(names)}: the period of {_time(step)} is kept." for step, names in steps.items() if step)
+    def _text(
+        self, verdict: str, table: Sequence[tuple[SignalError, int]], order: int, flat: FlatSystem, late: float
+    ) -> str:
+        worst = table[0][0]
+        error = _share(max(worst.error, late) if verdict == RIGHT else worst.error)
+        periods = ", ".join(f"{each.name} {_time(each.step)}" for each in flat.components if each.step is not None)
+        kept = f" Kept periods: {periods}." if periods else ""
+        at = f"step {_time(self.step)}; wanted {_share(self.wanted)}"
         if verdict == RIGHT:
-            return (
-                f"Right to {error} by communication ({worst.name}, step {_time(self.step)}; wanted {wanted}). Errors "
-                f"inside FMUs are not judged.{kept}"
-            )
-        shorter = _rounded(self.step * (self.wanted / (MARGIN * worst.error)) ** (1.0 / order)) if worst.error else 0.0
-        way = f"a step of {_time(shorter)}"
+            return f"Right to {error} by communication ({worst.name}, {at}). Errors inside FMUs are not judged.{kept}"
+        share = self.wanted / (MARGIN * worst.error) if worst.error else 1.0
+        way = f"a step of {_time(_rounded(self.step * share ** (1.0 / order)))}"
         if verdict == WRONG:
             way = f"{named(repeats=True)[0]}, or {way}," if order == 1 and self._repeats() else way
-            about = f"about {error} at {worst.name} (step {_time(self.step)}; wanted {wanted})"
-            return f"Not right: {about}. {way[:1].upper()}{way[1:]} should do.{kept}"
-        if jumps > _OFTEN:
-            why = f"{worst.name} jumps in {100.0 * jumps:.0f} % of all steps. For noise or samples declare a period"
-        elif jumps:
-            why = f"{worst.name} jumps, near {worst.time:.4g} s too, and a run finds the time of a jump to a step only"
-            if smooth := next((signal for signal, each in table if not each), None):
-                why += f". Without jumps, the largest error is about {_share(smooth.error)} at {smooth.name}"
-        elif MARGIN * worst.error > self.wanted >= worst.error / MARGIN:
-            why = f"the error of about {error} at {worst.name} is too near the wanted {wanted}; {way} should do"
+            return f"Not right: about {error} at {worst.name} ({at}). {way[:1].upper()}{way[1:]} should do.{kept}"
+        if MARGIN * worst.error > self.wanted >= worst.error / MARGIN:
+            near = f"is too near the wanted {_share(self.wanted)}; {way} should do"
+            why = f"the error of about {error} at {worst.name} {near}"
+        elif jumping := next((signal.name for signal, jumps in table if jumps), ""):
+            smooth = max([late, *(signal.error for signal, jumps in table if not jumps)])
+            other = f"Signals without jumps have an error of about {_share(smooth)}"
+            why = f"{jumping} jumps, and a run passes a jump on at its next step. {other}"
         else:
             change = _share(worst.error * (1.0 - 0.5**order))
             why = (
                 f"halving the step changes {worst.name} by {change} of its largest value at {worst.time:.4g} s, and "
                 f"halving it again by {worst.q:.2g} times as much; an order of {order} would give {0.5**order:g} times"
             )
-        return f"Not decided: {why}.{'' if jumps else self._cause(flat, worst.time)}{kept}"
+        return f"Not decided: {why}.{self._cause(flat, worst.time)}{kept}"
 
     def _repeats(self) -> bool:
         """Whether an algorithm that repeats steps can run the system."""
@@ -324,17 +346,6 @@ class _Case(NamedTuple):
         return f" The loop at {', '.join(opened)} {grows}: its radius is {poles.max():.4g} a step."
 
 
-def _jumps(rows: Floats) -> list[float]:
-    """Return the share of steps in which each signal jumps: half of the largest change in a step is a jump's.
-
-    A largest change in a step that is above 3/4 of the change in two steps does not shrink with the step.
-    """
-    change, twice = np.abs(np.diff(rows, axis=0)), np.abs(np.diff(rows[::2], axis=0))
-    largest = change.max(axis=0)
-    jumps = (largest > 0.75 * twice.max(axis=0)) & (largest > 0.0)
-    return ((change > 0.5 * largest).mean(axis=0) * jumps).tolist()
-
-
 def _share(value: float) -> str:
     return f"{100.0 * value:.2g} %" if math.isfinite(value) else "infinite"
 
@@ -344,6 +355,8 @@ def _time(seconds: float) -> str:
 
 
 def _rounded(step: float) -> float:
-    """Return the next shorter step of 1, 2 or 5 times a power of ten."""
+    """Return the next shorter step of 1, 2 or 5 times a power of ten; 0 for steps of no size."""
+    if not 0.0 < step < math.inf:
+        return 0.0
     power = 10.0 ** math.floor(math.log10(step) + 1e-9)
     return max(each * power for each in (1.0, 2.0, 5.0) if each * power <= step * (1.0 + 1e-9))

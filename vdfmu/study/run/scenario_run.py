@@ -199,9 +199,10 @@ class ScenarioRun:
         if self._options["reference"]:
             summary |= self._references(results)
         if self._options["judge"] is not None:
+            own: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs}
             judgement = referee.judge(
-                self.package, self._options["judge"], stop=scenario.stop, step=scenario.step, inputs=scenario.inputs,
-                meant=self._options["meant"], **scenario.coupling,
+                self.package, self._options["judge"], stop=scenario.stop, step=scenario.step,
+                meant=self._options["meant"], **own,
             )  # fmt: skip
             summary["judgement"] = judgement.to_dict()
         loops = list(loop_checks(self.poses, self.system))
