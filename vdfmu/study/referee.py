@@ -126,8 +126,8 @@ def differences(runs: Sequence[Floats], names: Sequence[str], sampled: Collectio
     scale = np.where(scale > 0.0, scale, np.inf)
     change = np.abs(np.diff(runs[2], axis=0)) / scale
     jumping = change[1:-1] > np.clip(_JUMP * np.maximum(change[:-2], change[2:]), *_JUMPS)
-    smooth, known = ~jumping.any(axis=0), np.isin([name.partition(".")[0] for name in names], [*sampled])
-    count = int(jumping[:, ~known].any(axis=1).sum())
+    smooth, timed = ~jumping.any(axis=0), np.isin([name.partition(".")[0] for name in names], [*sampled])
+    count = int(jumping[:, ~timed].any(axis=1).sum())
     late = count * change[:, smooth].max(initial=0.0 if smooth.any() else 1.0) if count else 0.0
     far, near = np.abs(first - half), np.abs(half - quarter)
     return Differences(

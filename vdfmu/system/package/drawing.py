@@ -51,7 +51,7 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
     except SspError:
         return ""
     kinds = {
-        c.name: {kind: [n for n, own in c.connectors.items() if own.kind == kind] for kind in ("input", "output")}
+        c.name: {kind: [n for n, port in c.connectors.items() if port.kind == kind] for kind in ("input", "output")}
         for c in system.components
     }
     words = {c.name: PurePosixPath(c.source).stem for c in system.components}
@@ -88,10 +88,10 @@ def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> s
     signals = {
         name: {kind: description.signals(name, kind) for kind in ("input", "output")} for name in description.tables
     }
-    kinds = {name: {kind: [s.name for s in each] for kind, each in own.items()} for name, own in signals.items()}
+    kinds = {name: {kind: [s.name for s in each] for kind, each in ends.items()} for name, ends in signals.items()}
     sizes = {
         (name, s.name): " × ".join(map(str, s.shape))
-        for name, own in signals.items() for each in own.values() for s in each if s.shape
+        for name, ends in signals.items() for each in ends.values() for s in each if s.shape
     }  # fmt: skip
     words = {name: PurePosixPath(description.fmu_name(name)).stem for name in signals}
     links = [((x.start[0], x.start[1].name), (x.end[0], x.end[1].name)) for x in description.links]
@@ -119,12 +119,12 @@ def _draw(
     cards: dict[str, Card] = {}
     ordered = all(name in places for name in kinds)
     for name in sorted(kinds, key=places.__getitem__) if ordered else kinds:
-        own = kinds[name]
+        connectors = kinds[name]
         used = {
             "input": dict.fromkeys(port for sinks in ends.values() for component, port in sinks if component == name),
             "output": dict.fromkeys(port for component, port in ends if component == name),
         }
-        declared = {kind: vectors(own.get(kind, ())) for kind in used}
+        declared = {kind: vectors(connectors.get(kind, ())) for kind in used}
         # in the order of declaration, then connected names without a declaration
         connected = {kind: [n for n in {**declared[kind], **names} if n in names] for kind, names in used.items()}
         free = {kind: [n for n in names if n not in used[kind]] for kind, names in declared.items()}
@@ -200,7 +200,7 @@ def _card(card: Card) -> str:
         for name in card.inputs if kind == "input" else card.outputs:
             parts.append(_label((at, y + card.port(kind, name) + 4), name, style))
     if words := free_words(card):
-        names = "; ".join(f"{kind}s {', '.join(own)}" for kind, own in card.free.items() if own)
+        names = "; ".join(f"{kind}s {', '.join(unused)}" for kind, unused in card.free.items() if unused)
         title = f"<title>Not connected: {escape(names)}</title>"
         parts.append(f'<text class="free" x="{x + 10:g}" y="{y + card.height - 6:g}">{title}{words}</text>')
     return "\n".join(parts)

@@ -62,7 +62,10 @@ export const COLOURS = Number(inkOf("joints")); // of vdfmu/base/page.py
 /** Colour of a joint, from 1; ink for 0, of what is no joint. */
 export const colourOf = (number) => inkOf(number ? `joint-${((number - 1) % COLOURS) + 1}` : "ink");
 
-/** Array of the little-endian numbers in a base64 text. */
+/**
+ * Array of the little-endian numbers in a base64 text.
+ * @param {any} Kind
+ */
 export function unpack(text, Kind = Float32Array) {
   const bytes = atob(text);
   const array = new Uint8Array(bytes.length);
@@ -236,6 +239,12 @@ export const view = new (class extends EventTarget {
   focus = null;
   hiddenJoints = new Set();
   hiddenRuns = new Set();
+  /** The run that is shown, if a reader chose it. */
+  run = null;
+  /** Words at times, in each figure. @type {{ time: number, words: string }[]} */
+  marks = [];
+  /** First and last time of all runs. */
+  limits = null;
 
   full() {
     const times = recorded.map((run) => unpack(run.frames.time, Float64Array));

@@ -22,12 +22,10 @@ const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
 
 class Simulation {
   constructor(section, able) {
-    Object.assign(this, {
-      worker: new SimulationWorker(binaries),
-      busy: false,
-      again: false,
-      given: [],
-    });
+    this.worker = new SimulationWorker(binaries);
+    this.busy = false;
+    this.again = false;
+    this.given = [];
     this.status = make("p", { class: "note", role: "status" });
     this.bar = make("progress", { max: 1, "aria-label": "Progress of the simulation" });
     this.verdict = make("ul");
