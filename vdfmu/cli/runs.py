@@ -29,7 +29,7 @@ from vdfmu.cli.terminal import (
     unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, live_view
-from vdfmu.engine.options import LoadedOptions, PackageOptions, SystemOptions
+from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import JudgeOptions, RobotOptions, ScenarioOptions, ScenarioRunOptions
 
 _POINT = "One point of a study"
@@ -239,20 +239,21 @@ def _run_package(
 ) -> None:  # fmt: skip
     """Run a package by the options of a command; judge it if an error is wanted; print its facts."""
     from vdfmu.engine.package.limits import package_limit
-    from vdfmu.engine.package.read import load_ssp
     from vdfmu.engine.package_run import default_folder, run_system
-    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, write_summary, written
-    from vdfmu.engine.results.verdict import FAILED, state_of, verdict_of
+    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
+    from vdfmu.engine.results.verdict import FAILED, state_of
     from vdfmu.engine.run import Interrupted
-    from vdfmu.study import referee
     from vdfmu.study.report.sheets import run_panel
-    from vdfmu.study.run.verdict import run_checks
 
     folder = Path(options["out"] or default_folder(package))
     try:
         with unit_messages() as log, package_limit(unpack_limit):
             options["log"] = log
             results = run_system(package, source, **options)
+            if wanted is not None:
+                from vdfmu.study.runs import judge_run  # takes long to import
+
+                judge_run(package, results.summary, folder, wanted, meant, **options)
     except (CosimError, Interrupted) as error:
         if error.results is not None:
             from vdfmu.study.report.page import write_failed  # takes long to import
@@ -261,16 +262,7 @@ def _run_package(
             _say_failed(error, folder)
         raise
     summary = results.summary
-    if wanted is not None:
-        loaded = pick(LoadedOptions, options)
-        judgement = referee.judge(
-            load_ssp(package, options["variant"]), wanted, stop=summary["stop"], step=summary["step"], meant=meant,
-            algorithm=summary["algorithm"], parameters=options["settings"], **loaded,
-        )  # fmt: skip
-        summary["judgement"] = judgement.to_dict()
-        summary["verdict"] = verdict_of([*run_checks(summary)])
-        write_summary(summary, folder)
-        _say_verdict(summary)
+    _say_verdict(summary)
     tell(run_panel(summary))
     say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
     if state_of(summary) == FAILED:

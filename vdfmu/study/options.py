@@ -95,7 +95,7 @@ class JudgeOptions(TypedDict, total=False):
 
     judge: Annotated[float | None, Option(
         "Judge the error by communication; largest error in % of a signal's peak.", "float",
-        "A share in Python, 0.01. It takes three more runs, with 7 times the steps; with `meant` undecided, six.",
+        "In Python a share, 0.01. Three more runs take 7 times the steps.",
         metavar="PERCENT", typed=str, read=read_percent)]
     meant: Annotated[str | None, Option(
         "Meaning of components that may sample and have no period.", more="Sampled components keep the step as their "

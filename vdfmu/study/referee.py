@@ -41,6 +41,8 @@ _SMALL = 20
 """Differences below the wanted error divided by this need no order: rounding and solvers decide them."""
 _FLOOR = 1e-6
 """Smallest scale of an element, as a share of the largest of its vector: below, rounding of solvers decides."""
+_BEND = 1e-4
+"""Smallest change of slope that is an event, as a change in a step."""
 _JUMP, _JUMPS = 3.0, (1e-3, 0.5)
 """A jump is a change in a step of more than this times the changes before and after it. As a share of the signal's
 largest value, a change below the first limit is none, and a change above the second is always one."""
@@ -109,15 +111,15 @@ class Differences(NamedTuple):
     jumps: Any
     """Number of jumps."""
     late: float
-    """Share that runs may miss in common, since all see a jump late: by up to a step of the last run."""
+    """Share that runs may miss in common, since all see an event late: by up to a step of the last run."""
 
 
 def differences(runs: Sequence[Floats], names: Sequence[str], sampled: Collection[str] = ()) -> Differences:
     """Return the differences of runs with the steps h, h/2 and h/4: arrays (rows, signals).
 
-    The jumps of components in `sampled` have their times by declaration. Other jumps may be between rows. Then the
-    last run is late by up to its step, and the others by no less. If they are as late, no difference shows it. A
-    signal without jumps changes in this time by its largest change in a step, for each jump.
+    Events are jumps, and bends of signals without jumps. Those at samples of the components in `sampled` have declared
+    times. Other events may be between rows. Then the last run is late by up to its step, and the others by no less. If
+    they are as late, no difference shows it. In this time a signal changes by its largest change in a step at most.
     """
     least = min(len(run[:: 2**k]) for k, run in enumerate(runs))  # a component may end the run
     first, half, quarter = (run[:: 2**k][:least] for k, run in enumerate(runs))
@@ -126,8 +128,13 @@ def differences(runs: Sequence[Floats], names: Sequence[str], sampled: Collectio
     scale = np.where(scale > 0.0, scale, np.inf)
     change = np.abs(np.diff(runs[2], axis=0)) / scale
     jumping = change[1:-1] > np.clip(_JUMP * np.maximum(change[:-2], change[2:]), *_JUMPS)
+    bend = np.abs(np.diff(runs[2], 2, axis=0)) / scale
+    bending = bend[1:-1] > np.maximum(_JUMP * np.maximum(bend[:-2], bend[2:]), _BEND)
     smooth, timed = ~jumping.any(axis=0), np.isin([name.partition(".")[0] for name in names], [*sampled])
-    count = int(jumping[:, ~timed].any(axis=1).sum())
+    events = jumping[:, ~timed].any(axis=1)
+    events[:-1] |= bending[:, ~timed & smooth].any(axis=1)
+    samples = np.convolve((change[:, timed] > 0.0).any(axis=1), np.ones(3), "same")[1:-1] > 0.0
+    count = int((events & ~samples).sum())
     late = count * change[:, smooth].max(initial=0.0 if smooth.any() else 1.0) if count else 0.0
     far, near = np.abs(first - half), np.abs(half - quarter)
     return Differences(
@@ -213,6 +220,13 @@ def _declared(checked: Checked, system: FlatSystem) -> set[str]:
     return stepped | {name for name, each in described if each.period or any(v.clock for v in each.variables.values())}
 
 
+def _timed(checked: Checked, system: FlatSystem) -> set[str]:
+    """Return the components whose samples act at declared times: with a step, or passed on within the step."""
+    stepped = {component.name for component in system.components if component.step is not None}
+    late = {link.start[0] for link in checked.links if link.stepped and link.end not in checked.schedule.fresh}
+    return stepped | _declared(checked, system) - late
+
+
 def _undeclared(checked: Checked) -> list[str]:
     """Return the components that may sample: with discrete outputs, or with held inputs and without states.
 
@@ -279,7 +293,7 @@ class _Case(NamedTuple):
                     at = f"the run with a step of {_time(step)} failed: {error}"
                     return Judgement(OPEN, f"Not decided: {at}{self._cause(flat, None)}", **facts)
                 runs.append(np.column_stack([results[name] for name in names]).astype(float))
-        seen = differences(runs, names, _declared(self.checked, flat))
+        seen = differences(runs, names, _timed(self.checked, flat))
         if not np.ptp(runs[2], axis=0).any():
             return Judgement(
                 OPEN, "Not decided: no connected signal changes. Set inputs or values that move it.", **facts
@@ -310,10 +324,11 @@ class _Case(NamedTuple):
         if MARGIN * worst.error > self.wanted >= worst.error / MARGIN:
             near = f"is too near the wanted {_share(self.wanted)}; {way} should do"
             why = f"the error of about {error} at {worst.name} {near}"
-        elif jumping := next((signal.name for signal, jumps in table if jumps), ""):
+        elif late > worst.error or any(jumps for _, jumps in table):
+            jumping = next((f"{signal.name} jumps" for signal, jumps in table if jumps), "an event bends signals")
             smooth = max([late, *(signal.error for signal, jumps in table if not jumps)])
-            other = f"Signals without jumps have an error of about {_share(smooth)}"
-            why = f"{jumping} jumps, and a run passes a jump on at its next step. {other}"
+            other = f"Signals without jumps may have an error of {_share(smooth)}"
+            why = f"{jumping}, and a run may pass an event on at its next step only. {other}"
         else:
             change = _share(worst.error * (1.0 - 0.5**order))
             why = (
