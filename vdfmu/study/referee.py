@@ -133,8 +133,8 @@ def differences(runs: Sequence[Floats], names: Sequence[str], sampled: Collectio
     smooth, timed = ~jumping.any(axis=0), np.isin([name.partition(".")[0] for name in names], [*sampled])
     events = jumping[:, ~timed].any(axis=1)
     events[:-1] |= bending[:, ~timed & smooth].any(axis=1)
-    samples = np.convolve((change[:, timed] > 0.0).any(axis=1), np.ones(3), "same")[1:-1] > 0.0
-    count = int((events & ~samples).sum())
+    sample = (change[:, timed] > 0.0).any(axis=1)
+    count = int((events & ~(sample[:-2] | sample[1:-1] | sample[2:])).sum())
     late = count * change[:, smooth].max(initial=0.0 if smooth.any() else 1.0) if count else 0.0
     far, near = np.abs(first - half), np.abs(half - quarter)
     return Differences(
