@@ -175,14 +175,12 @@ def _wrench_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Fi
 
 
 def _contact_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
-    """Yield forces and depths of contacts."""
+    """Yield the forces of contacts."""
     for drawn in summary.get("scene", {}).get("objects", []):
         for name, words in drawn.get("forces", {}).items():
-            if name in results:
+            if name in results and results.units[name] != "m":
                 title = f"{drawn['component']}: {words[:1].lower()}{words[1:]}"
-                unit = results.units[name]
-                quantity = Shown("mm", 1e3) if unit == "m" else Shown(unit)
-                yield Figure(name, title, quantity, [Curve(name, 0, [(1.0, name)])], words)
+                yield Figure(name, title, Shown(results.units[name]), [Curve(name, 0, [(1.0, name)])], words)
 
 
 def _estimate_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:

@@ -86,9 +86,9 @@ class RobotScene extends Scene3D {
   /** Show what is chosen, at a pose. */
   apply(changed = {}) {
     this.chosen = {
-      links: "see-through",
-      frames: true,
-      centres: true,
+      links: "solid",
+      frames: false,
+      centres: false,
       ellipsoids: false,
       gravity: true,
       ...this.chosen,
