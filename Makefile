@@ -52,12 +52,13 @@ docs: $(VENV)/docs  ## build the documentation into site/VERSION, beside other v
 	$(BIN)/python docs/make.py $(DOCS_ARGS)
 
 # Types are resolved in what the tests install: the packages of all extras.
-lint: $(VENV)/test $(VENV)/dev $(if $(shell command -v npm),lint-web)  ## ruff, pyright and, with npm, eslint and prettier
+lint: $(VENV)/test $(VENV)/dev $(if $(shell command -v npm),lint-web)  ## ruff, pyright and, with npm, lint-web
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-lint-web: $(WEB)/node_modules  ## eslint and prettier on the scripts of the pages; needs node and npm
+lint-web: $(WEB)/node_modules  ## types, eslint and prettier on the scripts of the pages; needs node and npm
+	$(WEB)/node_modules/.bin/tsc --project $(WEB)/tsconfig.json
 	$(WEB)/node_modules/.bin/eslint --config $(WEB)/eslint.config.mjs $(SCRIPTS)
 	$(WEB)/node_modules/.bin/prettier --print-width 100 --check $(SCRIPTS)
 

@@ -36,9 +36,9 @@ def gallery_page() -> str:
     return "\n".join([
         "# Gallery\n",
         "All shipped arms and scenarios. The line below a picture runs it. "
-        "[Arms and scenarios](scenarios.md) has the sources of their numbers.\n",
+        "[Arms and scenarios](../scenarios.md) has the sources of their numbers.\n",
         "## Arms\n", *_cards("robot", robots),
-        "[Your own arm](tutorials/own_arm.md) comes from a URDF, an MJCF or [a file](robot_file.md).\n",
+        "[Your own arm](../tutorials/own_arm.md) comes from a URDF, an MJCF or [a file](robot_file.md).\n",
         "## Scenarios\n", *_cards("scenario", scenarios),
         "Your own scenario is [one TOML file](scenario_file.md).",
         "",
@@ -48,7 +48,7 @@ def gallery_page() -> str:
 def _cards(kind: str, rows: list[tuple[str, str, str]]) -> Iterator[str]:
     yield '<div class="gallery" markdown>\n'
     for name, description, command in rows:
-        picture = f"![{name}](images/gallery/{kind}_{name}.webp)"
+        picture = f"![{name}](../images/gallery/{kind}_{name}.webp)"
         yield f"{picture} **{name}**<br>{description}<br>`{command}`\n"
     yield "</div>\n"
 

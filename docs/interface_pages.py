@@ -177,7 +177,7 @@ of 1e-12 stands for "positive", because FMI has no strict bounds. `1e+12` at `ta
 
 The column *FMI 3.0* names the arrays of FMI 3.0. An array has the value reference of its first element. Native FMUs
 of FMI 3.0 also have `time`, with the last value reference. Only native FMUs have derivatives of states. See
-[FMUs](native.md#variables). The [capability flags](#capability-flags) are at the end.
+[FMUs](../native.md#variables). The [capability flags](#capability-flags) are at the end.
 
 """
 
@@ -190,20 +190,20 @@ hide: [toc]
 Every key of a robot file, with its unit, bounds and default. The page is made from the table by which files are
 checked, `vdfmu/arm/robot/parameters.py`.
 
-A robot is one TOML file. [Your own arm](tutorials/own_arm.md) has examples, from a URDF and by hand. Every problem of
-a file is reported at once. Beside the numbers below it has
+A robot is one TOML file. [Your own arm](../tutorials/own_arm.md) has examples, from a URDF and by hand. Every problem
+of a file is reported at once. Beside the numbers below it has
 
 | key | value |
 | --- | --- |
 | `name`, `description` | text |
-| `friction` | `"lumped"` (default) or `"split"`: [friction](model.md#friction) |
-| `rotor_coupling` | `true` (default) or `false`: [the rotor as a body](model.md#the-rotor-as-a-body) |
-| `moving_base`, `coupled_tool` | `false` (default) or `true`: [coupled ends](world.md) |
-| `folded` | `true` (default) or `false`: [zeros as parameters](native.md#limits) |
+| `friction` | `"lumped"` (default) or `"split"`: [friction](../model.md#friction) |
+| `rotor_coupling` | `true` (default) or `false`: [the rotor as a body](../model.md#the-rotor-as-a-body) |
+| `moving_base`, `coupled_tool` | `false` (default) or `true`: [coupled ends](../world.md) |
+| `folded` | `true` (default) or `false`: [zeros as parameters](../native.md#limits) |
 | `type` of a joint | `"revolute"` or `"prismatic"` |
 | `stiffness` in `[joints.drive]` | linear spring, link-side, N.m/rad [N/m]: instead of `K_f0`, `c_f`, `K_w0`, `c_w` |
 | `rotor_inertia` in `[joints.drive]` | of the motor, kg.m2: instead of `I_m`, which is `ell` times as large |
-| `gear`, `motor` of a joint | [a name in the catalogue](drives.md#the-catalogue) |
+| `gear`, `motor` of a joint | [a name in the catalogue](../drives.md#the-catalogue) |
 | `[sources]` | `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one |
 | `[[visuals]]` | shapes of the links, for views only |
 
@@ -211,10 +211,10 @@ A visual has `joint` (0 for the base), `shape` (mesh, box, ellipsoid, cylinder, 
 `size`, `rotation` and `offset` in the link frame, and `color` (red, green, blue, opacity). `size` is the scale of a
 mesh, the sides, the half-axes, radius and length along z, or the radius.
 
-`[payload]` can be missing. So can tables of [options](drives.md#options) such as `[joints.limits]`, but then of all
+`[payload]` can be missing. So can tables of [options](../drives.md#options) such as `[joints.limits]`, but then of all
 joints.
 
-Units are SI, angles in rad. A unit in brackets belongs to a prismatic joint. [Notation](reference/notation.md) has the
+Units are SI, angles in rad. A unit in brackets belongs to a prismatic joint. [Notation](notation.md) has the
 symbols. An inertia can be one number for all axes, or three principal moments. The inertia of a payload can be 0.
 """
 

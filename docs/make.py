@@ -1,5 +1,7 @@
 """Build the documentation: write the pages that are made from the code, then all as HTML.
 
+``python docs/make.py --reference`` only writes the pages of `docs/reference` that are made from the code.
+
 ``site`` gets a folder for the version, ``site/0.1`` or ``site/dev``, and keeps those of other versions.
 """
 
@@ -25,14 +27,14 @@ from vdfmu.base.files import write_whole
 
 DOCS = Path(__file__).resolve().parent
 PAGES = {
-    "gallery.md": gallery_page,
-    "interface.md": interface_page,
-    "robot_file.md": robot_file_page,
-    "command_line.md": command_line_page,
-    "scenario_file.md": scenario_file_page,
-    "rules.md": rules_page,
+    "reference/gallery.md": gallery_page,
+    "reference/interface.md": interface_page,
+    "reference/robot_file.md": robot_file_page,
+    "reference/command_line.md": command_line_page,
+    "reference/scenario_file.md": scenario_file_page,
+    "reference/rules.md": rules_page,
 }
-"""Page to what makes it; none of them is kept with the sources."""
+"""Page to the function that makes it. A test holds the kept pages against these functions."""
 
 _FROM_ROOT = re.compile(r'(\b(?:href|src)=")/([^"/][^"]*)?"')
 LIVE = ("tracking", "wall")
@@ -46,10 +48,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Build the documentation into a folder of versions, beside others.")
     parser.add_argument("--into", type=Path, default=DOCS.parent / "site", metavar="FOLDER")
     changelog = (DOCS.parent / "CHANGELOG.md").read_text(encoding="utf-8")
+    parser.add_argument("--reference", action="store_true", help="only write the pages made from the code")
     parser.add_argument("--name", default=version_name(changelog), help="folder of this version, %(default)s")
     arguments = parser.parse_args()
     for name, made in PAGES.items():
         write_whole(DOCS / name, [made().encode()])
+    if arguments.reference:
+        return 0
     for name in NOTEBOOKS:
         text, pictures = page(name)
         for file, content in {f"{name}.md": text.encode(), **pictures}.items():

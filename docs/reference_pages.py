@@ -156,9 +156,9 @@ hide: [toc]
 # Scenario file
 
 Every key of a scenario file, made from its schema, `vdfmu schema scenario`. A scenario is one TOML file: robot,
-system, values, duration and master of a run. [Arms and scenarios](scenarios.md) has the shipped ones. A scenario also
-has a table for each component of its system, with the component's parameters. One value stands for all joints. Units
-are SI, angles in rad.
+system, values, duration and master of a run. [Arms and scenarios](../scenarios.md) has the shipped ones. A scenario
+also has a table for each component of its system, with the component's parameters. One value stands for all joints.
+Units are SI, angles in rad.
 
 A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`. A number in `[plant]`
 alone is unknown to the feedforward. `[plant_factors]` multiplies numbers in the plant alone, `mass = 1.02` or a list
@@ -167,7 +167,7 @@ for the joints. `[paper]` has the numbers printed next to the results, from join
 
 _RULES_HEAD = """# Rules of the check
 
-[`vdfmu check`](checking.md) checks files by these rules, and the reader and the master refuse by the same rules. The
+[`vdfmu check`](../checking.md) checks files by these rules, and the reader and the master refuse by the same rules. The
 number of a rule ends each line of the check. `PKG` are rules of zip files and XML, `SSP` of systems, `FMI` of FMUs,
 `RUN` of runs, and `SRC` of robots, scenarios, systems and units. A note is not an error.
 

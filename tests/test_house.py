@@ -87,6 +87,16 @@ def test_each_class_has_a_name_of_its_own():
     assert not {name: files for name, files in places.items() if len(files) > 1}
 
 
+def test_a_variable_says_what_it_holds():
+    """Rule 7 of the plain words, for variables, parameters, fields and functions."""
+    empty = {"found", "one", "given", "known", "own", "told", "what", "that", "those", "others", "nothing"}
+    for path, tree in _trees().items():
+        for node in ast.walk(tree):
+            name = getattr(node, "id", None) or getattr(node, "arg", None) or getattr(node, "attr", None)
+            name = node.name if isinstance(node, ast.FunctionDef | ast.ExceptHandler) else name
+            assert name not in empty, f"{path}:{node.lineno}: {name}: expected a name for its content"
+
+
 def test_a_run_knows_no_page():
     """The page shows runs, and pictures and page are made of a run that is over."""
     for module, imported in _imports().items():

@@ -62,7 +62,7 @@ const { text: libraries } = await pack(join(here, "vendor.js"), {
 });
 const files = {
   "three_uplot.min.js": libraries,
-  "uplot.min.css": `/*! uPlot ${versions.uplot}, MIT */\n${read("uplot/dist/uPlot.min.css").trim()}\n`,
+  "uplot.min.css": `/*! uPlot ${versions.uplot}, MIT */\n@layer libraries{${read("uplot/dist/uPlot.min.css").trim()}}\n`,
 };
 for (const [name, text] of Object.entries(files)) writeFileSync(join(target, name), text);
 const digests = Object.fromEntries(

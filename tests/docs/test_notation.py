@@ -147,3 +147,18 @@ def test_the_page_of_the_rules_has_every_rule(monkeypatch):
     page = importlib.import_module("reference_pages").rules_page()
     assert re.findall(r"^\| ([A-Z]{3}\d{3}) \| (?:problem|note) \|.*\|.*\|$", page, re.MULTILINE) == [*RULES]
     assert "| FMI009 | problem | min <= start <= max | correct the value |" in page
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param("interface", marks=pytest.mark.heavy),  # traces all units: 6 s
+        *"gallery robot_file command_line scenario_file rules".split(),
+    ],
+)
+def test_a_kept_page_of_the_reference_is_as_the_code_makes_it(page, monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    made = importlib.import_module("make").PAGES[f"reference/{page}.md"]()
+    assert (DOCS / "reference" / f"{page}.md").read_text(encoding="utf-8") == made, (
+        "run python docs/make.py --reference"
+    )

@@ -180,7 +180,7 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
     # arms that know that their base moves, as in the second-arm interface; friction is lumped, on the rotors
     turned = replace(robot, gravity=g)
     loads = [articulated(turned, s.q, s.q_dot, s.tau_s, np.zeros(6), None, base, None).arm for s in states]
-    own = body.one().body(0)
+    own = body.robot_of_joint().body(0)
     np.testing.assert_array_equal(body.V_C[:3], 0.0)  # its joint's axis passes through its origin
     M = mass_matrix(*own) + sum(M_S for M_S, _ in loads)
     p = bias_force(*own, g, body.V_B) + sum(F_S0 for _, F_S0 in loads)

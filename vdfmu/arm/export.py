@@ -187,9 +187,9 @@ def _joint(
     stops: tuple[float, float] | None = None,
 ) -> None:  # fmt: skip
     """Add a joint about z to a body of MJCF."""
-    given = {"damping": friction[0], "frictionloss": friction[1], "armature": armature, "range": stops}
+    sizes = {"damping": friction[0], "frictionloss": friction[1], "armature": armature, "range": stops}
     kind = "slide" if slides else "hinge"
-    _add(body, "joint", name=name, type=kind, axis=[0, 0, 1], **{key: value for key, value in given.items() if value})
+    _add(body, "joint", name=name, type=kind, axis=[0, 0, 1], **{key: value for key, value in sizes.items() if value})
 
 
 def _without_rotor(link: Mass, joint: ExportedJoint, coupled: bool) -> Mass | None:

@@ -98,12 +98,12 @@ def taken_options(function: Callable[..., Any]) -> Any:
 
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """Add its options to a function: defaults, signature, docstring, and UsageError for all values of a wrong type."""
-    own = inspect.signature(function)
+    plain = inspect.signature(function)
     listed = declared(taken_options(function))
-    parameters = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
+    parameters = [each for each in plain.parameters.values() if each.kind is not each.VAR_KEYWORD]
     kind = inspect.Parameter.KEYWORD_ONLY
     parameters += [inspect.Parameter(o.name, kind, default=o.option.default, annotation=o.annotation) for o in listed]
-    signature = own.replace(parameters=parameters)
+    signature = plain.replace(parameters=parameters)
     name = function.__qualname__.removesuffix(".__init__")
 
     @wraps(function)

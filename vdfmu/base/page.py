@@ -35,7 +35,7 @@ img { max-width: 100%; display: block; margin: 1rem 0; }
 
 
 def page(
-    title: str, what: str, body: str, width: int, head: str = "", *,
+    title: str, subtitle: str, body: str, width: int, head: str = "", *,
     tab: str = "", lead: str = "", scripts: Sequence[str] = (),
 ) -> bytes:  # fmt: skip
     """Return a page of a width [rem] with a title, a line on its content, a body and more of the head, both HTML.
@@ -52,13 +52,13 @@ def page(
 {_policy(scripts)}
 {PAGE_MARK.decode()}
 <title>{escape(tab or title)}</title>
-<style>{_STYLE}body {{ max-width: {width}rem; }}
+<style>@layer page {{{_STYLE}body {{ max-width: {width}rem; }} }}
 </style>{head}
 </head>
 <body>
 <main>
 <h1>{escape(title)}</h1>
-{lead}<p class="what">{escape(what)}</p>
+{lead}<p class="what">{escape(subtitle)}</p>
 {body}
 </main>
 {module}</body>

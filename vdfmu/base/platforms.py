@@ -191,8 +191,8 @@ def compiler(platform: str = "") -> Compiler:
     This machine has the chosen compiler, by default ziglang, else a C compiler of its system. Other platforms and
     Windows need ziglang. FmuError if no compiler is installed, UsageError if the chosen program is not gcc or clang.
     """
-    own = platform == this_platform() and sys.platform != "win32"
-    return _compiler(os.environ.get(CHOICE, "") if own else "zig")
+    native = platform == this_platform() and sys.platform != "win32"
+    return _compiler(os.environ.get(CHOICE, "") if native else "zig")
 
 
 @lru_cache
@@ -202,15 +202,15 @@ def _compiler(chosen: str) -> Compiler:
         command = zig(), "cc"
         return Compiler(f"ziglang {version('ziglang')}", command, True)
     for program in (chosen,) if chosen else _PROGRAMS:
-        processor = _MACHINES.get(_told(program, "-dumpmachine").partition("-")[0])
+        processor = _MACHINES.get(_answer(program, "-dumpmachine").partition("-")[0])
         if processor == _MACHINES.get(machine.machine().lower(), ""):
-            return Compiler(_told(program, "--version").splitlines()[0], (program,), False)
+            return Compiler(_answer(program, "--version").splitlines()[0], (program,), False)
     if chosen:
         raise UsageError(f"compiler must be zig or a gcc or clang for this machine, got {chosen!r}. Install it.")
     raise FmuError(_NO_COMPILER)
 
 
-def _told(program: str, question: str) -> str:
+def _answer(program: str, question: str) -> str:
     """Return the answer of a program; "" if there is none."""
     if shutil.which(program) is None:
         return ""

@@ -26,7 +26,7 @@ class Plugins:
 
     group: str
     """Name after ``vdfmu.``."""
-    one: str
+    noun: str
     """Noun of a plugin in messages."""
     expected: str
     """Expected object of an entry point, in messages."""
@@ -38,7 +38,7 @@ class Plugins:
         points = _points(self.group).get(name, [])
         if len(points) > 1:
             raise UsageError(
-                f"{self.one} {name!r}: expected one package that adds it, got {' and '.join(map(_package, points))}. "
+                f"{self.noun} {name!r}: expected one package that adds it, got {' and '.join(map(_package, points))}. "
                 "Uninstall one of them."
             )
         return self._load(points[0]) if points else None
@@ -49,7 +49,7 @@ class Plugins:
         for name, points in sorted(_points(self.group).items()):
             if name in shipped:
                 packages = " and ".join(map(_package, points))
-                warn_once(f"{self.one} {name!r} of {packages} is left out: vdfmu itself has one of this name.")
+                warn_once(f"{self.noun} {name!r} of {packages} is left out: vdfmu itself has one of this name.")
                 continue
             try:
                 valid[name] = self.get(name)
@@ -66,7 +66,7 @@ class Plugins:
         except (Exception, SystemExit) as error:  # foreign code may raise anything
             got = f"{point.value}: {kind_text(error)}"
         raise UsageError(
-            f"{self.one} {point.name!r} of {_package(point)} cannot be used: expected {self.expected}, got {got}. "
+            f"{self.noun} {point.name!r} of {_package(point)} cannot be used: expected {self.expected}, got {got}. "
             "Mend or uninstall that package."
         )
 
@@ -102,8 +102,8 @@ class PluginTable(dict[str, _T]):
     def names(self, unless: object = None) -> list[str]:
         """Return all names. If `unless` is a shipped name, only the names in use."""
         if not isinstance(unless, str) or unless not in self._shipped:
-            own = {key.removeprefix(self._prefix) for key in self._shipped}
-            self.update({self._prefix + name: row for name, row in self._plugins.all(own).items()})
+            shipped = {key.removeprefix(self._prefix) for key in self._shipped}
+            self.update({self._prefix + name: row for name, row in self._plugins.all(shipped).items()})
         return list(self)
 
 

@@ -43,12 +43,12 @@ def expm(A: Floats) -> Floats:
     """
     squarings = max(0, math.frexp(np.abs(A).sum(axis=0).max(initial=0.0) / _PADE_NORM)[1])
     A = A / 2.0**squarings
-    one, A2 = np.eye(len(A)), A @ A
+    identity, A2 = np.eye(len(A)), A @ A
     A4 = A2 @ A2
     A6 = A2 @ A4
     b = _PADE
-    odd = A @ (A6 @ (b[13] * A6 + b[11] * A4 + b[9] * A2) + b[7] * A6 + b[5] * A4 + b[3] * A2 + b[1] * one)
-    even = A6 @ (b[12] * A6 + b[10] * A4 + b[8] * A2) + b[6] * A6 + b[4] * A4 + b[2] * A2 + b[0] * one
+    odd = A @ (A6 @ (b[13] * A6 + b[11] * A4 + b[9] * A2) + b[7] * A6 + b[5] * A4 + b[3] * A2 + b[1] * identity)
+    even = A6 @ (b[12] * A6 + b[10] * A4 + b[8] * A2) + b[6] * A6 + b[4] * A4 + b[2] * A2 + b[0] * identity
     power: Any = np.linalg.solve(even - odd, even + odd)
     for _ in range(squarings):
         power = power @ power

@@ -79,9 +79,9 @@ def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
     return [name for name in names if any(pattern.fullmatch(name) for pattern in whole)]
 
 
-def close_to(name: str, known: Iterable[str]) -> str:
+def close_to(name: str, names: Iterable[str]) -> str:
     """Return the end of a message on a wrong name: known names that are close to it."""
-    close = difflib.get_close_matches(name, list(known), n=3)
+    close = difflib.get_close_matches(name, list(names), n=3)
     return f"; did you mean {', '.join(close)}?" if close else ""
 
 
@@ -91,13 +91,13 @@ def printable(text: str) -> str:
     return shown(text, FORBIDDEN)
 
 
-def nearest(name: str, known: Sequence[str]) -> str:
+def nearest(name: str, names: Sequence[str]) -> str:
     """Return the way out for a wrong name: the nearest known name, and all known names."""
-    lower = [k.lower() for k in known]
+    lower = [k.lower() for k in names]
     match = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
     match = match or [k for k in lower if len(name) > 1 and k.startswith(name.lower())]
-    hint = next((f'Did you mean "{k}"? ' for k in known if match and k.lower() == match[0]), "")
-    return f"{hint}There are: {', '.join(known)}."
+    hint = next((f'Did you mean "{k}"? ' for k in names if match and k.lower() == match[0]), "")
+    return f"{hint}There are: {', '.join(names)}."
 
 
 def to_json(summary: Mapping[str, Any], indent: int | None = 2) -> str:

@@ -80,20 +80,20 @@ def as_number(value: object) -> float | None:
 class Table:
     """A TOML table. Wrong values are noted in `problems` and read as NaN, so that reading continues.
 
-    `path` is its key in the file, "" for the whole file. Keys that are not `known` are problems, unless that is None.
+    `path` is its key in the file, "" for the whole file. Keys that are not `allowed` are problems, unless that is None.
     """
 
-    def __init__(self, problems: Problems, data: object, path: str, known: Sequence[str] | None) -> None:
+    def __init__(self, problems: Problems, data: object, path: str, allowed: Sequence[str] | None) -> None:
         self.problems = problems
         self.path = path
         self.usable = isinstance(data, dict)
         self.data: dict[str, Any] = cast("dict[str, Any]", data) if self.usable else {}
         if not self.usable:
-            keys = "" if known is None else f"Its keys are: {', '.join(known)}."
+            keys = "" if allowed is None else f"Its keys are: {', '.join(allowed)}."
             problems.add(path or "the file", "a table", value_text(data), keys)
         for key in self.data:
-            if known is not None and key not in known:
-                problems.add(self.key(key), "a known key", "an unknown one", nearest(key, known))
+            if allowed is not None and key not in allowed:
+                problems.add(self.key(key), "a known key", "an unknown one", nearest(key, allowed))
 
     def key(self, key: str) -> str:
         """Return the full key of an entry."""
@@ -107,18 +107,18 @@ class Table:
             self.problems.add(self.key(key), expected, "nothing", "The key is missing: add it.")
         return default
 
-    def table(self, key: str, known: Sequence[str]) -> Table:
+    def table(self, key: str, allowed: Sequence[str]) -> Table:
         """Return a table. A missing entry is a problem."""
         value = self.value(key, "a table")
         if value is None:
-            table = self.optional_table(key, known)
+            table = self.optional_table(key, allowed)
             table.usable = False
             return table
-        return Table(self.problems, value, self.key(key), known)
+        return Table(self.problems, value, self.key(key), allowed)
 
-    def optional_table(self, key: str, known: Sequence[str] | None = None) -> Table:
+    def optional_table(self, key: str, allowed: Sequence[str] | None = None) -> Table:
         """Return a table, empty if the entry is missing."""
-        return Table(self.problems, self.data.get(key, {}), self.key(key), known)
+        return Table(self.problems, self.data.get(key, {}), self.key(key), allowed)
 
     def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
         """Return a string, one of `choices` if there are any."""
@@ -203,9 +203,9 @@ class Table:
             return np.full(shape, math.nan)
         if scalar and as_number(value) is not None:
             return np.full(shape, self._checked(value, self.key(key), bounds, way_out))
-        given = shape_of(value)
-        if given != shape:
-            got = value_text(value) if given is None else f"{' x '.join(str(k) for k in given) or 'one number'}"
+        actual = shape_of(value)
+        if actual != shape:
+            got = value_text(value) if actual is None else f"{' x '.join(str(k) for k in actual) or 'one number'}"
             rows = "" if len(shape) < 2 else " as a list of rows"
             self.problems.add(self.key(key), expected, got, f"Write {size} numbers{rows}. {way_out}".strip())
             return np.full(shape, math.nan)

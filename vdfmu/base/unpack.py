@@ -56,13 +56,13 @@ class UnpackBudget:
         return UsageError(f"{self.path}: the file must {must}, got {got}. {way}.")
 
 
-def imported(what: str, package: str, extra: str, *modules: str) -> tuple[ModuleType, ...]:
+def imported(feature: str, package: str, extra: str, *modules: str) -> tuple[ModuleType, ...]:
     """Import modules of the optional package of a format. UsageError if it is not installed."""
     try:
         return tuple(import_module(module) for module in modules)
     except ImportError as error:
         raise UsageError(
-            f"{what} needs the package {package}, which cannot be imported: {error}. Install it with "
+            f"{feature} needs the package {package}, which cannot be imported: {error}. Install it with "
             f"'pip install vdfmu[{extra}]'. The results of a run can be CSV, which needs no package: --format csv."
         ) from None
 

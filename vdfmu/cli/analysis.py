@@ -66,11 +66,11 @@ def modes(
         raise UsageError(f"--bode {bode}: expected a joint, 1 to {arm.n}.")
     target = None if bode is None else target_file(out, f"{arm.name}_bode.png", overwrite)
     q = middle_pose(arm) if pose is None else read_pose("--pose", pose)
-    found = {motors: natural_modes(arm, q, motors=motors, dry=dry) for motors in MOTORS}
+    by_motors = {motors: natural_modes(arm, q, motors=motors, dry=dry) for motors in MOTORS}
     if as_json:
-        say_json({"pose": q} | {f"motors_{motors}": _numbers(each) for motors, each in found.items()})
+        say_json({"pose": q} | {f"motors_{motors}": _numbers(each) for motors, each in by_motors.items()})
     else:
-        for motors, each in found.items():
+        for motors, each in by_motors.items():
             _print(motors, q, each)
     if bode is not None and target is not None:
         _draw_bode(arm, q, bode, dry, target, as_json)
@@ -86,31 +86,31 @@ def read_pose(option: str, text: str) -> list[float]:
         raise UsageError(f"{option} {text}: expected numbers, such as '0.3 -0.5'.") from None
 
 
-def _numbers(found: Modes) -> dict[str, Any]:
+def _numbers(modes: Modes) -> dict[str, Any]:
     """Return modes for JSON: Hz, damping ratio, shapes of the sides that move."""
     return {
-        "frequency": found.frequency.tolist(), "damping": found.damping.tolist(), "rates": found.rates.tolist(),
-        "joint": (found.joint + 1).tolist(), "links": found.links.real.tolist(), "rotors": found.rotors.real.tolist(),
+        "frequency": modes.frequency.tolist(), "damping": modes.damping.tolist(), "rates": modes.rates.tolist(),
+        "joint": (modes.joint + 1).tolist(), "links": modes.links.real.tolist(), "rotors": modes.rotors.real.tolist(),
     }  # fmt: skip
 
 
-def _print(motors: str, q: list[float], found: Modes) -> None:
+def _print(motors: str, q: list[float], modes: Modes) -> None:
     where = " ".join(f"{number:g}" for number in q)
     heads = ("Hz", "damping", "spring", "", "displacement of joints 1, 2, ...")
     shown = table(*heads, title=f"Motors {motors} at {where}")
-    for i, (frequency, damping) in enumerate(zip(found.frequency, found.damping, strict=True)):
-        joint = found.joint[i]
-        shapes = {"links": found.links[i]} | ({"rotors": found.rotors[i]} if motors == "free" else {})
+    for i, (frequency, damping) in enumerate(zip(modes.frequency, modes.damping, strict=True)):
+        joint = modes.joint[i]
+        shapes = {"links": modes.links[i]} | ({"rotors": modes.rotors[i]} if motors == "free" else {})
         shown.add_row(
             f"{frequency:.2f}",
             f"{round(damping, 4) + 0.0:.4f}",  # no minus before what rounds to 0
-            f"{joint + 1} ({100.0 * found.share[i, joint]:.0f} %)",
+            f"{joint + 1} ({100.0 * modes.share[i, joint]:.0f} %)",
             "\n".join(shapes),
             "\n".join(" ".join(f"{round(v, 2) + 0.0:5.2f}" for v in shape.real) for shape in shapes.values()),
         )
     console.print(shown)
-    if len(found.rates):
-        say("Not oscillating, 1/s: " + " ".join(f"{round(rate, 3) + 0.0:.4g}" for rate in found.rates))
+    if len(modes.rates):
+        say("Not oscillating, 1/s: " + " ".join(f"{round(rate, 3) + 0.0:.4g}" for rate in modes.rates))
     console.print()
 
 
@@ -119,16 +119,16 @@ def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path
     from vdfmu.study.analysis.bode import joint_bode
     from vdfmu.study.report.drawings import draw_bode
 
-    found = joint_bode(robot, q, joint, dry)
+    bode = joint_bode(robot, q, joint, dry)
     unit = "m/s" if robot.joint_types[joint - 1] == "prismatic" else "rad/s"
     where = " ".join(f"{number:g}" for number in q)
-    curves: dict[str, Any] = dict(zip(("rotor", "link"), found.response, strict=True))
+    curves: dict[str, Any] = dict(zip(("rotor", "link"), bode.response, strict=True))
     title = f"Motor torque of joint {joint} to velocities: {robot.name} at {where}"
-    save(draw_bode(title, found.frequency, curves, f"({unit})/(N.m)", found.resonance, found.antiresonance[0]), target)
+    save(draw_bode(title, bode.frequency, curves, f"({unit})/(N.m)", bode.resonance, bode.antiresonance[0]), target)
     if as_json:
         return
-    for what, each in (("resonances", found.resonance), ("anti-resonances at the motor", found.antiresonance[0])):
-        say(f"Joint {joint}, {what}: {', '.join(f'{one:.2f}' for one in each) or 'none'} Hz")
+    for label, each in (("resonances", bode.resonance), ("anti-resonances at the motor", bode.antiresonance[0])):
+        say(f"Joint {joint}, {label}: {', '.join(f'{frequency:.2f}' for frequency in each) or 'none'} Hz")
     say_written(target)
 
 
@@ -141,7 +141,7 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
 
     times, along = modes_along(scenario, dry=dry)
     n = scenario.arm.n
-    pairs = {motors: [(each.frequency[-n:], each.joint[-n:]) for each in found] for motors, found in along.items()}
+    pairs = {motors: [(each.frequency[-n:], each.joint[-n:]) for each in poses] for motors, poses in along.items()}
     save(draw_modes(f"Natural frequencies: {scenario.arm.name}, {scenario.name}", times, pairs), target)
     if as_json:
         say_json({"t": list(times)} | {f"motors_{name}": list(map(_numbers, each)) for name, each in along.items()})
@@ -177,14 +177,14 @@ def margins(
     package = system.lower().endswith(".ssp")
     if package and robot is not None:
         raise UsageError(f"margins: --robot is for a scenario; {system} has its own.")
-    found = margins_along(system if package else load(system, robot), opened or (), at or (), **options)
+    loops = margins_along(system if package else load(system, robot), opened or (), at or (), **options)
     shown = table("opened at", "t", "modulus", "gain", "phase", "delay", "growth",
-                  title=f"Stepped by {found.step:g} s, {found.algorithm}")  # fmt: skip
-    chosen = [(i, k) for i in range(len(found.names)) for k in (range(len(found.times)) if at else [found.least(i)])]
-    smallest = min(float(found.margins[k].modulus[i]) for i, k in chosen)
+                  title=f"Stepped by {loops.step:g} s, {loops.algorithm}")  # fmt: skip
+    chosen = [(i, k) for i in range(len(loops.names)) for k in (range(len(loops.times)) if at else [loops.least(i)])]
+    smallest = min(float(loops.margins[k].modulus[i]) for i, k in chosen)
     rows: list[dict[str, Any]] = []
     for i, k in chosen:
-        name, t, each = found.names[i], found.times[k], found.margins[k]
+        name, t, each = loops.names[i], loops.times[k], loops.margins[k]
         modulus, gain, phase, delay = (float(column[i]) for column in each[:4])
         rows.append({"opened_at": name, "t": t, "modulus": modulus, "gain": gain, "phase": phase, "delay": delay,
                      "rate": each.rate})  # fmt: skip
@@ -194,12 +194,12 @@ def margins(
         style = ("bold" if mark else None) if modulus else "red"
         cells = numbers if modulus else ("none", "", "", "")
         shown.add_row(name, f"{t:.4g} s", *cells, f"{each.rate:.3g} 1/s", style=style)
-    state, words = found.judged.words
+    state, words = loops.judged.words
     if as_json:
-        say_json({"step": found.step, "master": found.algorithm, "state": state, "text": words, "margins": rows})
+        say_json({"step": loops.step, "master": loops.algorithm, "state": state, "text": words, "margins": rows})
     else:
         console.print(shown)
-    say_notes(found.notes)
+    say_notes(loops.notes)
     if state == "failed":
         say_error(f"{words[:1].upper()}{words[1:]}.")
         raise SystemExit(1)
@@ -279,11 +279,11 @@ def motion(
         t, q = desired_motion(load(file, robot), names, 1001)
         peaks = np.abs(q[1:]).max(axis=1)
     else:
-        found = load_motion(path, arm)
-        t = np.linspace(0.0, found.duration, 1001)
-        q, peaks, closed = found.at(t), found.peaks, found.closed
-        pieces = f"in {len(found.knots) - 1} pieces"
-        say_notes(found.notes)
+        course = load_motion(path, arm)
+        t = np.linspace(0.0, course.duration, 1001)
+        q, peaks, closed = course.at(t), course.peaks, course.closed
+        pieces = f"in {len(course.knots) - 1} pieces"
+        say_notes(course.notes)
     tau = np.abs(inverse_dynamics(arm, q[0], q[1], q[2])).max(axis=0)
     headings = ("from", "to", "speed", "acceleration", "jerk", "snap", "torque")
     rows = [(q[0, 0, j], q[0, -1, j], *peaks[:, j], tau[j]) for j in range(arm.n)]

@@ -47,10 +47,10 @@ class Described(click.Command):
     """Command of the same name for files."""
 
     def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
-        given = settings.get("params", ())
+        params = settings.get("params", ())
         settings["params"] = [
-            *given,
-            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in given) else []),
+            *params,
+            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in params) else []),
             parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
@@ -95,8 +95,8 @@ class FunctionCommand(Described):
     """A command: its options are declared by its function."""
 
     def __init__(self, name: str | None, *, callback: Callable[..., Any], example: str, **settings: Any) -> None:
-        known = {"help": inspect.getdoc(callback), **settings, "params": parameters_of(callback)}
-        super().__init__(name, callback=callback, example=example, **known)
+        attributes = {"help": inspect.getdoc(callback), **settings, "params": parameters_of(callback)}
+        super().__init__(name, callback=callback, example=example, **attributes)
 
 
 class App(Described, click.Group):
@@ -155,8 +155,8 @@ class App(Described, click.Group):
 def _usage(error: Any, words: Sequence[str]) -> str:
     """Return the message of wrong usage, with the way out."""
     if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
-        known = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
-        close = [known[word] for word in get_close_matches(error.option_name.lstrip("-"), known)]
+        spelled = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
+        close = [spelled[word] for word in get_close_matches(error.option_name.lstrip("-"), spelled)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")
     # an option without its value has no context of its command

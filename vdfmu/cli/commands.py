@@ -85,16 +85,16 @@ def _completion(context: click.Context, parameter: click.Parameter, shell: str |
 
 def _say_first() -> None:
     """Name the most used commands, and how to list all."""
-    known: Any = app.commands
+    commands: Any = app.commands
     console.print(f"[bold]vdfmu[/bold]  {app.help}")
     shown = table("", "", "", title=" ", show_header=False)
     for group, names in FIRST.items():
         for name in names:
-            short = escape(known[name].summary.partition(":")[0].rstrip("."))
+            short = escape(commands[name].summary.partition(":")[0].rstrip("."))
             shown.add_row(group if name == names[0] else "", f"[bold cyan]{name}[/bold cyan]", short)
     console.print(shown)
-    others = ", ".join(name for name in known if name not in {each for names in FIRST.values() for each in names})
-    console.print(f"\nBegin with [bold]vdfmu run[/bold]. Also: {others}.")
+    rest = ", ".join(name for name in commands if name not in {each for names in FIRST.values() for each in names})
+    console.print(f"\nBegin with [bold]vdfmu run[/bold]. Also: {rest}.")
     console.print("[bold]vdfmu --help[/bold] lists all commands, [bold]vdfmu COMMAND --help[/bold] their options.")
 
 

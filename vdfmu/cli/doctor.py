@@ -41,9 +41,9 @@ def doctor() -> None:
     packages, missing = installed("")
     say(f"Needs    {', '.join(packages)}")
     if native_available():
-        own = compiler(here)
-        others = "this and all other platforms" if own.is_zig else "this platform; the others need ziglang"
-        say(f"Compiler {own.name}: native FMUs for {others}")
+        c_compiler = compiler(here)
+        platforms = "this and all other platforms" if c_compiler.is_zig else "this platform; the others need ziglang"
+        say(f"Compiler {c_compiler.name}: native FMUs for {platforms}")
     own_only = {"native": "native FMUs for this platform only, no engine batch"} if native_available() else {}
     for extra, without in (WITHOUT | own_only).items():
         there, lacks = installed(extra)

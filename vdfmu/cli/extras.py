@@ -17,16 +17,16 @@ def installed(extra: str) -> tuple[list[str], list[str]]:
         wanted = re.search(r"extra == ['\"]([\w-]+)['\"]", condition)
         if (wanted[1] if wanted else "") != extra:
             continue
-        found = _REQUIREMENT.match(requirement)
-        assert found
-        if found[1] == "vdfmu":
-            for inner in found[2].split(","):
+        match = _REQUIREMENT.match(requirement)
+        assert match
+        if match[1] == "vdfmu":
+            for inner in match[2].split(","):
                 parts = installed(inner)
                 there += parts[0]
                 missing += parts[1]
             continue
         try:
-            there.append(f"{found[1]} {version(found[1])}")
+            there.append(f"{match[1]} {version(match[1])}")
         except PackageNotFoundError:
             missing.append(requirement)
     return there, missing

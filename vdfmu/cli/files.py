@@ -109,9 +109,9 @@ def _values(scenario: Scenario, backend: str | None, settings: Mapping[str, str]
     from vdfmu.system.scenario.check import model_notes
     from vdfmu.system.scenario.values import system_values
 
-    given = settings or {}
-    say_notes([*model_notes(scenario, given), *build_notes(scenario.robot, backend)])
-    return system_values(scenario, given)
+    overrides = settings or {}
+    say_notes([*model_notes(scenario, overrides), *build_notes(scenario.robot, backend)])
+    return system_values(scenario, overrides)
 
 
 def container(
@@ -214,8 +214,8 @@ def check(
     from vdfmu.engine.inspect.inspection import inspect_file
     from vdfmu.engine.package.limits import package_limit
 
-    def say_runs(what: str) -> None:
-        say_notes([f"runs code of {what} in another process; --no-run reads only"])
+    def say_runs(subject: str) -> None:
+        say_notes([f"runs code of {subject} in another process; --no-run reads only"])
 
     source = file.suffix.lower() in (".toml", ".py")
     try:
@@ -236,14 +236,14 @@ def check(
         raise SystemExit(1)
 
 
-def _report(file: Path, what: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:
+def _report(file: Path, label: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:
     """Print findings, and how many are problems."""
     for kind, texts in (("note", notes), ("problem", problems)):
         for text in first_few(texts, _rule):
             rule = f" [{_rule(text)}]" if _rule(text) else ""
             say(f"{kind}: {text}{rule}")  # its rule stands where no script looks for the text
     count = f"{len(problems)} problem(s)" if problems else "no problems"
-    say(f"{file}{f' ({what})' if what else ''}: {count}")
+    say(f"{file}{f' ({label})' if label else ''}: {count}")
 
 
 def _rule(text: str) -> str:

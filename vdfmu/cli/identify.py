@@ -101,27 +101,27 @@ def identify(
     if other is not None:
         second = read_log(other, arm, columns, time=time)
         say_notes([f"{other.name}: {note}" for note in second.notes])
-    found = estimate(rows, arm, band=band, prior=prior)
-    _print(found, arm.joint_labels, None if true is None else found.of(true))
+    fit = estimate(rows, arm, band=band, prior=prior)
+    _print(fit, arm.joint_labels, None if true is None else fit.of(true))
     scored, units = None, tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
     if other is not None and second is not None:
         from vdfmu.study.identify.fit import score
 
-        scored = score(found, arm, rows, second)
+        scored = score(fit, arm, rows, second)
         _print_score(other.name, scored, arm.joint_labels, units)
     written: list[Path] = []
     if plot is not None:
         from vdfmu.base.style import save
         from vdfmu.study.report.drawings import draw_torques
 
-        save(draw_torques(found.t, found.torque, found.torque_error, units), targets[plot])
+        save(draw_torques(fit.t, fit.torque, fit.torque_error, units), targets[plot])
         written.append(plot)
     if residuals is not None:
         from vdfmu.base.style import save
         from vdfmu.study.identify.fit import score
         from vdfmu.study.report.drawings import draw_residuals
 
-        left = scored or score(found, arm, rows, rows)
+        left = scored or score(fit, arm, rows, rows)
         title = f"What {arm.name}, identified from {log.name}, leaves of {(other or log).name}"
         save(draw_residuals(title, left, arm), targets[residuals])
         written.append(residuals)
@@ -129,7 +129,7 @@ def identify(
         from vdfmu.base.files import write_whole
         from vdfmu.study.identify.fit import identified_robot, robot_text
 
-        made, notes = identified_robot(found, arm, log.name)
+        made, notes = identified_robot(fit, arm, log.name)
         say_notes(notes)
         head = f"{arm.name}, identified from {log.name} by vdfmu identify."
         write_whole(targets[out], [robot_text(made, head).encode()])
@@ -153,72 +153,72 @@ def _design(
     noise = SensorNoise(**{name: value for name, value in sensors.items() if value is not None})
     length = {} if duration is None else {"duration": duration}
     start = None if pose is None else read_pose("--pose", pose)
-    found = design(arm, **length, start=start, sensors=noise, band=band, prior=prior)
-    say_notes(found.notes)
-    _print(found.expected, arm.joint_labels, None)
-    text = found.text(f"Motion to identify {arm.name}, {found.motion.duration:g} s, chosen by vdfmu identify --design.")
+    plan = design(arm, **length, start=start, sensors=noise, band=band, prior=prior)
+    say_notes(plan.notes)
+    _print(plan.expected, arm.joint_labels, None)
+    text = plan.text(f"Motion to identify {arm.name}, {plan.motion.duration:g} s, chosen by vdfmu identify --design.")
     if target is None:
         say(f"\n{text}")
     else:
         write_whole(target, [text.encode()])
-        say_written(target, more=f": the motion, {found.motion.duration:g} s")
+        say_written(target, more=f": the motion, {plan.motion.duration:g} s")
 
 
-def _print(found: Identified, labels: list[str], true: list[float] | None) -> None:
+def _print(fit: Identified, labels: list[str], true: list[float] | None) -> None:
     shown = table("parameter", "value", "95 %", "unit", "robot file", *(("truth", "error") if true else ()))
     shown.columns[1].no_wrap = True
-    late = 1.96 * found.deviation[found.names.index("delay_tau")]
+    late = 1.96 * fit.deviation[fit.names.index("delay_tau")]
     shown.title = (
-        f"{len(found.t)} rows, band {found.band:.3g} Hz, torques {1e3 * found.delay:.2f} +- {1e3 * late:.2g} ms late"
+        f"{len(fit.t)} rows, band {fit.band:.3g} Hz, torques {1e3 * fit.delay:.2f} +- {1e3 * late:.2g} ms late"
     )
-    rows = list(zip(found.names, found.values, found.deviation, found.units, found.nominal, strict=True))
+    rows = list(zip(fit.names, fit.values, fit.deviation, fit.units, fit.nominal, strict=True))
     for i, (name, value, deviation, unit, nominal) in enumerate(rows):
-        kept = name in found.held
+        kept = name in fit.held
         width = "kept" if kept else f"+- {1.96 * deviation:.2g}"
-        cells = [name, f"{value:.5g}", f"{width} weak" if name in found.weak else width, unit, f"{nominal:.5g}"]
+        cells = [name, f"{value:.5g}", f"{width} weak" if name in fit.weak else width, unit, f"{nominal:.5g}"]
         if true:
             error = f"{100.0 * (value / true[i] - 1.0):+.2f} %" if true[i] and not kept else ""
             cells += [f"{true[i]:.5g}", error]
         shown.add_row(*cells)
     console.print(shown)
     drives = table("joint", "torque left", "of", "%", "deformation left", "stiffness", "95 %", title=" ")
-    for i in range(found.torque.shape[1]):
-        left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (found.torque_error, found.torque))
-        bent = found.deformation_error if found.seen[i] else None
+    for i in range(fit.torque.shape[1]):
+        left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (fit.torque_error, fit.torque))
+        bent = fit.deformation_error if fit.seen[i] else None
         drives.add_row(
             labels[i], f"{left:.3g}", f"{whole:.3g}", f"{100 * left / whole:.1f}",
             "" if bent is None else f"{float((bent[:, i] ** 2).mean() ** 0.5):.3g}",
-            "" if bent is None else f"{found.stiffness[i]:.6g}",
-            "" if bent is None else f"+- {1.96 * found.stiffness_deviation[i]:.2g}",
+            "" if bent is None else f"{fit.stiffness[i]:.6g}",
+            "" if bent is None else f"+- {1.96 * fit.stiffness_deviation[i]:.2g}",
         )  # fmt: skip
     console.print(drives)
     say_notes([
-        f"not identified, kept: {', '.join(k for k, v in found.held.items() if v == why)}: {why}"
-        for why in dict.fromkeys(found.held.values())
+        f"not identified, kept: {', '.join(k for k, v in fit.held.items() if v == why)}: {why}"
+        for why in dict.fromkeys(fit.held.values())
     ])  # fmt: skip
-    say_notes(_weak(found))
-    say_notes(found.advice)
+    say_notes(_weak(fit))
+    say_notes(fit.advice)
 
 
-def _same_chain(one: Robot, other: Robot) -> bool:
+def _same_chain(robot: Robot, other: Robot) -> bool:
     import numpy as np
 
-    return one.joint_types == other.joint_types and all(
-        np.array_equal(getattr(one, name), getattr(other, name)) for name in ("rotation", "offset", "ell")
+    return robot.joint_types == other.joint_types and all(
+        np.array_equal(getattr(robot, name), getattr(other, name)) for name in ("rotation", "offset", "ell")
     )
 
 
-def _weak(found: Identified) -> list[str]:
+def _weak(fit: Identified) -> list[str]:
     """Return notes on weak parameters, by the way out."""
     by_advice: dict[str, list[str]] = {}
-    links = [name for name in found.weak if name in found.base.names]
-    for name, why in found.weak.items():
+    links = [name for name in fit.weak if name in fit.base.names]
+    for name, why in fit.weak.items():
         if name not in links:
             more = f" (correlation with {why.partner} {why.correlation:+.2f})" if abs(why.correlation) > _CLOSE else ""
             by_advice.setdefault(why.advice, []).append(name + more)
     if links:
-        by_advice.setdefault(found.weak[links[0]].advice, []).append(
-            f"{len(links)} of {len(found.base.names)} base parameters of the links"
+        by_advice.setdefault(fit.weak[links[0]].advice, []).append(
+            f"{len(links)} of {len(fit.base.names)} base parameters of the links"
         )
     return [
         f"weak, near the robot file's values, since the log says little about them: {', '.join(names)}; {advice}"

@@ -41,8 +41,8 @@ class _Number(click.types.FloatParamType):
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        found = super().convert(value, param, ctx)
-        return self.fail("expected a number, got nan", param, ctx) if found != found else found
+        number = super().convert(value, param, ctx)
+        return self.fail("expected a number, got nan", param, ctx) if number != number else number
 
 
 _KINDS: dict[Any, click.ParamType[Any]] = {
@@ -53,19 +53,19 @@ _KINDS: dict[Any, click.ParamType[Any]] = {
 
 def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
     """Return the arguments and options of a command, also of its ``**options``."""
-    found: list[click.Parameter] = []
-    for one in inspect.signature(function, eval_str=True).parameters.values():
-        if one.kind is not one.VAR_KEYWORD:
-            kind, option = get_args(one.annotation)
-            found.append(parameter(one.name, option.typed or kind, replace(option, default=one.default)))
+    parameters: list[click.Parameter] = []
+    for argument in inspect.signature(function, eval_str=True).parameters.values():
+        if argument.kind is not argument.VAR_KEYWORD:
+            kind, option = get_args(argument.annotation)
+            parameters.append(parameter(argument.name, option.typed or kind, replace(option, default=argument.default)))
     taken = taken_options(function)
     shown = [each for each in declared(taken) if each.option.flag is not None] if taken else []
-    return [*found, *(parameter(each.name, each.option.typed or each.type, each.option) for each in shown)]
+    return [*parameters, *(parameter(each.name, each.option.typed or each.type, each.option) for each in shown)]
 
 
 def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.Parameter:
     """Return a declared option, or argument, of a type on the command line."""
-    kind = next(one for one in get_args(kind) if one is not NoneType) if isinstance(kind, UnionType) else kind
+    kind = next(member for member in get_args(kind) if member is not NoneType) if isinstance(kind, UnionType) else kind
     many = get_origin(kind) is list
     base = get_args(kind)[0] if many else kind
     required, default = option.default is inspect.Parameter.empty, option.default
@@ -82,9 +82,9 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
     def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[Any]:
         from click.shell_completion import CompletionItem
 
-        known = (option.names or (lambda: option.choices))()
+        choices = (option.names or (lambda: option.choices))()
         files = [] if option.choices else [CompletionItem(incomplete, type="file")]
-        return [word for word in known if word.startswith(incomplete)] or files
+        return [word for word in choices if word.startswith(incomplete)] or files
 
     settings: dict[str, Any] = {
         "required": required, "callback": read, "shell_complete": complete, "help": option.text,
@@ -107,29 +107,29 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
 def rows_by_task(parameters: Iterable[click.Parameter]) -> dict[str, list[tuple[str, str]]]:
     """Return words and text of each parameter, grouped by task."""
     places = {f"--{name}": (task, i) for task, names in _TASKS.items() for i, name in enumerate(names.split())}
-    found: dict[str, list[tuple[int, str, str]]] = {}
-    for k, one in enumerate(parameters):
-        text = getattr(one, "help", None) or ""
-        if isinstance(one.default, (str, int, float)) and one.default not in (True, False, ""):
-            text = f"{text.rstrip('.')} [{one.default}]."
-        if isinstance(one, click.Option):
-            named = next((places[word] for word in one.opts if word in places), ("Options", k))
-            task, place = (group, k) if (group := getattr(one, "group", "")) else named
-            found.setdefault(task, []).append((place, _words(one), text))
+    rows: dict[str, list[tuple[int, str, str]]] = {}
+    for k, each in enumerate(parameters):
+        text = getattr(each, "help", None) or ""
+        if isinstance(each.default, (str, int, float)) and each.default not in (True, False, ""):
+            text = f"{text.rstrip('.')} [{each.default}]."
+        if isinstance(each, click.Option):
+            named = next((places[word] for word in each.opts if word in places), ("Options", k))
+            task, place = (group, k) if (group := getattr(each, "group", "")) else named
+            rows.setdefault(task, []).append((place, _words(each), text))
         else:
-            words = one.make_metavar(click.get_current_context())
-            found.setdefault("Arguments", []).append((k, words, text))
-    own = [task for task in found if task not in (*_TASKS, "Arguments", "Options")]
-    order = [task for task in ("Arguments", *_TASKS, *own, "Options") if task in found]
-    return {task: [(words, text) for _, words, text in sorted(found[task])] for task in order}
+            words = each.make_metavar(click.get_current_context())
+            rows.setdefault("Arguments", []).append((k, words, text))
+    groups = [task for task in rows if task not in (*_TASKS, "Arguments", "Options")]
+    order = [task for task in ("Arguments", *_TASKS, *groups, "Options") if task in rows]
+    return {task: [(words, text) for _, words, text in sorted(rows[task])] for task in order}
 
 
-def _words(one: click.Option) -> str:
+def _words(option: click.Option) -> str:
     """Return the flags of an option and a word for its value."""
-    flags = ", ".join(one.opts)
-    if one.is_flag:
-        return "/".join([flags, *one.secondary_opts])
-    word = one.metavar or one.type.name.upper()
+    flags = ", ".join(option.opts)
+    if option.is_flag:
+        return "/".join([flags, *option.secondary_opts])
+    word = option.metavar or option.type.name.upper()
     return f"{flags} {word if len(flags) + len(word) <= _FLAGS - 4 else 'NAME'}"
 
 

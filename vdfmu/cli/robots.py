@@ -70,8 +70,8 @@ def show_robot(name: RobotArgument) -> None:
         for row in rows:
             source = robot.source_of(row.path.replace("joints", "joints[1]")) or "no source"
             sources.setdefault(source, []).append(row.name)
-        for source, those in sources.items():
-            console.print(f"{', '.join(those)}: {source}", markup=False)
+        for source, names in sources.items():
+            console.print(f"{', '.join(names)}: {source}", markup=False)
 
 
 @app.command("import", example="vdfmu robot import panda.urdf --tip panda_hand -o panda.toml")
@@ -139,17 +139,17 @@ def reach(
     from vdfmu.study.analysis.reach import write_reach
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
-    found = write_reach(robot, target)
+    written = write_reach(robot, target)
     shown = table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg")
     labels = load_robot(robot).joint_labels
-    for i, (K_p, K_v) in enumerate(zip(found.gains.K_p, found.gains.K_v, strict=True)):
+    for i, (K_p, K_v) in enumerate(zip(written.gains.K_p, written.gains.K_v, strict=True)):
         numbers = ()
-        if found.margins is not None:
-            modulus, gain, phase = (float(margin[i]) for margin in found.margins[:3])
+        if written.margins is not None:
+            modulus, gain, phase = (float(margin[i]) for margin in written.margins[:3])
             numbers = f"{modulus:.2f}", f"{gain:.2f}", f"{math.degrees(phase):.0f}"
         shown.add_row(labels[i], f"{K_p:.4g}", f"{K_v:.4g}", *numbers)
     console.print(shown)
-    say_notes(found.notes)
+    say_notes(written.notes)
     say_written(target, more=f". Run it with 'vdfmu run {target}'; margins are the smallest along it")
 
 

@@ -59,11 +59,11 @@ def run(
     if Path(scenario).suffix.lower() == ".py":
         way = "'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario"
         raise UsageError(f"{scenario}: must be a scenario, got a unit. {way}.")
-    given: dict[str, Any] = {**options, "simulate": options["simulate"] is not False}
+    settings: dict[str, Any] = {**options, "simulate": options["simulate"] is not False}
     if study is None:
         if row is not None or by is not None or trust:
             raise UsageError("row, by, trust: expected --from with a parameter study. They choose its point.")
-        given["scenario"] = load(scenario, given.pop("robot"))
+        settings["scenario"] = load(scenario, settings.pop("robot"))
     else:
         from vdfmu.study.sweeps.sweep import Sweep
 
@@ -74,9 +74,9 @@ def run(
         point = sweep.options(row or "worst", by, trust=trust)
         say_notes(sweep.notes)
         changed = pick(ScenarioOptions, options)
-        given |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
+        settings |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
         for name in ("units", "settings"):
-            given[name] = point.get(name, {}) | (options[name] or {})
+            settings[name] = point.get(name, {}) | (options[name] or {})
     from vdfmu.engine.results.folder import written
     from vdfmu.engine.results.verdict import FAILED, state_of
     from vdfmu.engine.run import Interrupted
@@ -88,8 +88,8 @@ def run(
     with live_view(live, port) as observer:
         try:
             with unit_messages() as log:
-                given |= {"log": log, "observer": observer}
-                results = run_study(**given)
+                settings |= {"log": log, "observer": observer}
+                results = run_study(**settings)
         except (CosimError, Interrupted) as error:
             if error.results is not None:
                 _say_failed(error, Path(options["out"] or Path("results", error.results.summary["scenario"])), opened)

@@ -40,11 +40,11 @@ def schema(
     from vdfmu.base.errors import UsageError
     from vdfmu.system.scenario import schema
 
-    known = {
+    schemas = {
         "robot": schema.robot_schema,
         "scenario": lambda: schema.scenario_schema(system),
         "system": schema.system_schema,
     }
-    if kind not in known:
-        raise UsageError(f"schema: expected {', '.join(known)}, got {kind!r}.")
-    say_json(known[kind]())
+    if kind not in schemas:
+        raise UsageError(f"schema: expected {', '.join(schemas)}, got {kind!r}.")
+    say_json(schemas[kind]())

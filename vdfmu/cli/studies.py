@@ -61,10 +61,10 @@ def run(
     """
     from vdfmu.study.sweeps.sweep import sweep
 
-    found = sweep(scenario, vary or (), **options)
-    say_notes(found.notes)
-    _say_measures(found)
-    say_written(found.path, more=f", {len(found)} points")
+    study = sweep(scenario, vary or (), **options)
+    say_notes(study.notes)
+    _say_measures(study)
+    say_written(study.path, more=f", {len(study)} points")
 
 
 StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
@@ -91,15 +91,15 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
     """Print Sobol or Morris indices of a study. The study needs --sample saltelli or morris."""
     from vdfmu.study.sweeps.sweep import Sweep
 
-    found = Sweep(study).indices(by)
+    sensitivity = Sweep(study).indices(by)
     if as_json:
-        say_json({name: row for name, row in found.rows()})
+        say_json({name: row for name, row in sensitivity.rows()})
         return
-    shown = table("axis", *found.values)
-    for name, row in found.rows():
-        shown.add_row(name, *(row.get(index, "") for index in found.values))
+    shown = table("axis", *sensitivity.values)
+    for name, row in sensitivity.rows():
+        shown.add_row(name, *(row.get(index, "") for index in sensitivity.values))
     console.print(shown)
-    say(f"± the half-width of the {100 * found.confidence:.0f} % confidence interval, by bootstrap.")
+    say(f"± the half-width of the {100 * sensitivity.confidence:.0f} % confidence interval, by bootstrap.")
 
 
 @app.command(example="vdfmu sweep report results/sweep_tracking")
@@ -115,21 +115,21 @@ def report(
     from vdfmu.study.report.shown_run import NAME
     from vdfmu.study.sweeps.sweep import Sweep
 
-    found = Sweep(study)
+    sweep = Sweep(study)
     with replacing_foreign(overwrite):
-        require_ours(out or found.folder / NAME)
+        require_ours(out or sweep.folder / NAME)
     if out is not None and out.suffix == LATEX:
-        say_written(write_tables([found.sheet()], out))
+        say_written(write_tables([sweep.sheet()], out))
         return
-    say_written(found.report(out, simulate=simulate))
+    say_written(sweep.report(out, simulate=simulate))
 
 
-def _say_measures(found: Any) -> None:
+def _say_measures(study: Any) -> None:
     """Print the range of each measure, and the points that failed."""
     from vdfmu.study.report.sheets import sheet_table
 
-    tell(sheet_table(found.sheet()))
-    failed = found.failed
+    tell(sheet_table(study.sheet()))
+    failed = study.failed
     for point, words in list(failed.items())[:_SHOWN]:
         say(f"point {point} failed: {words}")
     if len(failed) > _SHOWN:
@@ -153,12 +153,12 @@ def tune(
     from vdfmu.study.sweeps.sweep import Sweep
     from vdfmu.study.tuning.tune import tune as run_tune
 
-    found = run_tune(scenario, vary, cost, **options)
-    say_notes(found.notes)
-    units = Sweep(found.folder).facts["units"] | {"phase": "rad", "delay": "s"}
+    tuned = run_tune(scenario, vary, cost, **options)
+    say_notes(tuned.notes)
+    units = Sweep(tuned.folder).facts["units"] | {"phase": "rad", "delay": "s"}
     shown = table("", "before", "after", "")
-    for name, before, after in found.table():
+    for name, before, after in tuned.table():
         shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
-    tell(shown, (found.folder / "tuned.toml").read_text().rstrip())
-    say(f"{found.evaluations} evaluations, {found.failed} failed runs, {found.missed} values without the margin.")
-    say_written(*(found.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")))
+    tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
+    say(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs, {tuned.missed} values without the margin.")
+    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")))

@@ -65,10 +65,10 @@ def known_scenarios() -> list[str]:
 
 def _bytes(text: str) -> int:
     """Read a size such as ``500M`` or ``4G``."""
-    found = re.fullmatch(r"([1-9]\d{0,11})([KMGT]?)(i?B)?", text.strip(), re.IGNORECASE)
-    if not found:
+    match = re.fullmatch(r"([1-9]\d{0,11})([KMGT]?)(i?B)?", text.strip(), re.IGNORECASE)
+    if not match:
         raise click.BadParameter(f"expected a size such as 500M or 4G, got {text!r}")
-    return int(found[1]) * 1024 ** " KMGT".index(found[2].upper() or " ")
+    return int(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " ")
 
 
 ScenarioArgument = Annotated[str, Positional("Name of a scenario, TOML file, or reach.", names=known_scenarios)]
@@ -114,13 +114,13 @@ def say_json(content: Mapping[str, Any]) -> None:
         fail(f"the findings cannot be written: {error.strerror}", 2)
 
 
-def say_list(heading: str, found: Mapping[str, str], as_json: bool) -> None:
+def say_list(heading: str, texts: Mapping[str, str], as_json: bool) -> None:
     """Print names with their descriptions."""
     if as_json:
-        say_json(dict(found))
+        say_json(dict(texts))
         return
     shown = table(heading, "what it is")
-    for name, text in found.items():
+    for name, text in texts.items():
         shown.add_row(name, escape(text))
     console.print(shown)
 
@@ -141,8 +141,8 @@ def _aside(text: str, markup: bool = False) -> None:
 def tell(*shown: Table | Panel | str) -> None:
     """Print content that is in the written files too; ``--quiet`` leaves it out."""
     if not errors.quiet:
-        for one in shown:
-            say(one) if isinstance(one, str) else console.print(one)
+        for each in shown:
+            say(each) if isinstance(each, str) else console.print(each)
 
 
 def say_notes(notes: Sequence[str]) -> None:
@@ -207,8 +207,8 @@ def unit_messages() -> Generator[Callable[[LogMessage], None]]:
 
     def show(message: LogMessage) -> None:
         if message.status == "note":
-            name, colon, what = message.text.partition(": ")
-            notes.setdefault(what if colon else name, []).extend([name] if colon else [])
+            name, colon, words = message.text.partition(": ")
+            notes.setdefault(words if colon else name, []).extend([name] if colon else [])
         elif LOG.isEnabledFor(logging.INFO) or message.status not in ("ok", "error", "fatal"):
             # the error that ends the run quotes these; with --verbose they come in full
             text = str(message) if message.unit else f"{message.status}: {message.text}"
@@ -217,4 +217,4 @@ def unit_messages() -> Generator[Callable[[LogMessage], None]]:
     try:
         yield show
     finally:
-        say_notes([": ".join([*([", ".join(names)] if names else []), what]) for what, names in notes.items()])
+        say_notes([": ".join([*([", ".join(names)] if names else []), words]) for words, names in notes.items()])

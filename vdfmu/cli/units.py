@@ -35,12 +35,12 @@ def show_unit(name: Annotated[str, Positional("Name of a unit, my_unit.py or my_
     """Show the variables of a unit: kind, unit of measurement, meaning."""
     from vdfmu.arm.units import find_unit
 
-    found = find_unit(name)
-    console.print(f"[bold]{escape(name)}[/bold]: {escape(found.description())}")
+    unit_class = find_unit(name)
+    console.print(f"[bold]{escape(name)}[/bold]: {escape(unit_class.description())}")
     shown = table("variable", "kind", "unit of measurement", "what it is")
-    for one in found.declared.values():
-        unit, text = (each if isinstance(each, str) else ", ".join(each) for each in (one.unit, one.text))
-        shown.add_row(one.name, type(one).__name__.lower(), unit, escape(text))
+    for variable in unit_class.declared.values():
+        unit, text = (each if isinstance(each, str) else ", ".join(each) for each in (variable.unit, variable.text))
+        shown.add_row(variable.name, type(variable).__name__.lower(), unit, escape(text))
     console.print(shown)
 
 

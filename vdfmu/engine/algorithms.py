@@ -61,7 +61,7 @@ _SHIPPED = {
 }
 DEFAULT, DELAYED, *_ = _SHIPPED
 """The algorithm by default, and an algorithm for any system: no component waits for another."""
-PLUGINS = Plugins("algorithms", "master algorithm", "an Algorithm", lambda found: isinstance(found, Algorithm))
+PLUGINS = Plugins("algorithms", "master algorithm", "an Algorithm", lambda plugin: isinstance(plugin, Algorithm))
 ALGORITHMS = PluginTable(PLUGINS, _SHIPPED)
 
 

@@ -72,7 +72,7 @@ def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:
     return SspError(finding(number, text, at))
 
 
-def fmpy_found(text: str, reworded: str = "") -> Finding:
+def fmpy_finding(text: str, reworded: str = "") -> Finding:
     """Return the finding of a message of fmpy on a model description; `reworded` replaces its text."""
     number = next((number for number, word in _FMPY if word in text), "FMI013")
     line = re.search(r"\(line (\d+)\)", text)

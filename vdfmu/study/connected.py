@@ -167,9 +167,9 @@ class System:
         return write_container(self.path, path, step=chosen)
 
     def _with(self, values: Mapping[str, Any] | None, **options: Any) -> dict[str, Any]:
-        given = {key: value for key, value in options.items() if value is not None}
-        parameters = {**(self._options.get("parameters") or {}), **(values or {}), **given.pop("parameters", {})}
-        return {**self._options, **given, "parameters": parameters}
+        changes = {key: value for key, value in options.items() if value is not None}
+        parameters = {**(self._options.get("parameters") or {}), **(values or {}), **changes.pop("parameters", {})}
+        return {**self._options, **changes, "parameters": parameters}
 
 
 def _whole(name: str) -> str:

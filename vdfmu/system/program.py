@@ -129,8 +129,8 @@ class SystemProgram:
         for name in self.system.units:
             table, begin = self.unit(name).interface, self.system.begin(name)
             robot = table.robot if table.has_robot else None
-            own, function = traced_requirements(table)
-            conditions = [(own, function)] if function is not None else []
+            requirements, function = traced_requirements(table)
+            conditions = [(requirements, function)] if function is not None else []
             if robot is not None:
                 listed = [each for each in robot.requirements() if each.margin is not None]
                 conditions += [(listed, each) for each in traced_margins(robot)]
@@ -213,10 +213,10 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
     parameters: dict[str, dict[str, list[Any]]] = {}
     outputs: dict[str, int] = {}
     for name, unit in program.system.units.items():
-        begin, own = program.system.begin(name), parameters.setdefault(name, {})
+        begin, entries = program.system.begin(name), parameters.setdefault(name, {})
         for i, v in enumerate(unit.interface.variables):
             if v.type == "Real" and v.causality == "parameter":
-                own[v.name] = [begin + i, unit.memory[i].item(), v.minimum, v.maximum]
+                entries[v.name] = [begin + i, unit.memory[i].item(), v.minimum, v.maximum]
             elif v.type == "Real" and v.causality == "output":
                 outputs[f"{name}.{v.name}"] = begin + i
     return {
@@ -224,7 +224,7 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
         "growth": growth,
         "address": address,
         "memory": program.system.memory.tolist(),
-        "units": [{"name": name, "parameters": own} for name, own in parameters.items()],
+        "units": [{"name": name, "parameters": entries} for name, entries in parameters.items()],
         "names": [*outputs],
         "places": [*outputs.values()],
         "conditions": [words for condition in program.conditions for words in condition.words],

@@ -42,7 +42,7 @@ def test_another_size_winds_up_by_the_same_angle_and_swings_at_the_same_frequenc
         row
         for part in ("drive", "friction", "limits")
         for row in section(part)
-        if row.key in ASSUMED[kind][part] and row.given not in ("lower", "upper")
+        if row.key in ASSUMED[kind][part] and row.foreign not in ("lower", "upper")
     ]
     assert len(assumed) > 10
     for row in assumed:
@@ -172,12 +172,12 @@ def test_published_drives_of_the_fr3_disagree_threefold_and_armature_is_the_iner
     assert (2.3 < reflected / (menagerie.I_m * menagerie.ell)).all()
     assert "Franka" in (franka.source_of("joints[1].drive.I_m") or "")
     assert menagerie.f_c.tolist() == [1.137] * 4 + [0.763, 0.44, 0.248]
-    rows = [row for row in PARAMETERS.values() if row.given == "armature"]
+    rows = [row for row in PARAMETERS.values() if row.foreign == "armature"]
     assert [row.quantity for row in rows] == ["rotor inertia"]
 
 
 def test_the_words_of_a_file_of_drives_are_those_of_urdf_and_assumed_drives_are_complete():
-    words = {row.given for row in PARAMETERS.values() if row.per_joint} - {""}
+    words = {row.foreign for row in PARAMETERS.values() if row.per_joint} - {""}
     assert words == {"lower", "upper", "effort", "velocity", "damping", "friction", "armature"}
     # Every number without a default of its own, except those of limits that only some robots have.
     for kind in ("revolute", "prismatic"):

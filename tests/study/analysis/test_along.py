@@ -14,7 +14,7 @@ from vdfmu.cli.commands import app
 from vdfmu.engine.linear.growth import Growth
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
-from vdfmu.study.analysis.loops import grown, margins_along, run_along, told
+from vdfmu.study.analysis.loops import grown, growth_words, margins_along, run_along
 from vdfmu.study.analysis.reach import write_reach
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
@@ -115,11 +115,11 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
     with run_along(dataclasses.replace(prepare("planar_tracking"), stop=0.01)) as (poses, _, _):
         loops = poses.loops
     loops.growth = lambda *_: growth  # type: ignore[method-assign]
-    assert told(loops) == (
+    assert growth_words(loops) == (
         "a mode grows by 0.3 1/s at joint 2, slower than 2 1/s, from 0.5 s to 1.25 s, by a factor of 1.25 at most"
     )
     loops.growth = lambda *_: growth._replace(exponent=0.001)  # type: ignore[method-assign]
-    assert told(loops) == ""
+    assert growth_words(loops) == ""
 
 
 @pytest.mark.heavy

@@ -184,7 +184,7 @@ def test_print_has_the_legend_and_says_what_is_hidden(run, browser):
     assert browser.run(f"{chips}.every(e => e.offsetHeight > 0)")
     after = browser.run(f"{chips}.map(e => getComputedStyle(e, '::after').content)")
     assert after == ["none", '" (hidden)"', "none"]
-    buttons = "[...document.querySelectorAll('.transport, .share, figcaption button')]"
+    buttons = "[...document.querySelectorAll('.transport, .actions, figcaption button')]"
     assert browser.run(f"{buttons}.every(e => !e.offsetHeight)")
     assert browser.run("getComputedStyle(document.querySelector('.chart')).breakInside") == "avoid"
     browser.call("Emulation.setEmulatedMedia", media="")

@@ -20,13 +20,13 @@ STYLES = ("report.css", "arm_alone.css")
 
 
 def sources_of(entry: str) -> set[str]:
-    """Return the modules that an entry imports, and those that they import, with itself."""
+    """Return the files that an entry imports, and those that they import, with itself."""
     imported, waiting = set(), [entry]
     while waiting:
         if (name := waiting.pop()) not in imported:
             imported.add(name)
             text = (WEB / name).read_text(encoding="utf-8")
-            waiting += re.findall(r'^(?:import|\}|import .*) ?(?:from )?"\./(.*)";$', text, re.MULTILINE)
+            waiting += re.findall(r'^(?:@?import|\}|import .*) ?(?:from )?"\./(.*?)".*;$', text, re.MULTILINE)
     return imported
 
 

@@ -93,9 +93,9 @@ class Look(Tap):
         """Linearise all components, then the arm by itself with its own and with another mass."""
         self.system = Linearisation(components, STEP).at(time)
         with changed(components, "plant", {}) as arm:
-            self.same = with_part(self.system, arm, time)
+            ((_, self.same),) = with_part([(time, self.system)], arm)
         with changed(components, "plant", {"mass[2]": 20.0}) as arm:
-            self.other = with_part(self.system, arm, time)
+            ((_, self.other),) = with_part([(time, self.system)], arm)
 
 
 def test_another_instance_has_the_same_derivatives_at_the_same_place(planar):

@@ -57,7 +57,7 @@ def recorded(rows, n, times, **more):
 @pytest.mark.parametrize("row", ROWS)
 def test_each_row_is_at_its_limit_and_gets_its_torque(limited, one, row):
     tau, speed, _, given, limit = row
-    assert one.given(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(given)
+    assert one.delivered(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(given)
     found = time_at_limits(recorded([row[:3]] * 2, limited.n, [0.0, 1.0]), [one])["limits"]["plant"]
     first = {key: shares[0] for key, shares in found.items()}
     assert first == {key: float(key == limit) for key in ("torque", "speed", "stop")}

@@ -7,7 +7,7 @@ import pytest
 
 from tests.system.package.pictures import NAMES, picture
 from vdfmu.system.package.diagram import LETTER, Card, Net, PlacedSystem, arrange
-from vdfmu.system.package.drawing import _folded, _key
+from vdfmu.system.package.drawing import _boxes, _folded, _key
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -101,7 +101,11 @@ def test_pieces_of_an_arm_are_one_box_whose_equal_connectors_are_vectors():
     links += [((f"arm_joint_{i}", "q"), ("ctrl", f"q[{i}]")) for i in (1, 2)]
     links += [(("world", f"F_e[{k}]"), ("arm_link_2", f"F_C[{k}]")) for k in (1, 2)]
     kinds = {name: {"input": [], "output": []} for name in ("ctrl", "world", *pieces)}
-    inside, joined, late = _folded(kinds, links, pieces, "arm", {"arm_joint_2.tau"})
+    assert _boxes(links) == {}  # too few to hide
+    more = [((f"arm_link_{i}", "V_B[1]"), (f"arm_joint_{i + 1}", "V_A[1]")) for i in (1, 2)]
+    ((name, found),) = _boxes([*links, *more, (("arm_joint_2", "V_B[1]"), ("arm_link_2", "V_A[1]"))]).items()
+    assert name == "arm" and set(found) == {*pieces, "arm_joint_3"}
+    inside, joined, late = _folded(kinds, links, {"arm": pieces}, {"arm_joint_2.tau"})
     assert list(inside) == ["ctrl", "world", "arm"] and late == {"arm.tau"}
     assert joined == [
         (("ctrl", "tau[1]"), ("arm", "tau[1]")), (("ctrl", "tau[2]"), ("arm", "tau[2]")),

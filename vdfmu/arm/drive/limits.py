@@ -16,21 +16,21 @@ class LimitsRows:
 
     limits: bool = False
     # fmt: off
-    q_min: Array = row("limits", "position", "lower end stop", "", 1e6, given="lower", start=-1e6)
-    q_max: Array = row("limits", "position", "upper end stop", "", 1e6, given="upper", start=1e6)
+    q_min: Array = row("limits", "position", "lower end stop", "", 1e6, foreign="lower", start=-1e6)
+    q_max: Array = row("limits", "position", "upper end stop", "", 1e6, foreign="upper", start=1e6)
     stop_stiffness: Array = row(
         "limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE, start=1.0)
     stop_damping: Array = row(
         "limits", "per velocity", "damping of the end stops over stiffness and depth", "", 1e6, 0.0,
         hint="Give 0 for stops without loss.")
     tau_stall: Array = row(
-        "limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE, given="effort", start=1e9)
+        "limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE, foreign="effort", start=1e9)
     kappa_dot_max: Array = row(
-        "limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE, given="velocity",
+        "limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE, foreign="velocity",
         start=1e9)
     full_speed: Array = row(
         "limits", "1", "share of the no-load speed up to which the motor has its largest torque", "", 0.99, 0.0,
-        default=0.0, fold="zeros", given="velocity",
+        default=0.0, fold="zeros", foreign="velocity",
         hint="Give 0 for a line from standstill, 0.95 for a drive that limits the speed.", start=0.9)
 
 
@@ -92,5 +92,5 @@ LIMITS = DriveOption(
     conditions=(
         Condition("q_max", "q_max > q_min", lambda robot: robot.q_max - robot.q_min, "The joint moves between them."),
     ),
-    motor=lambda tau, robot, kappa_dot, own: motor_torque(robot, tau, kappa_dot),
+    motor=lambda tau, robot, kappa_dot, state: motor_torque(robot, tau, kappa_dot),
 )

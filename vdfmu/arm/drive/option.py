@@ -127,8 +127,8 @@ def _same(value: Any, *_: Any) -> Any:
 class DriveOption:
     """Laws of an option in addition to the paper's, in terms of (n,) for all joints.
 
-    ``robot`` has its parameters. ``own`` is its state, or None along a desired motion. A law with a value as its first
-    argument, so far by the paper and earlier options, returns the new value.
+    ``robot`` has its parameters. ``state`` is the value of its state, or None along a desired motion. A law with a
+    value as its first argument, so far by the paper and earlier options, returns the new value.
     """
 
     state: OptionState | None = None
@@ -143,14 +143,14 @@ class DriveOption:
     spring: Law = _same
     """(spring, robot, tau_s): :class:`Spring`. In series, deformations, compliances and energies add."""
     parallel: Law | None = None
-    """(robot, stretch, own): :class:`Parallel`, added to the spring's torque."""
+    """(robot, stretch, state): :class:`Parallel`, added to the spring's torque."""
     friction: Law = _same
-    """(friction, robot, sliding, own): :class:`Friction` by a :class:`Sliding`."""
+    """(friction, robot, sliding, state): :class:`Friction` by a :class:`Sliding`."""
     link: Law | None = None
     """(robot, q, q_dot): :class:`LinkTorque`. A planned motion meets no stop: `q_dot` is None."""
     motor: Law = _same
-    """(tau, robot, kappa_dot, own): torque of the motor for a command `tau` [N m], motor-side."""
+    """(tau, robot, kappa_dot, state): torque of the motor for a command `tau` [N m], motor-side."""
     rate: Law | None = None
-    """(robot, motion, own): rate of the state, by a :class:`JointMotion`."""
+    """(robot, motion, state): rate of the state, by a :class:`JointMotion`."""
     rest: Law = lambda robot, tau_s: np.zeros(robot.n)
     """(robot, tau_s): state of an arm that springs and motors hold at rest; None: its parameter's value."""

@@ -198,11 +198,11 @@ def rotor_torque(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
 
 def _parallel(robot: Any, state: PlantState) -> Parallel:
     """Sum of the options' laws beside the springs."""
-    laws = [(option.parallel, own) for option, own in options_of(robot, state.options) if option.parallel]
+    laws = [(option.parallel, inner) for option, inner in options_of(robot, state.options) if option.parallel]
     if not laws:
         return Parallel()
     stretch = stretch_rate(robot, state)
-    return Parallel(*map(sum, zip(*(law(robot, stretch, own) for law, own in laws), strict=True)))
+    return Parallel(*map(sum, zip(*(law(robot, stretch, inner) for law, inner in laws), strict=True)))
 
 
 def drive_torque(robot: Any, state: PlantState) -> Any:
@@ -223,8 +223,8 @@ def plant_torques(robot: Any, state: PlantState, tau: Any) -> tuple[Any, Any]:
     load = drive_torque(robot, state)
     xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot, load, state.options)
     tau_l = load - xi_l + link_torques(robot, state.q, state.q_dot)
-    for option, own in options_of(robot, state.options):
-        tau = option.motor(tau, robot, state.kappa_dot, own)
+    for option, inner in options_of(robot, state.options):
+        tau = option.motor(tau, robot, state.kappa_dot, inner)
     return tau_l, rotor_torque(robot, tau, load, xi_m)
 
 
@@ -242,10 +242,10 @@ def option_rates(robot: Any, state: PlantState, tau: Any) -> dict[str, Any]:
         return rates
     stretch, loss = stretch_rate(robot, state), drive_losses(robot, state)
     motion = JointMotion(*_sliding(robot, state), stretch=stretch, tau=tau, loss=loss)
-    for option, own in options_of(robot, state.options):
+    for option, inner in options_of(robot, state.options):
         if option.state and option.rate:
-            rates[option.state.name] = option.rate(robot, motion, own)
-        motion = motion._replace(tau=option.motor(motion.tau, robot, state.kappa_dot, own))
+            rates[option.state.name] = option.rate(robot, motion, inner)
+        motion = motion._replace(tau=option.motor(motion.tau, robot, state.kappa_dot, inner))
     return rates
 
 

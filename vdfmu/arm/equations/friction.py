@@ -27,8 +27,8 @@ def sliding_at(robot: Any, velocity: Any, kappa_dot: Any, load: Any) -> Sliding:
 def friction_terms(robot: Any, sliding: Sliding, states: States | None = None) -> Friction:
     """Terms of Eq. (54), changed by the options."""
     friction = Friction(sliding.level * np.tanh(sliding.velocity / robot.eps), robot.f_v)
-    for option, own in options_of(robot, states):
-        friction = option.friction(friction, robot, sliding, own)
+    for option, state in options_of(robot, states):
+        friction = option.friction(friction, robot, sliding, state)
     return friction
 
 

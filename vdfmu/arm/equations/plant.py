@@ -92,7 +92,7 @@ def balance(
     links = tau_l - joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))  # (11), (44)-(47)
     rotors = rotor_acceleration(robot, tau_k, motion) - rate.kappa_dot
     springs = spring_rate(robot, state) - rate.tau_s
-    added = [own - rate.options[name] for name, own in option_rates(robot, state, tau).items()]
+    added = [option_rate - rate.options[name] for name, option_rate in option_rates(robot, state, tau).items()]
     return np.concatenate([state.q_dot - rate.q, links, rotors, springs, *added])
 
 

@@ -75,17 +75,17 @@ def _numbers_of_file(body: Body, file: str, chosen: Numbers) -> Numbers:
     file of drives has `chosen` stay.
     """
     joint, numbers = body.joint, dict[str, tuple[float, str]]()
-    top, share = (row.path for row in section("limits") if row.given == "velocity")
-    stops = joint.kind != "continuous" and joint.given.get("lower", 0.0) < joint.given.get("upper", 0.0)
+    top, share = (row.path for row in section("limits") if row.foreign == "velocity")
+    stops = joint.kind != "continuous" and joint.numbers.get("lower", 0.0) < joint.numbers.get("upper", 0.0)
     for row in (row for part in PARTS for row in section(part)):
-        value = joint.given.get(row.given)
+        value = joint.numbers.get(row.foreign)
         lowest = -row.largest if row.smallest is None else row.smallest
         if value is None or not lowest <= value <= row.largest:
             continue
-        if stops or row.given not in ("lower", "upper"):
-            numbers[row.path] = value, f"{file}: {row.given} of the joint"
-    if "stiffness" in joint.given:
-        drive = {key: joint.given[key] for key in ("ell", "stiffness")}
+        if stops or row.foreign not in ("lower", "upper"):
+            numbers[row.path] = value, f"{file}: {row.foreign} of the joint"
+    if "stiffness" in joint.numbers:
+        drive = {key: joint.numbers[key] for key in ("ell", "stiffness")}
         paper, _ = in_paper_words(Problems(""), {"drive": drive}, "joints", MOVING[joint.kind])
         spring = f"{file}: tendon between the joint and its rotor"
         numbers |= {f"joints.drive.{key}": (value, spring) for key, value in paper["drive"].items()}
@@ -103,7 +103,7 @@ def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, 
     The effort in the file, or twice the torque that holds and accelerates the bodies, stretched out across the axis.
     """
     joint = outward[0].joint
-    effort = joint.given.get("effort", 0.0)
+    effort = joint.numbers.get("effort", 0.0)
     if effort > 0.0 and np.isfinite(effort):
         return effort, f"the effort in {file}"
     weight = inertia = mass = reach = 0.0
@@ -140,11 +140,11 @@ def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -
             if body.joint.name in matched:
                 kind = MOVING[body.joint.kind]
                 paper, words = in_paper_words(here, entry, pattern, kind)
-                own = _numbers_of_table(Table(here, paper, pattern, None), kind, source)
+                table_numbers = _numbers_of_table(Table(here, paper, pattern, None), kind, source)
                 for place, text in words.items():
                     key = place.replace(pattern, "joints", 1)
-                    own[key] = own[key][0], f"{text}; {source}"
-                ell = own.get(PARAMETERS["ell"].path, (None,))[0]
+                    table_numbers[key] = table_numbers[key][0], f"{text}; {source}"
+                ell = table_numbers.get(PARAMETERS["ell"].path, (None,))[0]
                 entries = {part: table.data[part] for part in NAMED if part in table.data}
                 if entries:  # a later table may name the gear or the motor alone
                     named[body.joint.name] = named.get(body.joint.name, {}) | entries
@@ -152,7 +152,7 @@ def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -
                     for row in (row for part in PARTS for row in section(part)):
                         if row.key in tables.get(row.section, {}):
                             numbers[row.path] = tables[row.section][row.key]
-                numbers.update(own)
+                numbers.update(table_numbers)
     problems.lines += dict.fromkeys(here.lines)
     return chosen
 
@@ -161,8 +161,8 @@ def _numbers_of_table(table: Table, kind: str, source: str) -> Numbers:
     """Return the numbers in a table of a file of drives, for a type of joint."""
     numbers: Numbers = {}
     for part in _TABLES:
-        known = [*(row.key for row in section(part)), *(PLAIN if part == "drive" else ())]
-        inner = table.optional_table(part, known)
+        keys = [*(row.key for row in section(part)), *(PLAIN if part == "drive" else ())]
+        inner = table.optional_table(part, keys)
         values = section_numbers(inner, part, kind, inner.data)
         numbers |= {PARAMETERS[name].path: (value, source) for name, value in values.items()}
     return numbers

@@ -108,8 +108,8 @@ class _MjcfReader:
         stiff = [self.names[j] for j in range(m.njnt) if np.any(m.jnt_stiffness[j])]
         if stiff:
             self.notes.append(f"springs at joints are left out: {', '.join(stiff)}.")
-        others = {*range(m.ntendon)} - {rotor.tendon for rotor in self.rotors.values()}
-        tendons = [printable(m.tendon(i).name) or f"tendon {i}" for i in sorted(others)]
+        unread = {*range(m.ntendon)} - {rotor.tendon for rotor in self.rotors.values()}
+        tendons = [printable(m.tendon(i).name) or f"tendon {i}" for i in sorted(unread)]
         if tendons:
             self.notes.append(f"tendons are left out: {', '.join(tendons)}.")
         return Tree(
@@ -150,7 +150,7 @@ class _MjcfReader:
             joints.append(
                 Joint(
                     self.names[j], self.kind(j, kind), parent, child,
-                    at @ Placement(np.eye(3), anchor - here) @ zero, axis, self.given(j, kind), self.follows(j),
+                    at @ Placement(np.eye(3), anchor - here) @ zero, axis, self.joint_numbers(j, kind), self.follows(j),
                 )
             )  # fmt: skip
             parent, at, here = child, Placement(np.eye(3), np.zeros(3)), anchor
@@ -174,7 +174,7 @@ class _MjcfReader:
         R, (c, s) = aligned(axis), (np.cos(ref), np.sin(ref))
         return Placement(R @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R.T, np.zeros(3))
 
-    def given(self, j: int, kind: int) -> dict[str, float]:
+    def joint_numbers(self, j: int, kind: int) -> dict[str, float]:
         """Return limits, damping, friction, armature and effort of a joint; the default 0 counts as missing."""
         m = self.model
         if kind not in (_SLIDE, _HINGE):
@@ -185,9 +185,9 @@ class _MjcfReader:
         sizes = self.sizes(j)
         if j in self.rotors:
             rotor, inertia, _, ell, K = self.rotors[j]
-            own = self.sizes(rotor)
-            own["armature"] += inertia
-            sizes = {key: size + ell ** (1 + (key in _SQUARED)) * own[key] for key, size in sizes.items()}
+            of_rotor = self.sizes(rotor)
+            of_rotor["armature"] += inertia
+            sizes = {key: size + ell ** (1 + (key in _SQUARED)) * of_rotor[key] for key, size in sizes.items()}
             sizes |= {"ell": ell, "stiffness": K}
         return numbers | {key: size for key, size in sizes.items() if size > 0.0}
 

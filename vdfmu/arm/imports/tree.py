@@ -67,7 +67,7 @@ class Joint:
     """Pose of the child link's frame in the parent's frame, at q = 0."""
     axis: Floats
     """Unit vector (3,) in the child's frame."""
-    given: Mapping[str, float] = field(default_factory=dict[str, float])
+    numbers: Mapping[str, float] = field(default_factory=dict[str, float])
     """Values in the file: lower, upper, effort, velocity, damping, friction, armature, SI units, link-side."""
     follows: str = ""
     """The joint that it mimics; empty for none."""

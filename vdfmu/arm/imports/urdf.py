@@ -23,7 +23,7 @@ from vdfmu.base.toml_tables import Problems
 
 _STANDARD_GRAVITY = np.array([0.0, 0.0, 9.81])
 _KINDS = (*MOVING, "fixed", "floating", "planar")
-_GIVEN = {"limit": ("lower", "upper", "effort", "velocity"), "dynamics": ("damping", "friction")}
+_JOINT_NUMBERS = {"limit": ("lower", "upper", "effort", "velocity"), "dynamics": ("damping", "friction")}
 _ONE = re.compile(r"\s*[-+]?1(\.0*)?\s*")
 _GREY = (0.7, 0.7, 0.7, 1.0)
 
@@ -65,9 +65,9 @@ class _UrdfReader:
         self.notes: list[str] = []
         self.lost: dict[str, None] = {}
 
-    def add(self, element: Any, what: str, expected: str, got: str, way_out: str) -> None:
+    def add(self, element: Any, label: str, expected: str, got: str, way_out: str) -> None:
         """Add a problem with an element."""
-        self.problems.add(f"line {element.sourceline}: {what}", expected, got, way_out)
+        self.problems.add(f"line {element.sourceline}: {label}", expected, got, way_out)
 
     def name(self, element: Any, taken: Mapping[str, Any]) -> str:
         """Return the name of a link or joint, with a problem if it is taken."""
@@ -79,7 +79,7 @@ class _UrdfReader:
             self.add(element, f"{kind} {name}", "one of this name", "a second one", "Rename it.")
         return printable(name) or f"line {element.sourceline}"
 
-    def numbers(self, element: Any, attribute: str, n: int, what: str) -> Floats | None:
+    def numbers(self, element: Any, attribute: str, n: int, label: str) -> Floats | None:
         """Return the numbers of an attribute; None if it is missing, ones if it is wrong."""
         text = element.get(attribute)
         if text is None:
@@ -91,15 +91,15 @@ class _UrdfReader:
         if len(numbers) == n and all(math.isfinite(number) for number in numbers):
             return np.array(numbers)
         expected = "a finite number" if n == 1 else f"{n} finite numbers"
-        self.add(element, f"{what}: {attribute}", expected, repr(text[:60]), "Correct it.")
+        self.add(element, f"{label}: {attribute}", expected, repr(text[:60]), "Correct it.")
         return np.ones(n)
 
-    def placement(self, parent: Any, what: str) -> Placement:
+    def placement(self, parent: Any, label: str) -> Placement:
         """Return the placement of <origin>: xyz and, about fixed axes, roll, pitch, yaw."""
         origin = parent.find("origin")
         if origin is None:
             return Placement(np.eye(3), np.zeros(3))
-        xyz, rpy = (self.numbers(origin, key, 3, f"{what}: origin") for key in ("xyz", "rpy"))
+        xyz, rpy = (self.numbers(origin, key, 3, f"{label}: origin") for key in ("xyz", "rpy"))
         (sr, sp, sy), (cr, cp, cy) = (f(np.zeros(3) if rpy is None else rpy) for f in (np.sin, np.cos))
         R = np.array(
             [
@@ -112,36 +112,36 @@ class _UrdfReader:
 
     def link(self, name: str, element: Any, materials: Mapping[str, Any]) -> RigidLink:
         """Return a link."""
-        what = f"link {name}"
-        visuals = tuple(v for e in element.findall("visual") for v in self.visual(what, e, materials))
+        label = f"link {name}"
+        visuals = tuple(v for e in element.findall("visual") for v in self.visual(label, e, materials))
         inertial = element.find("inertial")
         if inertial is None:
-            return RigidLink(name, visuals=visuals, collisions=self.collisions(what, element))
-        frame = self.placement(inertial, what)
+            return RigidLink(name, visuals=visuals, collisions=self.collisions(label, element))
+        frame = self.placement(inertial, label)
         mass, matrix = inertial.find("mass"), inertial.find("inertia")
-        value = None if mass is None else self.numbers(mass, "value", 1, f"{what}: mass")
+        value = None if mass is None else self.numbers(mass, "value", 1, f"{label}: mass")
         if value is None:
-            self.add(inertial, what, '<mass value="..."/> in kg', "nothing", "Give it, or no <inertial>.")
+            self.add(inertial, label, '<mass value="..."/> in kg', "nothing", "Give it, or no <inertial>.")
         elif value[0] < 0:
-            self.add(mass, f"{what}: mass", "a finite number >= 0 in kg", f"{value[0]:g}", "Correct it.")
+            self.add(mass, f"{label}: mass", "a finite number >= 0 in kg", f"{value[0]:g}", "Correct it.")
         keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-        entries = [None if matrix is None else self.numbers(matrix, key, 1, what) for key in keys]
+        entries = [None if matrix is None else self.numbers(matrix, key, 1, label) for key in keys]
         missing = [key for key, entry in zip(keys, entries, strict=True) if entry is None]
         if missing:
             expected = "<inertia> with ixx, iyy, izz, ixy, ixz, iyz in kg.m2"
             got = "no <inertia>" if matrix is None else f"no {', '.join(missing)}"
-            self.add(inertial, what, expected, got, "Give them about the centre of mass.")
+            self.add(inertial, label, expected, got, "Give them about the centre of mass.")
         xx, yy, zz, xy, xz, yz = (0.0 if entry is None else entry[0] for entry in entries)
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         mass = 0.0 if value is None else max(float(value[0]), 0.0)
-        collisions = () if inertia.any() else self.collisions(what, element)
+        collisions = () if inertia.any() else self.collisions(label, element)
         return RigidLink(name, mass, frame.p, frame.R @ inertia @ frame.R.T, visuals, collisions)
 
-    def collisions(self, what: str, element: Any) -> tuple[Visual, ...]:
+    def collisions(self, label: str, element: Any) -> tuple[Visual, ...]:
         """Return the shapes of every <collision>."""
-        return tuple(v for e in element.findall("collision") for v in self.visual(what, e, {}))
+        return tuple(v for e in element.findall("collision") for v in self.visual(label, e, {}))
 
-    def visual(self, what: str, element: Any, materials: Mapping[str, Any]) -> Iterator[Visual]:
+    def visual(self, label: str, element: Any, materials: Mapping[str, Any]) -> Iterator[Visual]:
         """Yield the shape of a <visual> or <collision>, if robot files support it."""
         geometry = element.find("geometry")
         shape = None if geometry is None else next(iter(geometry), None)
@@ -149,21 +149,21 @@ class _UrdfReader:
         if shape is None or shape.tag not in sizes:
             return
         attribute, n = sizes[shape.tag]
-        size = self.numbers(shape, attribute, n, f"{what}: {shape.tag}")
+        size = self.numbers(shape, attribute, n, f"{label}: {shape.tag}")
         if shape.tag == "cylinder":
-            length = self.numbers(shape, "length", 1, f"{what}: cylinder")
+            length = self.numbers(shape, "length", 1, f"{label}: cylinder")
             size = None if size is None or length is None else np.array([size[0], length[0]])
         if size is None and shape.tag == "mesh":
             size = np.ones(3)
         if size is None:
-            self.add(shape, what, f"a {shape.tag} with its size in m", "no size", "Give it.")
+            self.add(shape, label, f"a {shape.tag} with its size in m", "no size", "Give it.")
             return
         material = element.find("material")
         if material is not None and material.find("color") is None:
             material = materials.get(material.get("name"))
         color = None if material is None else material.find("color")
-        rgba = None if color is None else self.numbers(color, "rgba", 4, f"{what}: color")
-        frame = self.placement(element, f"{what}: {element.tag}")
+        rgba = None if color is None else self.numbers(color, "rgba", 4, f"{label}: color")
+        frame = self.placement(element, f"{label}: {element.tag}")
         yield Visual(
             joint=0, shape=shape.tag, size=read_only(size), rotation=frame.R, offset=frame.p,
             color=read_only(np.clip(_GREY if rgba is None else rgba, 0.0, 1.0)),
@@ -192,40 +192,40 @@ class _UrdfReader:
 
     def joint(self, name: str, element: Any, links: Mapping[str, RigidLink]) -> Joint:
         """Return a joint."""
-        what = f"joint {name}"
+        label = f"joint {name}"
         kind = element.get("type", "")
         if kind not in _KINDS:
-            self.add(element, f"{what}: type", f"one of {', '.join(_KINDS)}", repr(kind), "Correct it.")
+            self.add(element, f"{label}: type", f"one of {', '.join(_KINDS)}", repr(kind), "Correct it.")
         ends: dict[str, str] = {}
         for tag in ("parent", "child"):
             end = element.find(tag)
             ends[tag] = "" if end is None else end.get("link", "")
             if ends[tag] not in links:
                 got = repr(ends[tag]) if ends[tag] else "nothing"
-                self.add(element, f"{what}: {tag}", "a link of the file", got, nearest(ends[tag], list(links)))
-        given: dict[str, float] = {}
-        for tag, keys in _GIVEN.items():
+                self.add(element, f"{label}: {tag}", "a link of the file", got, nearest(ends[tag], list(links)))
+        numbers: dict[str, float] = {}
+        for tag, keys in _JOINT_NUMBERS.items():
             part = element.find(tag)
             for key in keys if part is not None else ():
-                number = self.numbers(part, key, 1, f"{what}: {tag}")
+                number = self.numbers(part, key, 1, f"{label}: {tag}")
                 if number is not None:
-                    given[key] = float(number[0])
+                    numbers[key] = float(number[0])
         for key in ("damping", "friction"):
-            if given.get(key, 0.0) < 0:
-                self.add(element, f"{what}: {key}", "a number >= 0", f"{given[key]:g}", "Correct it.")
+            if numbers.get(key, 0.0) < 0:
+                self.add(element, f"{label}: {key}", "a number >= 0", f"{numbers[key]:g}", "Correct it.")
         mimic = element.find("mimic")
         follows = "" if mimic is None else mimic.get("joint", "")
-        placement, axis = self.placement(element, what), self.axis(what, kind, element)
-        return Joint(name, kind, ends["parent"], ends["child"], placement, axis, given, follows)
+        placement, axis = self.placement(element, label), self.axis(label, kind, element)
+        return Joint(name, kind, ends["parent"], ends["child"], placement, axis, numbers, follows)
 
-    def axis(self, what: str, kind: str, element: Any) -> Floats:
+    def axis(self, label: str, kind: str, element: Any) -> Floats:
         """Return the unit axis of a joint, by default x."""
         part = element.find("axis")
-        axis = None if part is None else self.numbers(part, "xyz", 3, f"{what}: axis")
+        axis = None if part is None else self.numbers(part, "xyz", 3, f"{label}: axis")
         if axis is None or kind not in MOVING:
             return np.array([1.0, 0.0, 0.0])
         length = float(np.linalg.norm(axis))
         if length < 1e-6:  # as of a joint that is made a fixed one
-            self.add(part, f"{what}: axis", "a direction", "zeros", 'Give it, or type="fixed".')
+            self.add(part, f"{label}: axis", "a direction", "zeros", 'Give it, or type="fixed".')
             return np.array([1.0, 0.0, 0.0])
         return axis / length

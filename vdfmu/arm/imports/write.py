@@ -37,7 +37,7 @@ def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNum
     whole = {"gravity": arm.gravity, "tip": arm.tool.p}
     if np.abs(arm.tool.R - np.eye(3)).max() > 1e-9:
         whole["tip_axes"] = arm.tool.R
-    lines += [f"{row.key} = {_text(whole[row.given])}" for row in section("robot") if row.given in whole]
+    lines += [f"{row.key} = {_text(whole[row.foreign])}" for row in section("robot") if row.foreign in whole]
     for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
         lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
         lines.append(f"name = {_text(body.joint.name)}")
@@ -73,12 +73,12 @@ def _about(body: Body, drive: DriveNumbers) -> str:
 
 
 def _sources(
-    file: str, arm: SerialChain, given: Collection[str], joints: list[dict[str, str]]
+    file: str, arm: SerialChain, imported: Collection[str], joints: list[dict[str, str]]
 ) -> Iterator[tuple[str, str]]:
     """Yield keys and texts of [sources]: one key for all joints with the same text."""
     texts = {"gravity": "Standard gravity, along z of the root" if arm.standard else f"{file}: gravity"}
     texts |= {"tip": f"{file}: origin of {arm.tip}", "tip_axes": f"{file}: axes of {arm.tip}"}
-    yield from ((row.path, texts[row.given]) for row in section("robot") if row.given in given)
+    yield from ((row.path, texts[row.foreign]) for row in section("robot") if row.foreign in imported)
     for row in (row for row in PARAMETERS.values() if row.per_joint):
         texts = [joint[row.path] for joint in joints if row.path in joint]
         if len(set(texts)) == 1 and len(texts) == len(joints):

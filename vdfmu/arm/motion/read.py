@@ -177,11 +177,11 @@ def _value(table: Table, key: str, argument: Argument) -> Any:
     return None
 
 
-def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dict[str, Floats]:
+def read_points(path: Path, robot: Robot, problems: Problems, allowed: Any) -> dict[str, Floats]:
     """Read ``points`` (k, n) [rad or m], ``times`` and ``dwell`` (k,) [s] of a CSV file; problems have lines.
 
     The heading has the columns in any order: ``q1`` to ``qn``, or the names of joints in the robot's file, with rad or
-    deg in brackets, m or mm for a prismatic joint, by default SI; of the keys `known`, ``time [s]``, ``dwell [s]``.
+    deg in brackets, m or mm for a prismatic joint, by default SI; of the keys `allowed`, ``time [s]``, ``dwell [s]``.
     """
     lines: list[str] = []
     columns = csv_columns(path, lines, timed=False)
@@ -198,7 +198,7 @@ def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dic
             factors = {"s": 1.0}
             if name in numbered:
                 factors = _FACTORS[robot.joint_types[numbered.index(name)]]
-            elif keys.get(name) not in known:
+            elif keys.get(name) not in allowed:
                 unknown.append(heading)
                 continue
             if unit and unit not in factors:
@@ -207,7 +207,7 @@ def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dic
                 lines.append(f"{path}: row 1: {heading}: expected one column for {name}, got another one.")
             table[name] = column * factors.get(unit, 1.0)
         if unknown:
-            also = "".join(f", {key}" for key, value in keys.items() if value in known)
+            also = "".join(f", {key}" for key, value in keys.items() if value in allowed)
             also = (f", or {', '.join(filter(None, of_names))}" if any(of_names) else "") + also
             lines.append(
                 f"{path}: row 1: {', '.join(unknown)}: expected q1 to q{robot.n}{also}. Write a heading such as "

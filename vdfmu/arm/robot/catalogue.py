@@ -88,14 +88,14 @@ def filled_from_catalogue(problems: Problems, joint: Any, path: str) -> tuple[An
     """Return a joint's table, filled from the catalogue, and the sources of the added numbers by key."""
     if not isinstance(joint, dict) or not any(part in joint for part in NAMED):
         return joint, {}
-    own = {part: joint[part] for part in (*_ALWAYS, *JOINT_OPTIONS) if isinstance(joint.get(part), dict)}
-    tables = tables_of(problems, path, joint, joint.get("type", ""), own.get("drive", {}).get("ell"))
+    parts = {part: joint[part] for part in (*_ALWAYS, *JOINT_OPTIONS) if isinstance(joint.get(part), dict)}
+    tables = tables_of(problems, path, joint, joint.get("type", ""), parts.get("drive", {}).get("ell"))
     sources: dict[str, str] = {}
-    for part in (part for part in tables if part in own or (part in _ALWAYS and part not in joint)):
-        missing = {key: number for key, number in tables[part].items() if key not in own.get(part, {})}
-        own[part] = {key: value for key, (value, _) in missing.items()} | own.get(part, {})
+    for part in (part for part in tables if part in parts or (part in _ALWAYS and part not in joint)):
+        missing = {key: number for key, number in tables[part].items() if key not in parts.get(part, {})}
+        parts[part] = {key: value for key, (value, _) in missing.items()} | parts.get(part, {})
         sources |= {f"{path}.{part}.{key}": source for key, (_, source) in missing.items()}
-    return {key: value for key, value in joint.items() if key not in NAMED} | own, sources
+    return {key: value for key, value in joint.items() if key not in NAMED} | parts, sources
 
 
 _POINTS, _PASSES = 60, 200

@@ -52,7 +52,7 @@ def robot_class(text: str) -> type[Robot]:
     fields = [f for table in tables for f in dataclasses.fields(table) if f.metadata]
     rows = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields}
     _check(options, rows)
-    attributes: dict[str, Any] = {"rows": PARAMETERS | rows, "own": tuple(options.values()), "drive": text}
+    attributes: dict[str, Any] = {"rows": PARAMETERS | rows, "own_options": tuple(options.values()), "drive": text}
     attributes["joint_fields"] = (*Robot.joint_fields, *(name for name, row in rows.items() if not row.shape))
     attributes |= {"__doc__": Robot.__doc__, "__reduce__": _reduced}
     robot: Any = type("Robot", (*tables, Robot), attributes)  # pyright: ignore[reportArgumentType]

@@ -66,7 +66,7 @@ class Row:
     """Parameter of the joint that switches this one off, as a constant, if it is 0."""
     hint: str = ""
     """Way out of a problem with it; else the text."""
-    given: str = ""
+    foreign: str = ""
     """Its name in files of other tools: in a URDF's <limit> or <dynamics>, MJCF's armature and gravity, the tip."""
     scaled_as: str = ""
     """Word for scaling: all parameters of one word are scaled together."""
@@ -143,13 +143,13 @@ class ArmParameters:
     # fmt: off
     gravity: Array = row(
         "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="spare zeros",
-        hint="Write +9.81 along the upward axis.", given="gravity", start=(0.0, 0.0, 9.81))
+        hint="Write +9.81 along the upward axis.", foreign="gravity", start=(0.0, 0.0, 9.81))
     tool_offset: Array = row(
         "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
-        shape=_VECTOR, fold="spare zeros", given="tip")
+        shape=_VECTOR, fold="spare zeros", foreign="tip")
     tool_rotation: Array = row(
         "robot", "1", "Rotation matrix from {O} to the last link frame", "(44)", default=_ALIGNED, shape=_MATRIX,
-        fold="always", given="tip_axes")
+        fold="always", foreign="tip_axes")
     payload_mass: Array = row(
         "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.",
         scaled_as="payload")
@@ -174,7 +174,7 @@ class ArmParameters:
         "drive", "ratio", "reduction ratio", "(1)", 1e6, 1.0,
         hint="Give the rotor angle for one unit of joint motion.", start=100.0)
     I_m: Array = row("drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE,
-        given="armature", start=1e-3)
+        foreign="armature", start=1e-3)
     K_f0: Array = row("drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE,
         scaled_as="stiffness", start=1e4)
     c_f: Array = row(
@@ -186,13 +186,13 @@ class ArmParameters:
         "drive", "1/(N.m)", "wave generator stiffening, motor-side, Eq. {}", "(3)", 1e9, POSITIVE,
         hint="For a linear spring give a small value such as 1e-3.", start=10.0)
     f_c: Array = row(
-        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
+        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, foreign="friction",
         scaled_as="friction")
     f_s: Array = row(
-        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
+        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, foreign="friction",
         scaled_as="friction")
     f_v: Array = row(
-        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="damping",
+        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, foreign="damping",
         scaled_as="friction")
     v_s: Array = row(
         "friction", "velocity", "Stribeck velocity, Eq. {}", "(54)", 1e6, POSITIVE,

@@ -84,7 +84,7 @@ class Robot(Parameters):
     requirements = requirements
     body = link_body
 
-    own: ClassVar[tuple[DriveOption, ...]] = ()
+    own_options: ClassVar[tuple[DriveOption, ...]] = ()
     """Options of its own drive, see :mod:`vdfmu.arm.robot.own_drive`."""
     drive: ClassVar[str] = ""
     """Text of the file of its own drive."""

@@ -142,8 +142,8 @@ def _class(problems: Problems, file: Table, folder: Path) -> type[Robot]:
 
 def _joint(problems: Problems, data: object, path: str, made: type[Robot]) -> dict[str, Any]:
     """Read one [[joints]] table: field of `Robot` to this joint's value."""
-    own: Any = made.own_sections()
-    table = Table(problems, data, path, (*JOINT_KEYS, *own))
+    sections: Any = made.own_sections()
+    table = Table(problems, data, path, (*JOINT_KEYS, *sections))
     kind = table.text("type", choices=JOINT_TYPES)
     options = {option: option in table.data for option in JOINT_OPTIONS}
     name = table.label("name") if "name" in table.data else ""
@@ -152,11 +152,11 @@ def _joint(problems: Problems, data: object, path: str, made: type[Robot]) -> di
     parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
     for part in parts:
         joint |= section_numbers(table.table(part, [*_keys(part), *(PLAIN if part == "drive" else ())]), part, kind)
-    for part in own:
+    for part in sections:
         rows = [row for row in made.rows.values() if row.section == part]
         joint |= section_numbers(table.optional_table(part, [row.key for row in rows]), part, kind, rows=rows)
     check_conditions(problems, path, (CONTRACTION, STATIC_FRICTION), joint)
-    for option in made.own:
+    for option in made.own_options:
         check_conditions(problems, path, option.conditions, joint, made.rows)
     for option in JOINT_OPTIONS:
         if not options[option]:

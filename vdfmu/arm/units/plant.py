@@ -52,9 +52,9 @@ _STARTS = {
 @cache
 def _own_variables(state: OptionState) -> tuple[Declared, ...]:
     """Return state, derivative and start of a robot's own drive."""
-    own = State(state.unit, JOINTS, state.text)
+    declared_state = State(state.unit, JOINTS, state.text)
     start = Parameter(state.unit, JOINTS, state.start_text, start=state.start, minimum=state.minimum)
-    named = {state.name: own, f"der_{state.name}": Derivative(own), f"{state.name}_0": start}
+    named = {state.name: declared_state, f"der_{state.name}": Derivative(declared_state), f"{state.name}_0": start}
     for name, declared in named.items():
         declared.__set_name__(Plant, name)
     return tuple(named.values())
@@ -158,11 +158,11 @@ class Plant(Unit):
     @classmethod
     def declared_for(cls, robot: Any) -> dict[str, Declared]:
         """Variables by name, with the states of the robot's own drive."""
-        states = [option.state for option in getattr(robot, "own", ()) if option.state]
-        own = {d.name: d for state in states for d in _own_variables(state)}
-        if taken := own.keys() & cls.declared.keys():
+        states = [option.state for option in getattr(robot, "own_options", ()) if option.state]
+        variables = {d.name: d for state in states for d in _own_variables(state)}
+        if taken := variables.keys() & cls.declared.keys():
             raise UnitError(f"{', '.join(sorted(taken))}: the Plant has it already. Rename the state of the drive.")
-        return super().declared_for(robot) | own
+        return super().declared_for(robot) | variables
 
     def _x(self, prefix: str = "") -> Any:
         """State, or with the prefix ``der_`` its derivative."""

@@ -35,7 +35,7 @@ class Trace:
         """Codes of CasADi."""
         self.operands: list[tuple[int, ...]] = []
         """Operations that each operation reads."""
-        self.given: list[tuple[int, int] | float | None] = []
+        self.leaves: list[tuple[int, int] | float | None] = []
         """Argument and element of an input, value of a constant, else None."""
         self.results: list[tuple[int, int, int]] = []
         """Result, element and operation. An input or a constant is copied by an operation."""
@@ -51,29 +51,29 @@ class Trace:
                 self.results.append((target[0], target[1], made))
                 continue
             read: tuple[int, ...] = ()
-            given: tuple[int, int] | float | None = None
+            leaf: tuple[int, int] | float | None = None
             if operation == ca.OP_CONST:
-                given = function.instruction_constant(k)
+                leaf = function.instruction_constant(k)
             elif operation == ca.OP_INPUT:
-                given = source[0], source[1]
+                leaf = source[0], source[1]
             else:
                 read = tuple(held[place] for place in source)
-            held[target[0]] = self._append(operation, read, given)
+            held[target[0]] = self._append(operation, read, leaf)
 
-    def _append(self, operation: int, read: tuple[int, ...], given: tuple[int, int] | float | None = None) -> int:
+    def _append(self, operation: int, read: tuple[int, ...], leaf: tuple[int, int] | float | None = None) -> int:
         self.operations.append(operation)
         self.operands.append(read)
-        self.given.append(given)
+        self.leaves.append(leaf)
         return len(self.operations) - 1
 
     def is_leaf(self, k: int) -> bool:
         """Whether an operation is an input or a constant."""
-        return self.given[k] is not None
+        return self.leaves[k] is not None
 
     def digests(self, depth: int) -> list[int]:
         """Return a number for each operation, the same for operations with alike operands down to a depth."""
         if not self._digests:
-            arguments = (given[0] if isinstance(given, tuple) else -1 for given in self.given)
+            arguments = (leaf[0] if isinstance(leaf, tuple) else -1 for leaf in self.leaves)
             self._digests.append(list(map(hash, zip(self.operations, arguments, strict=True))))
         while len(self._digests) <= depth:
             last = self._digests[-1]
@@ -155,7 +155,7 @@ class Counterparts:
 
     def _inputs_below(self, waiting: Iterable[tuple[int, int]], limit: int) -> Iterator[tuple[int, int, int]]:
         """Yield the argument and both elements of pairs of inputs below pairs of operations, the nearest first."""
-        operations, operands, given = self._trace.operations, self._trace.operands, self._trace.given
+        operations, operands, leaves = self._trace.operations, self._trace.operands, self._trace.leaves
         waiting = deque(waiting)
         seen: set[tuple[int, int]] = set()
         while waiting and len(seen) < limit:
@@ -163,7 +163,7 @@ class Counterparts:
             if a == b or pair in seen or operations[a] != operations[b]:
                 continue
             seen.add(pair)
-            first, second = given[a], given[b]
+            first, second = leaves[a], leaves[b]
             if first is None:
                 waiting.extend(zip(operands[a], operands[b], strict=True))
             elif isinstance(first, tuple) and isinstance(second, tuple) and first[0] == second[0]:
@@ -223,7 +223,7 @@ class Counterparts:
             a, b = waiting.pop()
             if a == b or alike[a] != alike[b] or a in self.after or b in self._taken:
                 continue
-            first, second = trace.given[a], trace.given[b]
+            first, second = trace.leaves[a], trace.leaves[b]
             if first is not None:
                 if isinstance(first, tuple) and isinstance(second, tuple):
                     self._steps[first[0]].setdefault(first[1], second[1])

@@ -244,23 +244,23 @@ class _UnitGenerator:
     def _set(self, memories: str, ending: str, call: Call) -> list[str]:
         """Return the lines of a call that reads memories and sets its results in the last memory."""
         function = self.functions[call.function]
-        given = [f"{memory} + at_{call.group(name)}" for memory in memories for name in function.name_in()]
+        arguments = [f"{memory} + at_{call.group(name)}" for memory in memories for name in function.name_in()]
         groups = ((name, call.group(name)) for name in function.name_out())
         made = [(name, f"{memories[-1]} + at_{group}", self._size(group), name != group) for name, group in groups]
-        return setting_lines(f"{function.name()}{ending}", given, made)
+        return setting_lines(f"{function.name()}{ending}", arguments, made)
 
     def _reverse(self, call: Call) -> list[str]:
         function = self.functions[call.function]
-        given = {name: call.group(name) for name in function.name_in()}
+        arguments = {name: call.group(name) for name in function.name_in()}
         made = [call.group(name) for name in function.name_out()]
-        places = [f"m + at_{group}" for group in given.values()]
-        places += [f"d + at_{group}" for group in made] + [f"bar_{name}" for name in given]
-        bars = fields((f"bar_{name}[{self._size(group)}]" for name, group in given.items()), indent="")
+        places = [f"m + at_{group}" for group in arguments.values()]
+        places += [f"d + at_{group}" for group in made] + [f"bar_{name}" for name in arguments]
+        bars = fields((f"bar_{name}[{self._size(group)}]" for name, group in arguments.items()), indent="")
         lines = [
             *f"double {bars};".splitlines(),
             *call_lines(f"{function.name()}_reverse", places),
             *(f"memset(d + at_{group}, 0, {self._size(group)} * sizeof(double));" for group in made),
-            *(f"add(d + at_{group}, bar_{name}, {self._size(group)});" for name, group in given.items()),
+            *(f"add(d + at_{group}, bar_{name}, {self._size(group)});" for name, group in arguments.items()),
         ]
         return indented("{", lines)
 

@@ -24,8 +24,8 @@ def grown(shorter: Mapping[int, Mapping[str, str]], joints: int) -> dict[str, st
     None if the texts differ in more than numbers, if a number grows unevenly, or if a factor of an index grows. Such a
     factor belongs to a matrix of joints, and places behind it may grow with the square.
     """
-    counts, (first, *others) = list(shorter), shorter.values()
-    if any(files.keys() != first.keys() for files in others):
+    counts, (first, *rest) = list(shorter), shorter.values()
+    if any(files.keys() != first.keys() for files in rest):
         return None
     texts: dict[str, str] = {}
     for name in first:
@@ -37,10 +37,10 @@ def grown(shorter: Mapping[int, Mapping[str, str]], joints: int) -> dict[str, st
 
 
 def _grown(texts: list[str], counts: list[int], joints: int) -> str | None:
-    words, *others = map(_NUMBER.split, texts)
-    if any(text[::2] != words[::2] for text in others):
+    words, *rest = map(_NUMBER.split, texts)
+    if any(text[::2] != words[::2] for text in rest):
         return None
-    numbers = np.array([list(map(float, text[1::2])) for text in (words, *others)])
+    numbers = np.array([list(map(float, text[1::2])) for text in (words, *rest)])
     steps = (np.array([*counts, joints]) - counts[0]) / (counts[1] - counts[0])
     if (steps % 1.0).any():  # kinds of joints repeat with this distance
         return None

@@ -23,7 +23,7 @@ def compiled_rows(function: ca.Function) -> Callable[[Sequence[Floats], Floats],
     """
     if not native_available():
         return None
-    given = [f"given[{i}] + k * step[{i}]" for i in range(function.n_in())]
+    argument_texts = [f"given[{i}] + k * step[{i}]" for i in range(function.n_in())]
     text = f"""#include <stddef.h>
 
 {SHOWN}
@@ -31,7 +31,7 @@ def compiled_rows(function: ca.Function) -> Callable[[Sequence[Floats], Floats],
 SHOWN void rows(const double *const *given, const size_t *step, double *out, size_t n)
 {{
     for (size_t k = 0; k < n; k++)
-        {function.name()}({", ".join(given)}, out + k * {function.numel_out(0)});
+        {function.name()}({", ".join(argument_texts)}, out + k * {function.numel_out(0)});
 }}
 """
     try:

@@ -63,28 +63,28 @@ class _Text:
         body = [*memory, f"double w[{size}];", *(f"(void){name};" for name in self._pointers), *body]
         return "\n".join([*texts, _block(self._prototype, body)])
 
-    def _loop(self, turn: int, found: Pass) -> Iterator[str]:
+    def _loop(self, turn: int, loop: Pass) -> Iterator[str]:
         """Yield the lines of a pass."""
         yield from (f"(void){name};" for name in (*self._pointers, "w"))
         if turn % 2 == 0:
-            yield f"for (int i = {found.low}; i <= {found.high}; i++) {{"
+            yield f"for (int i = {loop.low}; i <= {loop.high}; i++) {{"
         else:
-            yield f"for (int i = {found.high}; i >= {found.low}; i--) {{"
+            yield f"for (int i = {loop.high}; i >= {loop.low}; i--) {{"
         yield f" const int r = {_affine(self._width, -self._width * self._base)};"
         yield " (void)r;"
-        if shared := sorted(found.shared & self._named):
+        if shared := sorted(loop.shared & self._named):
             yield f" double {', '.join(f'{self._name(k)} = 0.0' for k in shared)};"
-        for span, segments in found.blocks:
-            yield self._guard(found, span)
+        for span, segments in loop.blocks:
+            yield self._guard(loop, span)
             for segment in segments:
-                declared = "" if segment.series in found.shared else "double "
+                declared = "" if segment.series in loop.shared else "double "
                 yield from (f"  {line}" for line in self._statements(segment, declared))
             yield " }"
         yield "}"
 
-    def _guard(self, found: Pass, span: tuple[int, int]) -> str:
+    def _guard(self, loop: Pass, span: tuple[int, int]) -> str:
         begin, end = span
-        limits = [f"i >= {begin}"] * (begin > found.low) + [f"i <= {end}"] * (end < found.high)
+        limits = [f"i >= {begin}"] * (begin > loop.low) + [f"i <= {end}"] * (end < loop.high)
         condition = f"i == {begin}" if begin == end else " && ".join(limits)
         return f" if ({condition}) {{" if limits else " {"
 

@@ -122,7 +122,7 @@ class Loops:
     @property
     def complete(self) -> bool:
         """Whether each segment has a place. Segments that read each other at different indices lack it."""
-        return all(found.complete for found in self.passes.values())
+        return all(loop.complete for loop in self.passes.values())
 
     def is_local(self, segment: Segment, operand: Operand) -> bool:
         """Whether a segment reads a value of the same turn of its loop, or of the part before all loops."""
@@ -213,11 +213,11 @@ def _segments(layout: Layout, k: int) -> Iterator[Segment]:
 def _operands(layout: Layout, operation: int) -> list[Operand]:
     trace, operands = layout.trace, []
     for read in trace.operands[operation]:
-        given: Any = trace.given[read]
-        if isinstance(given, tuple):
-            operands.append(Operand(argument=given[0], base=given[1]))
-        elif given is not None:
-            operands.append(Operand(number=c_constant(given)))
+        leaf: Any = trace.leaves[read]
+        if isinstance(leaf, tuple):
+            operands.append(Operand(argument=leaf[0], base=leaf[1]))
+        elif leaf is not None:
+            operands.append(Operand(number=c_constant(leaf)))
         else:
             series, at = layout.places[read]
             ahead = 0 if layout.series[series].alone else at - layout.places[operation][1]

@@ -62,8 +62,8 @@ class _OperationTable:
 
     def __init__(self, loops: Loops) -> None:
         self._loops, self._function = loops, loops.trace.function
-        self._given, self._made = self._function.name_in(), self._function.name_out()
-        sizes = [self._function.numel_in(name) for name in self._given]
+        self._arguments, self._made = self._function.name_in(), self._function.name_out()
+        sizes = [self._function.numel_in(name) for name in self._arguments]
         sizes += [self._function.numel_out(name) for name in self._made]
         sizes += [len(series.members) for series in loops.series]
         self._begins = list(accumulate(sizes, initial=0))
@@ -83,7 +83,7 @@ class _OperationTable:
         for k, stores in self._loops.stores.items():
             for store in stores:
                 first = self._loops.series[k].first + store.begin
-                begin = self._begins[len(self._given) + store.result] + store.base
+                begin = self._begins[len(self._arguments) + store.result] + store.base
                 target = _Place(begin - store.slope * first, store.slope)
                 blocks[first, first + store.end - store.begin].append(_Line(ca.OP_ASSIGN, [target, self._value(k)]))
         low, high = min(first for first, _ in blocks), max(last for _, last in blocks)
@@ -95,7 +95,7 @@ class _OperationTable:
 
     def _value(self, k: int, offset: int = 0) -> _Place:
         """Return the place of a series at an offset from the index of the loop."""
-        series, begin = self._loops.series[k], self._begins[len(self._given) + len(self._made) + k]
+        series, begin = self._loops.series[k], self._begins[len(self._arguments) + len(self._made) + k]
         return _Place(begin) if series.alone else _Place(begin - series.first + offset, 1)
 
     def _operand(self, segment: Segment, operand: Operand) -> _Place:
@@ -119,7 +119,7 @@ class _OperationTable:
                 word |= slopes[place.slope] << _CODE + k * bits
             rows.append(", ".join(map(str, (word, *(place.at for place in places), *[0] * (3 - len(places))))))
         moves = "".join(f"    moved[{k}] = {slope} * i;\n" for slope, k in slopes.items())
-        n_given, n_made = len(self._given), len(self._made)
+        n_given, n_made = len(self._arguments), len(self._made)
         fields = f"{name}_lines, {name}_blocks, {name}_passes, {len(self._passes)}, {bits}, {name}_move"
         fields += f", {name}_begins, {n_given}, {n_made}, {name}_constants, {len(self._constants)}, {size}"
         blocks = [block for *_, listed in self._passes for block in listed]
@@ -142,9 +142,9 @@ class _OperationTable:
 """,
         ]
         for ending in DIRECTIONS:
-            given, made = derivative_names(self._function, ending)
+            arguments, made = derivative_names(self._function, ending)
             lines = [
-                f"const double *const given[] = {{{', '.join(given)}}};",
+                f"const double *const given[] = {{{', '.join(arguments)}}};",
                 f"double *const made[] = {{{', '.join(f'{result}_out' for result in made)}}};",
                 f"{name}_run(given, made, {DIRECTIONS.index(ending)});",
             ]

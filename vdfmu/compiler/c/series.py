@@ -138,7 +138,7 @@ def _votes_of_inputs(layout: Layout, k: int, joints: int, period: int) -> Counte
     trace, (a, b, *_) = layout.trace, layout.series[k].members
     votes = Counter[int]()
     for operands in zip(trace.operands[a], trace.operands[b], strict=True):
-        first, second = (trace.given[operand] for operand in operands)
+        first, second = (trace.leaves[operand] for operand in operands)
         if isinstance(first, tuple) and isinstance(second, tuple) and first[0] == second[0]:
             per_joint = trace.function.numel_in(first[0]) % joints == 0
             if per_joint and second[1] - first[1] == period:

@@ -165,13 +165,13 @@ def call_lines(name: str, places: Sequence[str]) -> list[str]:
     return [line.rstrip() for line in lines]
 
 
-def setting_lines(name: str, given: Sequence[str], made: Sequence[tuple[str, str, int, bool]]) -> list[str]:
+def setting_lines(name: str, arguments: Sequence[str], made: Sequence[tuple[str, str, int, bool]]) -> list[str]:
     """Return the lines of a call that sets its results in a memory.
 
     `made` has name, place and size of each result, and whether the call may read the place. If so, the result is
     copied after the call.
     """
-    lines = call_lines(name, [*given, *(result if read else place for result, place, _, read in made)])
+    lines = call_lines(name, [*arguments, *(result if read else place for result, place, _, read in made)])
     if copied := [(result, place, size) for result, place, size, read in made if read]:
         declared = fields((f"{result}[{size}]" for result, _, size in copied), indent="")
         lines = [*f"double {declared};".splitlines(), *lines]

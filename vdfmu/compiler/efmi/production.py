@@ -261,18 +261,18 @@ def _step(block: SampledBlock) -> Iterator[str]:
 
     fine = "self->errorSignals == 0U"
     states = [v for v in block.variables if v.before]
-    given = check(block.of("input", "tunableParameter"))
+    input_checks = check(block.of("input", "tunableParameter"))
     if block.has_time:
         yield f"const {block.name}_Real t = ({block.name}_Real)self->{STEPS} * {block.name}_{PERIOD};"
         yield f"self->{STEPS}++;"
     yield "self->errorSignals = 0U;"
-    yield from given
+    yield from input_checks
     if block.start:
-        first = f"({fine}) && self->{FIRST}" if given else f"self->{FIRST}"
+        first = f"({fine}) && self->{FIRST}" if input_checks else f"self->{FIRST}"
         yield from indented(f"if ({first}) {{", [*calls(block.start), *check(states)])
     started = [f"self->{FIRST} = false;"] * bool(block.start)
     step = [*started, *calls(block.update), *calls(block.outputs), *check(block.of("output"))]
-    yield from indented(f"if ({fine}) {{", step) if given or block.start else step
+    yield from indented(f"if ({fine}) {{", step) if input_checks or block.start else step
     if states:
         elements = [(v, "[i]" * bool(v.size)) for v in states]
         kept = [_loop(v.size, [f"self->{c_name(v)}{i} = self->{v.name}{i};"]) for v, i in elements]

@@ -290,7 +290,7 @@ def _add_structure(root: Element, interface: Interface) -> None:
     def add(tag: str, unknowns: Sequence[Array], dependencies: Callable[[int], list[int]]) -> None:
         for array in unknowns:
             elements = range(array.first, array.first + array.size)
-            owners = {interface.owners[known] for element in elements for known in dependencies(element)}
+            owners = {interface.owners[dependency] for element in elements for dependency in dependencies(element)}
             knowns = " ".join(str(interface.arrays[owner].first) for owner in sorted(owners))
             SubElement(structure, tag, {"valueReference": str(array.first), "dependencies": knowns})
 

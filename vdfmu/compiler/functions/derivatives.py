@@ -14,10 +14,10 @@ DIRECTIONS = ("forward", "reverse")
 
 def derivative_names(function: ca.Function, ending: str) -> tuple[list[str], list[str]]:
     """Return the names of the arguments and of the results of a derivative."""
-    prefix, given, made = "d", function.name_in(), function.name_out()
+    prefix, seeds, made = "d", function.name_in(), function.name_out()
     if ending == "reverse":
-        prefix, given, made = "bar", made, given
-    return [*function.name_in(), *(f"{prefix}_{name}" for name in given)], [f"{prefix}_{name}" for name in made]
+        prefix, seeds, made = "bar", made, seeds
+    return [*function.name_in(), *(f"{prefix}_{name}" for name in seeds)], [f"{prefix}_{name}" for name in made]
 
 
 def derivative(function: ca.Function, ending: str, rounded: bool = False) -> ca.Function:
@@ -31,8 +31,8 @@ def derivative(function: ca.Function, ending: str, rounded: bool = False) -> ca.
     transposed = ending == "reverse"
     arguments = [ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()]
     results = list(map(ca.vec, function.call(arguments)))
-    given, made = (results, arguments) if transposed else (arguments, results)
-    directions = [ca.SX.sym("direction", *v.shape) for v in given]
+    seeds, made = (results, arguments) if transposed else (arguments, results)
+    directions = [ca.SX.sym("direction", *v.shape) for v in seeds]
     result, argument, direction = ca.vertcat(*results), ca.vertcat(*arguments), ca.vertcat(*directions)
     product = ca.jtimes(result, argument, direction, transposed)
     if rounded and has_roundings(function):

@@ -35,10 +35,10 @@ def where(condition: Any, a: Any, b: Any) -> Any:
     if all(np.asarray(x).dtype != object for x in (condition, a, b)):
         return np.where(condition, a, b)[()]
 
-    def one(c: Any, x: Any, y: Any) -> Any:
+    def select(c: Any, x: Any, y: Any) -> Any:
         return c.where(x, y) if hasattr(c, "where") else (x if c else y)
 
-    return np.frompyfunc(one, 3, 1)(condition, a, b)
+    return np.frompyfunc(select, 3, 1)(condition, a, b)
 
 
 def minimum(a: Any, b: Any) -> Any:
@@ -52,12 +52,12 @@ def maximum(a: Any, b: Any) -> Any:
 
 
 def _by_pairs(a: Any, b: Any, method: str, on_floats: Any) -> Any:
-    def one(x: Any, y: Any) -> Any:
+    def pair(x: Any, y: Any) -> Any:
         if hasattr(x, method):
             return getattr(x, method)(y)
         return getattr(y, method)(x) if hasattr(y, method) else on_floats(x, y)
 
-    return np.frompyfunc(one, 2, 1)(a, b) if object in (np.asarray(a).dtype, np.asarray(b).dtype) else on_floats(a, b)
+    return np.frompyfunc(pair, 2, 1)(a, b) if object in (np.asarray(a).dtype, np.asarray(b).dtype) else on_floats(a, b)
 
 
 def interpolate(x: Any, points: Any, values: Any) -> Any:

@@ -155,14 +155,14 @@ def expm(A: Any) -> Any:
     for s in range(_SQUARINGS):
         factor = where(norm > 2.0**s, 0.5 * factor, factor)
     A = A * factor
-    one = np.eye(len(A))
+    identity = np.eye(len(A))
     A2 = A @ A
     A3 = A2 @ A
     # six powers at a time: Horner's rule in A^3, with polynomials of degree 2 as coefficients
     c = np.cumprod([1.0, *(1.0 / np.arange(1, _DEGREE + 1))])
-    E: Any = c[_DEGREE] * one
+    E: Any = c[_DEGREE] * identity
     for k in range(_DEGREE - 3, -1, -3):
-        E = E @ A3 + (c[k] * one + c[k + 1] * A + c[k + 2] * A2)
+        E = E @ A3 + (c[k] * identity + c[k + 1] * A + c[k + 2] * A2)
     for s in range(_SQUARINGS):
         E = where(norm > 2.0**s, E @ E, E)
     return np.asarray(E).view(SymbolArray)

@@ -73,10 +73,10 @@ def _traced(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
     of_state = np.zeros(interface.size, dtype=bool)
     of_state[interface.states] = True
     time = causality == "independent"
-    inputs, given = causality == "input", np.isin(causality, ("input", "parameter"))
+    inputs, settable = causality == "input", np.isin(causality, ("input", "parameter"))
     calculated = np.isin(causality, ("output", "local"))
     moving = inputs | of_state | time
-    for pattern, knowns in ((step, moving), (start, given | time), (between, moving)):
+    for pattern, knowns in ((step, moving), (start, settable | time), (between, moving)):
         pattern[~calculated] = False
         pattern[:, ~knowns] = False
     return step, start, between
@@ -158,8 +158,8 @@ def _differs(interface: Any, calls: Sequence[Call]) -> npt.NDArray[np.bool_]:
         if not call.when:
             continue
         function = interface.functions.casadi_function(call.function)
-        given = {name: memory[interface.arguments[call.group(name)]] for name in function.name_in()}
-        for name, value in function(**given).items():
+        arguments = {name: memory[interface.arguments[call.group(name)]] for name in function.name_in()}
+        for name, value in function(**arguments).items():
             for row, position in enumerate(_positions(interface.arguments[call.group(name)])):
                 results.setdefault(position, []).append(value[row])
     differs = np.ones(interface.size, dtype=bool)

@@ -232,9 +232,9 @@ def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:
     J = np.zeros((table.size, table.size))
     for call in filter(unit.takes, (*table.program.derivatives, *table.program.outputs)):
         function = functions.casadi_function(call.function)
-        given = {name: unit.argument(name) for name in function.name_in()}
-        product = functions.function(f"{call.function}_forward", **given)
-        for name in (name for name in names if name in given):
+        arguments = {name: unit.argument(name) for name in function.name_in()}
+        product = functions.function(f"{call.function}_forward", **arguments)
+        for name in (name for name in names if name in arguments):
             direction = product.args[f"d_{name}"]
             for column, i in enumerate(range(table.size)[table.arguments[name]]):
                 direction[:] = 0.0

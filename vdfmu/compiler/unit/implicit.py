@@ -31,8 +31,8 @@ class ImplicitEquations:
         x = self.x = record.symbol("x", n_x)
         self.x_dot = record.expressions()["x_dot"]
         inputs = [argument_name(name) for name, d in unit.declared.items() if d.causality == "input"]
-        given = [name for name in self.inputs if name in inputs]
-        self.rates = {name: ca.SX.sym(f"rate_{name}", self.inputs[name].numel()) for name in given}
+        read = [name for name in self.inputs if name in inputs]
+        self.rates = {name: ca.SX.sym(f"rate_{name}", self.inputs[name].numel()) for name in read}
         moving = [name for name in (*self.rates, "t") if name in self.inputs]
         changing = [self.inputs[name] for name in moving]
         changes = [self.rates.get(name, ca.SX(1)) for name in moving]
@@ -97,8 +97,8 @@ class ImplicitEquations:
         norm = ca.sqrt(ca.sumsqr(ratio) / n_x)
         size = ca.Function(f"{name}_size", [x, x_new, error, tolerance], ca.cse([norm, ratio]))
 
-        given = self.inputs | rates | {"h": h, "tolerance": tolerance}
-        now = {key: ca.MX.sym(key, value.numel()) for key, value in given.items()}
+        arguments = self.inputs | rates | {"h": h, "tolerance": tolerance}
+        now = {key: ca.MX.sym(key, value.numel()) for key, value in arguments.items()}
 
         def f(x_i: ca.MX, after: ca.MX, *y_i: ca.MX) -> ca.MX:
             moved = move.call([after, *(now[key] for key in (*moving, *rates))]) if moving else []

@@ -90,6 +90,11 @@ class UnitFunctions(Functions):
         return digest.hexdigest()
 
     @property
+    def identity(self) -> str:
+        """Text that differs between traced functions that differ."""
+        return f"{self.name} {self._key} {self.digest}"
+
+    @property
     def sources(self) -> dict[str, bytes]:
         """Name to content of the unit's file, as ``unit.py``, and of its `files`; UnitError if one is not readable."""
         if self.unit.made_of is not None:
@@ -133,19 +138,19 @@ class UnitFunctions(Functions):
     def _left(self, derivatives: str) -> tuple[bool, ca.Function]:
         """Return whether derivatives switch by time, and the function of the time until they do."""
         record, function = self._record(derivatives), self.casadi_function(derivatives)
-        given = record.symbols
+        symbols = record.symbols
         inputs = [argument_name(name) for name, d in self.unit.declared.items() if d.causality == "input"]
-        rates = {name: ca.SX.sym(f"rate_{name}", given[name].numel()) for name in inputs if name in given}
-        changing = rates | ({"x": record.expressions()["x_dot"]} if "x" in given else {})
+        rates = {name: ca.SX.sym(f"rate_{name}", symbols[name].numel()) for name in inputs if name in symbols}
+        changing = rates | ({"x": record.expressions()["x_dot"]} if "x" in symbols else {})
         try:
-            left = time_left(function, given, changing)
+            left = time_left(function, symbols, changing)
         except ValueError as error:
             raise UnitError(
                 f"{place(self.unit, 'derivatives')}: derivatives() of {self.unit.__name__} may switch by time: "
                 f"{error}. Write conditions that are linear in time, such as of a phase, self.t * f - "
                 "np.floor(self.t * f); or give what switches as an input, from a unit without continuous states."
             ) from None
-        arguments = given | {f"rate_{name}": rate for name, rate in rates.items()}
+        arguments = symbols | {f"rate_{name}": rate for name, rate in rates.items()}
         name = self.related(derivatives, "left")
         return left is not None, traced_function(name, arguments, {"left": ca.SX(NEVER) if left is None else left})
 

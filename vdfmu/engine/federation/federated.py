@@ -89,8 +89,8 @@ def share(checked: Checked, components: Collection[str]) -> Checked:
                 outside[name] = replace(link.source, name=name, causality="output")
                 link = replace(link, start=(SOURCE, name), source=outside[name])
             links[link.end] = link
-    nothing: dict[str, frozenset[str] | None] = dict.fromkeys(outside, frozenset())
-    source = Description("", "", "", False, outside, nothing, nothing)
+    no_dependencies: dict[str, frozenset[str] | None] = dict.fromkeys(outside, frozenset())
+    source = Description("", "", "", False, outside, no_dependencies, no_dependencies)
     return replace(
         checked,
         descriptions={name: d for name, d in checked.descriptions.items() if name in components},

@@ -42,8 +42,8 @@ def shown(kind: str, number: Any) -> Value:
 class Transfer:
     """Variables of one type of an FMU between a window of the master's memory and the memory of a call.
 
-    Both are the same memory if type and order agree. An array of FMI 3.0 is got and set as a whole, with `known` values
-    of the elements outside of the window.
+    Both are the same memory if type and order agree. An array of FMI 3.0 is got and set as a whole, with values from
+    `values_of` for the elements outside of the window.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Transfer:
         places: Sequence[int],
         values: NDArray[Any],
         dtype: Any,
-        known: Callable[[int], Sequence[Value]],
+        values_of: Callable[[int], Sequence[Value]],
         failure: Callable[[str, str], Exception],
     ) -> None:
         self._failure = failure
@@ -91,7 +91,7 @@ class Transfer:
         self._slots: dict[int, tuple[bytes, Any]] = {}
         """Texts and binary values by place: the content, and the copy whose address is in the memory."""
         if verb == "Set" and len(elements) < len(whole):
-            rest = [held(self._kind, value) for reference in lengths for value in known(reference)]
+            rest = [held(self._kind, value) for reference in lengths for value in values_of(reference)]
             self._put(range(len(rest)), rest)
 
     @property

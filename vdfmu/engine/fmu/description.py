@@ -25,7 +25,7 @@ from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.package.system import Value
-from vdfmu.engine.rules import Finding, breach, finding, fmpy_found
+from vdfmu.engine.rules import Finding, breach, finding, fmpy_finding
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
@@ -153,7 +153,7 @@ def _inspect(
         model = read_model_description(unit.file)
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
-        broken = [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
+        broken = [fmpy_finding(str(f), f"{source}: faulty model description: {f}") for f in faults]
         problems += [text for text in broken if text.rule.number != "FMI013"]  # missing entries count as all
         try:
             model = read_model_description(unit.file, validate=False)

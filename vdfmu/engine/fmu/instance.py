@@ -107,7 +107,7 @@ class Instance(Library):
     def slopes(self, variables: Sequence[FmuVariable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
-        return self._slope_call(Transfer("Get", variables, places, values, np.float64, self._known, self._failure))
+        return self._slope_call(Transfer("Get", variables, places, values, np.float64, self._last_set, self._failure))
 
     def set_time(self, time: float) -> None:
         """Set the time of a model-exchange component, and the inputs that follow lines."""
@@ -166,16 +166,30 @@ class Instance(Library):
         if not self.dead:
             self.fmu.freeFMUState(state)
 
-    def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats) -> Floats:
-        """Return the directional derivatives of unknowns, (k, size), for seeds of the knowns, (k, m), by references."""
-        derivatives, seeds = np.zeros((len(seeds), size)), np.ascontiguousarray(seeds, np.float64)
+    def derivative(
+        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats
+    ) -> Callable[[], Floats]:
+        """Return the function of the directional derivatives of unknowns, (k, size), for seeds of the knowns, (k, m).
+
+        Variables are given by their references. The function returns the same array each time.
+        """
+        arrays = np.zeros((len(seeds), size)), np.array(seeds, np.float64)
         references = [np.array(each, np.uint32) for each in (unknowns, knowns)]
         head = [part for each in references for part in (c_void_p(each.ctypes.data), c_size_t(each.size))]
-        n_seeds, n_values = ([c_size_t(each.shape[1])][: self.sized] for each in (seeds, derivatives))
+        n_values, n_seeds = ([c_size_t(each.shape[1])][: self.sized] for each in arrays)
+        places = [(each.ctypes.data, each.strides[0]) for each in arrays]
+        calls: list[Call] = []
         for k in range(len(seeds)):
-            seed, row = (c_void_p(each.ctypes.data + k * each.strides[0]) for each in (seeds, derivatives))
-            self.call("GetDirectionalDerivative", *head, seed, *n_seeds, row, *n_values)
-        return derivatives
+            row, seed = (c_void_p(begin + k * stride) for begin, stride in places)
+            name = "GetDirectionalDerivative"
+            calls.append((self.function(name), (self.argument, *head, seed, *n_seeds, row, *n_values), name))
+        kept = arrays, references  # the calls have addresses in them
+
+        def calculate() -> Floats:
+            self.run(calls)
+            return kept[0][0]
+
+        return calculate
 
     def get(self, variable: FmuVariable) -> Value:
         """Get one variable."""
@@ -186,7 +200,7 @@ class Instance(Library):
     def set_all(self, values: Starts) -> None:
         """Set many variables with one call a type."""
         for variable, value in values:
-            self._known(variable.reference)[variable.index] = value
+            self._last_set(variable.reference)[variable.index] = value
         for kind, dtype in DTYPES.items():
             group = [(v, held(kind, x)) for v, x in values if v.kind == kind]
             if group:
@@ -212,7 +226,7 @@ class Instance(Library):
             places = [i for i, v in enumerate(variables) if v.native == native and chosen(v)]
             alike = [variables[i] for i in places]
             dtype = self.dtypes[native]
-            transfers.append(Transfer(verb, alike, places, values, dtype, self._known, self._failure))
+            transfers.append(Transfer(verb, alike, places, values, dtype, self._last_set, self._failure))
         return transfers
 
     def between_events(self, variable: FmuVariable) -> bool:
@@ -223,7 +237,7 @@ class Instance(Library):
     def _failure(self, call: str, reason: str) -> CosimError:
         return CosimError(self.name, call, self.box.time, reason)
 
-    def _known(self, reference: int) -> list[Value]:
+    def _last_set(self, reference: int) -> list[Value]:
         """Return the values of all elements of an input or parameter, as last set."""
         if self._values is None:
             self._values = {}

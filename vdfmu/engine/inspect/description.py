@@ -14,7 +14,7 @@ import fmpy
 from fmpy.validation import validate_model_description
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
-from vdfmu.engine.rules import Finding, finding, fmpy_found, line_of
+from vdfmu.engine.rules import Finding, finding, fmpy_finding, line_of
 
 DESCRIPTION = "modelDescription.xml"
 REFERENCES = "extra/org.fmi-standard.fmi-ls-ref/"
@@ -123,10 +123,10 @@ def _rules(model: Any) -> list[Finding]:
         texts += [f'The variable name "{v.name}" (line {v.sourceline}) is not unique.' for v in twice]
     model.modelVariables = [v for v in everything if not _PLAIN.fullmatch(v.name)]
     if model.modelVariables:
-        others = validate_model_description(model)
-        texts += [t for t in validate_model_description(model, validate_variable_names=True) if t not in others]
+        without_names = validate_model_description(model)
+        texts += [t for t in validate_model_description(model, validate_variable_names=True) if t not in without_names]
     model.modelVariables = everything
-    return [fmpy_found(str(text).strip().partition("\n")[0]) for text in dict.fromkeys(texts)]
+    return [fmpy_finding(str(text).strip().partition("\n")[0]) for text in dict.fromkeys(texts)]
 
 
 _IDENTIFIER = r"[A-Za-z_][A-Za-z_0-9]*(\[[0-9]+(,[0-9]+)*\])?"
@@ -201,7 +201,7 @@ class _Dangling:
 
     def _derivative(self, item: Any, value: Any) -> None:
         text = value.get("derivative")
-        if text is not None and not self._known(int(text)):
+        if text is not None and not self._exists(int(text)):
             self.fault("FMI007", item, f"derivative={text!r}: {self._expected()}")
             del value.attrib["derivative"]
 
@@ -232,7 +232,7 @@ class _Dangling:
     def _unknown(self, item: Any) -> None:
         """Check an entry of the model structure and its dependencies."""
         name = "index" if self.version == "2" else "valueReference"
-        if not self._known(int(item.get(name))):
+        if not self._exists(int(item.get(name))):
             self.fault("FMI007", item, f"{name}={item.get(name)!r}: {self._expected()}")
             item.getparent().remove(item)
             return
@@ -248,12 +248,12 @@ class _Dangling:
 
     def _list(self, item: Any, attribute: str) -> list[str]:
         texts = item.get(attribute).split()
-        bad = [text for text in texts if not self._known(int(text))]
+        bad = [text for text in texts if not self._exists(int(text))]
         if bad:
             self.fault("FMI007", item, f"{attribute}: {', '.join(bad)}: {self._expected()}")
         return [text for text in texts if text not in bad]
 
-    def _known(self, number: int) -> bool:
+    def _exists(self, number: int) -> bool:
         return number in self.references if self.version == "3" else 1 <= number <= len(self.variables)
 
     def _expected(self) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.linear.linearise import Linearisation, changed, with_part
 from vdfmu.engine.linear.loops import (
@@ -36,7 +36,7 @@ from vdfmu.engine.plan.grid import Grid
 _HARM = 50.0
 """Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
 and so do the ends of a motion, since friction falls with speed."""
-_TOLD, _DOUBTFUL = 1.01, 1.1
+_NOTABLE, _DOUBTFUL = 1.01, 1.1
 """Growth of disturbances to be reported, and to make the run doubtful."""
 _ROWS, _FEWEST = 200, 60
 """Most and fewest rows for a linearisation, approximately. Half of the rows left may be used ahead."""
@@ -71,9 +71,9 @@ class Growth(NamedTuple):
         return bool(self.exponent > (1.0 if self.lasts else math.log(_HARM)))
 
     @property
-    def told(self) -> bool:
+    def notable(self) -> bool:
         """Whether they grow enough to be reported."""
-        return bool(self.exponent > math.log(_TOLD))
+        return bool(self.exponent > math.log(_NOTABLE))
 
     @property
     def doubtful(self) -> bool:
@@ -173,7 +173,7 @@ class Along:
     def growth(self, begin: float, end: float, above: float = SLOW) -> Growth:
         """Return the largest growth of disturbances beyond a rate [1/s], of a run from `begin` to `end` [s]."""
         times, rates = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("time", "rate"))
-        bounds = np.union1d(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
+        bounds = distinct(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
         rate = np.interp(bounds, times, np.maximum(rates, -1e9))
         steps = np.diff(bounds) * ((rate[1:] + rate[:-1]) / 2.0 - above)
         most, run, first, place = -np.inf, 0.0, 0, (0, len(steps))  # a run that fails at once has no steps
@@ -273,9 +273,9 @@ class Poses(Tap):
     """Linearises the loops of a run at some of its rows, if its components are in this process.
 
     Loops are opened at the inputs `opened`, by default at connected inputs named `group`, at any component, else at the
-    inputs of :func:`~vdfmu.engine.linear.system.cut`. `others` are a second linearisation at the same states, with the
-    parameters in `without` by component, such as no dry friction. Set `again` before calls of :meth:`changed`, and
-    `noted` to accept a linearisation with notes. `more` are additional rows. For `tied` see
+    inputs of :func:`~vdfmu.engine.linear.system.cut`. `alternative` is a second linearisation at the same states,
+    with the parameters in `without` by component, such as no dry friction. Set `again` before calls of :meth:`changed`,
+    and `noted` to accept a linearisation with notes. `more` are additional rows. For `tied` see
     :func:`~vdfmu.engine.linear.loops.with_tied`.
     """
 
@@ -287,7 +287,7 @@ class Poses(Tap):
         self._whole, self._noted = again or bool(without), noted
         self.lacking, self.notes = "", tuple[str, ...]()
         """Reason for unknown loops, empty if they are known; notes of the linearisation."""
-        self.others: Along | None = None
+        self.alternative: Along | None = None
         self.seconds = 0.0
         """Wall time of the linearisations [s]."""
         self.components: Components | None = None
@@ -330,7 +330,7 @@ class Poses(Tap):
         rows.append(self._loops.pose(time, self._matrix(system)))
         self._rows.go_on(_change(*rows[-2:]) if len(rows) > 1 else 1.0)
         if self._without and self._rows.row == self._rows.n:
-            self.others = self.changed(self._without)
+            self.alternative = self.changed(self._without)
 
     @property
     def loops(self) -> Along:
@@ -358,16 +358,23 @@ class Poses(Tap):
     def _matrix(self, system: LinearSystem) -> Floats:
         return _matrix(with_tied(system, self._tied))[self._linked]
 
-    def changed(self, values: Mapping[str, Mapping[str, Value]], at: Sequence[int] | None = None) -> Along:
-        """Return the loops with other parameters of some components, at the states of all or some rows.
+    def changed(self, values: Mapping[str, Mapping[str, Value]]) -> Along:
+        """Return the loops with other parameters of some components, at the states of all rows.
 
         Components must be as after the run, and changeable: :func:`~vdfmu.engine.linear.linearise.can_change`.
         """
+        return Along(self.loops.system, self.loops.opened, self._changed(values, self._systems))
+
+    def moved(self, values: Mapping[str, Mapping[str, Value]], at: Sequence[int]) -> list[Loop]:
+        """Return the loops of :meth:`changed` at some rows; UsageError if they have no margins."""
+        rows = self._changed(values, [self._systems[k] for k in at])
+        return [loop_of_part(self.loops.part(M), self.loops.opened) for _, M in rows]
+
+    def _changed(
+        self, values: Mapping[str, Mapping[str, Value]], rows: list[tuple[float, LinearSystem]]
+    ) -> list[tuple[float, Floats]]:
         assert self.components is not None
-        chosen = self._systems if at is None else [self._systems[k] for k in at]
         with ExitStack() as stack:
             for unit, new in values.items():
-                instance = stack.enter_context(changed(self.components, unit, new))
-                chosen = [(time, with_part(system, instance, time)) for time, system in chosen]
-        along = self.loops
-        return Along(along.system, along.opened, [(time, self._matrix(system)) for time, system in chosen])
+                rows = with_part(rows, stack.enter_context(changed(self.components, unit, new)))
+        return [(time, self._matrix(system)) for time, system in rows]

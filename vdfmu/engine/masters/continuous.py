@@ -65,7 +65,7 @@ class ContinuousStepper(Stepper):
         torn = [block.torn for block in coupled.blocks if not repeat]
         self._extrapolated = np.concatenate([np.zeros(0, np.intp), *torn])
         self._largest = np.abs(self._outputs)
-        self._changing = np.zeros(sum(own.size for _, _, own in coupled.switches), bool)
+        self._changing = np.zeros(sum(places.size for _, _, places in coupled.switches), bool)
         self._states: dict[str, c_void_p] = {}
         self._previous, self._last, self._h = self._outputs.copy(), 0.0, math.inf
 
@@ -136,9 +136,9 @@ class ContinuousStepper(Stepper):
         if self._last > 0.0:
             np.multiply(start - self._previous, h / self._last, self._outputs)
             np.add(self._outputs, start, self._outputs)
-            for instance, call, own, rates in self._coupled.rates:
+            for instance, call, places, rates in self._coupled.rates:
                 instance.run([call])
-                self._outputs[own] = start[own] + h * rates
+                self._outputs[places] = start[places] + h * rates
             self._outputs[self._coupled.discrete] = start[self._coupled.discrete]
         self.exchange.feed(time + h)
         predicted = self._outputs.copy()
@@ -222,7 +222,7 @@ class ContinuousStepper(Stepper):
 
     def _changed(self) -> NDArray[np.bool_]:
         """Whether each discrete signal differs from its value at the start of the step."""
-        return np.concatenate([now[own] != before[own] for now, before, own in self._coupled.switches])
+        return np.concatenate([now[places] != before[places] for now, before, places in self._coupled.switches])
 
     def _errors(self, predicted: Floats, h: float) -> Floats:
         """Return the errors of the outputs in the step, relative to their sizes; infinite for NaN.

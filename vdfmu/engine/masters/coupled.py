@@ -179,8 +179,8 @@ class Coupled:
             stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
             for bank, before in zip(self.exchange.banks, self.begun, strict=True):
                 windows = [range(w.start, w.stop) for w in (bank.output_windows[name] for name in names)]
-                own = np.array([i for w in windows for i in w], np.intp)
-                chosen = own[self.discrete[own]] if bank is self.bank else own
+                places = np.array([i for w in windows for i in w], np.intp)
+                chosen = places[self.discrete[places]] if bank is self.bank else places
                 if chosen.size:
                     stepwise.append((bank.outputs, before, chosen))
             blocks.append(Block([by_name[name] for name in names], np.array(sorted(torn), np.intp), stepwise))
@@ -214,9 +214,9 @@ def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Flo
     """Return the function that brings changes of outputs at the end of a step through a component."""
     instance, bank = unit.instance, coupled.bank
     outputs = coupled.read_of(instance.name)
-    own = bank.links[bank.input_windows[instance.name]]
-    moving = [i for i, k in enumerate(own) if not k.discrete]
-    links = [own[i] for i in moving]
+    inputs = bank.links[bank.input_windows[instance.name]]
+    moving = [i for i, k in enumerate(inputs) if not k.discrete]
+    links = [inputs[i] for i in moving]
     sources = [bank.position[k.start] for k in links]
     factors = np.array([k.conversion.factor for k in links])
     jacobian = jacobian_of(instance, [k.sink for k in links], [bank.variables[i][1] for i in outputs])()
@@ -268,12 +268,13 @@ def jacobian_of(
     chosen = [*range(n), *(n + i for i in (range(len(inputs)) if some is None else some))]
     seeds = np.eye(sum(length for _, length in begins))[[columns[i] for i in chosen]]
     all_at_once = np.random.default_rng(0).uniform(1.0, 2.0, (1, len(chosen))) @ seeds
+    some_direction, directions = (instance.derivative(unknowns, size, knowns, each) for each in (all_at_once, seeds))
 
     def calculate() -> Floats:
         jacobian = np.zeros((len(rows), len(columns)))
         # test all directions at once: a mode of a component may read none of its inputs
-        if instance.differentiate(unknowns, size, knowns, all_at_once).any():
-            jacobian[:, chosen] = instance.differentiate(unknowns, size, knowns, seeds).T[rows]
+        if some_direction().any():
+            jacobian[:, chosen] = directions().T[rows]
         return jacobian
 
     return calculate

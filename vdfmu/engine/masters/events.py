@@ -51,7 +51,7 @@ class _Ticking:
         else:
             self.count += 1
 
-    def given(self, interval: float, time: float) -> None:
+    def set_interval(self, interval: float, time: float) -> None:
         """Take an interval from the component: from now on, or, for a clock with a period, from the start."""
         if self.clock.variability in ("countdown", "changing"):
             self.origin, self.count = time, 1
@@ -188,7 +188,7 @@ class Events:
             intervals = unit.instance.intervals([tick.variable.reference for tick in asked])
             for tick, interval in zip(asked, intervals, strict=True):
                 if interval is not None:
-                    tick.given(interval, time)
+                    tick.set_interval(interval, time)
 
 
 class EventStepper(SampledStepper):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.text import matching
 from vdfmu.engine.fmu.access import DTYPES, KINDS, TEXTS, Call, held
@@ -188,7 +188,7 @@ class Exchange:
             bank = self._bank(kind)
             places = np.array([bank.position[SOURCE, name] for name in names], np.intp)
             self._fed.append((bank.memory, places, course))
-        self.breaks = np.unique(np.concatenate([np.zeros(0), *(course.breaks for *_, course in self._fed)]))
+        self.breaks = distinct([], *(course.breaks for *_, course in self._fed))
         """Times [s] at which a signal from outside jumps or bends."""
         self.close = max((course.tolerance for *_, course in self._fed), default=0.0)
         """Difference [s] within which a time is one of them."""
@@ -361,13 +361,13 @@ def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:
     """Return a function that tests whether the watched outputs are finite: zero times any other number is NaN."""
     whole, zeros, product = watched.size == outputs.size, np.zeros(watched.size), np.zeros(())
     values = outputs if whole else np.zeros(watched.size)
-    found = c_double.from_buffer(product)  # pyright: ignore[reportArgumentType]
+    total = c_double.from_buffer(product)  # pyright: ignore[reportArgumentType]
 
     def finite() -> bool:
         if not whole:
             outputs.take(watched, None, values, "clip")
         values.dot(zeros, product)
-        return found.value == 0.0
+        return total.value == 0.0
 
     return finite
 

@@ -61,9 +61,9 @@ class SampledStepper(Stepper):
             self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))
         for group in exchange.checked.schedule.groups:
             at = next(i for i, (instance, *_) in enumerate(self.stages) if instance.name == group[0])
-            own = slice(at, at + len(group))
-            joined = Together([instance for instance, *_ in self.stages[own]], exchange)
-            self.stages[own] = stages_of(self.stages[own], joined.step_call(self._clock, self._size))
+            span = slice(at, at + len(group))
+            joined = Together([instance for instance, *_ in self.stages[span]], exchange)
+            self.stages[span] = stages_of(self.stages[span], joined.step_call(self._clock, self._size))
         self._calls: list[tuple[Instance, Callable[..., int | None], tuple[Any, ...], str]] = []
         """The stages as one list; gathers return no status."""
         for instance, gathers, calls in self.stages:

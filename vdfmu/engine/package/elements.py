@@ -242,7 +242,7 @@ class _NumberReader:
         return next((element for element in elements if element is not None), None)
 
     def number(
-        self, element: Any, key: str, above: float = -math.inf, below: float = math.inf, what: str = "a time in s"
+        self, element: Any, key: str, above: float = -math.inf, below: float = math.inf, quantity: str = "a time in s"
     ) -> float | None:
         """Return a number between two limits; None if it is missing or faulty."""
         text = None if element is None else element.get(key)
@@ -255,5 +255,5 @@ class _NumberReader:
         if above < value < below:
             return value
         limits = "finite" if above < 0.0 else "positive finite" if below > 1.0 else "positive"
-        self.fault(f"expected a {limits} {key}, got {text}; write {what} or leave it out")
+        self.fault(f"expected a {limits} {key}, got {text}; write {quantity} or leave it out")
         return None

@@ -124,21 +124,21 @@ class _Ports:
                 f"{where}: component must be one of {names}, got {component!r}{close_to(component, self.descriptions)}."
             )
             return []
-        found = description.elements(wanted) or [
+        matches = description.elements(wanted) or [
             v for v in description.variables.values() if group_of(v.name)[0] == wanted
         ]
-        found = sorted(found, key=lambda v: group_of(v.name)[1])
-        if not found:
+        matches = sorted(matches, key=lambda v: group_of(v.name)[1])
+        if not matches:
             allowed = [v.name for v in description.named(causalities[0])]
             near = close_to(wanted, [*allowed, *dict.fromkeys(group_of(each)[0] for each in allowed)])
             self.faults.append(
                 f"{where}: {component} has no variable {wanted!r}{near}. {_listed(causalities[0], allowed)}"
             )
-        elif found[0].causality not in causalities:
-            got = f"{component}.{found[0].name} is of causality {found[0].causality}"
+        elif matches[0].causality not in causalities:
+            got = f"{component}.{matches[0].name} is of causality {matches[0].causality}"
             self.faults.append(f"{where}: must go from an output to an input, but {got}.")
             return []
-        return found
+        return matches
 
     def pairs(self, start: str, end: str) -> list[tuple[tuple[str, FmuVariable], tuple[str, FmuVariable]]]:
         """Return the pairs of variables of a connection, element by element."""

@@ -154,10 +154,10 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
     return replace(checked, starts={name: list(each.values()) for name, each in starts.items()}, notes=tuple(notes))
 
 
-def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:
+def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], subject: str) -> list[str]:
     """Return notes on values of a component whose variables have a connection, from their `sources`."""
     return [
-        f"{name}.{variable}: {what} has no effect, since {'.'.join(sources[name, variable])} feeds it"
+        f"{name}.{variable}: {subject} has no effect, since {'.'.join(sources[name, variable])} feeds it"
         for variable in values
         if (name, variable) in sources
     ]
@@ -241,20 +241,20 @@ def with_steps(checked: Checked, step: float) -> Checked:
         if wrong := [k for k in checked.links if k.end == (name, checked.descriptions[name].period)]:
             problems.append(f"{wrong[0]}: expected a value for the time between samples, not a connection")
         fed = [k for k in checked.links if k.stepped and k.end[0] == name]
-        own = step * multiples.get(name, 1) / max(1, checked.how.substeps)
-        if fed and abs(period / own - max(1, round(period / own))) > 1e-9 * period / own:
+        h = step * multiples.get(name, 1) / max(1, checked.how.substeps)
+        if fed and abs(period / h - max(1, round(period / h))) > 1e-9 * period / h:
             problems.append(
-                f"{name}: samples every {period:g} s, expected a whole multiple of its step {own:g} s: between "
+                f"{name}: samples every {period:g} s, expected a whole multiple of its step {h:g} s: between "
                 f"communication points it would read inputs of an earlier time. Take a step that divides the period, "
-                f"such as {period / math.ceil(period / own - 1e-9):g} s (step, --step), or another period (--set "
-                f"{name}.{checked.descriptions[name].period}={own * max(1, round(period / own)):g})"
+                f"such as {period / math.ceil(period / h - 1e-9):g} s (step, --step), or another period (--set "
+                f"{name}.{checked.descriptions[name].period}={h * max(1, round(period / h)):g})"
             )
         sampled = {k.start for k in checked.links if k.source.variability == "discrete"} | checked.schedule.direct
         late = {k.start[1] for k in checked.links if k.stepped and k.start[0] == name and k.start in sampled
                 and k.end not in checked.schedule.fresh}  # fmt: skip
         if late and not checked.how.continuous:
             groups = ", ".join(dict.fromkeys(output.split("[")[0] for output in late))
-            notes.append(f"{name}: samples every {period:g} s; a sample acts on {groups} a step later, after {own:g} s")
+            notes.append(f"{name}: samples every {period:g} s; a sample acts on {groups} a step later, after {h:g} s")
     if problems:
         raise UsageError("\n".join(problems))
     return replace(checked, multiples=multiples if slow else {}, notes=(*checked.notes, *sorted(notes)))

@@ -146,10 +146,10 @@ class Checker:
 
     def _sizes(self, component: Component, description: Description) -> dict[str, Value]:
         """Return the values of structural parameters that differ from their start values and are whole numbers."""
-        given = {p.name: p.value for p in component.parameters if not isinstance(p.value, tuple)}
+        stated = {p.name: p.value for p in component.parameters if not isinstance(p.value, tuple)}
         sizes: dict[str, Value] = {}
         for v in description.named("structuralParameter"):
-            value = self.parameters.get(f"{component.name}.{v.name}", given.get(v.name, v.start))
+            value = self.parameters.get(f"{component.name}.{v.name}", stated.get(v.name, v.start))
             with suppress(ValueError):  # the check of its value reports it
                 size = as_type(value, v)
                 sizes |= {v.name: size} if size != v.start and not limit_fault(float(size), v.limits) else {}
@@ -242,7 +242,7 @@ class Checker:
                     source.type, self.system.units, sink.relative, (source.items, sink.items),
                 )  # fmt: skip
             except MisfitError as error:
-                fault(_OF_CONNECTION[error.what], str(error))
+                fault(_OF_CONNECTION[error.kind], str(error))
             unit, target = self.port_unit(connection.start, source), self.port_unit(connection.end, sink)
             suppressed = any(hop.suppress_unit_conversion for hop in connection.hops) and source.type == "Real"
             if suppressed and unit is not None and target is not None and not unit.same_as(target):
@@ -299,7 +299,7 @@ class Checker:
                         if not isinstance(value, (str, bytes)) and (fault := limit_fault(value, variable.limits)):
                             faults.append(("SSP056", fault))
                     except MisfitError as error:
-                        faults.append((_OF_VALUE[error.what], str(error)))
+                        faults.append((_OF_VALUE[error.kind], str(error)))
                 for rule, text in dict.fromkeys(faults):
                     self.problems.append(finding(rule, f"{where}: {text}", parameter.place))
         return starts

@@ -11,11 +11,11 @@ from vdfmu.engine.package.system import Hop, Transformation, UnitFactor, Value
 
 
 class MisfitError(ValueError):
-    """A mismatch of two variables; `what` is type, unit or transformation."""
+    """A mismatch of two variables; `kind` is type, unit or transformation."""
 
-    def __init__(self, what: str, text: str) -> None:
+    def __init__(self, kind: str, text: str) -> None:
         super().__init__(text)
-        self.what = what
+        self.kind = kind
 
 
 @dataclass(frozen=True)
@@ -109,9 +109,9 @@ def _values_of(
     """Return the table of a mapping of item names, by the items of both variables; MisfitError for an unknown name."""
     table: dict[int, int] = {}
     for name, meaning in transformation.names.items():
-        for which, item, known in (("source", name, source), ("target", meaning, target)):
-            if item not in (known or {}):
-                there = ", ".join(known or {}) or "none"
+        for which, item, items in (("source", name, source), ("target", meaning, target)):
+            if item not in (items or {}):
+                there = ", ".join(items or {}) or "none"
                 text = f"the mapping names {item!r}, but items of the {which} are {there}"
                 raise MisfitError("transformation", text)
         table[(source or {})[name]] = (target or {})[meaning]

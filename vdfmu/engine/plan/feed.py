@@ -140,8 +140,8 @@ def _check_values(values: np.ndarray, sink: FmuVariable, conversion: Conversion)
         raise ValueError("text cannot be given as a signal; set a value")
     allowed = values == (values != 0.0) if sink.type == "Boolean" else values == np.rint(values)
     if sink.type != "Real" and not allowed.all():
-        what = "0 or 1" if sink.type == "Boolean" else "whole numbers"
-        raise ValueError(f"expected {what} for a variable of type {sink.type}, got {values[np.argmin(allowed)]:g}")
+        expected = "0 or 1" if sink.type == "Boolean" else "whole numbers"
+        raise ValueError(f"expected {expected} for a variable of type {sink.type}, got {values[np.argmin(allowed)]:g}")
     for value in (values.min(), values.max()):
         if fault := limit_fault(float(conversion.factor * value + conversion.offset), sink.limits):
             raise ValueError(fault)

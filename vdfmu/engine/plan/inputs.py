@@ -194,8 +194,8 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Colum
     problems += [f"{path}: {text}" for text in (*faults[:_MOST_PROBLEMS], *more)]
     table, numbers = np.array([*rows.values()]).reshape(-1, len(names)), [*rows]
     t = table[:, names.index("time")] if "time" in names else np.arange(float(len(rows)))
-    others = [i for i, name in enumerate(names) if name != "time"]
-    _check_rows(str(path), lambda i: f"row {numbers[i]}", [names[i] for i in others], t, table[:, others], problems)
+    signals = [i for i, name in enumerate(names) if name != "time"]
+    _check_rows(str(path), lambda i: f"row {numbers[i]}", [names[i] for i in signals], t, table[:, signals], problems)
     return Columns(names, units, table, results)
 
 

@@ -137,7 +137,7 @@ def make_schedule(
     names = sorted(descriptions, key=lambda name: name not in feeding) if ordered else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
     groups: dict[str, tuple[str, ...]] = {}
-    others = f"{DELAYED}, or {choice(repeats=True)}"
+    way_out = f"{DELAYED}, or {choice(repeats=True)}"
     if not problems:
         joined = _joined(descriptions, links)
         for part, cycle in cycles(names, unit_edges):
@@ -147,7 +147,7 @@ def make_schedule(
                 inner = (k for k in links if k.stepped and {k.start[0], k.end[0]} <= set(group))
                 problems += [
                     f"{k}: is of type {k.sink.type}, but must be real, since {', '.join(group)} depend on each other "
-                    f"within a step and are integrated together; use {others}"
+                    f"within a step and are integrated together; use {way_out}"
                     for k in inner
                     if {k.source.kind, k.sink.kind} != {"Real"}
                 ]
@@ -164,7 +164,7 @@ def make_schedule(
         listed_blocks = " and ".join(", ".join(block) for block in cycle[:-1])
         problems.append(
             f"{algorithm} cannot order {listed_blocks}: components that are integrated together read outputs within a "
-            f"step that depend on them; use {others}"
+            f"step that depend on them; use {way_out}"
         )
     units = tuple(name for block in (listed if problems else topological(listed, between)) for name in block)
     ends = {k.end for k in fresh} | {k.end for k in links if k.stepped and k.end[0] in groups.get(k.start[0], ())}
@@ -264,8 +264,8 @@ def _tear(
     """
     torn: dict[Port, tuple[Link, Sequence[Port]]] = {}
     loop_of: dict[Port, Sequence[Port]] = {}
-    while found := cycles(ports, edges):
-        for part, cycle in found:
+    while loops := cycles(ports, edges):
+        for part, cycle in loops:
             inside = set(part)
             into: dict[str, list[Link]] = {}
             for link in links:

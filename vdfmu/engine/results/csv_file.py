@@ -72,7 +72,7 @@ def _read_tables(path: Path, stream: TextIO, columns: int) -> Iterator[Floats]:
         try:
             table = np.loadtxt(block, delimiter=",", ndmin=2, comments=None) if block else np.empty((0, columns))
         except ValueError as error:
-            row = re.sub(r"(?<= at row )\d+", lambda found: str(first + int(found[0])), str(error))  # noqa: B023
+            row = re.sub(r"(?<= at row )\d+", lambda match: str(first + int(match[0])), str(error))  # noqa: B023
             raise UsageError(f"{path}: {row}") from None
         if table.shape[1] != columns:
             raise UsageError(f"{path}: expected {columns} columns, got {table.shape[1]}")

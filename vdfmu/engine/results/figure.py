@@ -31,8 +31,8 @@ class Curve(NamedTuple):
 
     def values(self, results: Recorded, factor: float = 1.0) -> Floats:
         """Return its values times a factor: (m,)."""
-        one = np.ones(len(results))
-        return factor * reduce(np.add, [scale * (results[name] if name else one) for scale, name in self.terms])
+        ones = np.ones(len(results))
+        return factor * reduce(np.add, [scale * (results[name] if name else ones) for scale, name in self.terms])
 
 
 class Figure(NamedTuple):

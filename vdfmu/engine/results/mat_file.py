@@ -64,20 +64,20 @@ def write_mat(results: Recorded, path: Path) -> None:
 
 def read_mat(path: Path) -> Recorded:
     """Read what `write_mat` wrote."""
-    found = mat_variables(path)
+    variables = mat_variables(path)
     try:
-        facts = json.loads(str(found["vdfmu"]))
+        facts = json.loads(str(variables["vdfmu"]))
         signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
         summary = facts["summary"]
     except (KeyError, TypeError, ValueError):
         raise UsageError(
-            f"{path}: expected results that vdfmu wrote, with the variable vdfmu; there are {', '.join(found)}."
+            f"{path}: expected results that vdfmu wrote, with the variable vdfmu; there are {', '.join(variables)}."
         ) from None
     groups = grouped(signals)
     names = _legal_names(groups)
     try:
-        arrays = [found[name].reshape(-1, len(each)) for name, each in zip(names, groups.values(), strict=True)]
-        return Recorded(found["time"].reshape(-1), *placed_arrays(signals, arrays), summary)
+        arrays = [variables[name].reshape(-1, len(each)) for name, each in zip(names, groups.values(), strict=True)]
+        return Recorded(variables["time"].reshape(-1), *placed_arrays(signals, arrays), summary)
     except (KeyError, ValueError) as error:
         raise UsageError(f"{path}: expected an array for each signal of the variable vdfmu: {error}.") from None
 

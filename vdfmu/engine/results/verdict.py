@@ -63,8 +63,8 @@ def line_of(summary: Mapping[str, Any]) -> str:
 def checks_line(summary: Mapping[str, Any]) -> str:
     """Return the number of passed checks, ``3 of 4 checks pass, 1 doubtful``; empty without checks."""
     states = [check.state for check in checks_of(summary)]
-    others = "".join(f", {states.count(state)} {state}" for state in STATES[1:] if state in states)
-    return f"{states.count(GOOD)} of {len(states)} checks pass{others}" if states else ""
+    rest = "".join(f", {states.count(state)} {state}" for state in STATES[1:] if state in states)
+    return f"{states.count(GOOD)} of {len(states)} checks pass{rest}" if states else ""
 
 
 def _verdict(summary: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -31,7 +31,7 @@ class ByHand:
         assert isinstance(session.components, Components)
         self._session, self._grid, self._instances = session, grid, session.components.instances
         session.exchange.recorders(1, ())  # values that are read must be finite
-        self._one, self._k, self._finite = session.stepping(grid), 0, Finite()
+        self._do_step, self._k, self._finite = session.stepping(grid), 0, Finite()
         self._finite.take(0, grid.begin, session.components)
         self._sinks: dict[str, list[tuple[Instance, FmuVariable]]] = {}
         self._sources: dict[str, Callable[[], Any]] = {}
@@ -73,7 +73,7 @@ class ByHand:
             )
         box = self._session.box
         for _ in range(count):
-            self._one(self._k)
+            self._do_step(self._k)
             self._k += 1
             self._finite.take(self._k, self.time, self._session.components)
             if box.pending:

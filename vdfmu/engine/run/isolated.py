@@ -225,8 +225,8 @@ class Isolated(Elsewhere):
         if not unit:
             return self.idle(time, code)
         if self.exchange.running.value < 0:
-            what = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({code})"
-            why = f"the process {what} after this call had returned: it left damage, or vdfmu has a fault"
+            ending = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({code})"
+            why = f"the process {ending} after this call had returned: it left damage, or vdfmu has a fault"
         elif self._late:
             why = f"no return within {self.limits.time:g} s; a longer wait_limit (run --wait-limit) gives it more"
         elif isinstance(code, str):

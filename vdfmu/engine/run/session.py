@@ -123,11 +123,11 @@ class Session:
         begin, end, step, n = grid
         last, rest = n - 1, grid.last
 
-        def one(k: int) -> None:
+        def do_step(k: int) -> None:
             box.time = time = begin + k * step
             advance(time, step if k < last else rest, begin + (k + 1) * step if k < last else end)
 
-        return one
+        return do_step
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
@@ -207,7 +207,7 @@ def _caller() -> str:
     frame = inspect.currentframe()
     while frame is not None:
         values = [(value, getattr(value, "instance", None)) for value in frame.f_locals.values()]
-        if names := dict.fromkeys(one.name for pair in values for one in pair if isinstance(one, Instance)):
+        if names := dict.fromkeys(each.name for pair in values for each in pair if isinstance(each, Instance)):
             return f"component {' or '.join(names)}"
         frame = frame.f_back
     return "a component"
@@ -256,7 +256,7 @@ class Run:
         summary["stepper"] = f"Python: {why}" if why else "C"
         LOG.info("stepper: %s", summary["stepper"])
         self._compiled = None if why else CompiledSteps(exchange, grid, data)
-        self._one = session.stepping(grid)
+        self._do_step = session.stepping(grid)
 
     def steps(self, progress: Any) -> Results:
         """Do the steps and return the results; call ``progress(k, n)`` if it is not None."""
@@ -303,7 +303,7 @@ class Run:
 
     def _in_python(self, end: int) -> None:
         """Do a step with its row."""
-        self._one(self._done)
+        self._do_step(self._done)
         self._row(self._done + 1)
         self._done += 1
 
@@ -311,13 +311,13 @@ class Run:
         """Do steps with their rows to row `end` at most, one if taps look at each row."""
         assert self._compiled is not None
         first, full = self._rows.room(self._done + 1)
-        others = self._taps[2:]  # C has the work of the first two
+        taps = self._taps[2:]  # C has the work of the first two
         try:
-            self._done = self._compiled.run(self._done + 1 if others else min(end, full - 1), first)
+            self._done = self._compiled.run(self._done + 1 if taps else min(end, full - 1), first)
         except BaseException:
             self._done = self._compiled.row
             raise
-        for rows, take in others:
+        for rows, take in taps:
             if self._done in rows:
                 take(self._done, self._grid.time(self._done), self._session.components)
 

@@ -120,8 +120,8 @@ def linearize(
     if not isinstance(system, Robot) and place.ndim == 0:
         if dry:
             raise UsageError("linearize: dry: this is for an arm; a system has the friction of its parameters.")
-        found = linearized(system, float(place), **options)
-        return found.sampled(opened) if sampled else found.continuous(opened)
+        linear = linearized(system, float(place), **options)
+        return linear.sampled(opened) if sampled else linear.continuous(opened)
     if sampled or opened or options:
         raise UsageError(f"linearize: {', '.join(['sampled', 'opened', *options])}: these are for systems at a time.")
     try:
@@ -146,14 +146,14 @@ def _at_rest(robot: Robot, at: npt.ArrayLike) -> Evaluation:
     tau = plant.group("tau")
     tau[:] = plant.group("tau_s") / robot.ell
     if robot.limits:
-        given = motor_torque(robot, tau, np.zeros(robot.n))
+        limited = motor_torque(robot, tau, np.zeros(robot.n))
         problems = [
             f"joint {i + 1} at {q[i]:g}: expected {robot.q_min[i]:g} to {robot.q_max[i]:g}, between its end stops."
             for i in np.flatnonzero((q < robot.q_min) | (q > robot.q_max))
         ] + [
-            f"joint {i + 1}: expected a motor torque of at most {abs(given[i]):.4g} N.m, it takes "
+            f"joint {i + 1}: expected a motor torque of at most {abs(limited[i]):.4g} N.m, it takes "
             f"{abs(tau[i]):.4g} N.m to hold the arm."
-            for i in np.flatnonzero(np.abs(tau) > np.abs(given))
+            for i in np.flatnonzero(np.abs(tau) > np.abs(limited))
         ]
         if problems:
             raise UsageError("\n".join(f"{robot.name}: {problem}" for problem in problems))
@@ -174,17 +174,17 @@ def packaged(
     The system is a scenario, its name or file, or an ``.ssp``; `settings` change its parameters, `backend` is the kind
     of a scenario's FMUs. `master` and `coupling` replace its options.
     """
-    given = {name: value for name, value in coupling.items() if value is not None}
+    changes = {name: value for name, value in coupling.items() if value is not None}
     if not isinstance(system, Scenario):
         if Path(system).suffix.lower() == ".ssp":
-            yield Path(system), {**given, "parameters": settings, "algorithm": master}
+            yield Path(system), {**changes, "parameters": settings, "algorithm": master}
             return
         system = load_scenario(system)
     values = system_values(system, settings)
     with temporary_folder("vdfmu_") as folder:
         built = cached_fmus(system, folder, backend)
-        own = system.coupling if master in (None, system.master) else {**system.options, "algorithm": master}
-        options = {**own, **given, "inputs": system.inputs, "input_hold": system.input_hold}
+        defaults = system.coupling if master in (None, system.master) else {**system.options, "algorithm": master}
+        options = {**defaults, **changes, "inputs": system.inputs, "input_hold": system.input_hold}
         yield write_ssp(system, built, Path(folder) / "system.ssp", values, mixed=True), options
 
 

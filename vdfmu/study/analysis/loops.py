@@ -57,8 +57,8 @@ def judged(poses: Poses, begin: float, end: float, failed: bool = False) -> Judg
     growth = poses.loops.growth(begin, end)
     if failed and growth.rate > SLOW:
         return Judged(poses.loops, growth._replace(exponent=math.inf))
-    if growth.unstable and poses.others is not None:
-        return Judged(poses.others, poses.others.growth(begin, end), place_of(growth.state, poses.loops))
+    if growth.unstable and poses.alternative is not None:
+        return Judged(poses.alternative, poses.alternative.growth(begin, end), place_of(growth.state, poses.loops))
     return Judged(poses.loops, growth)
 
 
@@ -67,10 +67,10 @@ def grown(loops: Along) -> Growth:
     return loops.growth(loops.poses[0].time, loops.poses[-1].time, 0.0)
 
 
-def told(loops: Along) -> str:
+def growth_words(loops: Along) -> str:
     """Return how a mode grows for a while, in the words of all commands; empty if none does."""
     growth = grown(loops)
-    if not growth.told:
+    if not growth.notable:
         return ""
     slow = f", slower than {SLOW:g} 1/s" if growth.rate <= SLOW else ""
     return (
@@ -79,16 +79,16 @@ def told(loops: Along) -> str:
     )
 
 
-def _words(found: Judged) -> tuple[str, str]:
-    growth, loops = found.growth, found.loops
-    before = f"friction 'split' excites itself, most at {found.excited}; without dry friction " if found.excited else ""
+def _words(verdict: Judged) -> tuple[str, str]:
+    growth, loops, excited = verdict.growth, verdict.loops, verdict.excited
+    before = f"friction 'split' excites itself, most at {excited}; without dry friction " if excited else ""
     if growth.unstable:
         factor = math.exp(growth.rate * loops.system.step)
         return "failed", (
             f"{before}unstable {since(growth.begin)}, {place_of(growth.state, loops)}: disturbances grow by a "
             f"factor of {factor:.3g} a step; its gains are too high, or too low, for this step"
         )
-    growing, nearest = told(loops), loops.nearest()
+    growing, nearest = growth_words(loops), loops.nearest()
     text = f"stable; its margins are not known: {loops.lacking}"
     if nearest is not None:
         where = f"at {place_of(nearest.name, loops)}, {nearest.time:.3g} s"
@@ -138,11 +138,11 @@ def run_along(
             rows = [round((t - grid.begin) / grid.step) if math.isfinite(t) else -1 for t in at]
             if beyond := [f"{t:g}" for t, row in zip(at, rows, strict=True) if not 0 <= row <= grid.n]:
                 raise UsageError(f"at: expected {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s.")
-            known: dict[str, Any] = {"opened": opened, "more": rows, "again": again, "noted": True}
+            asked: dict[str, Any] = {"opened": opened, "more": rows, "again": again, "noted": True}
             if isinstance(scenario, Scenario):
-                poses = poses_of(SystemDescription(scenario, system_values(scenario, options.get("settings"))), **known)
+                poses = poses_of(SystemDescription(scenario, system_values(scenario, options.get("settings"))), **asked)
             else:
-                poses = Poses("tau", TIED, **known)
+                poses = Poses("tau", TIED, **asked)
             failed = ""
             try:
                 simulator.run(record=(), taps=[poses])
@@ -203,14 +203,14 @@ def margins_along(
         See :class:`vdfmu.Simulator`; for times that the run does not have, and loops that are not known.
     """
     with run_along(system, opened, at, **options) as (poses, grid, failed):
-        found = judged(poses, grid.begin, grid.end, bool(failed))
-    every = found.loops.poses
-    if found.loops.lacking:
-        raise UsageError(found.loops.lacking)
+        verdict = judged(poses, grid.begin, grid.end, bool(failed))
+    every = verdict.loops.poses
+    if verdict.loops.lacking:
+        raise UsageError(verdict.loops.lacking)
     chosen = [min(every, key=lambda pose: abs(pose.time - t)) for t in at] or every
-    first = found.loops.system
+    first = verdict.loops.system
     return SystemMargins(
-        tuple(first.parts.inputs[i] for i in first.places(found.loops.opened)), [pose.time for pose in chosen],
-        [pose.loop.margins() for pose in chosen if pose.loop is not None], found, first.algorithm, grid.step,
+        tuple(first.parts.inputs[i] for i in first.places(verdict.loops.opened)), [pose.time for pose in chosen],
+        [pose.loop.margins() for pose in chosen if pose.loop is not None], verdict, first.algorithm, grid.step,
         (*poses.notes, *filter(None, [failed])),
     )  # fmt: skip

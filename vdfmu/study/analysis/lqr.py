@@ -64,8 +64,8 @@ def state_gains(
 
     robot = robot_argument(robot)
     n = robot.n
-    given = {"error": error, "rate": rate, "torque": torque, "step": step}
-    if wrong := [name for name, x in given.items() if not (np.asarray(x) > 0.0).all()]:
+    numbers = {"error": error, "rate": rate, "torque": torque, "step": step}
+    if wrong := [name for name, x in numbers.items() if not (np.asarray(x) > 0.0).all()]:
         raise UsageError(f"state_gains: {', '.join(wrong)}: expected numbers above 0.")
     arm = linearize(robot, at=q)
     fast = fast_states(arm.states, dry=False)

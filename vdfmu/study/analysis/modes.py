@@ -156,8 +156,8 @@ def desired_motion(scenario: Scenario, outputs: Sequence[str], points: int) -> t
 
 def ranges(along: Sequence[Modes], count: int) -> list[tuple[float, float] | None]:
     """Lowest and highest frequency [Hz] of each of the `count` fastest modes, from slow to fast; None for none."""
-    found: list[tuple[float, float] | None] = []
+    limits: list[tuple[float, float] | None] = []
     for place in range(count, 0, -1):
         each = [modes.frequency[-place] for modes in along if len(modes.frequency) >= place]
-        found.append((float(min(each)), float(max(each))) if each else None)
-    return found
+        limits.append((float(min(each)), float(max(each))) if each else None)
+    return limits

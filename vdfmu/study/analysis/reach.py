@@ -21,7 +21,7 @@ from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.state_space import Linear, held
 from vdfmu.base.toml_file import locate, toml_value
 from vdfmu.engine.linear.loops import Loop, Margins
-from vdfmu.study.analysis.loops import margins_along, told
+from vdfmu.study.analysis.loops import growth_words, margins_along
 from vdfmu.system.scenario import Scenario, load_scenario
 
 _DAMPING = 0.5
@@ -169,7 +169,8 @@ def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> R
         margins = margins_along(path)
     except UsageError as error:
         return Reach(path, gains, None, [*notes, f"margins of the whole arm: {error}"])
-    return Reach(path, gains, margins.judged.loops.margins(), [*notes, *filter(None, [told(margins.judged.loops)])])
+    loops = margins.judged.loops
+    return Reach(path, gains, loops.margins(), [*notes, *filter(None, [growth_words(loops)])])
 
 
 def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:

@@ -79,10 +79,10 @@ class Engine:
         """
         if self.lanes * len(self._program.time) * len(self._signals) * 8 > _MOST:
             return [None] * len(points)
-        found: list[Results | None] = []
+        results: list[Results | None] = []
         for first in range(0, len(points), self.lanes):
-            found += self._together(points[first : first + self.lanes])
-        return found
+            results += self._together(points[first : first + self.lanes])
+        return results
 
     def _together(self, points: Sequence[Mapping[str, Any]]) -> list[Results | None]:
         program, memory = self._program, self._memory
@@ -92,11 +92,11 @@ class Engine:
         n = len(program.points)
         rows = np.empty((self.lanes, n + 1, len(self._signals)))
         good = np.zeros(self.lanes, dtype=np.bool_)
-        given = (
+        arguments = (
             memory, program.points, program.sizes, n, program.fed, len(program.fed), program.course, self._shown,
             self._recorded, len(self._recorded), rows, good,
         )  # fmt: skip
-        self._library.run(*(each if isinstance(each, int) else each.ctypes.data for each in given))
+        self._library.run(*(each if isinstance(each, int) else each.ctypes.data for each in arguments))
         facts = {"start": 0.0, "stop": program.time[-1].item(), "steps": n}
         return [
             Results(program.time, self._signals, {"real": rows[lane]}, dict(facts)) if fits and good[lane] else None
@@ -113,8 +113,8 @@ def lane_library(program: BatchProgram, level: int | None = None) -> tuple[int, 
 
 def shown_calls(program: BatchProgram, names: Iterable[str]) -> npt.NDArray[np.bool_]:
     """Whether each call of `BatchProgram.optional` runs, for signals that are recorded."""
-    known = {program.signals[name][0] for name in names}
-    return np.array([not known.isdisjoint(places) for places in program.optional], dtype=np.bool_)
+    shown = {program.signals[name][0] for name in names}
+    return np.array([not shown.isdisjoint(places) for places in program.optional], dtype=np.bool_)
 
 
 def set_lane(program: BatchProgram, memory: Floats, lane: int, point: Mapping[str, Any]) -> bool:
@@ -178,8 +178,8 @@ class SteppedLanes:
         for block in {run // lanes for run in points}:
             m, h, good = aligned(*self._m[block].shape), aligned(*self._h[block].shape), np.zeros(lanes, np.bool_)
             m[:] = program.memory[:, None]
-            own = {run % lanes: point for run, point in points.items() if run // lanes == block}
-            fit = {lane: set_lane(program, m, lane, point) for lane, point in own.items()}
+            lane_points = {run % lanes: point for run, point in points.items() if run // lanes == block}
+            fit = {lane: set_lane(program, m, lane, point) for lane, point in lane_points.items()}
             self._library.begin_lanes(m.ctypes.data, h.ctypes.data, self._shown.ctypes.data, good.ctypes.data)
             for lane, fits in fit.items():
                 self._m[block][:, lane], self._h[block][:, lane] = m[:, lane], h[:, lane]

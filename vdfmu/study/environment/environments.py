@@ -126,9 +126,9 @@ class Environment(gymnasium.Env[Floats, Floats]):
         if isinstance(system, Scenario) or not str(system).lower().endswith(".ssp"):
             system = opened(system if isinstance(system, Scenario) else load_scenario(system), actions, seen)
         package, options = stack.enter_context(packaged(system))
-        given: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
-        given |= {"parameters": values or {}, "isolate": False}
-        return Simulator(package, **given)
+        settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
+        settings |= {"parameters": values or {}, "isolate": False}
+        return Simulator(package, **settings)
 
     def _begin(self, task: Any, simulator: Simulator, span: dict[str, float], held: ExitStack) -> None:
         self.task, self._simulator, self._span, self._done = task, simulator, span, -1
@@ -140,11 +140,11 @@ class Environment(gymnasium.Env[Floats, Floats]):
     ) -> tuple[Floats, dict[str, Any]]:
         """Begin an episode; `options` may have ``parameters``, values by ``component.variable``."""
         super().reset(seed=seed)
-        given = self.task.drawn(self.np_random) | dict((options or {}).get("parameters", {}))
+        parameters = self.task.drawn(self.np_random) | dict((options or {}).get("parameters", {}))
         self._done = 0
-        self._simulator.reset(**self._span, parameters=given)
+        self._simulator.reset(**self._span, parameters=parameters)
         self._numbers = self._read()
-        return self.task.clipped(self._numbers), {"parameters": given}
+        return self.task.clipped(self._numbers), {"parameters": parameters}
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Hold an action for `hold` communication steps."""
@@ -209,7 +209,7 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
     def __init__(self, num_envs: int = 8, scenario: Any = "planar_tracking", **options: Any) -> None:
         if num_envs < 1 or num_envs % 1:
             raise UsageError(f"num_envs: expected a whole number of at least 1, got {num_envs}.")
-        self.num_envs, self.task, self._given = num_envs, TrackingTask(scenario, **options), None
+        self.num_envs, self.task, self._parameters = num_envs, TrackingTask(scenario, **options), None
         self.single_action_space, self.single_observation_space = _spaces(self.task)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -223,20 +223,20 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
     ) -> tuple[Floats, dict[str, Any]]:
         """Begin all episodes; `options` may have ``parameters`` of all of them."""
         super().reset(seed=seed)
-        self._given = given = dict((options or {}).get("parameters", {}))
-        self._begin(range(self.num_envs), given)
+        self._parameters = parameters = dict((options or {}).get("parameters", {}))
+        self._begin(range(self.num_envs), parameters)
         return self.task.clipped(self._lanes.read()), {}
 
-    def _begin(self, chosen: Any, given: dict[str, Any]) -> None:
+    def _begin(self, chosen: Any, parameters: dict[str, Any]) -> None:
         chosen = [int(i) for i in chosen]
-        self._lanes.reset({i: self.task.drawn(self.np_random) | given for i in chosen})
+        self._lanes.reset({i: self.task.drawn(self.np_random) | parameters for i in chosen})
         self._done[chosen], self._over[chosen] = 0, False
         if not self._lanes.good[chosen].all():
             raise CosimError("lanes", "initialization", 0.0, "parameters are refused; ArmEnv says why")
 
     def step(self, actions: Floats) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:
         """Hold an action of each arm for `hold` communication steps."""
-        if self._given is None:
+        if self._parameters is None:
             raise UsageError(_NOT_BEGUN)
         actions, begun, info = self.task.limited(actions, (self.num_envs,)), self._over.copy(), dict[str, Any]()
         self._lanes.step(actions, self.task.hold)
@@ -247,7 +247,7 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
             info = self._add_info(info, {"error": _FAILED}, int(i))
         self._over = ended | late
         if begun.any():
-            self._begin(np.flatnonzero(begun), self._given)
+            self._begin(np.flatnonzero(begun), self._parameters)
             seen[begun] = self.task.clipped(self._lanes.read())[begun]
             rewards[begun], ended[begun], late[begun] = 0.0, False, False
         return seen, rewards, ended, late, info

@@ -196,20 +196,20 @@ def _groups(
     """Return names, units and bounds of the elements of groups, and the place of each group."""
     names, units, ends, places = list[str](), list[str](), list[Any](), dict[str, slice]()
     for name, bounds in groups.items():
-        found, measures = named(name, causality)
-        what = "limit" if causality == "input" else f"limits: {name}"
+        elements, measures = named(name, causality)
+        label = "limit" if causality == "input" else f"limits: {name}"
         if bounds is None:
             bounds = [LIMITS.get(unit, LIMITS["1"]) for unit in measures]
         pair = bounds if isinstance(bounds, tuple) and len(bounds) == 2 else (-np.asarray(bounds, float), bounds)
         for each in () if pair is bounds else np.ravel(bounds):
-            _check_number(what, each, 0.0)
-        if any(np.ndim(end) and np.shape(end) != (len(found),) for end in pair):
-            raise UsageError(f"{what}: expected one number, or {len(found)} for {name}, got {bounds}.")
-        both = np.array([np.broadcast_to(np.asarray(end, np.float64), (len(found),)) for end in pair])
+            _check_number(label, each, 0.0)
+        if any(np.ndim(end) and np.shape(end) != (len(elements),) for end in pair):
+            raise UsageError(f"{label}: expected one number, or {len(elements)} for {name}, got {bounds}.")
+        both = np.array([np.broadcast_to(np.asarray(end, np.float64), (len(elements),)) for end in pair])
         if not (np.isfinite(both).all() and (both[0] < both[1]).all()):
-            raise UsageError(f"{what}: expected finite bounds, the lower first, got {bounds}.")
-        places[name] = slice(len(names), len(names) + len(found))
-        names, units, ends = [*names, *found], [*units, *measures], [*ends, both]
+            raise UsageError(f"{label}: expected finite bounds, the lower first, got {bounds}.")
+        places[name] = slice(len(names), len(names) + len(elements))
+        names, units, ends = [*names, *elements], [*units, *measures], [*ends, both]
     return names, units, *np.concatenate(ends, axis=1), places
 
 

@@ -254,9 +254,9 @@ def _multisines(robot: Robot, duration: float, middle: Floats, reach: Floats, mo
         span = reach - np.abs(pose - middle) if robot.limits else reach
         period = duration / (periods + 2)
         lines = sorted({int(k) for k in np.rint(np.geomspace(1.0, max(1.0, highest * period), _LINES))})
-        own: dict[str, Any] = {"lines": lines, "period": period, "periods": periods, "phases": "random", "seed": seed}
-        table = {"kind": "multisine", "start": pose.tolist(), "amplitude": [], **own}
-        yield _Excitation(table, multisine(0.0 * pose, 1.0, **own), span, highest)
+        form: dict[str, Any] = {"lines": lines, "period": period, "periods": periods, "phases": "random", "seed": seed}
+        table = {"kind": "multisine", "start": pose.tolist(), "amplitude": [], **form}
+        yield _Excitation(table, multisine(0.0 * pose, 1.0, **form), span, highest)
 
 
 def _fitted(robot: Robot, tried: _Excitation, amplitude: Floats, step: float) -> list[_Candidate]:

@@ -65,13 +65,13 @@ def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[s
 
 
 def even_times(
-    found: Mapping[str, Sequence[LogColumn | None]], fewest: int, notes: list[str], problems: list[str]
+    logged: Mapping[str, Sequence[LogColumn | None]], fewest: int, notes: list[str], problems: list[str]
 ) -> tuple[Floats, dict[str, Floats]]:
     """Return even times (m,) and the quantities (m, n) at them, by cubic splines if the times of the log differ.
 
     With problems the quantities are as they are logged, and none if they differ in length.
     """
-    columns = {f"{what}[{i + 1}]": c for what, each in found.items() for i, c in enumerate(each) if c is not None}
+    columns = {f"{key}[{i + 1}]": c for key, each in logged.items() for i, c in enumerate(each) if c is not None}
     clocks: dict[int, tuple[str, LogColumn]] = {}
     for name, column in columns.items():
         clocks.setdefault(id(column.t), (name, column))
@@ -113,8 +113,8 @@ def even_times(
         return t, {}
     none = LogColumn(t, np.full(len(t), np.nan), "")
     return t, {
-        what: np.column_stack([columns.get(f"{what}[{i + 1}]", none).values for i in range(len(each))])
-        for what, each in found.items()
+        key: np.column_stack([columns.get(f"{key}[{i + 1}]", none).values for i in range(len(each))])
+        for key, each in logged.items()
     }
 
 
@@ -159,17 +159,17 @@ def fastest(rate: Floats) -> int:
 
 def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], problems: list[str]) -> Floats:
     """Return times, or the even times that they jitter about if positions are smoother at these."""
-    own = [c.values for name, c in columns.items() if c.t is t and name[:3] != "tau"]
-    if not own:
+    positions = [c.values for name, c in columns.items() if c.t is t and name[:3] != "tau"]
+    if not positions:
         return t
-    rough = sum(_roughness(t, x) for x in own)
-    found: list[tuple[float, float, float, Floats]] = []
+    rough = sum(_roughness(t, x) for x in positions)
+    fits: list[tuple[float, float, float, Floats]] = []
     for shortest in (np.median(np.diff(t)), np.inf):  # with rows that are missing, and without
         count = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(np.diff(t) / shortest), 1.0))])
         slope, start = np.polyfit(count, t, 1)
         even: Floats = start + slope * count
-        found.append((sum(_roughness(even, x) for x in own), slope, float(np.abs(t - even).max()), even))
-    smooth, step, most, even = min(found, key=lambda each: each[0])
+        fits.append((sum(_roughness(even, x) for x in positions), slope, float(np.abs(t - even).max()), even))
+    smooth, step, most, even = min(fits, key=lambda each: each[0])
     if rough <= _ROUGHER * smooth:
         return t
     if most > 0.5 * step:
@@ -225,8 +225,8 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
     alike = (rates["q"].T @ rates["kappa"]) / len(rates["q"]) / np.outer(size["q"], size["kappa"])
     best = linear_sum_assignment(-np.abs(np.nan_to_num(alike)))[1] if len(both) else []
     for a, (i, b) in enumerate(zip(both, best, strict=True)):
-        own, other, ell = abs(alike[a, a]), abs(alike[a, b]), robot.ell[i]
-        if own < _FOLLOWS < other and a != b:
+        follows, other, ell = abs(alike[a, a]), abs(alike[a, b]), robot.ell[i]
+        if follows < _FOLLOWS < other and a != b:
             problems.append(
                 f"q[{i + 1}] moves with kappa[{both[b] + 1}], correlation {alike[a, b]:.3f}, and not with "
                 f"kappa[{i + 1}], {alike[a, a]:.3f}: columns have another order. Name them, --column 'q[{i + 1}]=NAME'"
@@ -241,7 +241,7 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
             ell: "the link's look like the motor's",
         }
         fitting = [text for k, text in causes.items() if abs(slope / k - 1.0) < _ALIKE < abs(k - 1.0)]
-        if fitting and own > _FOLLOWS:
+        if fitting and follows > _FOLLOWS:
             problems.append(f"q[{i + 1}] moves {slope:.4g} times as far as kappa[{i + 1}], expected 1: {fitting[0]}")
         elif abs(slope - 1.0) > _OFF:
             notes.append(f"q[{i + 1}] moves {slope:.3f} times as far as kappa[{i + 1}]: check the ratio")

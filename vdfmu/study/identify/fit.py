@@ -170,27 +170,27 @@ def _numbers(chosen: Any) -> str:
     return ", ".join(str(i + 1) for i in np.flatnonzero(chosen))
 
 
-def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:
+def identified_robot(fit: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:
     """Return the robot with the identified values, whose sources name the log, and notes.
 
     Base parameters leave the parameters of the links open: the nearest to the robot file are taken, of the same shape
     if possible. If these are not parameters of bodies, the links stay as they are. `robot` is the start of the
     identification, and `where` names the log, for sources.
     """
-    values = dict(zip(found.names, found.values, strict=True))
+    values = dict(zip(fit.names, fit.values, strict=True))
     sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
     text = f"Identified from {where}"
-    deviation = dict(zip(found.names, found.deviation, strict=True))
+    deviation = dict(zip(fit.names, fit.deviation, strict=True))
     for name in (*DRIVES, *SPRINGS, *(["F_cb"] if robot.counterbalance else [])):
         elements = [f"{name}[{i + 1}]" for i in range(robot.n)]
         arrays[name] = np.array([values.get(e, here) for e, here in zip(elements, getattr(robot, name), strict=True)])
         for i, each in enumerate(elements):
-            if each not in found.held and deviation.get(each, 0.0) > 0.0:
+            if each not in fit.held and deviation.get(each, 0.0) > 0.0:
                 path = PARAMETERS[name].path.replace("joints", f"joints[{i + 1}]", 1)
                 source = f"{text}, +- {1.96 * deviation[each]:.2g} (95 %)"
-                sources[path] = f"{source}, near {sources.get(path, 'the robot')}" if each in found.weak else source
+                sources[path] = f"{source}, near {sources.get(path, 'the robot')}" if each in fit.weak else source
     made = robot.with_parameters(**arrays)
-    links = _links(found, robot)
+    links = _links(fit, robot)
     if robot.payload:
         notes.append("the links stay as they are: the payload is identified with the last of them")
     else:
@@ -205,10 +205,10 @@ def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot
     return replace(check_robot(made), sources=sources), notes
 
 
-def _links(found: Identified, robot: Robot) -> dict[str, Floats]:
+def _links(fit: Identified, robot: Robot) -> dict[str, Floats]:
     """Mass, centre of mass and inertia of the links, with the base parameters and nearest to the robot file."""
     phi, ways = body_parameters(robot), link_errors(robot, 1.0)
-    base, matrix = found.values[found.links], found.base.matrix
+    base, matrix = fit.values[fit.links], fit.base.matrix
     steps: Any = np.linalg.lstsq(matrix @ ways, base - matrix @ phi, rcond=None)[0]
     m, x, y, z, *I = (phi + ways @ steps).reshape(-1, 10).T
     c = np.stack([x, y, z], axis=1) / m[:, None]
@@ -251,7 +251,7 @@ class LogScore(NamedTuple):
     """(k, n): Spring torques of the model [N.m or N]."""
 
 
-def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
+def score(fit: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
     """Score on a log the parameters that were identified on another, in the same band.
 
     A constant between the encoders is the log's own: incremental encoders count from their start.
@@ -262,25 +262,25 @@ def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
             f"{log.where}: expected a log {sides[0]} encoders behind the gears, as {fitted.where}, got one {sides[1]} "
             "them."
         )
-    rows = rows_of(log, robot, found.band, found.lag, _FEWEST)
-    errors = rows.problem.errors(found.x)
+    rows = rows_of(log, robot, fit.band, fit.lag, _FEWEST)
+    errors = rows.problem.errors(fit.x)
     left, tau = errors[0], rows.problem.tau
-    before = rows if fitted is log else rows_of(fitted, robot, found.band, found.lag, _FEWEST)
-    terms, own = _terms(rows, robot), _terms(before, robot)
+    before = rows if fitted is log else rows_of(fitted, robot, fit.band, fit.lag, _FEWEST)
+    terms, fitted_terms = _terms(rows, robot), _terms(before, robot)
     rigid = np.array([
-        _rms(tau[:, i] - terms[i] @ np.linalg.lstsq(own[i], before.problem.tau[:, i], rcond=None)[0])
+        _rms(tau[:, i] - terms[i] @ np.linalg.lstsq(fitted_terms[i], before.problem.tau[:, i], rcond=None)[0])
         for i in range(robot.n)
     ])  # fmt: skip
     bent, error = np.full((2, *tau.shape), np.nan)
     if rows.problem.stretch is not None:
         seen = rows.problem.seen
-        bent[:, seen] = (rows.problem.stretch - found.x[rows.problem.places["delay_q"]] * rows.problem.speed)[:, seen]
+        bent[:, seen] = (rows.problem.stretch - fit.x[rows.problem.places["delay_q"]] * rows.problem.speed)[:, seen]
         error[:, seen] = errors[1][:, seen]
     bent, error = bent - bent.mean(axis=0), error - error.mean(axis=0)
     return LogScore(
         _rms(tau), _rms(left), np.abs(left).max(axis=0), rigid,
         _rms(bent), _rms(error), np.abs(error).max(axis=0), rows, left, error,
-        rows.problem.spring_torques(found.x),
+        rows.problem.spring_torques(fit.x),
     )  # fmt: skip
 
 

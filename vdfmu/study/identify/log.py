@@ -37,23 +37,23 @@ def split_unit(heading: str) -> tuple[str, str]:
 def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn]:
     """Return the columns of a file; `time` names the times; assumptions are noted."""
     suffix = path.suffix.lower()
-    found = READERS[suffix](path) if suffix in READERS else _csv(path)
-    if isinstance(found, Results):
-        return {name: LogColumn(found.time, np.asarray(found[name], float), found.units[name]) for name in found}
-    if found and all(len(column) == 3 for column in found.values()):
+    raw = READERS[suffix](path) if suffix in READERS else _csv(path)
+    if isinstance(raw, Results):
+        return {name: LogColumn(raw.time, np.asarray(raw[name], float), raw.units[name]) for name in raw}
+    if raw and all(len(column) == 3 for column in raw.values()):
         times: dict[bytes, Floats] = {}  # columns with the same times share them
         timed: dict[str, LogColumn] = {}
-        for name, (t, values, unit) in found.items():
+        for name, (t, values, unit) in raw.items():
             t = np.asarray(t, float)
             timed[name] = LogColumn(times.setdefault(t.tobytes(), t), np.asarray(values, float), unit)
         return timed
     name, unit = split_unit(time)
-    name = name or next((each for each in found if _TIME.fullmatch(each)), "")
-    if name not in found:
-        there = f"there are {', '.join(found)}. Name it by --time" if found else "the file has no columns"
+    name = name or next((each for each in raw if _TIME.fullmatch(each)), "")
+    if name not in raw:
+        there = f"there are {', '.join(raw)}. Name it by --time" if raw else "the file has no columns"
         raise UsageError(f"{path}: expected a column {name or 'time'}; {there}.")
-    stamps, own = found[name]
-    unit = unit or own or (match[1] if (match := re.fullmatch(r".*_(m?s|us|ns)", name)) else "")
+    stamps, stated = raw[name]
+    unit = unit or stated or (match[1] if (match := re.fullmatch(r".*_(m?s|us|ns)", name)) else "")
     if unit not in _SECONDS:
         raise UsageError(f"{path}: {name}: expected s, ms, us or ns, got {unit!r}. Give it: --time '{name} [s]'.")
     whole = stamps.dtype.kind in "iu"  # times since 1970 in ns have more digits than a float
@@ -62,15 +62,15 @@ def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn
         notes.append(f"times are those of {name}, in {unit or 's'}")
     return {
         each: LogColumn(t, np.asarray(values, float).reshape(-1), unit)
-        for each, (values, unit) in found.items()
+        for each, (values, unit) in raw.items()
         if each != name and np.size(values) == len(t)
     }
 
 
-_Found = Mapping[str, tuple[Any, ...]]
+_FileColumns = Mapping[str, tuple[Any, ...]]
 
 
-def _csv(path: Path) -> Results | _Found:
+def _csv(path: Path) -> Results | _FileColumns:
     try:
         lines = read_text(path).splitlines()
         delimiter = max(";\t,", key=lines[0].count) if lines else ","
@@ -78,8 +78,8 @@ def _csv(path: Path) -> Results | _Found:
         rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter) if any(row)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
-        known = ", ".join(READERS.names())
-        text = f"{path}: expected a CSV file, got: {why}. Readers: {known}; a package can add one."
+        readers = ", ".join(READERS.names())
+        text = f"{path}: expected a CSV file, got: {why}. Readers: {readers}; a package can add one."
         raise UsageError(text) from None
     if len(rows) > 1 and rows[0][0] == "time" and rows[1][0] == "s":
         return Results.read(path)
@@ -107,47 +107,47 @@ def _number(cell: str, delimiter: str) -> float:
         return np.nan
 
 
-def _mat(path: Path) -> Results | _Found:
+def _mat(path: Path) -> Results | _FileColumns:
     variables = mat_variables(path)
     if "vdfmu" in variables:
         return Results.read(path)
-    found: dict[str, tuple[Any, str]] = {}
+    columns: dict[str, tuple[Any, str]] = {}
     for name, value in variables.items():
         array = np.squeeze(np.asarray(value))
         if array.dtype.kind not in "fiub" or array.ndim > 2:
             continue
         if array.ndim < 2:
-            found[name] = np.atleast_1d(array), ""
+            columns[name] = np.atleast_1d(array), ""
         else:  # of MATLAB's arrays, some have a row for each time, some a column
             for i, each in enumerate(array if array.shape[0] < array.shape[1] else array.T, 1):
-                found[f"{name}[{i}]"] = each, ""
-    return found
+                columns[f"{name}[{i}]"] = each, ""
+    return columns
 
 
-def _parquet(path: Path) -> Results | _Found:
+def _parquet(path: Path) -> Results | _FileColumns:
     schema, table = read_table(path)
     if b"vdfmu" in (schema.metadata or {}):
         return Results.read(path)
-    found: dict[str, tuple[Any, str]] = {}
+    columns: dict[str, tuple[Any, str]] = {}
     for field in table.schema:
         name, unit = split_unit(field.name)
         values = table[field.name].to_numpy()
         if values.dtype.kind == "M":
             values, unit = values.astype("datetime64[ns]").astype(np.int64), "ns"
         if values.dtype.kind in "fiub":
-            found[name] = values, (field.metadata or {}).get(b"unit", unit.encode()).decode()
-    return found
+            columns[name] = values, (field.metadata or {}).get(b"unit", unit.encode()).decode()
+    return columns
 
 
 PLUGINS = Plugins("logs", "reader of logs", "a function of the path of a log", callable)
-READERS: PluginTable[Callable[[Path], Results | _Found]] = PluginTable(
+READERS: PluginTable[Callable[[Path], Results | _FileColumns]] = PluginTable(
     PLUGINS, {".csv": _csv, ".txt": _csv, ".mat": _mat, ".parquet": _parquet}, prefix="."
 )
 """Readers by suffix. Each returns results, or columns: name to numbers and unit, "" for none. Columns have one length,
 or each has its times [s] before its numbers."""
 
 
-_KNOWN = {
+_PATTERNS = {
     "kappa": ("plant.kappa[{}]", "kappa[{}]", "/joint_states.position[{}]"),
     "theta": ("theta[{}]",),
     "q": ("plant.q[{}]", "q[{}]"),
@@ -228,11 +228,11 @@ def read_log(
         too short; with all problems.
     """
     path = Path(path)
-    given = dict(columns or {})
-    known = {*_KNOWN, *(f"{what}[{i + 1}]" for what in _KNOWN for i in range(robot.n))}
-    if wrong := [name for name in given if name not in known]:
-        raise UsageError(f"columns: {', '.join(wrong)}: expected some of {', '.join(_KNOWN)}.")
-    if wrong := [f"{k}={name}" for k, name in given.items() if k in _KNOWN and "{}" not in name and robot.n > 1]:
+    names = dict(columns or {})
+    allowed = {*_PATTERNS, *(f"{key}[{i + 1}]" for key in _PATTERNS for i in range(robot.n))}
+    if wrong := [name for name in names if name not in allowed]:
+        raise UsageError(f"columns: {', '.join(wrong)}: expected some of {', '.join(_PATTERNS)}.")
+    if wrong := [f"{k}={name}" for k, name in names.items() if k in _PATTERNS and "{}" not in name and robot.n > 1]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected a name with {{}} for the joint.")
     notes: list[str] = []
     problems: list[str] = []
@@ -240,14 +240,14 @@ def read_log(
     form = next((form for form in _KUKA if all(split_unit(n)[0].format(1) in table for n in form.values())), {})
     record = form is _KUKA[0]
     if form:
-        notes.append(f"KUKA KR300: {', '.join(f'{what} is {name}' for what, name in form.items())}")
+        notes.append(f"KUKA KR300: {', '.join(f'{key} is {name}' for key, name in form.items())}")
         if (there := sum(name.startswith(form["kappa"].partition("{")[0]) for name in table)) != robot.n:
             raise UsageError(f"{path}: expected a robot of {there} joints, got one of {robot.n}.")
-    named = {what.partition("[")[0] for what in given}
-    form = {what: name for what, name in form.items() if _OTHER.get(what) not in named}
-    found = _chosen(table, robot, {**form, **given}, notes, problems)
+    named = {key.partition("[")[0] for key in names}
+    form = {key: name for key, name in form.items() if _OTHER.get(key) not in named}
+    chosen = _chosen(table, robot, {**form, **names}, notes, problems)
     if not problems:
-        t, arrays = even_times(found, _FEWEST, notes, problems)
+        t, arrays = even_times(chosen, _FEWEST, notes, problems)
         for motor, wanted in (("theta", "kappa"), ("tau_link", "tau")):
             if motor in arrays:
                 arrays[wanted] = arrays.pop(motor) / robot.ell
@@ -286,63 +286,63 @@ def _chosen(
     table: Mapping[str, LogColumn], robot: Robot, columns: Mapping[str, str], notes: list[str], problems: list[str]
 ) -> dict[str, list[LogColumn | None]]:
     """Return the columns of each quantity, in SI units and without turns that were cut off; None without encoder."""
-    found: dict[str, list[LogColumn | None]] = {}
+    by_key: dict[str, list[LogColumn | None]] = {}
     counted = [[str(i + first) for i in range(robot.n)] for first in (1, 0)]
     joints = [counted[0], *([robot.joint_names] if all(robot.joint_names) and robot.joint_names else []), counted[1]]
-    named = {what.partition("[")[0] for what in columns}
-    for what, patterns in _KNOWN.items():
-        if what not in named and _OTHER.get(what) in named:
+    named = {key.partition("[")[0] for key in columns}
+    for key, patterns in _PATTERNS.items():
+        if key not in named and _OTHER.get(key) in named:
             continue
-        chosen = [split_unit(columns[what])] if what in columns else [(pattern, "") for pattern in patterns]
+        chosen = [split_unit(columns[key])] if key in columns else [(pattern, "") for pattern in patterns]
         some = [
             [
-                split_unit(columns[f"{what}[{i}]"]) if f"{what}[{i}]" in columns else (p.replace("{}", joint), unit)
+                split_unit(columns[f"{key}[{i}]"]) if f"{key}[{i}]" in columns else (p.replace("{}", joint), unit)
                 for i, joint in enumerate(each, 1)
             ]
             for each in joints
             for p, unit in chosen
         ]
-        own = max(some, key=lambda each: sum(name in table for name, _ in each))
-        if not (any if what == "q" else all)(name in table for name, _ in own):
-            if what in named:
+        best = max(some, key=lambda each: sum(name in table for name, _ in each))
+        if not (any if key == "q" else all)(name in table for name, _ in best):
+            if key in named:
                 wanted = ", ".join(name for name, _ in some[0])
-                problems.append(f"{what}: expected columns {wanted}; there are {', '.join(table)}")
+                problems.append(f"{key}: expected columns {wanted}; there are {', '.join(table)}")
             continue
-        if own[0][0] == chosen[0][0].replace("{}", "0"):
-            notes.append(f"{what}: joint 1 is {own[0][0]}: counted from 0")
-        if "/joint_states" in own[0][0]:
-            notes.append(f"{what} is {own[0][0]} and so on: as ROS has it, behind the gears; else say --column")
-        there = [name for name, _ in own if name in table and not (what == "q" and np.isnan(table[name].values).all())]
-        if lacks := [name for name, _ in own if name not in there]:
+        if best[0][0] == chosen[0][0].replace("{}", "0"):
+            notes.append(f"{key}: joint 1 is {best[0][0]}: counted from 0")
+        if "/joint_states" in best[0][0]:
+            notes.append(f"{key} is {best[0][0]} and so on: as ROS has it, behind the gears; else say --column")
+        there = [name for name, _ in best if name in table and not (key == "q" and np.isnan(table[name].values).all())]
+        if lacks := [name for name, _ in best if name not in there]:
             notes.append(f"{', '.join(lacks)}: not there, or without numbers: taken as without encoder behind the gear")
-        found[what] = [
-            _converted(what, name, table[name], unit, robot, i, notes, problems) if name in there else None
-            for i, (name, unit) in enumerate(own)
+        by_key[key] = [
+            _converted(key, name, table[name], unit, robot, i, notes, problems) if name in there else None
+            for i, (name, unit) in enumerate(best)
         ]
     for group in (("kappa", "theta"), ("tau", "tau_link")):
-        if not problems and not any(name in found for name in group):
-            looked = [p.format(1) for name in group for p in _KNOWN[name]]
+        if not problems and not any(name in by_key for name in group):
+            looked = [p.format(1) for name in group for p in _PATTERNS[name]]
             problems.append(
                 f"expected {' or '.join(looked)} and so on for {robot.n} joints; there are "
                 f"{', '.join(table)}. Name them by --column {group[0]}=NAME{{}}"
             )
-    return found
+    return by_key
 
 
 def _converted(
-    what: str, name: str, column: LogColumn, given: str, robot: Robot, i: int, notes: list[str], problems: list[str]
+    key: str, name: str, column: LogColumn, stated: str, robot: Robot, i: int, notes: list[str], problems: list[str]
 ) -> LogColumn:
-    turns = what == "theta" or robot.joint_types[i] == "revolute"
+    turns = key == "theta" or robot.joint_types[i] == "revolute"
     kind = "angle" if turns else "length"
-    if what in ("tau", "tau_link"):
-        kind = "force" if what == "tau_link" and not turns else "torque"
-    match = _UNIT.fullmatch(given or column.unit)
-    factor, unit = (match[1] or "1", match[2]) if match else ("1", given)
+    if key in ("tau", "tau_link"):
+        kind = "force" if key == "tau_link" and not turns else "torque"
+    match = _UNIT.fullmatch(stated or column.unit)
+    factor, unit = (match[1] or "1", match[2]) if match else ("1", stated)
     if unit and unit not in _FACTORS[kind]:
         problems.append(f"{name}: expected the unit {' or '.join(_FACTORS[kind])}, got {unit!r}")
         return column
     span = float(np.ptp(column.values)) if len(column.values) else 0.0
-    if not given and not unit and robot.joint_types[i] == "revolute" and what in ("kappa", "q") and span > WIDE_ANGLE:
+    if not stated and not unit and robot.joint_types[i] == "revolute" and key in ("kappa", "q") and span > WIDE_ANGLE:
         problems.append(
             f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
             f"{span:.4g}, as degrees do, or a motor's angle that is to be named theta; got none"
@@ -350,6 +350,6 @@ def _converted(
     values = column.values * (float(factor) * _FACTORS[kind].get(unit, 1.0))
     if kind == "angle":
         turn = 2.0 * np.pi
-        periods = (turn, turn / robot.ell[i]) if what == "kappa" else (turn,)
+        periods = (turn, turn / robot.ell[i]) if key == "kappa" else (turn,)
         values = unwrapped(name, values, periods, notes, problems)
     return column._replace(values=values)

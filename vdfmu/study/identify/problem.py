@@ -167,16 +167,16 @@ def link_errors(robot: Robot, share: float) -> Floats:
 
     for i in range(robot.n):
         mass, inertia = robot.mass[i], robot.inertia[i]
-        one = np.eye(robot.n)[i]
-        change(0, i, mass=robot.mass + share * mass * one)
+        unit = np.eye(robot.n)[i]
+        change(0, i, mass=robot.mass + share * mass * unit)
         for j in range(3):
             reach = share * np.sqrt(np.trace(inertia) / (2.0 * mass))
-            change(1 + j, i, centroid=robot.centroid + reach * np.outer(one, np.eye(3)[j]))
+            change(1 + j, i, centroid=robot.centroid + reach * np.outer(unit, np.eye(3)[j]))
         size = share * np.sqrt(np.outer(np.diag(inertia), np.diag(inertia)))
         for k, (a, b) in enumerate(PAIRS, 4):
             moment = np.zeros((3, 3))
             moment[a, b] = moment[b, a] = size[a, b]
-            change(k, i, inertia=robot.inertia + one[:, None, None] * moment)
+            change(k, i, inertia=robot.inertia + unit[:, None, None] * moment)
     return ways
 
 

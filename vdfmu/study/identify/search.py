@@ -17,7 +17,7 @@ from vdfmu.study.identify.problem import SPRINGS, IdentificationProblem
 
 _UNKNOWN = 0.7
 """Standard deviation, over the prior's, above which a parameter is the robot file's."""
-_KNOWN = {
+_SHARES = {
     "I_m": 0.2, "f_c": 1.0, "f_s": 0.5, "v_s": 1.0, "f_v": 1.0, "K_f0": 0.5, "c_f": 1.0, "K_w0": 0.5, "c_w": 1.0,
     "F_cb": 0.2, "delay_tau": 1.0, "delay_q": 1.0,
 }  # fmt: skip
@@ -91,7 +91,7 @@ class _Search:
         """Parameters in logarithms, the first ones."""
         self.root = np.zeros((len(self.x), len(self.x)))
         """By which variables of the search are off the robot file's, in standard deviations."""
-        for name, share in _KNOWN.items():
+        for name, share in _SHARES.items():
             for k in range(*problem.places.get(name, slice(0)).indices(len(self.x))):
                 self.root[k, k] = 1.0 / share
         inertia = problem.places["I_m"].start
@@ -163,11 +163,11 @@ class _Search:
             return np.concatenate([*rows, root])
 
         start, jac = np.zeros(int(self.free.sum())), cast(Any, slopes)
-        found: Any = least_squares(residual, start, jac, method="lm", xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
-        self.x = whole(found.x)
-        self.moved[self.free] += found.x
+        solution: Any = least_squares(residual, start, jac, method="lm", xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
+        self.x = whole(solution.x)
+        self.moved[self.free] += solution.x
         self.weights = [_level(e, self.period) for e in self.problem.errors(self.x)]
-        return float(np.abs(found.x).max(initial=0.0))
+        return float(np.abs(solution.x).max(initial=0.0))
 
     def flatten(self) -> bool:
         """Hold static friction of joints at Coulomb's if it would be less; return whether that changes any joint."""
@@ -205,8 +205,8 @@ class _Search:
         pulls = np.sum([np.einsum("kn,knp->kp", e, s) for e, s in zip(errors, slopes, strict=True)], axis=0)
         ways, spare = self.ways(x) @ inverse, rows / max(1, rows - root.shape[1])
         alike = ways @ (spare * _long_run(pulls, self.period) + root.T @ root) @ ways.T
-        known = np.sum((ways @ root.T) ** 2, axis=1)
-        independent = spare * np.einsum("pi,pi->p", ways, self.ways(x)) + (1.0 - spare) * known
+        prior = np.sum((ways @ root.T) ** 2, axis=1)
+        independent = spare * np.einsum("pi,pi->p", ways, self.ways(x)) + (1.0 - spare) * prior
         more = np.sqrt(np.maximum(1.0, independent / np.maximum(np.diag(alike), 1e-300)))
         each = zip(narrower.errors(x), self.problem.errors(x), self.weights, slopes, strict=True)
         changes = [(np.sum([np.einsum("kn,knp->p", (a - b) / w, s) for a, b, w, s in each], axis=0), 1.0)]
@@ -226,7 +226,7 @@ class _Search:
         names, places, shown = self.problem.names, self.problem.places, self.problem.shown
         before = np.full(len(names), np.inf)
         scale = np.concatenate([self.x[: self.count], self.sizes[self.count :]])
-        for name in _KNOWN:
+        for name in _SHARES:
             each = places.get(name, slice(0))
             before[each] = scale[each] / np.diag(self.root)[each]
         if self.prior is not None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import Robot
-from vdfmu.base.arrays import Floats, bends, extremes
+from vdfmu.base.arrays import Floats, bends, distinct, extremes
 from vdfmu.base.measure import JOINT_UNITS, Shown, shown_as
 from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures
 from vdfmu.engine.results.folder import DRAWN
@@ -211,8 +211,8 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
         title = "Virtual power flow V′F towards the tip, on the side of the base {A} dashed"
         yield Figure("power", title, Shown("W"), curves, "Virtual power flow")
     for unit, axis, noun in (("N.m", 6, "Moments about"), ("N", 3, "Forces along")):
-        own = [(k, name) for k, name in enumerate(names, 1) if results.units.get(f"{name}.tau_s") == unit]
-        curves = [Curve(name, k, [(1.0, signal)]) for k, name in own if (signal := f"{name}.F_B[{axis}]") in results]
+        joints = [(k, name) for k, name in enumerate(names, 1) if results.units.get(f"{name}.tau_s") == unit]
+        curves = [Curve(name, k, [(1.0, signal)]) for k, name in joints if (signal := f"{name}.F_B[{axis}]") in results]
         if curves:
             yield Figure(f"force.{unit}", f"{noun} the axes between joint and link {{B}}", Shown(unit), curves)
 
@@ -240,12 +240,12 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             each.add(part, k * BLOCK)
         even = np.arange(-k * BLOCK % stride, len(part), stride)  # every k-th row of the whole
         if k == parts - 1:
-            even = np.unique(np.append(even, len(part) - 1))
+            even = distinct(even, [len(part) - 1])
         for table in itertools.chain(*tables.values()):
             values = values_of(table.curves, part, table.factor)
             buckets = max(1, EXTREMES // (len(values) * parts))
             rows = [even, *(extremes(row, buckets) for row in values)]
-            table.add(part.time, [values], np.unique(np.concatenate(rows)))
+            table.add(part.time, [values], distinct(*rows))
     first, *more = [each.packed() for each in moving]
     packs = {
         kind: [table.packed(["values"]) | {"recipes": recipes_of(table.curves, table.factor)} for table in group]
@@ -276,7 +276,7 @@ class ArmFrames:
         """Add a stretch of the run that begins with row `first`."""
         last = len(part) - 1
         ends = [0, last] if self._arm else [last] if first + last == self._m - 1 else []
-        even = np.unique(np.array([*np.arange(-first % self._stride, last + 1, self._stride), *ends], dtype=int))
+        even = distinct(np.arange(-first % self._stride, last + 1, self._stride), np.array(ends, int))
         moved = {name: values_of(curves, part) for name, curves in self.motion.items()}
         rows, distances = even, np.full(len(even), np.inf)
         if self._arm:

@@ -51,7 +51,7 @@ def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
     kinds = sorted(set(robot.joint_types), reverse=True)
     figures: list[Figure] = []
     for order, kind in itertools.product(_ORDERS, kinds):
-        joints = [i for i, own in enumerate(robot.joint_types, 1) if own == kind]
+        joints = [i for i, joint_type in enumerate(robot.joint_types, 1) if joint_type == kind]
         curves = [Curve(f"joint {i}", i, [(1.0, f"{order}[{i}]")]) for i in joints]
         title = f"{order.capitalize()}, {kind}" if len(kinds) > 1 else order.capitalize()
         figures.append(Figure(f"{order}.{kind}", title, shown_as(order, kind), curves))
@@ -172,9 +172,9 @@ def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, floa
 def _draw_history(axes: Axes, cost: Floats) -> None:
     number, allowed = np.arange(1, len(cost) + 1), cost < 10.0
     best = np.minimum.accumulate(np.where(allowed, cost, np.inf))
-    known = np.isfinite(best)
+    feasible = np.isfinite(best)
     axes.plot(number[allowed], cost[allowed], ".", color=style.COLORS[5], markersize=4.0)
-    axes.step(number[known], best[known], where="post", color=_AFTER)
+    axes.step(number[feasible], best[feasible], where="post", color=_AFTER)
     axes.axhline(1.0, color=_BEFORE, linewidth=1.0, linestyle="--")
     style.dress(axes, "Cost", "relative to the start", "")
     top = max(1.2, float(np.quantile(cost[allowed], 0.9))) if allowed.any() else 1.2
@@ -210,9 +210,9 @@ def draw_residuals(title: str, score: LogScore, robot: Robot) -> Picture:
     rows += [(i, "deformation", 1e6 * score.deformation_error[:, i]) for i in range(robot.n) if problem.seen[i]]
     words = "Measured minus model, in the band of the estimation. Clouds of a complete model are shapeless."
     figure = style.new_figure(title, words, width=14.0, height=1.7 * len(rows) + 1.0)
-    for k, (i, what, left) in enumerate(rows):
+    for k, (i, quantity, left) in enumerate(rows):
         turns = robot.joint_types[i] == "revolute"
-        unit = {"torque": "N.m" if turns else "N", "deformation": "µrad" if turns else "µm"}[what]
+        unit = {"torque": "N.m" if turns else "N", "deformation": "µrad" if turns else "µm"}[quantity]
         side = "rad" if turns else "m"
         over = {
             "speed": (problem.speed[:, i], f"speed [{side}/s]"),
@@ -235,7 +235,7 @@ def draw_residuals(title: str, score: LogScore, robot: Robot) -> Picture:
                 axes.axhspan(-bound, bound, color="#888888", alpha=0.25, linewidth=0.0)
                 label = "time between rows [s]"
             if place == 0:
-                axes.set_ylabel(f"{i + 1}: {what} [{unit}]")
+                axes.set_ylabel(f"{i + 1}: {quantity} [{unit}]")
             if k == 0:
                 axes.set_title(across.capitalize())
             if k == len(rows) - 1:

@@ -218,8 +218,8 @@ def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]],
         except Exception as error:  # a reader of a foreign format may raise anything
             notes.append(f"mesh {visual.file} cannot be shown: {error}")
             continue
-        found = {"corners": packed(corners, "<f4"), "triangles": packed(triangles, "<u4")}
+        arrays = {"corners": packed(corners, "<f4"), "triangles": packed(triangles, "<u4")}
         look = (visual.offset, visual.rotation, _hex(visual.color))
         shape = DrawnShape(visual.joint, "mesh", visual.size.tolist(), *look)
-        parts.append(shape.plain() | {"mesh": found})
+        parts.append(shape.plain() | {"mesh": arrays})
     return ([], notes) if notes else (parts, [])

@@ -46,10 +46,10 @@ def _run_folders(folder: Path) -> list[Path]:
 
 def newest_run(folder: Path) -> Path:
     """Return the folder of the newest run in a folder; UsageError without any."""
-    found = sorted(_run_folders(folder), key=lambda path: (path / "summary.json").stat().st_mtime)
-    if not found:
+    folders = sorted(_run_folders(folder), key=lambda path: (path / "summary.json").stat().st_mtime)
+    if not folders:
         raise UsageError(f"{folder} must hold results of a run. Name another folder, or run 'vdfmu run tracking'.")
-    return found[-1]
+    return folders[-1]
 
 
 def run_folder(folder: Path) -> Path:

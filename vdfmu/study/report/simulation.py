@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.arrays import distinct
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler import wasm
@@ -57,7 +58,7 @@ class Knob(NamedTuple):
     names: tuple[str, ...]
     least: float = 0.1
     most: float = 10.0
-    known: bool = False
+    in_feedforward: bool = False
     """Whether the feedforward has them too and may know the change."""
 
 
@@ -92,11 +93,14 @@ any component if the cause is there; their new ``value``, or a ``factor``."""
 
 def keep_program(system: SystemDescription, package: Path) -> None:
     """Keep the program of a system for the pages of its package, or the reason for its absence."""
+    place = _kept(package)
+    if load(place) is not None:
+        return
     try:
         content = page_program(SystemProgram(system)) | {"knobs": list(knobs(system))}
     except VdfmuError as error:
         content = {"reason": _reason(error)}
-    store(_kept(package), json.dumps(content).encode())
+    store(place, json.dumps(content).encode())
 
 
 def _kept(package: Path) -> Path:
@@ -163,8 +167,8 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
         span = program["start"], program["stop"], program["step"]
         dry = "without_dry_friction" not in margin
         along = tracks(run.package, run.summary["algorithm"], sliders, values, span, dry, run.poses)
-    for slider, own in zip(sliders, along, strict=True):
-        slider["tracks"] = own
+    for slider, slider_tracks in zip(sliders, along, strict=True):
+        slider["tracks"] = slider_tracks
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
         "causes": list(causes(values, sliders, fast)),
@@ -243,7 +247,7 @@ def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
             knowing = [
                 name
                 for name, model in models.items()
-                if knob.known and model == "Feedforward" and (len(targets) == 1 or (unit, name) in joined)
+                if knob.in_feedforward and model == "Feedforward" and (len(targets) == 1 or (unit, name) in joined)
             ]
             yield {
                 "key": f"{unit}.{names[0]}",
@@ -263,7 +267,7 @@ def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
     recorded = set(results.names)
     kept = [name for name in names if name in recorded]
     judged = [name for name in kept if name.startswith("plant.q[")] or kept
-    rows = np.unique(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
+    rows = distinct(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
     separation = (summary.get("separation") or {}).get("max_position_difference_rad", 0.0)
     return {
         "rows": rows.tolist(),

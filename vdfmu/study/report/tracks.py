@@ -116,7 +116,7 @@ class _MovedLoops:
         modulus = np.array([loop.modulus for loop in loops])
         spread = np.linspace(0, len(loops) - 1, _SPREAD).astype(int)
         rows = dict.fromkeys([*modulus.argmin(axis=0)[modulus.min(axis=0).argsort()].tolist(), *spread.tolist()])
-        self.own = {row: loops[row] for row in [*rows][:_ROWS]}
+        self.unmoved = {row: loops[row] for row in [*rows][:_ROWS]}
         """The loops at some rows, first the row with the least margin."""
 
     def moved(self, knob: Mapping[str, Any], place: float, joint: int | None, rows: Sequence[int]) -> list[Loop]:
@@ -127,11 +127,11 @@ class _MovedLoops:
                 group, _, index = name.partition("[")
                 if group == target["name"] and (joint is None or index.rstrip("]").split(",")[0] == str(joint + 1)):
                     changes.setdefault(target["unit"], {})[name] = factor(knob, place) * value
-        return [pose.loop for pose in self._poses.changed(changes, rows).rows if pose.loop is not None]
+        return self._poses.moved(changes, rows)
 
-    def open_as_own(self, row: int, loop: Loop) -> bool:
+    def same_plant(self, row: int, loop: Loop) -> bool:
         """Whether a loop differs from the run's in its feedback at most."""
-        return all(np.array_equal(*pair) for pair in zip(loop.plant, self.own[row].plant, strict=True))
+        return all(np.array_equal(*pair) for pair in zip(loop.plant, self.unmoved[row].plant, strict=True))
 
     def feedback(self, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> dict[int, Floats] | None:
         """Return by how much the feedback at rows changes if a slider adds 1 to its factor.
@@ -141,24 +141,24 @@ class _MovedLoops:
         slopes: list[list[Floats]] = []
         for place in (-NOTCHES, NOTCHES):
             loops = self.moved(knob, place, joint, rows)
-            if not all(map(self.open_as_own, rows, loops)):
+            if not all(map(self.same_plant, rows, loops)):
                 return None
             by = factor(knob, place) - 1.0
-            slopes.append([(loop.K - self.own[row].K) / by for row, loop in zip(rows, loops, strict=True)])
+            slopes.append([(loop.K - self.unmoved[row].K) / by for row, loop in zip(rows, loops, strict=True)])
         if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *slopes)):
             return None
         return dict(zip(rows, slopes[0], strict=True))
 
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
-    rows = [*loops.own]
+    rows = [*loops.unmoved]
     able = all(can_change(loops.components, target["unit"]) for target in knob["targets"])
     if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
         yield None
         return
     (moved,) = loops.moved(knob, NOTCHES, None, rows[:1])
-    alike = loops.open_as_own(rows[0], moved)
-    if alike and np.array_equal(moved.K, loops.own[rows[0]].K):  # none of its parameters is in a loop
+    alike = loops.same_plant(rows[0], moved)
+    if alike and np.array_equal(moved.K, loops.unmoved[rows[0]].K):  # none of its parameters is in a loop
         yield None
         return
     yield _track(loops, knob, rows if alike else rows[:_WORST], None)
@@ -171,13 +171,17 @@ def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | No
 def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> Track:
     feedback = loops.feedback(knob, rows, joint)
 
-    def least(place: float) -> float:
+    def moved(place: float) -> list[Loop]:
         if feedback is None:
-            moved = loops.moved(knob, place, joint, rows)
-        else:
-            own = [(loops.own[row], (factor(knob, place) - 1.0) * feedback[row]) for row in rows]
-            moved = [replace(loop, K=loop.K + more) for loop, more in own]
-        return min(float(loop.modulus.min()) for loop in moved)
+            return loops.moved(knob, place, joint, rows)
+        pairs = [(loops.unmoved[row], (factor(knob, place) - 1.0) * feedback[row]) for row in rows]
+        return [replace(loop, K=loop.K + more) for loop, more in pairs]
+
+    def least(place: float) -> float:
+        at_rows = moved(place)
+        if any(loop.lost.any() for loop in at_rows):
+            return 0.0
+        return min(float(loop.modulus.min()) for loop in at_rows)
 
     margins = {place: least(place) if place else loops.least for place in _PLACES}
     limits: list[float | None] = []
@@ -190,7 +194,8 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joi
         inside, outside = float(ordered[beyond - 1]), float(ordered[beyond])
         for _ in range(_HALVINGS):
             middle = (inside + outside) / 2.0
-            inside, outside = (middle, outside) if least(middle) else (inside, middle)
+            lost = any(loop.lost.any() for loop in moved(middle))
+            inside, outside = (inside, middle) if lost else (middle, outside)
         limits.append(inside)
     track = {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
     return track | {"still": True} if loops.still else track

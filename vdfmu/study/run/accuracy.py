@@ -132,8 +132,8 @@ class PowerBond(Tap):
         """Take the row."""
         if k == 0:
             names, self._memory, places = components.exchange.reals(self._names)
-            known = dict(zip(names, places, strict=True))
-            self._places = np.array([known[name] for name in self._names]) if len(known) == len(self._names) else None
+            place = dict(zip(names, places, strict=True))
+            self._places = np.array([place[name] for name in self._names]) if len(place) == len(self._names) else None
         if self._places is not None:
             self._memory.take(self._places, None, self._block[self._count], "clip")
             self._count += 1
@@ -142,11 +142,11 @@ class PowerBond(Tap):
                 self._add()
 
     def _add(self) -> None:
-        count, (tau, kappa_dot, given, received) = self._count, np.split(self._block[: self._count], 4, axis=1)
+        count, (tau, kappa_dot, transmitted, received) = self._count, np.split(self._block[: self._count], 4, axis=1)
         h = np.diff(self._times[: count + 1])[:, None]  # 0 at the first row, which ends no step
         self._times[0], self._count = self._times[count], 0
         taken = self._ell * tau * kappa_dot
-        residual = 0.5 * h * (taken - self._ell * given * received)
+        residual = 0.5 * h * (taken - self._ell * transmitted * received)
         self._energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
 
     def summary(self) -> dict[str, Any]:

@@ -62,12 +62,12 @@ def key_figures(
             away = np.linalg.norm(place - first, axis=1)
             peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - part["plant.q"])), tool_errors(robot, part)]))
             reached.add(part.time, np.column_stack([scale * q_d, -scale * q_d, away]))
-        known = same_frames(robot, plant)
+        comparable = same_frames(robot, plant)
         figures["joint_error"] = peaks.worst([unit.position for unit in units])
-        if known:
+        if comparable:
             figures["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
         sizes = reached.most[: robot.n] + reached.most[robot.n : -1]
-        figures["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if known else math.inf)
+        figures["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if comparable else math.inf)
     if touch and has_signals(results, touch):
         force = np.linalg.norm(results[touch][:, :3], axis=1)
         if force.any():
@@ -171,14 +171,14 @@ def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, 
     """Return the largest torque that a motor gave, link-side."""
     limit = None
     if arm is not None:
-        least = np.minimum(arm.tau_max, arm.given(np.full(robot.n, NO_LIMIT), np.zeros(robot.n)))
+        least = np.minimum(arm.tau_max, arm.delivered(np.full(robot.n, NO_LIMIT), np.zeros(robot.n)))
         limit = robot.ell * np.where(least < NO_LIMIT, least, np.inf)
         limit = limit if np.isfinite(limit).any() else None
     peaks = _Peaks(robot.n)
     for part in results.blocks(BLOCK):
         tau = part["controller.tau"]
         if arm is not None and "plant.kappa_dot[1]" in results:
-            tau = arm.given(np.clip(tau, -arm.tau_max, arm.tau_max), part["plant.kappa_dot"])
+            tau = arm.delivered(np.clip(tau, -arm.tau_max, arm.tau_max), part["plant.kappa_dot"])
         peaks.add(part.time, np.abs(robot.ell * tau))
     return peaks.worst([JOINT_UNITS[kind].torque for kind in robot.joint_types], limit)
 

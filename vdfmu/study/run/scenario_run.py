@@ -63,7 +63,7 @@ def prepare(
     UsageError, ModelError
         For an unknown name, a bad file or options that do not fit together.
     """
-    given = {name: value for name, value in options.items() if value is not None}
+    changes = {name: value for name, value in options.items() if value is not None}
     robot = options["robot"]
     if scenario == "reach" and not Path("reach").exists():
         scenario, robot = reach_scenario(robot), None
@@ -76,10 +76,10 @@ def prepare(
     scenario = with_parameters(scenario, [*names, *(options["settings"] or ())])
     if options["units"]:
         scenario = with_units(scenario, options["units"])
-    own = {field.name for field in dataclasses.fields(Scenario)} - {"robot"}
-    scenario = dataclasses.replace(scenario, **{name: given[name] for name in own & given.keys()})
+    fields = {field.name for field in dataclasses.fields(Scenario)} - {"robot"}
+    scenario = dataclasses.replace(scenario, **{name: changes[name] for name in fields & changes.keys()})
     tables = read_inputs(scenario.inputs, scenario.input_hold)
-    more = pick(CouplingOptions, {name: given[name] for name in given.keys() - own})
+    more = pick(CouplingOptions, {name: changes[name] for name in changes.keys() - fields})
     scenario = dataclasses.replace(scenario, inputs=tables, options={**scenario.options, **more})
     if scenario.master not in ALGORITHMS:
         ALGORITHMS.names()  # so that the choice has those of other packages
@@ -103,7 +103,7 @@ class ScenarioRun:
         for note in self._notes():
             self._say(note)
         self.poses = poses_of(self.system, again=bool(options["simulate"]))
-        self._facts, self._limits = self._known(), numbers.limits_of(self.system)
+        self._facts, self._limits = self._entries(), numbers.limits_of(self.system)
         self._bond = PowerBond(scenario.robot) if scenario.robot else None
 
     def _notes(self) -> Iterator[str]:
@@ -113,7 +113,7 @@ class ScenarioRun:
         for note in (*model_notes(scenario, self._options["settings"]), *build_notes(robot, self._backend)):
             yield f"{(robot or scenario).name}: {note}"
 
-    def _known(self) -> dict[str, Any]:
+    def _entries(self) -> dict[str, Any]:
         """Return the entries of the summary that are known before a run."""
         scenario, options, robot = self.scenario, self._options, self.scenario.robot
         return numbers.run_facts(scenario) | {
@@ -174,10 +174,10 @@ class ScenarioRun:
     def _simulated(self, parameters: Any = None, **options: Any) -> Results:
         """Co-simulate; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
         scenario = self.scenario
-        own: SimulatorOptions = {
+        settings: SimulatorOptions = {
             **scenario.coupling, "inputs": scenario.inputs, "parameters": parameters, "log": options.pop("log", None),
         }  # fmt: skip
-        with Simulator(self.package, **own) as simulator:
+        with Simulator(self.package, **settings) as simulator:
             return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
     def _recorded(self) -> list[str] | None:
@@ -259,4 +259,4 @@ class ScenarioRun:
         }
         nudged = self._simulated(parameters, record=["plant.q[*]"])
         pairs = zip(nudged.blocks(BLOCK), results.blocks(BLOCK), strict=True)
-        return max(float(np.abs(changed["plant.q"] - own["plant.q"]).max()) for changed, own in pairs)
+        return max(float(np.abs(changed["plant.q"] - base["plant.q"]).max()) for changed, base in pairs)

@@ -45,8 +45,8 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
     robot = scenario.plant_robot if scenario.robot else None
     arms: list[dict[str, Any]] = []
     for name in resolved.plants:
-        own = scenario.system.parts[name].robot_of(robot)
-        if own is not None and resolved.units[name].needs_robot():
+        arm = scenario.system.parts[name].robot_of(robot)
+        if arm is not None and resolved.units[name].needs_robot():
             carrier = scenario.system.fed.get(f"{name}.p_S", "").partition(".")[0]
             constants = {
                 f"{name}.{v.name}": value
@@ -55,7 +55,7 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
                 and (value := float(system.values[name].get(v.name, v.start) or 0.0))
             }  # fmt: skip
             arms.append({
-                **arm_of(own, system.values[name]), "component": name,
+                **arm_of(arm, system.values[name]), "component": name,
                 "mounted": carrier if carrier in resolved.plants else "", "signals": _signals(system, name),
                 "constants": constants,
             })  # fmt: skip

@@ -93,8 +93,8 @@ def tracking_errors(
     for part in results.blocks(BLOCK):
         error = scale * (part["trajectory.q_d"] - part["plant.q"])
         tau = part["controller.tau"]
-        given = tau if motors is None else motors.given(tau, part["plant.kappa_dot"])
-        compensation = robot.ell * (given - part[tau_m])
+        delivered = tau if motors is None else motors.delivered(tau, part["plant.kappa_dot"])
+        compensation = robot.ell * (delivered - part[tau_m])
         squares += np.sum(np.square([error, compensation]), axis=1)
         largest = np.maximum(largest, np.max(np.abs(error), axis=0))
     rms_error, rms_compensation = np.sqrt(squares / len(results)).tolist()
@@ -197,7 +197,7 @@ class ArmLimits(NamedTuple):
     asked: str
     """Signal of the torque that is asked for."""
 
-    def given(self, tau: Floats, kappa_dot: Floats) -> Floats:
+    def delivered(self, tau: Floats, kappa_dot: Floats) -> Floats:
         """Return the torque of the motors if `tau` is asked for: (rows, n) [N m], motor-side."""
         return tau if self.robot is None else motor_torque(self.robot, tau, kappa_dot)
 

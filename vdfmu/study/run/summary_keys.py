@@ -179,7 +179,7 @@ def read_summary(file: Path) -> dict[str, Any]:
     UsageError with every problem if it cannot be read, or is another table.
     """
     try:
-        found = json.loads(file.read_bytes())
+        content = json.loads(file.read_bytes())
     except RecursionError:
         raise UsageError(f"{file}: expected a table of facts, got lists within lists.") from None
     except (OSError, ValueError) as error:
@@ -187,10 +187,10 @@ def read_summary(file: Path) -> dict[str, Any]:
             f"{file.parent}: expected the folder of a run, with summary.json and {' or '.join(result_files())}: "
             f"{getattr(error, 'strerror', None) or elided(str(error))}. 'vdfmu run' writes one."
         ) from None
-    if isinstance(found, dict) and (problem := format_problem(found.get("format", 1))):
+    if isinstance(content, dict) and (problem := format_problem(content.get("format", 1))):
         raise UsageError(f"{file}: {problem}")
     lengths: dict[str, int] = {}
-    summary, problems = typed(found, KEYS, lengths)
+    summary, problems = typed(content, KEYS, lengths)
     if not problems:
         problems = list(_contradictions(summary, lengths))
     if problems:
@@ -198,12 +198,12 @@ def read_summary(file: Path) -> dict[str, Any]:
     return summary
 
 
-def typed(found: Any, of: Any, lengths: dict[str, int] | None = None) -> tuple[dict[str, Any], list[str]]:
+def typed(content: Any, of: Any, lengths: dict[str, int] | None = None) -> tuple[dict[str, Any], list[str]]:
     """Return a table of a type, see `KEYS`, without null keys, and its faults; note `lengths` of lists over joints."""
-    if not isinstance(found, dict):
-        return {}, [f"expected a table of facts, got {_short(found)}"]
+    if not isinstance(content, dict):
+        return {}, [f"expected a table of facts, got {_short(content)}"]
     problems: list[str] = []
-    return _read(found, of, "", problems, {} if lengths is None else lengths), problems
+    return _read(content, of, "", problems, {} if lengths is None else lengths), problems
 
 
 def _contradictions(summary: Mapping[str, Any], lengths: Mapping[str, int]) -> Iterator[str]:

@@ -15,7 +15,7 @@ from vdfmu.base.progress import doing
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check, verdict_of
 from vdfmu.engine.run import Interrupted
-from vdfmu.study.analysis.loops import Judged, judged, place_of, since, told
+from vdfmu.study.analysis.loops import Judged, growth_words, judged, place_of, since
 from vdfmu.study.run.key_figures import STANDING, off_from
 from vdfmu.study.run.summary_keys import Summary, energies
 from vdfmu.system.package.description import SystemDescription
@@ -78,7 +78,7 @@ def _loop_check(result: Judged) -> LoopCheck:
         place = place_of(nearest.name, loops)
         figures["margin"] = {"value": nearest.modulus, "place": place, "at_s": nearest.time}
         figures["margin"] |= {"without_dry_friction": True} if excited else {}
-    words = "" if state == GOOD else (told(loops) if state == DOUBTFUL else "") or text.partition(": ")[0]
+    words = "" if state == GOOD else (growth_words(loops) if state == DOUBTFUL else "") or text.partition(": ")[0]
     return LoopCheck(Check(_LOOPS, state, text, words), figures)
 
 

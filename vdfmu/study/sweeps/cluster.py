@@ -23,7 +23,7 @@ _ASKED = 0.5
 """Interval [s] at which a scheduler is asked for its workers."""
 _TRIES = 10
 """Times that a chunk is sent out: each time its worker was killed."""
-_own = threading.local()
+_local = threading.local()
 
 
 class DaskWorkers:
@@ -169,8 +169,8 @@ def _rounds(
 
 def run_chunk(job: bytes, tasks: Sequence[Task], time_limit: float | None) -> list[Row]:
     """Run points on a worker of Dask, in a process that lives from chunk to chunk."""
-    if getattr(_own, "job", None) != job:
-        if hasattr(_own, "worker"):
-            _own.worker.close()
-        _own.job, _own.worker = job, Worker(job, time_limit)
-    return list(_own.worker.run(tasks))
+    if getattr(_local, "job", None) != job:
+        if hasattr(_local, "worker"):
+            _local.worker.close()
+        _local.job, _local.worker = job, Worker(job, time_limit)
+    return list(_local.worker.run(tasks))

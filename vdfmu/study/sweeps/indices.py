@@ -81,11 +81,11 @@ def sobol_indices(values: ArrayLike, axes: Sequence[str]) -> Indices:
     """Return Sobol indices of the values at points of ``saltelli``, (n (2 d + 2),), in their order."""
     from SALib.analyze import sobol
 
-    found: Any = sobol.analyze(unit_problem(len(axes), axes), np.asarray(values, dtype=float), **_BOOTSTRAP)
+    analysis: Any = sobol.analyze(unit_problem(len(axes), axes), np.asarray(values, dtype=float), **_BOOTSTRAP)
     names = {"first": "S1", "total": "ST", "second": "S2"}
     return Indices(
-        "sobol", tuple(axes), {name: np.asarray(found[key]) for name, key in names.items()},
-        {name: np.asarray(found[f"{key}_conf"]) for name, key in names.items()},
+        "sobol", tuple(axes), {name: np.asarray(analysis[key]) for name, key in names.items()},
+        {name: np.asarray(analysis[f"{key}_conf"]) for name, key in names.items()},
     )  # fmt: skip
 
 
@@ -93,10 +93,10 @@ def morris_indices(values: ArrayLike, points: Floats, axes: Sequence[str]) -> In
     """Return Morris' measures of the values at points of ``morris``, (n (d + 1), d) in the unit cube."""
     from SALib.analyze import morris
 
-    found: Any = morris.analyze(
+    analysis: Any = morris.analyze(
         unit_problem(len(axes), axes), points, np.asarray(values, dtype=float), num_levels=LEVELS, **_BOOTSTRAP
     )
     return Indices(
-        "morris", tuple(axes), {name: np.asarray(found[name], dtype=float) for name in ("mu_star", "mu", "sigma")},
-        {"mu_star": np.asarray(found["mu_star_conf"], dtype=float)},
+        "morris", tuple(axes), {name: np.asarray(analysis[name], dtype=float) for name in ("mu_star", "mu", "sigma")},
+        {"mu_star": np.asarray(analysis["mu_star_conf"], dtype=float)},
     )  # fmt: skip

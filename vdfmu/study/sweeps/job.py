@@ -47,7 +47,7 @@ class AxisBinding:
         if self.words is not None:
             return dict.fromkeys(self.names, self.words[value])
         if self.nominal:
-            return {name: value * own for name, own in zip(self.names, self.nominal, strict=True)}
+            return {name: value * nominal for name, nominal in zip(self.names, self.nominal, strict=True)}
         return dict.fromkeys(self.names, value)
 
 
@@ -66,9 +66,9 @@ class WiredSystem:
     def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Values by ``component.variable`` of the axes' variables."""
         return {
-            name: one
+            name: number
             for target, value in values.items()
-            for name, one in self.bindings.get(target, AxisBinding((target,))).values(value).items()
+            for name, number in self.bindings.get(target, AxisBinding((target,))).values(value).items()
         }
 
 
@@ -124,12 +124,12 @@ class Bench:
         if apart or system.program is None:
             return [self._row(task, self._by_fmus) for task in tasks]
         begin = perf_counter()
-        found = self._engine(tasks[0][1]).run([system.parameters(values) for _, _, values in tasks])
+        outcomes = self._engine(tasks[0][1]).run([system.parameters(values) for _, _, values in tasks])
         share = (perf_counter() - begin) / len(tasks)
         rows: list[Row] = []
-        for task, results in zip(tasks, found, strict=True):
+        for task, results in zip(tasks, outcomes, strict=True):
             # where there is no result, an FMU knows why
-            row = self._row(task, self._by_fmus if results is None else lambda _, found=results: found)
+            row = self._row(task, self._by_fmus if results is None else lambda _, results=results: results)
             row["wall_s"] += share
             if results is not None and task[0] in self._job.compared:
                 try:

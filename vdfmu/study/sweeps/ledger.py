@@ -119,10 +119,10 @@ class Ledger:
         Files that are not whole are set aside, with a note, and rows of points that failed for a reason that begins
         with `again` are removed, so that these points are run again. A file that the disk does not give is refused.
         """
-        found = np.zeros(self._facts["n"], dtype=bool)
-        for table in self._kept(again, len(found)):
-            found[table["point"].to_numpy()] = True
-        return found
+        done = np.zeros(self._facts["n"], dtype=bool)
+        for table in self._kept(again, len(done)):
+            done[table["point"].to_numpy()] = True
+        return done
 
     def reopen(self) -> list[Row]:
         """Return the rows that are kept, of a study that can get more points; see `done`."""
@@ -134,9 +134,9 @@ class Ledger:
         """Return the files, after removing parts that are in the table: left by a kill just after it was made."""
         files = files_of(self.folder)
         if len(files) > 1 and files[0].name == TABLE:
-            known = set(table_of(files[0], ["point"])["point"].to_pylist())
+            points = set(table_of(files[0], ["point"])["point"].to_pylist())
             for file in files[1:]:
-                if known.issuperset(table_of(file, ["point"])["point"].to_pylist()):
+                if points.issuperset(table_of(file, ["point"])["point"].to_pylist()):
                     file.unlink()
                     files.remove(file)
         return files

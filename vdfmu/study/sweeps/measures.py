@@ -135,7 +135,7 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
         pairs = list(measures.items())
     else:
         pairs = [(name.strip(), text.strip()) for name, _, text in (m.partition("=") for m in measures)]
-    found: list[Measure] = []
+    listed: list[Measure] = []
     problems: list[str] = []
     for name, text in pairs:
         if not name.isidentifier() or not (callable(text) or isinstance(text, str) and text):
@@ -146,7 +146,7 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
             continue
         if callable(text):
             needs = tuple(getattr(text, "signals", ("*",)))
-            found.append(Measure(name, getattr(text, "__qualname__", "function"), needs, text))
+            listed.append(Measure(name, getattr(text, "__qualname__", "function"), needs, text))
             continue
         try:
             tree = ast.parse(text, mode="eval").body
@@ -155,17 +155,17 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
                 raise ValueError("expected a signal in it, such as plant.q")
             if _over_time(tree):
                 raise ValueError(f"expected one value for all times; put {', '.join(REDUCTIONS)} around it")
-            found.append(Measure(name, text, signals))
+            listed.append(Measure(name, text, signals))
         except (ValueError, SyntaxError, RecursionError, MemoryError) as error:
             words = error.msg if isinstance(error, SyntaxError) else str(error)
             if isinstance(error, (RecursionError, MemoryError)):
                 words = "expected a shorter expression; a function in Python may be of any length"
             problems.append(f"measure {name}: {words}; got {text}.")
-    counts = Counter(measure.name for measure in found)
+    counts = Counter(measure.name for measure in listed)
     problems += [f"measure {name}: expected once." for name, n in counts.items() if n > 1]
     if problems:
         raise UsageError("\n".join(problems))
-    return found
+    return listed
 
 
 def measured(measures: Sequence[Measure], results: Results) -> dict[str, float]:
@@ -228,10 +228,10 @@ def _signals(node: ast.expr) -> list[str]:
         if not least <= len(node.args) - 1 <= most:
             count = f"{1 + least} to {1 + most}" if least < most else str(1 + most)
             raise ValueError(f"expected {count} arguments of {node.func.id}, got {len(node.args)}")
-        signals, *others = map(_signals, node.args)
+        signals, *further = map(_signals, node.args)
         if node.func.id in REDUCTIONS and not _over_time(node.args[0]):
             raise ValueError(f"expected a signal over time in {node.func.id}, got {ast.unparse(node.args[0])}")
-        if any(others):
+        if any(further):
             raise ValueError(f"expected a number after the signal of {node.func.id}, got {ast.unparse(node.args[1])}")
         return signals
     raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
@@ -260,8 +260,8 @@ def _evaluate(node: ast.expr, results: Results) -> Any:
         return _OPERATORS[type(node.ops[0])](_evaluate(node.left, results), _evaluate(node.comparators[0], results))
     assert isinstance(node, ast.Call)
     assert isinstance(node.func, ast.Name)
-    first, *others = (_evaluate(argument, results) for argument in node.args)
+    first, *further = (_evaluate(argument, results) for argument in node.args)
     if _FUNCTIONS[node.func.id].elements and np.ndim(first) < 1 + _over_time(node.args[0]):
         raise ValueError(f"expected a signal of several elements in {node.func.id}, got {ast.unparse(node.args[0])}")
     over_time = (results.time,) if node.func.id in REDUCTIONS else ()
-    return _FUNCTIONS[node.func.id].of(first, *over_time, *others)
+    return _FUNCTIONS[node.func.id].of(first, *over_time, *further)

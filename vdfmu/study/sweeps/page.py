@@ -125,11 +125,11 @@ def _failures(study: StudyTable) -> str:
 
 def _indices(study: StudyTable, name: str) -> str:
     try:
-        found = indices(study, name)
+        sensitivity = indices(study, name)
     except UsageError as error:
         return f"<p>{escape(str(error))}</p>"
-    rows = [[axis, *(row.get(index, "") for index in found.values)] for axis, row in found.rows()]
-    return _table(("axis", *found.values), rows)
+    rows = [[axis, *(row.get(index, "") for index in sensitivity.values)] for axis, row in sensitivity.rows()]
+    return _table(("axis", *sensitivity.values), rows)
 
 
 def _compared(study: StudyTable) -> Iterable[str]:
@@ -146,7 +146,7 @@ def _compared(study: StudyTable) -> Iterable[str]:
 
 
 def _table(heads: tuple[str, ...], rows: Iterable[list[str]], look: str = "") -> str:
-    return _html_table(heads, ([escape(one) for one in row] for row in rows), look)
+    return _html_table(heads, ([escape(cell) for cell in row] for row in rows), look)
 
 
 def _html_table(heads: tuple[str, ...], rows: Iterable[list[str]], look: str = "") -> str:
@@ -204,20 +204,20 @@ def failed_groups(study: StudyTable) -> list[FailedGroup]:
         return []
     points = study["point"]
     columns = {axis: study[axis] for axis in study.axes}
-    found: list[FailedGroup] = []
-    for cause, own in sorted(groups.items(), key=lambda one: -len(one[1])):
-        chosen = np.isin(points, own)
+    failures: list[FailedGroup] = []
+    for cause, members in sorted(groups.items(), key=lambda item: -len(item[1])):
+        chosen = np.isin(points, members)
         ranges = [words for axis, values in columns.items() if (words := _range(axis, values, values[chosen]))]
-        found.append(FailedGroup(cause, own, ", ".join(ranges), failed[own[0]]))
-    return found
+        failures.append(FailedGroup(cause, members, ", ".join(ranges), failed[members[0]]))
+    return failures
 
 
-def _range(axis: str, values: NDArray[Any], own: NDArray[Any]) -> str:
+def _range(axis: str, values: NDArray[Any], chosen: NDArray[Any]) -> str:
     """Return the range of an axis in words; empty if all points have the same range."""
     if values.dtype.kind not in "iuf":
-        words = sorted(set(map(str, own)))
+        words = sorted(set(map(str, chosen)))
         return f"{axis} {', '.join(words)}" if len(words) < len(set(map(str, values))) else ""
-    low, high = own.min(), own.max()
+    low, high = chosen.min(), chosen.max()
     if low == values.min() and high == values.max():
         return ""
     return f"{axis} {low:.3g}" + (f" to {high:.3g}" if high > low else "")
@@ -232,9 +232,9 @@ def columns_of(study: StudyTable) -> list[dict[str, Any]]:
     sides = [(side, True) for side in shown.sides]
     for name in study.facts["measures"]:
         elements = study.elements(name) if any(c.partition("[")[0] == name for c in study.measures) else []
-        for one in dict.fromkeys([name, *elements] if elements else []):
+        for column in dict.fromkeys([name, *elements] if elements else []):
             try:
-                sides.append((view(study, one).value, False))
+                sides.append((view(study, column).value, False))
             except UsageError:
                 continue  # all failed
     return [_column(side, axis) for side, axis in sides]
@@ -308,7 +308,7 @@ def _kept(study: StudyTable) -> dict[str, Any] | None:
 
 
 def _padded(row: Sequence[float] | None, stride: int, count: int) -> NDArray[Any]:
-    found = np.full(count, np.nan)
+    padded = np.full(count, np.nan)
     part = list(row or ())[::stride]
-    found[: len(part)] = part
-    return found
+    padded[: len(part)] = part
+    return padded

@@ -119,13 +119,13 @@ def default_measures(names: Sequence[str]) -> list[Measure]:
 
 def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[str]) -> list[str]:
     """Return patterns of the signals to record; UsageError for unknown signals."""
-    known = set(names)
+    signals = set(names)
     groups = {name.partition("[")[0] for name in names}
     record: list[str] = list(keep)
     problems = [f"record: no output or connected input is called {k}." for k in keep if not matching(names, [k])]
     for measure in measures:
         for signal in measure.signals:
-            if signal in known or signal == "*":
+            if signal in signals or signal == "*":
                 record.append(signal)
             elif signal in groups:
                 record.append(f"{signal}[*")
@@ -160,9 +160,9 @@ class Plan:
 
     def task(self, point: int) -> Task:
         """Return a worker's task for a point."""
-        own = {t: column[point].item() for t, column in self.points.items() if not is_option(t)}
+        values = {t: column[point].item() for t, column in self.points.items() if not is_option(t)}
         number = int(self.chosen[point])
-        return point, number, own
+        return point, number, values
 
     @property
     def key(self) -> str:
@@ -196,17 +196,17 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
     wire = _of_package if is_package else of_scenario
     if engine is None:
         engine = "fmu" if count < _FEW * len(combinations) or options["backend"] == "python" else ""
-    given = pick(ScenarioOptions, options)
+    changes = pick(ScenarioOptions, options)
     systems: list[WiredSystem] = []
     measures: list[Measure] = [] if measure is None else read_measures(measure)
     for combination in counted("systems", combinations, len(combinations)):
         switched = dict(zip((axis.target for axis in switches), combination, strict=True))
-        systems.append(wire(scenario, [a for a in axes if a not in switches], switched, given, engine))
+        systems.append(wire(scenario, [a for a in axes if a not in switches], switched, changes, engine))
     record: list[str] = []
     units: dict[str, str] = {}
     for system in systems:
-        names, known, times = signals_of(system, axes)
-        units = known | units
+        names, signal_units, times = signals_of(system, axes)
+        units = signal_units | units
         if measure is None:
             measures = default_measures(names)
         record = recorded(names, measures, keep)
@@ -222,7 +222,7 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
         "seed": options["seed"],
         "settings": {name: _plain(value) for name, value in settings.items()},
         "options": {
-            name: _plain(value) for name, value in given.items()
+            name: _plain(value) for name, value in changes.items()
             if value is not None and name not in ("settings", "backend")
         },
         "measures": {m.name: m.text for m in measures},
@@ -246,11 +246,11 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
 def _plain(value: Any) -> Any:
     """Return an option as JSON, if it is a number, several, a path or a name."""
     if isinstance(value, Mapping):
-        return {str(name): _plain(one) for name, one in value.items()}
+        return {str(name): _plain(each) for name, each in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
+        return [_plain(each) for each in value]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     return value if isinstance(value, (int, float)) else str(getattr(value, "name", value))
@@ -286,15 +286,15 @@ def _of_package(
     wrong += [name for name in ("backend", "tolerance") if options.get(name) is not None]
     if wrong:
         raise UsageError(f"{', '.join(wrong)}: expected a scenario, got the package {package}, whose units are fixed.")
-    given: dict[str, Any] = {**options, **switched}
-    hold = bool(given.get("input_hold"))
-    chosen = {**pick(CouplingOptions, given), "algorithm": given.get("master")}
+    settings: dict[str, Any] = {**options, **switched}
+    hold = bool(settings.get("input_hold"))
+    chosen = {**pick(CouplingOptions, settings), "algorithm": settings.get("master")}
     chosen = {name: value for name, value in chosen.items() if value is not None}
     return WiredSystem(
         Path(package).read_bytes(),
-        {**chosen, "parameters": dict(given.get("settings") or {})},
-        {name: given[name] for name in ("step", "stop") if given.get(name) is not None},
-        read_inputs(given.get("inputs"), hold),
+        {**chosen, "parameters": dict(settings.get("settings") or {})},
+        {name: settings[name] for name in ("step", "stop") if settings.get(name) is not None},
+        read_inputs(settings.get("inputs"), hold),
         hold,
         {axis.target: AxisBinding((axis.target,)) for axis in axes},
     )
@@ -311,12 +311,12 @@ def of_scenario(
     units = dict(options.get("units") or {})
     units |= {name.removeprefix("unit:"): value for name, value in switched.items() if name.startswith("unit:")}
     plain = {name: value for name, value in switched.items() if not name.startswith("unit:")}
-    given: dict[str, Any] = {**options, **plain, "units": units or None}
+    changes: dict[str, Any] = {**options, **plain, "units": units or None}
     settings = options.get("settings") or {}
-    loaded = prepare(scenario, [axis.target for axis in axes], **given)
+    loaded = prepare(scenario, [axis.target for axis in axes], **changes)
     values = system_values(loaded, settings)
     bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
-    bound = [name for one in bindings.values() for name in one.names]
+    bound = [name for binding in bindings.values() for name in binding.names]
     with temporary_folder("vdfmu_sweep_") as folder:
         fmus = cached_fmus(loaded, folder, options.get("backend"))
         package = write_ssp(loaded, fmus, Path(folder, "system.ssp"), values, mixed=True)
@@ -351,8 +351,8 @@ def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]])
     from vdfmu.system.scenario.values import override, present_values
 
     def names(value: Any) -> dict[str, Any]:
-        found = override(scenario, {axis.target: value})
-        return {f"{c}.{name}": one for c, each in found.items() for name, one in each.items()}
+        by_component = override(scenario, {axis.target: value})
+        return {f"{c}.{name}": number for c, each in by_component.items() for name, number in each.items()}
 
     if not axis.factor:
         if axis.form == "values" and any(isinstance(value, str) for value in axis.values):

@@ -162,16 +162,16 @@ def _mean(part: tuple[float, float]) -> float:
 @style.styled
 def _indices(shown: View) -> Figure:
     """Draw Sobol or Morris indices with their confidence intervals."""
-    found = indices(shown.study, shown.measure)
-    d, words = len(found.axes), f"Bars of error: {100.0 * CONFIDENCE:.0f} % by bootstrap."
-    if found.kind == "sobol":
+    sensitivity = indices(shown.study, shown.measure)
+    d, words = len(sensitivity.axes), f"Bars of error: {100.0 * CONFIDENCE:.0f} % by bootstrap."
+    if sensitivity.kind == "sobol":
         words += " Grey pairs: their interval has zero in it."
-    if found.kind == "morris":
+    if sensitivity.kind == "morris":
         figure = new_figure(shown, f"{shown.value.label}: Morris", words, 4.6)
         axes: Axes = figure.subplots()
-        star, sigma = found.values["mu_star"], found.values["sigma"]
-        axes.errorbar(star, sigma, xerr=found.widths["mu_star"], fmt="o", color=LOW, capsize=3.0)
-        for k, name in enumerate(found.axes):
+        star, sigma = sensitivity.values["mu_star"], sensitivity.values["sigma"]
+        axes.errorbar(star, sigma, xerr=sensitivity.widths["mu_star"], fmt="o", color=LOW, capsize=3.0)
+        for k, name in enumerate(sensitivity.axes):
             axes.annotate(name, (star[k], sigma[k]), (5, 5), textcoords="offset points", fontsize=8.5)
         axes.margins(0.2)
         axes.set_xlim(left=0.0)
@@ -188,13 +188,13 @@ def _indices(shown: View) -> Figure:
     figure = new_figure(shown, title, words, 2.8 + 0.55 * d, legend=handles)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     for shift, name, color in pairs:
-        look: dict[str, Any] = {"xerr": found.widths[name], "color": color, "capsize": 2.5}
-        left.barh(np.arange(d)[::-1] + shift, found.values[name], 0.36, **look)
-    left.set_yticks(np.arange(d)[::-1], found.axes)
+        look: dict[str, Any] = {"xerr": sensitivity.widths[name], "color": color, "capsize": 2.5}
+        left.barh(np.arange(d)[::-1] + shift, sensitivity.values[name], 0.36, **look)
+    left.set_yticks(np.arange(d)[::-1], sensitivity.axes)
     left.margins(x=0.05)
     left.set_title("One axis: first order and total")
     left.grid(visible=False, axis="y")
-    second, widths = found.values["second"], found.widths["second"]
+    second, widths = sensitivity.values["second"], sensitivity.widths["second"]
     sure = second > widths  # of the others the interval has zero in it
     right.imshow(np.where(np.isnan(second), np.nan, 0.0), cmap=ListedColormap([_UNSURE]))
     image = right.imshow(np.where(sure, second, np.nan), cmap=COLOUR_MAP, vmin=0.0, vmax=max([_MOST, *second[sure]]))
@@ -202,7 +202,7 @@ def _indices(shown: View) -> Figure:
         dark = sure[i, j] and second[i, j] < 0.6 * image.norm.vmax
         right.text(j, i, f"{second[i, j]:.2f}\n± {widths[i, j]:.2f}", ha="center", va="center", fontsize=8.0,
                    color="white" if dark else "black")  # fmt: skip
-    names = [name.rpartition(".")[2] for name in found.axes]
+    names = [name.rpartition(".")[2] for name in sensitivity.axes]
     right.set_xticks(range(d), names, rotation=30, ha="right")
     right.set_yticks(range(d), names)
     right.set_title("Pairs: second order")

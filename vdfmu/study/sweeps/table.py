@@ -45,18 +45,18 @@ class StudyTable:
         named = self.path.name == TABLE or self.path.exists()  # the table of an unfinished study is not there yet
         if not named or not self._files and not (folder / LEDGER).exists():
             raise UsageError(f"{expected}; there is none.")
-        found: Any = None
+        content: Any = None
         try:
             self._schemas = [table_of(file, []).schema for file in self._files]
-            found = json.loads(
+            content = json.loads(
                 self._schemas[0].metadata[b"vdfmu"] if self._files == [table] else readable(folder / LEDGER)
             )
-            self.facts, problems = typed(found, _FACTS)
+            self.facts, problems = typed(content, _FACTS)
         except (UsageError, ValueError, RecursionError, KeyError, TypeError) as error:
             problems = [elided(str(error))]
         if problems:
             raise UsageError(f"{expected}: {'; '.join(problems).rstrip('.')}.")
-        self._own = found.pop("seal", None), found, str(folder.resolve())
+        self._sealed = content.pop("seal", None), content, str(folder.resolve())
         self.columns: list[str] = list(dict.fromkeys(n for schema in self._schemas for n in schema.names))
 
     @property
@@ -116,8 +116,8 @@ class StudyTable:
         if not columns and name in self.facts["measures"]:
             raise UsageError(f"{self.path}: no point has a value of {name}: all failed.")
         if not columns:
-            known = dict.fromkeys([*self.facts["measures"], *self.measures])
-            raise UsageError(f"by: expected {', '.join(known)}, got {name!r}.")
+            allowed = dict.fromkeys([*self.facts["measures"], *self.measures])
+            raise UsageError(f"by: expected {', '.join(allowed)}, got {name!r}.")
         return columns
 
     def values(self, by: str | None = None) -> Floats:
@@ -167,7 +167,7 @@ class StudyTable:
 
     def require_own(self, trust: bool = False) -> None:
         """Raise UsageError unless the user made the study, in this folder, or trusts the files that it names."""
-        if not trust and not is_own(*self._own):
+        if not trust and not is_own(*self._sealed):
             raise UsageError(
                 f"{self.path}: a study to run must be made in this folder with this cache, got one from elsewhere.\n"
                 "It can run any code. If you trust who made it, give --trust."
@@ -274,7 +274,7 @@ def view(study: StudyTable, measure: str | None = None) -> View:
         label = f"{axis.target} (factor)" if axis.factor else axis.target
         if column.dtype.kind not in "iuf":
             words = tuple(dict.fromkeys(map(str, axis.values)))
-            places = np.array([words.index(str(one)) for one in column], dtype=float)
+            places = np.array([words.index(str(each)) for each in column], dtype=float)
             names = tuple(Path(word).name for word in words)  # of files without their folders
             side = Side(label, "", places, words=names if len(set(names)) == len(words) else words)
         else:
@@ -294,7 +294,7 @@ def groups(side: Side, value: Side) -> list[tuple[float, float]]:
     x, y = side.values[good], value.values[good]
     distinct = np.unique(x)
     if len(distinct) <= _FIFTHS or side.words:
-        parts: Sequence[NDArray[np.intp]] = [np.flatnonzero(x == one) for one in distinct]
+        parts: Sequence[NDArray[np.intp]] = [np.flatnonzero(x == level) for level in distinct]
     else:
         parts = [part for part in np.array_split(np.argsort(x, kind="stable"), _FIFTHS) if len(part)]
     return [(float(np.mean(x[part])), float(np.mean(y[part]))) for part in parts]

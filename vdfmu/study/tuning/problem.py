@@ -107,12 +107,12 @@ def make_problem(
 ) -> Problem:
     """Read and check the problem; for arguments see :func:`vdfmu.tune`. Nothing has run yet when it has faults."""
     over, limit, margin = options["combine"], options["limit"], options["margin"]
-    given, settings = pick(ScenarioOptions, options), options["settings"] or {}
+    changes, settings = pick(ScenarioOptions, options), options["settings"] or {}
     if over not in ("mean", "worst"):
         raise UsageError(f"combine: expected mean or worst, got {over}.")
     if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
         raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
-    loaded = prepare(scenario, **given)
+    loaded = prepare(scenario, **changes)
     axes, start = _elements(loaded, vary, settings, options["together"])
     spread_axes = read_axes(options["spread"])
     if wrong := [str(axis) for axis in spread_axes if is_option(axis.target) or isinstance(axis.at(0.0).item(), str)]:
@@ -134,15 +134,15 @@ def make_problem(
     n = options["spread_points"] if spread_axes else 1
     plan = make_plan(
         scenario, over_all, sample="lhs", points=n, seed=options["seed"], measure=measures, engine=options["engine"],
-        **given,
+        **changes,
     )  # fmt: skip
     facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": start}}
     poses, required, rate = None, np.zeros(0), 0.0
     if margin is not None:
         poses = _poses(loaded, settings, [axis.target.partition(".")[0] for axis in axes])
-        own = judged(poses, 0.0, loaded.stop).loops
-        required, same = own.modulus, margin == "same"
-        required, rate = (required, max(own.rate, 0.0)) if same else (np.full(len(required), _number(margin)), 0.0)
+        loops = judged(poses, 0.0, loaded.stop).loops
+        required, same = loops.modulus, margin == "same"
+        required, rate = (required, max(loops.rate, 0.0)) if same else (np.full(len(required), _number(margin)), 0.0)
         facts["tune"] |= {"margin": required.tolist()}
     plan = dataclasses.replace(plan, facts=facts, job=dataclasses.replace(plan.job, compared=()))
     return Problem(tuple(axes), np.array(start), limits, over, plan, poses, required, rate)
@@ -176,19 +176,19 @@ def _elements(
     If they vary `together`, one for each parameter, of factors.
     """
     check_type("vary", "Mapping[str, Any] | Sequence[str]", vary)
-    given = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
+    axes = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
     values = system_values(scenario, settings)
-    found: list[Axis] = []
+    elements: list[Axis] = []
     starts: list[float] = []
     problems: list[str] = []
-    for axis in read_axes(given):
+    for axis in read_axes(axes):
         if axis.form not in ("lin", "log"):
             problems.append(f"{axis.target}: expected lin(FROM, TO) or log(FROM, TO), got {axis}.")
             continue
         if together:
             if not axis.factor or not min(axis.numbers) <= 1.0 <= max(axis.numbers):
                 problems.append(f"{axis.target}: together: expected factors around 1, *log(0.1, 10), got {axis}.")
-            found.append(axis)
+            elements.append(axis)
             starts.append(1.0)
             continue
         number = 1.0 if axis.factor else axis.numbers[0]
@@ -204,13 +204,13 @@ def _elements(
                 continue
             if not low <= start <= high:
                 problems.append(f"{name}: expected a range that has the scenario's {start:g}, got {low:g} to {high:g}.")
-            found.append(Axis(name, axis.form, (low, high)))
+            elements.append(Axis(name, axis.form, (low, high)))
             starts.append(start)
-    if not found and not problems:
+    if not elements and not problems:
         problems.append("vary: expected at least one parameter, such as controller.K_p.")
     if problems:
         raise UsageError("\n".join(problems))
-    return found, starts
+    return elements, starts
 
 
 def _limit(number: int, text: str) -> tuple[str, tuple[str, float]]:
@@ -278,7 +278,7 @@ class Evaluations(Study):
     """
 
     def __init__(self, problem: Problem, ledger: Ledger, options: TuneOptions, report: Callable[[int], None]) -> None:
-        known = ledger.reopen()
+        rows = ledger.reopen()
         super().__init__(problem.plan.job, ledger, options, max(problem.robots, 2))
         self.problem, self.budget = problem, options["evaluations"]
         self.scores: list[Score] = []
@@ -288,8 +288,8 @@ class Evaluations(Study):
         self._report = report
         self._by_values: dict[Values, Score] = {}
         self._margins: dict[Values, tuple[Floats, float]] = {}
-        self._rows = {(tuple(row[n] for n in problem.names), int(row["robot"])): row for row in known}
-        taken = {row["point"] for row in known}
+        self._rows = {(tuple(row[n] for n in problem.names), int(row["robot"])): row for row in rows}
+        taken = {row["point"] for row in rows}
         self._free = (point for point in count() if point not in taken)
         self._asked: dict[int, tuple[Values, int]] = {}
 

@@ -20,7 +20,7 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report, with_progress
 from vdfmu.base.toml_file import toml_text
 from vdfmu.engine.linear.loops import Margins
-from vdfmu.study.analysis.loops import told
+from vdfmu.study.analysis.loops import growth_words
 from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOptions
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger
@@ -64,10 +64,10 @@ def search(evaluations: Evaluations, method: str, seed: int) -> tuple[Score, Sco
         return min(evaluations.scores, key=lambda score: objective(score, start))
 
     kept = _PULLED if problem.poses is not None else 0
-    for one, part in {"both": (("global", 0.5), ("local", 1.0))}.get(method, ((method, 1.0),)):
+    for stage, part in {"both": (("global", 0.5), ("local", 1.0))}.get(method, ((method, 1.0),)):
         evaluations.budget = max(round(part * (budget - kept)), 1)
         with suppress(SpentError):
-            _SEARCHES[one](at, problem.place(best().values), start, seed, evaluations.budget)
+            _SEARCHES[stage](at, problem.place(best().values), start, seed, evaluations.budget)
     evaluations.budget = budget
     with suppress(SpentError):
         for other in sorted(evaluations.scores, key=lambda score: relative(score, start))[:_PULLED]:
@@ -116,16 +116,16 @@ def _local(at: Callable[..., list[Score]], u: Floats, start: Score, seed: int, b
     from scipy.optimize import NonlinearConstraint, minimize
 
     def score(u: Floats) -> Score:
-        (found,) = at(np.clip(u, 0.0, 1.0)[None], True)
-        return found
+        (scored,) = at(np.clip(u, 0.0, 1.0)[None], True)
+        return scored
 
     def cost(u: Floats) -> float:
-        found = score(u)
-        return min(relative(found, start), _MISSED) if found.number is not None else _MISSED
+        scored = score(u)
+        return min(relative(scored, start), _MISSED) if scored.number is not None else _MISSED
 
     def excess(u: Floats) -> Floats:
-        found = np.minimum(score(u).excess, _MISSED)
-        return np.concatenate([found, np.full(constraints - len(found), _MISSED)])
+        values = np.minimum(score(u).excess, _MISSED)
+        return np.concatenate([values, np.full(constraints - len(values), _MISSED)])
 
     constraints = len(score(u).excess)
     minimize(
@@ -225,53 +225,53 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
             before, after = search(evaluations, method, options["seed"])
         ledger.finish()
         loaded = prepare(scenario, **pick(ScenarioOptions, options))
-        tuned = {**(options["settings"] or {}), **problem.parameters(after.values)}
+        values = {**(options["settings"] or {}), **problem.parameters(after.values)}
         groups = list(dict.fromkeys(name.partition("[")[0] for name in problem.names))
-        found = Tuned(
+        tuned = Tuned(
             folder,
-            {group: group_value(loaded, group, tuned) for group in groups},
+            {group: group_value(loaded, group, values) for group in groups},
             before, after, len(evaluations.scores),
             sum(score.failed for score in evaluations.scores), evaluations.missed,
             tuple(loops.margins() for score in (before, after) if (loops := problem.loops(score.values))),
             list(ledger.notes),
         )  # fmt: skip
         if before.failed:
-            found.notes.append(f"{before.failed} of the runs with the scenario's own values failed.")
+            tuned.notes.append(f"{before.failed} of the runs with the scenario's own values failed.")
         if options["margin"] == "same" and not problem.margin.all():
-            found.notes.append("margin: a mode grows at the start, so same demands that none grows faster.")
+            tuned.notes.append("margin: a mode grows at the start, so same demands that none grows faster.")
         loops = problem.loops(after.values)
         if not after.feasible:
-            found.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
-        if loops is not None and (growing := told(loops)):
-            found.notes.append(f"margin: {growing}.")
+            tuned.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
+        if loops is not None and (growing := growth_words(loops)):
+            tuned.notes.append(f"margin: {growing}.")
         with doing("picture"):
-            _write(found, evaluations.scores)
-    return found
+            _write(tuned, evaluations.scores)
+    return tuned
 
 
-def _write(found: Tuned, scores: Sequence[Score]) -> None:
+def _write(tuned: Tuned, scores: Sequence[Score]) -> None:
     """Write the values, the comparison and the picture."""
     from vdfmu.base.style import save
     from vdfmu.study.report.drawings import draw_tuning
 
     sections: dict[str, dict[str, Any]] = {}
-    for name, value in found.settings.items():
+    for name, value in tuned.settings.items():
         component, _, group = name.partition(".")
         sections.setdefault(component, {})[group] = value if isinstance(value, float) else value.tolist()
-    rows = [dict(zip(("name", "before", "after"), row, strict=True)) for row in found.table()]
+    rows = [dict(zip(("name", "before", "after"), row, strict=True)) for row in tuned.table()]
     content = {
-        "values": sections, "comparison": rows, "evaluations": found.evaluations, "failed": found.failed,
-        "missed_margin": found.missed, "notes": found.notes,
+        "values": sections, "comparison": rows, "evaluations": tuned.evaluations, "failed": tuned.failed,
+        "missed_margin": tuned.missed, "notes": tuned.notes,
     }  # fmt: skip
     start = scores[0]
     history = [objective(score, start) for score in scores]
     try:
         for name, text in (("tuned.toml", toml_text(sections)), ("tune.json", json.dumps(content, indent=1) + "\n")):
-            with replacing(found.folder / name) as file:
+            with replacing(tuned.folder / name) as file:
                 file.write(text.encode())
-        save(draw_tuning(history, found.table()), found.folder / "tuning.png")
+        save(draw_tuning(history, tuned.table()), tuned.folder / "tuning.png")
     except OSError as error:
         raise VdfmuError(
-            f"{found.folder}: cannot be written: {error.strerror or error}. All runs are kept: free space, and give "
+            f"{tuned.folder}: cannot be written: {error.strerror or error}. All runs are kept: free space, and give "
             "the same command again."
         ) from None

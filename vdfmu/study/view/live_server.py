@@ -147,10 +147,10 @@ def main() -> None:
             name, arguments = tasks.get_nowait()
             getattr(drawer, name)(*arguments)
         drawer.step()
-        now, found = clock.monotonic(), server.clients
-        there = now if found else there
-        if found != clients and (found or now > there + _GONE):
-            clients = found
+        now, connected = clock.monotonic(), server.clients
+        there = now if connected else there
+        if connected != clients and (connected or now > there + _GONE):
+            clients = connected
             parent.reply(clients)
         clock.sleep(PERIOD)
 

@@ -56,16 +56,16 @@ class RobotView:
         self.sliders = [_slider(robot, i, float(self._q[i])) for i in range(robot.n)]
         """Limits and start of the slider of each joint, in its unit."""
         self._pool = ThreadPoolExecutor(1)
-        self._finding: Future[Modes] | None = None
+        self._future: Future[Modes] | None = None
         self._asked: Any = None
         self._seen: tuple[tuple[Any, ...], float] = ((), -math.inf)
         self.modes: Modes | None = None
-        """At the pose and with the motors of the page, once they are found."""
-        self._found: dict[str, Any] = {}
+        """At the pose and with the motors of the page, once they are calculated."""
+        self._facts: dict[str, Any] = {}
         self._server = PageServer(port, self._take)
         self.address = self._server.address
         page = _page(robot, self._q, self.sliders, ellipsoids, meshes, self.notes)
-        self._server.show(page, first=lambda: self._pose() | self._found)
+        self._server.show(page, first=lambda: self._pose() | self._facts)
 
     @property
     def pose(self) -> Floats:
@@ -97,17 +97,17 @@ class RobotView:
         asked = (*q, motors)
         if asked != self._seen[0]:
             self._seen = asked, time
-        if asked != self._asked and self._finding is None and time > self._seen[1] + _REST:
+        if asked != self._asked and self._future is None and time > self._seen[1] + _REST:
             self._asked = asked
-            self._finding = self._pool.submit(natural_modes, self.robot, q, motors=motors)
-        if self._finding is not None and self._finding.done():
-            self._found, self._finding = self._take_modes(self._finding), None
-            self._server.send(lambda: self._found)
+            self._future = self._pool.submit(natural_modes, self.robot, q, motors=motors)
+        if self._future is not None and self._future.done():
+            self._facts, self._future = self._take_modes(self._future), None
+            self._server.send(lambda: self._facts)
 
-    def _take_modes(self, found: Future[Modes]) -> dict[str, Any]:
+    def _take_modes(self, future: Future[Modes]) -> dict[str, Any]:
         """Take modes; return their facts for the page, or the reason of their absence."""
         try:
-            self.modes = modes = found.result()
+            self.modes = modes = future.result()
         except VdfmuError as error:
             self.modes = None
             return {"modes": [], "words": str(error)}

@@ -78,9 +78,9 @@ class PageServer:
         """
         with self._lock:
             self._number, self._first = self._number + 1, first
-            own = f'<meta name="live" content="{self._number}" data-words="{escape(words)}">'.encode()
+            tag = f'<meta name="live" content="{self._number}" data-words="{escape(words)}">'.encode()
             page = page.replace(b"default-src 'none';", b"default-src 'none'; connect-src 'self';", 1)
-            self.content = page.replace(b"</head>", own + b"</head>", 1)
+            self.content = page.replace(b"</head>", tag + b"</head>", 1)
             self._tell({"page": self._number})
 
     def send(self, change: Callable[[], Any]) -> None:

@@ -189,12 +189,12 @@ class _DiagramLayout:
                 for card in self.columns[gap]:
                     card.x, card.width = x, width
                 x += width
-            own = {i: self.leaving[i, g] for i, g in self.leaving if g == gap}
-            turned = [i for i, (y, goals) in own.items() if any(abs(goal - y) > 0.5 for goal in goals)]
-            down = sorted((i for i in turned if max(own[i][1]) > own[i][0]), key=lambda i: -own[i][0])
-            up = sorted((i for i in turned if i not in down), key=lambda i: own[i][0])
-            x += STUB if own else 0.0
-            for i in _lane_order([*up, *down], own):
+            leaving = {i: self.leaving[i, g] for i, g in self.leaving if g == gap}
+            turned = [i for i, (y, goals) in leaving.items() if any(abs(goal - y) > 0.5 for goal in goals)]
+            down = sorted((i for i in turned if max(leaving[i][1]) > leaving[i][0]), key=lambda i: -leaving[i][0])
+            up = sorted((i for i in turned if i not in down), key=lambda i: leaving[i][0])
+            x += STUB if leaving else 0.0
+            for i in _lane_order([*up, *down], leaving):
                 self.lanes[i, gap] = x
                 x += LANE
             for i, ends in enumerate(self.backs):
@@ -219,7 +219,7 @@ class _DiagramLayout:
         tracks: dict[int, float] = {}
         for i in sorted(spans, key=lambda k: spans[k][1] - spans[k][0]):
             low, high = spans[i]
-            free = (k for k, own in enumerate(taken) if all(high + 4 < a or b + 4 < low for a, b in own))
+            free = (k for k, intervals in enumerate(taken) if all(high + 4 < a or b + 4 < low for a, b in intervals))
             level = next(free, len(taken))
             if level == len(taken):
                 taken.append([])
@@ -246,11 +246,11 @@ class _DiagramLayout:
         return Wire(net, net.start[0], lines, _branches(lines))
 
 
-def _lane_order(nets: Sequence[int], own: Mapping[int, tuple[float, list[float]]]) -> Iterator[int]:
+def _lane_order(nets: Sequence[int], leaving: Mapping[int, tuple[float, list[float]]]) -> Iterator[int]:
     """Yield nets so that a net that starts at a height precedes nets that end there. A cycle starts with its first."""
     left = list(nets)
     while left:
-        free = (i for i in left if not any(abs(own[j][0] - y) < 0.5 for j in left if j != i for y in own[i][1]))
+        free = (i for i in left if not any(abs(leaving[j][0] - y) < 0.5 for j in left if j != i for y in leaving[i][1]))
         chosen = next(free, left[0])
         left.remove(chosen)
         yield chosen

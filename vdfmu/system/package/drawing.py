@@ -43,7 +43,7 @@ _MARKS = {"dot": "\u0307", "ddot": "\u0308", "hat": "\u0302"}
 _POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 
 
-_CUTS = ("V_A", "V_B")
+_CUTS = ("V_A", "V_B", "V_C", "V_D")
 """Connectors by which the pieces of an arm pass on their velocities."""
 _FEWEST = 4
 """Pieces that are drawn as one box."""
@@ -64,7 +64,7 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
     except SspError:
         return ""
     kinds = {
-        c.name: {kind: [n for n, own in c.connectors.items() if own.kind == kind] for kind in ("input", "output")}
+        c.name: {kind: [n for n, port in c.connectors.items() if port.kind == kind] for kind in ("input", "output")}
         for c in system.components
     }
     words = {c.name: PurePosixPath(c.source).stem for c in system.components}
@@ -74,40 +74,57 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
         icons = {source: archive.read(source) for source in sources}
     links = [(c.start, c.end) for c in system.connections]
     picture = _draw(kinds, words, links, _sizes(system), places, icons, held)
-    pieces = list(dict.fromkeys(part for link in links for part, name in link if name.partition("[")[0] in _CUTS))
-    if len(pieces) < _FEWEST:
+    boxes = _boxes(links)
+    if not boxes:
         return picture + _key(_in_order(kinds, places), links)
-    box = commonprefix(pieces).rstrip("_") or "arm"
-    inside, joined, late = _folded(kinds, links, pieces, box, held)
-    folded = _draw(inside, words | {box: f"{len(pieces)} pieces"}, joined, {}, {}, icons, late)
-    whole = f"<details><summary>The {len(pieces)} pieces of {escape(box)}</summary>{picture}</details>"
+    inside, joined, late = _folded(kinds, links, boxes, held)
+    words |= {box: f"{len(pieces)} pieces" for box, pieces in boxes.items()}
+    folded = _draw(inside, words, joined, {}, {}, icons, late)
+    count = sum(map(len, boxes.values()))
+    whole = f"<details><summary>All {count} pieces of {escape(' and '.join(boxes))}</summary>{picture}</details>"
     return folded + _key([*inside], joined) + whole
 
 
+def _boxes(links: Iterable[tuple[Port, Port]]) -> dict[str, list[str]]:
+    """Return the pieces of each arm, joined by their velocities, by the common begin of their names."""
+    arms = list[list[str]]()
+    for link in links:
+        if all(name.partition("[")[0] in _CUTS for _, name in link):
+            parts = [part for part, _ in link]
+            touched = [arm for arm in arms if {*arm} & {*parts}]
+            arms = [arm for arm in arms if arm not in touched] + [list(dict.fromkeys(sum(touched, parts)))]
+    names = {commonprefix(arm).rpartition("_")[0] or f"arm {k}": arm for k, arm in enumerate(arms, 1)}
+    return {name: sorted(arm) for name, arm in names.items() if len(arm) >= _FEWEST}
+
+
 def _folded(
-    kinds: Kinds, links: Iterable[tuple[Port, Port]], pieces: Sequence[str], box: str, held: Container[str]
+    kinds: Kinds, links: Iterable[tuple[Port, Port]], boxes: Mapping[str, Sequence[str]], held: Container[str]
 ) -> tuple[Kinds, list[tuple[Port, Port]], set[str]]:
-    """Return components and links with one box for the pieces, whose equal connectors are a vector; and held inputs."""
-    late, numbers = set[str](), dict[tuple[str, str], dict[str, int]]()
+    """Return components and links with boxes for their pieces, whose equal connectors are a vector; and held inputs."""
+    late, numbers = set[str](), dict[tuple[str, str, str], dict[str, int]]()
+    box_of = {piece: box for box, pieces in boxes.items() for piece in pieces}
 
     def outside(end: Port, kind: str) -> Port:
         part, name = end
         group, _, index = name.partition("[")
+        box = box_of.get(part, part)
         if f"{part}.{group}" in held:
-            late.add(f"{box if part in pieces else part}.{group}")
-        if part not in pieces:
+            late.add(f"{box}.{group}")
+        if part not in box_of:
             return end
-        own = numbers.setdefault((kind, group), {})
+        own = numbers.setdefault((box, kind, group), {})
         return box, f"{group}[{own.setdefault(part, len(own) + 1)}{f',{index}' if index else ']'}"
 
     joined = [
         (outside(start, "output"), outside(end, "input"))
         for start, end in links
-        if not (start[0] in pieces and end[0] in pieces)
+        if box_of.get(start[0], start) != box_of.get(end[0], end)
     ]
-    ports = {kind: [p for link in joined for part, p in link[k : k + 1] if part == box]
-             for k, kind in enumerate(("output", "input"))}  # fmt: skip
-    return {name: each for name, each in kinds.items() if name not in pieces} | {box: ports}, joined, late
+    ports = {
+        box: {kind: [link[k][1] for link in joined if link[k][0] == box] for k, kind in enumerate(("output", "input"))}
+        for box in boxes
+    }
+    return {name: each for name, each in kinds.items() if name not in box_of} | ports, joined, late
 
 
 def _key(order: Sequence[str], links: Iterable[tuple[Port, Port]]) -> str:
@@ -144,10 +161,10 @@ def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> s
     signals = {
         name: {kind: description.signals(name, kind) for kind in ("input", "output")} for name in description.tables
     }
-    kinds = {name: {kind: [s.name for s in each] for kind, each in own.items()} for name, own in signals.items()}
+    kinds = {name: {kind: [s.name for s in each] for kind, each in ends.items()} for name, ends in signals.items()}
     sizes = {
         (name, s.name): " × ".join(map(str, s.shape))
-        for name, own in signals.items() for each in own.values() for s in each if s.shape
+        for name, ends in signals.items() for each in ends.values() for s in each if s.shape
     }  # fmt: skip
     words = {name: PurePosixPath(description.fmu_name(name)).stem for name in signals}
     links = [((x.start[0], x.start[1].name), (x.end[0], x.end[1].name)) for x in description.links]
@@ -180,12 +197,12 @@ def _draw(
     cards: dict[str, Card] = {}
     ordered = all(name in places for name in kinds)
     for name in _in_order(kinds, places):
-        own = kinds[name]
+        connectors = kinds[name]
         used = {
             "input": dict.fromkeys(port for sinks in ends.values() for component, port in sinks if component == name),
             "output": dict.fromkeys(port for component, port in ends if component == name),
         }
-        declared = {kind: vectors(own.get(kind, ())) for kind in used}
+        declared = {kind: vectors(connectors.get(kind, ())) for kind in used}
         # in the order of declaration, then connected names without a declaration
         connected = {kind: [n for n in {**declared[kind], **names} if n in names] for kind, names in used.items()}
         free = {kind: [n for n in names if n not in used[kind]] for kind, names in declared.items()}
@@ -261,7 +278,7 @@ def _card(card: Card) -> str:
         for name in card.inputs if kind == "input" else card.outputs:
             parts.append(_label((at, y + card.port(kind, name) + 4), name, style))
     if words := free_words(card):
-        names = "; ".join(f"{kind}s {', '.join(own)}" for kind, own in card.free.items() if own)
+        names = "; ".join(f"{kind}s {', '.join(unused)}" for kind, unused in card.free.items() if unused)
         title = f"<title>Not connected: {escape(names)}</title>"
         parts.append(f'<text class="free" x="{x + 10:g}" y="{y + card.height - 6:g}">{title}{words}</text>')
     return "\n".join(parts)

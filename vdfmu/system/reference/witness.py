@@ -105,7 +105,7 @@ class _WitnessedUnit:
         self._names = [v.name for v in interface.memory]
         self._groups = np.unique([v.group for v in interface.memory], return_inverse=True)[1]
         self._plain = plain = Plain(interface, interface.memory_of(values))
-        self._given = plain.memory.copy()
+        self._initial = plain.memory.copy()
         roles = np.array([v.causality for v in interface.memory])
         kept = np.array([v.variability == "discrete" for v in interface.memory])
         moved = np.zeros(roles.size, bool)
@@ -127,10 +127,10 @@ class _WitnessedUnit:
     def changed(self, name: str, readings: Sequence[Reading]) -> list[str]:
         """Return parameters and free inputs that differ from the scenario, as texts."""
         texts = {
-            i: f"{self._names[i]} at t = {reading.time:.9g} s: expected {self._given[i]:.17g}, got {got:.17g}"
+            i: f"{self._names[i]} at t = {reading.time:.9g} s: expected {self._initial[i]:.17g}, got {got:.17g}"
             for reading in reversed(readings)
             for i in self._fixed
-            if (got := reading.values[name].get(i, self._given[i])) != self._given[i]
+            if (got := reading.values[name].get(i, self._initial[i])) != self._initial[i]
         }
         return list(texts.values())
 
@@ -141,7 +141,7 @@ class _WitnessedUnit:
             signal = f"{name}.{self._names[i]}"
             if signal in results:
                 got[i] = float(results[signal][reading.row])
-        memory = self._given.copy()
+        memory = self._initial.copy()
         memory[[*self._made, *self._rates]] = np.nan
         for i in (*self._inputs, *self._moved, *self._sampled):
             memory[i] = got[int(i)]

@@ -86,5 +86,5 @@ def _not_reached(scenario: Scenario) -> Iterator[str]:
         )
     elif keys:
         yield from (
-            f"{keys}: {name} has its own robot, so this does not reach it." for name, own in plants.items() if own
+            f"{keys}: {name} has its own robot, so this does not reach it." for name, arm in plants.items() if arm
         )

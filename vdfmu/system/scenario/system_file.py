@@ -90,7 +90,7 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
         parts[key] = _part(problems, key, value, path.parent)
     if not parts:
         problems.add("units", "a table with a line for each component", "none", 'Write plant = "plant".')
-    own: dict[str, list[str]] = {}
+    connected: dict[str, list[str]] = {}
     for source, value in file.optional_table("connections").data.items():
         targets = [value] if isinstance(value, str) else value
         if not isinstance(targets, list) or not all(isinstance(end, str) for end in cast("list[object]", targets)):
@@ -104,14 +104,14 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
                     f"connections.{source}", "component.signal of components in [units]", value_text(end),
                     nearest(component, list(parts)),
                 )  # fmt: skip
-        own[source] = ends
-    fed = {end for ends in own.values() for end in ends}
+        connected[source] = ends
+    fed = {end for ends in connected.values() for end in ends}
     kept = {
         key: [end for end in ends if fed.isdisjoint((end, end.partition("[")[0]))]
         for key, ends in (base.connections.items() if base else ())
     }
     connections = {key: ends for key, ends in kept.items() if ends}
-    for source, ends in own.items():
+    for source, ends in connected.items():
         connections[source] = [*connections.get(source, ()), *ends]
     shared = dict(base.shared) if base is not None else {}
     for key, members in file.optional_table("shared").data.items():

@@ -117,20 +117,20 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
     """Return the parameters of the robot in a component: for plants with plant factors, else as known."""
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
-    own = scenario.system.parts[component].robot
-    robot = own or (scenario.plant_robot if component in scenario.resolved.plants else scenario.known_robot)
+    part_robot = scenario.system.parts[component].robot
+    robot = part_robot or (scenario.plant_robot if component in scenario.resolved.plants else scenario.known_robot)
     return {
         p.name: float(getattr(robot, p.field)[p.index])
-        for p in (own or scenario.arm).entries()
+        for p in (part_robot or scenario.arm).entries()
         if p.name in table.reference and p.field not in table.unit.declared
     }
 
 
 def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
     """Return a robot with values by the names of its plant, ``mass[2]``, or itself if nothing changes."""
-    own = [float(getattr(robot, each.field)[each.index]) for each in robot.entries()]
-    new = [float(values.get(each.name, number)) for each, number in zip(robot.entries(), own, strict=True)]
-    return robot if new == own else robot.with_values(new)
+    numbers = [float(getattr(robot, each.field)[each.index]) for each in robot.entries()]
+    new = [float(values.get(each.name, number)) for each, number in zip(robot.entries(), numbers, strict=True)]
+    return robot if new == numbers else robot.with_values(new)
 
 
 def is_free(system: SystemFile, component: str, variable: Variable) -> bool:

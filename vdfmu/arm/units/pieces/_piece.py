@@ -143,12 +143,12 @@ class Piece(Unit):
 
         def __getattr__(self, name: str) -> Any: ...
 
-    def one(self, **others: Any) -> Any:
-        """Return a robot of one joint with the numbers of the unit, and `others`."""
+    def robot_of_joint(self, **attributes: Any) -> Any:
+        """Return a robot of one joint with the numbers of the unit, and `attributes`."""
         values = {name: getattr(self, name) for name in PARAMETERS if name in self.declared}
         arrays = {name: np.asarray(v)[None if PARAMETERS[name].per_joint else ...] for name, v in values.items()}
         flags = dict.fromkeys((*OPTIONS, "payload", "rotor_coupling", *ENDS), False)
         flags |= dict.fromkeys({PARAMETERS[name].section for name in values}.intersection(STATELESS), True)
-        robot = SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **others})
+        robot = SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **attributes})
         robot.body = lambda i: link_body(robot, i)
         return robot

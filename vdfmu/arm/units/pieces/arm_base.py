@@ -20,4 +20,4 @@ class ArmBase(Piece):
 
     def outputs(self) -> None:
         """Rest under gravity."""
-        self.V_C, self.V_C_dot, self.g_C = np.zeros(6), np.zeros(6), self.one().gravity
+        self.V_C, self.V_C_dot, self.g_C = np.zeros(6), np.zeros(6), self.robot_of_joint().gravity

@@ -80,7 +80,8 @@ class FeedforwardJoint(Piece):
 
     def outputs(self) -> None:
         """Forward pass, backward pass, and the drive."""
-        robot, z = self.one(friction=self.friction, rotor_coupling=self.rotor_coupling), joint_axis(self.joint_type)
+        robot = self.robot_of_joint(friction=self.friction, rotor_coupling=self.rotor_coupling)
+        z = joint_axis(self.joint_type)
         desired = Desired(*(np.array([getattr(self, name)]) for name in DESIRED))
         q_d, q_d_dot, q_d_ddot = desired_jets(desired)
         R_AB, p_AB = joint_placement(robot, 0, q_d[0])

@@ -34,11 +34,11 @@ class FeedforwardLink(Piece):
 
     def outputs(self) -> None:
         """Hand on velocities and forces."""
-        m_B, r_B, I_B = body = self.one().body(0)
+        m_B, r_B, I_B = body = self.robot_of_joint().body(0)
         self.V_C_d, self.g_C_d = self.V_B_d, self.g_B_d
         self.V_C, self.V_C_r, self.V_C_r_dot, self.g_C = self.V_B, self.V_B_r, self.V_B_r_dot, self.g_B
         g = turning_gravity(self.g_B_d, *self.V_B_d[:2])
-        own, hanging = net_force(m_B, r_B, I_B, g, *row_pair(self.V_B_d)), self.F_C_d + self.F_D_d
-        self.F_B_d = np.stack([derivative(own, k) for k in (0, 1, 2, 0)]) + hanging
+        net, hanging = net_force(m_B, r_B, I_B, g, *row_pair(self.V_B_d)), self.F_C_d + self.F_D_d
+        self.F_B_d = np.stack([derivative(net, k) for k in (0, 1, 2, 0)]) + hanging
         own_r = required_net_force(body, self.K_V, self.g_B, self.V_B, self.V_B_r, self.V_B_r_dot)
         self.F_B_r = own_r + self.F_C_r + self.F_D_r

@@ -28,5 +28,5 @@ class FeedforwardTool(Piece):
 
     def outputs(self) -> None:
         """Bring the wrench to the frame of the last link."""
-        self.F_B_r = tool_transform(self.one()) @ self.F_e_d
+        self.F_B_r = tool_transform(self.robot_of_joint()) @ self.F_e_d
         self.F_B_d = np.stack([self.F_B_r, np.zeros(6), np.zeros(6), self.F_B_r])

@@ -90,7 +90,7 @@ class PlantJoint(Piece):
         self.q, self.q_dot = self.q_0, self.q_dot_0
         if self.equilibrium:
             self.kappa_dot = self.q_dot_0
-            robot = self.one()
+            robot = self.robot_of_joint()
             self.tau_s = (joint_torques(robot, [self.p_B]) - link_torques(robot, np.array([self.q_0])))[0]
         else:
             self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
@@ -102,7 +102,7 @@ class PlantJoint(Piece):
 
     def _drive(self) -> tuple[Any, Any, Any]:
         """Return the robot of this joint, and torques on link and rotor, (1,) each."""
-        robot = self.one(friction=self.friction, rotor_coupling=self.rotor_coupling)
+        robot = self.robot_of_joint(friction=self.friction, rotor_coupling=self.rotor_coupling)
         return robot, *plant_torques(robot, self._state(), np.array([self.tau]))
 
     def _motion(self, robot: Any, tau_l: Any, tau_k: Any) -> dict[str, Any]:

@@ -26,7 +26,7 @@ class PlantLink(Piece):
 
     def outputs(self) -> None:
         """Hand on the motion, and apparent mass and bias force."""
-        m_B, r_B, I_B = self.one().body(0)
+        m_B, r_B, I_B = self.robot_of_joint().body(0)
         self.V_C, self.V_C_dot, self.g_C = self.V_B, self.V_B_dot, self.g_B
         self.M_B = mass_matrix(m_B, r_B, I_B) + self.M_C + self.M_D
         self.p_B = bias_force(m_B, r_B, I_B, self.g_B, self.V_B) + self.p_C + self.p_D

@@ -15,6 +15,9 @@ export const armsOf = (run) => [
 
 /** The frames of an arm. */
 export class Chain {
+  /** Materials of what is coloured by the values of its joint. */
+  marked = [];
+
   constructor(arm) {
     this.types = arm.types;
     this.root = new T.Group();
@@ -59,8 +62,17 @@ export const turned = (R) => new T.Matrix4().set(...R[0], 0, ...R[1], 0, ...R[2]
 
 /** Positions, errors, torques, torsion, power and forces of a run at its frames. */
 export class Motion {
+  /** @type {Float64Array} */
+  time;
+  /** Rows of the base and of the errors, if they are known. @type {Float64Array[] | undefined} */
+  base;
+  /** @type {Float64Array[] | undefined} */
+  error;
+  /** By name the largest absolute value of each joint. @type {Record<string, number[]>} */
+  largest = {};
+
   constructor(run) {
-    Object.assign(this, framesOf(run)); // time, q; error, torque, torsion, .. where they are known
+    for (const [name, values] of Object.entries(framesOf(run))) this[name] = values; // q; error, torque, .. where they are known
   }
 
   /** Values of all joints at a time, between frames on a straight line. */
@@ -86,9 +98,8 @@ export class Motion {
 
   /** Largest absolute value of each joint. */
   peaks(name) {
-    this.found ??= {};
-    this.found[name] ??= this[name].map((row) => largest(row));
-    return this.found[name];
+    this.largest[name] ??= this[name].map((row) => largest(row));
+    return this.largest[name];
   }
 }
 
@@ -126,7 +137,12 @@ export function ghost() {
 }
 
 /** Give the links of a chain bodies, and the end effector its axes. */
-export function dress(chain, { parts, reach }, material, tint) {
+export function dress(
+  chain,
+  /** @type {Record<string, any>} */ { parts, reach },
+  material,
+  tint = null,
+) {
   const bodies = [chain.root, ...chain.links];
   const looks = {
     light: tint ?? (darkScheme.matches ? "#dfe6ee" : "#e9edf2"),
@@ -191,7 +207,7 @@ function faceted({ corners, triangles }) {
 }
 
 /** Geometry of a shape: sides, half-axes, or radius and length along z. */
-function shaped(shape, [a, b, c]) {
+function shaped(shape, /** @type {number[]} */ [a, b, c]) {
   if (shape === "box") return new T.BoxGeometry(a, b, c);
   if (shape === "cylinder") return new T.CylinderGeometry(a, a, b, 40).rotateX(Math.PI / 2);
   if (shape === "capsule") return new T.CapsuleGeometry(a, b, 10, 32).rotateX(Math.PI / 2);

@@ -16,6 +16,7 @@ import { Heat } from "./heat.js";
 import { drawEnds, endsOf, keyOf, roomForNames } from "./labels.js";
 import { FILES, saveMenu } from "./save.js";
 import { fitted, raised, text } from "./numbers.js";
+import { decades, nearest, padded } from "./scales.js";
 import { vendor } from "./vendor.js";
 
 const { uPlot } = vendor;
@@ -28,7 +29,16 @@ const NEAR = 14; // px, of the pointer to a curve
 export class Chart {
   /** `curves` is a function that gives them: it is called when the chart first comes into sight, and when the simulated ones have changed. */
   constructor(title, unit, curves) {
-    Object.assign(this, { title, unit, curves, worst: null, log: false, seen: false, stale: true });
+    this.title = title;
+    this.unit = unit;
+    this.curves = curves;
+    this.log = false;
+    this.seen = false;
+    this.stale = true;
+    /** Of many joints those with the largest values. @type {number[] | null} */
+    this.worst = null;
+    /** The map of all joints, of many. @type {Heat | null} */
+    this.heat = null;
     this.unitText = make("span", { class: "unit" }, unit);
     this.place = make("div", {
       class: "plot",
@@ -386,32 +396,4 @@ export class Chart {
     this.plot.over.append(...this.events);
     if (document.activeElement === this.place) this.plot.setCursor({ left: place, top: 0 }); // keys read values too
   }
-}
-
-/** Limits of a scale with a margin; numbers that are equal except for rounding get one around them. */
-function padded(_, low, high) {
-  if (low === null || high === null) return [-1, 1];
-  const span = Math.max(high - low, 1e-6 * Math.max(Math.abs(low), Math.abs(high))) || 1;
-  return [low - 0.06 * span, high + 0.06 * span];
-}
-
-/** Powers of ten among the numbers of a logarithmic axis. */
-function decades(_, splits) {
-  return splits.map((v) =>
-    v !== null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null,
-  );
-}
-
-/** Row with a number that is nearest to that of the first curve near the pointer: runs have rows of their own. */
-function nearest(plot, series, row) {
-  const first = plot.series.findIndex(({ show }, k) => k && show);
-  return nearestOf(plot.data[series], nearestOf(plot.data[Math.max(first, 1)], row));
-}
-
-function nearestOf(values, row) {
-  for (let k = 0; k < values.length; k += 1) {
-    for (const at of [row - k, row + k])
-      if (values[at] !== null && values[at] !== undefined) return at;
-  }
-  return row;
 }

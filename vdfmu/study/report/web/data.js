@@ -67,12 +67,18 @@ export const colourOf = (number) => inkOf(number ? `joint-${((number - 1) % COLO
 const packed = document.getElementById("numbers");
 const numbers = packed ? new Uint8Array(await unzip(packed.textContent).arrayBuffer()) : null;
 
-/** An array of the page: its place among the numbers, and its length. They were packed as changes of their bits. */
-export function unpack([first, count], Kind = Float32Array) {
-  const size = Kind.BYTES_PER_ELEMENT,
+/**
+ * An array of the page: its place among the numbers, and its length. They were packed as changes of their bits.
+ * @param {number[]} place
+ * @param {any} Kind
+ */
+export function unpack(place, Kind = Float32Array) {
+  const [first, count] = place,
+    size = Kind.BYTES_PER_ELEMENT,
     bytes = new Uint8Array(size * count);
   for (let byte = 0; byte < size; byte += 1)
     for (let i = 0; i < count; i += 1) bytes[size * i + byte] = numbers[first + count * byte + i];
+  /** @type {any} */
   const bits = size === 8 ? new BigUint64Array(bytes.buffer) : new Uint32Array(bytes.buffer);
   for (let i = 1; i < count; i += 1) bits[i] += bits[i - 1];
   return new Kind(bytes.buffer);
@@ -258,6 +264,12 @@ export const view = new (class extends EventTarget {
   focus = null;
   hiddenJoints = new Set();
   hiddenRuns = new Set();
+  /** The run that is shown, if a reader chose it. */
+  run = null;
+  /** Words at times, in each figure. @type {{ time: number, words: string }[]} */
+  marks = [];
+  /** First and last time of all runs. */
+  limits = null;
 
   full() {
     const times = this.limits ? [] : recorded.map((run) => unpack(run.frames.time, Float64Array));

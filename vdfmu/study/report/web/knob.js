@@ -8,13 +8,11 @@ const NOTCHES = 100; // of a slider to either side
 /** A slider of factors around 1, for all joints and for each. */
 export class Knob {
   constructor(knob, good, changed) {
-    Object.assign(this, {
-      knob,
-      good,
-      places: Array(knob.values.length + 1).fill(0),
-      chosen: 0,
-      known: false,
-    });
+    this.knob = knob;
+    this.good = good;
+    this.places = Array(knob.values.length + 1).fill(0);
+    this.chosen = 0;
+    this.known = false;
     this.output = make("output");
     this.slider = make("input", {
       type: "range",

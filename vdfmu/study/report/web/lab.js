@@ -7,12 +7,12 @@ import { quantity } from "./numbers.js";
 class Lab extends EventTarget {
   constructor(study) {
     super();
-    Object.assign(this, {
-      study,
-      columns: study.columns.map((facts) => new Column(facts)),
-      ranges: new Map(),
-      chosen: null,
-    });
+    this.study = study;
+    this.columns = study.columns.map((facts) => new Column(facts));
+    this.ranges = new Map();
+    this.chosen = null;
+    /** Parameters of all points, once they are unpacked. @type {Float64Array | null} */
+    this.values = null;
     this.axes = this.columns.filter(({ axis }) => axis);
     this.measures = this.columns.filter(({ axis }) => !axis);
     this.colour = this.measures[0];
@@ -156,7 +156,9 @@ export function showLab(section, study, bench) {
     pointPanel(lab, bench),
   );
   lab.addEventListener("change", count);
-  for (const element of document.querySelectorAll("[data-point]")) {
+  for (const element of /** @type {NodeListOf<HTMLElement>} */ (
+    document.querySelectorAll("[data-point]")
+  )) {
     const row = study.points.indexOf(Number(element.dataset.point));
     element.addEventListener("click", () => {
       lab.choose(row);

@@ -24,15 +24,20 @@ export function shade(share) {
 
 /** A column of the study: values by point, its scale, and how its values are written. */
 export class Column {
+  /** Ends of its scale. */
+  low = 0;
+  high = 1;
+
   constructor(facts) {
-    Object.assign(this, facts);
-    const [fit, power] =
-      this.words.length || this.log ? [] : fitted(this.unit, largest(this.values));
-    if (fit)
-      Object.assign(this, {
-        unit: fit,
-        values: this.values.map((v) => (v === null ? null : v / 10 ** power)),
-      });
+    /** @type {{ name: string, unit: string, axis: boolean, log: boolean, words: string[], values: (number | null)[] }} */
+    const { name, unit, axis, log, words, values } = facts;
+    this.name = name;
+    this.axis = axis;
+    this.log = log;
+    this.words = words;
+    const [fit, power] = words.length || log ? [] : fitted(unit, largest(values));
+    this.unit = fit || unit;
+    this.values = fit ? values.map((v) => (v === null ? null : v / 10 ** power)) : values;
     const known = this.values.filter((v) => v !== null).map((v) => this.onScale(v));
     [this.low, this.high] = known.length
       ? [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b))]
@@ -115,7 +120,8 @@ export function svg(tag, attributes = {}, ...children) {
 /** A picture in a box: it draws itself again when its width or the study changes. */
 class Picture {
   constructor(lab, title, height) {
-    Object.assign(this, { lab, height });
+    this.lab = lab;
+    this.height = height;
     this.svg = svg("svg", { class: "study", role: "img", "aria-label": title });
     this.element = make(
       "figure",
@@ -133,11 +139,24 @@ class Picture {
 
   draw() {
     this.width = this.svg.clientWidth;
-    if (!this.width) return;
+    if (this.width <= MARGIN.left + MARGIN.right) return; // not laid out
     this.svg.setAttribute("viewBox", `0 0 ${this.width} ${this.height}`);
     this.svg.setAttribute("height", this.height);
     this.svg.replaceChildren(...this.parts());
   }
+
+  /** What is drawn. @returns {Element[]} */
+  parts() {
+    return [];
+  }
+
+  /** The point at a place of the pointer. @returns {number | undefined} */
+  nearestRow(_place) {
+    return undefined;
+  }
+
+  /** Choose the points between two places of the pointer. */
+  brush(_start, _end) {}
 
   placeOf({ clientX, clientY }) {
     const box = this.svg.getBoundingClientRect();
@@ -208,7 +227,8 @@ export class Scatter extends Picture {
     ];
   }
 
-  under() {
+  /** What is drawn below the points. @returns {Element[]} */
+  under(_across, _up) {
     return [];
   }
 
@@ -425,7 +445,8 @@ export class Parallel extends Picture {
   parts() {
     const { lab, columns } = this,
       rows = [...lab.rows()].sort(
-        (a, b) => lab.passes(a) - lab.passes(b) || (lab.chosen === a) - (lab.chosen === b),
+        (a, b) =>
+          lab.passes(a) - lab.passes(b) || Number(lab.chosen === a) - Number(lab.chosen === b),
       );
     const lines = rows.map((row) => {
       const failed = Number.isNaN(lab.colour.share(row)),

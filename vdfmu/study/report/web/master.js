@@ -5,7 +5,7 @@ import { unzip } from "./packed.js";
 const PARTS = 50;
 const compiled = new Map();
 
-/** The module of a digest: decompressed and compiled once. */
+/** The module of a digest: decompressed and compiled once. @returns {Promise<WebAssembly.Module>} */
 function moduleOf(digest, binaries) {
   if (!compiled.has(digest)) {
     compiled.set(
@@ -49,17 +49,20 @@ function changed({ memory, units }, changes) {
  * Run a system; `changes` of its parameters are {unit, name, factor} or {unit, name, value}, where a name without an
  * index means all elements. Gives time, signals by their names, and the wall time of the steps in seconds; so does
  * `found` of the Error of a run that fails on its way, up to there.
+ * @param {(part: number) => void} progress
  */
-export async function simulate(simulation, binaries, changes = [], progress = () => {}) {
+async function simulate(simulation, binaries, changes = [], progress) {
   const { growth, address, memory, names, places, start, step, steps, last, conditions, moving } =
     simulation;
   const [module, shipped] = await Promise.all([
     moduleOf(simulation.module, binaries),
     moduleOf(simulation.base, binaries),
   ]);
+  /** @type {{ exports: any }} */
   const { exports: base } = await WebAssembly.instantiate(shipped, {});
   base.memory.grow(growth[0]);
   base.__indirect_function_table.grow(growth[1]);
+  /** @type {{ exports: any }} */
   const { exports } = await WebAssembly.instantiate(module, { base });
   const began = performance.now();
   const values = new Float64Array(base.memory.buffer, address, memory.length);
@@ -111,22 +114,16 @@ export async function simulate(simulation, binaries, changes = [], progress = ()
   return found();
 }
 
-/** In a worker: the first message brings the modules, every other one a run. */
-if (typeof WorkerGlobalScope !== "undefined") {
-  let binaries;
-  addEventListener("message", async ({ data }) => {
-    binaries ??= data.binaries;
-    if (!data.simulation) return;
-    const run = simulate(data.simulation, binaries, data.changes, (part) => postMessage({ part }));
-    const { found, error } = await run.then(
-      (one) => ({ found: one }),
-      ({ message, found: one }) => ({ found: one, error: message }),
-    );
-    postMessage(
-      { found, error },
-      found
-        ? [found.time.buffer, ...Array.from(found.signals.values(), ({ buffer }) => buffer)]
-        : [],
-    );
-  });
-}
+let binaries;
+/** The first message brings the modules, every other one a run. */
+addEventListener("message", async ({ data }) => {
+  binaries ??= data.binaries;
+  if (!data.simulation) return;
+  const run = simulate(data.simulation, binaries, data.changes, (part) => postMessage({ part }));
+  const { found, error } = await run.then(
+    (result) => ({ found: result, error: undefined }),
+    ({ message, found: result }) => ({ found: result, error: message }),
+  );
+  const transfer = [found?.time, ...(found?.signals.values() ?? [])];
+  postMessage({ found, error }, { transfer: transfer.flatMap((array) => array?.buffer ?? []) });
+});

@@ -17,9 +17,9 @@ function figureOf(run, key) {
   return figure ? { ...figure, ...rowsOf(figure, run.result) } : null;
 }
 
-/** The value of a function of curves and rows that is largest, its joint and time. */
-function most({ curves, time, values, unit }, size = Math.abs) {
-  let best = { value: -Infinity, unit };
+/** The row with the largest size of its value, and its joint. */
+function most({ curves, time, values, unit }, size = (value, _) => Math.abs(value)) {
+  let best = { value: -Infinity, unit, joint: 0, time: 0 };
   curves.forEach(([, joint, dashed], k) => {
     for (let i = 0; !dashed && i < time.length; i += 1)
       if (size(values[k][i], i) > best.value)
@@ -54,7 +54,12 @@ const MEASURES = {
   },
 };
 
-function measured(run, { measure, figure }) {
+/**
+ * The measure of a tile in a run.
+ * @param {any} tile
+ */
+function measured(run, tile) {
+  const { measure, figure } = tile;
   const [name, signal] = measure.split(" "),
     shown = figureOf(run, signal ?? figure);
   return shown?.time.length && name in MEASURES ? MEASURES[name](shown, run.simulation) : null;
@@ -124,6 +129,7 @@ function keep(element, facts) {
 
 /** Tell the outcome of a simulated run where the recorded one's verdict was; null tells that again. */
 export function tell(of, outcome) {
+  /** @type {HTMLElement} */
   const line = document.querySelector(`.verdict[data-run="${recorded.indexOf(of)}"]`);
   if (!line) return;
   const was = keep(line, () => ({ words: line.textContent, state: line.className }));
@@ -135,7 +141,7 @@ export function tell(of, outcome) {
 /** Show in each tile the recorded value, an arrow and the value of a simulated run; null shows the recorded run alone. */
 export function showTiles(of, run, margin) {
   if (recorded.length > 1) return;
-  for (const tile of document.querySelectorAll(".tile")) {
+  for (const tile of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(".tile"))) {
     const [value, note] = tile.querySelectorAll("b, small"),
       { measure } = tile.dataset;
     const was = keep(tile, () => ({

@@ -204,7 +204,7 @@ export class Player {
         "tr",
         {},
         make("th", { scope: "row" }, joint),
-        make("td", { class: "level" }, ...cells.map(({ fill }) => fill)),
+        make("td", { class: "gauge" }, ...cells.map(({ fill }) => fill)),
         make("td", { class: "number" }, ...cells.map(({ value }) => value)),
       );
       return { type, cells, row };

@@ -9,12 +9,14 @@ import { vendor } from "./vendor.js";
 class Arm {
   constructor(one, tint) {
     const { arm } = one;
-    Object.assign(this, {
-      arm,
-      component: one.component ?? one.name,
-      mounted: one.mounted,
-      error: !!one.frames.error,
-    });
+    this.arm = arm;
+    this.component = one.component ?? one.name;
+    this.mounted = one.mounted;
+    this.error = !!one.frames.error;
+    /** @type {Motion | null} */
+    this.motion = null;
+    /** Largest lengths of parts of its wrenches. @type {Record<string, number>} */
+    this.lengths = {};
     this.actual = new Chain(arm);
     this.bare = new Chain(arm); // of frames alone, which is quick to place
     this.desired = this.error ? new Chain(arm) : null;
@@ -51,7 +53,6 @@ class Arm {
 
   /** Largest length of the force or the moment of a wrench. */
   largest(name, first) {
-    this.lengths ??= {};
     const rows = this.motion[name].slice(first, first + 3);
     this.lengths[name + first] ??= rows[0].reduce(
       (most, _, k) => Math.max(most, Math.hypot(...rows.map((row) => row[k]))),

@@ -54,7 +54,7 @@ function recall() {
   view.change("time", Number.isFinite(time) ? Math.min(Math.max(time, first), last) : first);
   if (recalled("figure")) follow({ dataset: { figure: recalled("figure") } }, charts);
 }
-for (const tile of document.querySelectorAll(".tile")) {
+for (const tile of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(".tile"))) {
   tile.addEventListener("click", () => {
     follow(tile, charts);
     remember("figure", tile.dataset.figure);

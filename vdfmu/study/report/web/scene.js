@@ -32,8 +32,8 @@ export class Scene3D {
     host.addEventListener("keydown", (event) => this.key(event));
     document.addEventListener("keydown", ({ key, target, ctrlKey, metaKey, altKey }) => {
       const view = Object.keys(VIEWS)[Number(key) - 1];
-      if (view && !(ctrlKey || metaKey || altKey) && !/INPUT|SELECT|TEXTAREA/.test(target.tagName))
-        this.look(view);
+      const typed = target instanceof HTMLInputElement || target instanceof HTMLSelectElement;
+      if (view && !(ctrlKey || metaKey || altKey || typed)) this.look(view);
     });
   }
 

@@ -1,10 +1,14 @@
 // The server of a page, if one serves it: its events, and requests to it.
 
-/** What the server says of the page; null without one. */
+/** What the server says of the page; null without one. @type {HTMLMetaElement} */
 export const served = document.querySelector('meta[name="live"]');
 const door = `/${location.pathname.split("/")[1]}/`; // the token
 
-/** Listen to the server, if one serves this page: `take` gets its events, `lost` whether it cannot be reached. */
+/**
+ * Listen to the server, if one serves this page.
+ * @param {(event: any) => void} [take] gets its events
+ * @param {(lost: boolean) => void} [lost] gets whether it cannot be reached
+ */
 export function hearServer(take = () => {}, lost = () => {}) {
   if (!served) return;
   const source = new EventSource(`${door}events?page=${served.content}`);

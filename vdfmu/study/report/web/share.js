@@ -52,7 +52,7 @@ export function shareButtons(simulation) {
   const command = recorded.some((one) => one.command)
     ? [copy("Copy as command", () => commandOf(run(), simulation?.changes() ?? []))]
     : [];
-  return make("div", { class: "share" }, said, copy("Copy link", address), ...command);
+  return make("div", { class: "actions" }, said, copy("Copy link", address), ...command);
 }
 
 /** Buttons that save the arm as it is drawn, and as a film of the whole run. */

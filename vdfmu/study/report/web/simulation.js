@@ -25,13 +25,11 @@ const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
 class Simulation {
   /** `section` has the sliders and the message, `found` the tables below the figures. */
   constructor(section, found, able) {
-    Object.assign(this, {
-      worker: new SimulationWorker(binaries),
-      busy: false,
-      again: false,
-      given: [],
-      zoomed: null,
-    });
+    this.worker = new SimulationWorker(binaries);
+    this.busy = false;
+    this.again = false;
+    this.given = [];
+    this.zoomed = null;
     this.status = make("p", { class: "note", role: "status" });
     this.bar = make("progress", { max: 1, "aria-label": "Progress of the simulation" });
     this.verdict = make("ul");

@@ -96,12 +96,10 @@ function keepCurrent(diagrams, wires) {
 
 class Wire {
   constructor(element, signals) {
-    Object.assign(this, {
-      element,
-      title: element.querySelector("title"),
-      value: element.querySelector(".value"),
-      curves: null,
-    });
+    this.element = element;
+    this.title = element.querySelector("title");
+    this.value = element.querySelector(".value");
+    this.curves = null;
     this.words = this.title.textContent;
     const names = [element.dataset.signal, ...element.dataset.ends.split(" ")];
     this.key = [...signals.keys()].find((key) => names.includes(signals.get(key).title));

@@ -6,4 +6,5 @@ const libraries = document.createElement("script");
 libraries.textContent = await unzip(document.getElementById("vendor").textContent).text();
 document.head.append(libraries);
 
-export const { vendor } = globalThis;
+/** @type {any} */
+export const vendor = globalThis["vendor"];

@@ -6,7 +6,10 @@ export class SimulationWorker {
   /** `binaries`: digest to the module, compressed, in base64. */
   constructor(binaries) {
     this.binaries = binaries;
+    /** Ends the promise of the run that is under way. @type {((reason: Error) => void) | null} */
     this.waiting = null;
+    /** @type {Worker | null} */
+    this.worker = null;
   }
 
   /** Make the worker from the text of its modules, which the page has. */
@@ -18,7 +21,11 @@ export class SimulationWorker {
     this.worker.postMessage({ binaries: this.binaries });
   }
 
-  /** Simulate, as `simulate` of master.js; a run that is under way is stopped. */
+  /**
+   * Simulate, as master.js does; a run that is under way is stopped.
+   * @param {object[]} [changes]
+   * @param {(part: number) => void} [progress]
+   */
   run(simulation, changes = [], progress = () => {}) {
     this.cancel();
     if (!this.worker) this.start();

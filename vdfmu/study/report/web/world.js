@@ -110,7 +110,8 @@ export class Arrow extends vendor.Group {
       new vendor.Mesh(new vendor.CylinderGeometry(r, r, 0.84, 16).translate(0, 0.42, 0), look),
       head,
     );
-    Object.assign(this, { look, length });
+    this.look = look;
+    this.length = length;
   }
 
   /** Show a vector, whose largest length is `peak`. */
@@ -144,7 +145,8 @@ export class Arc extends vendor.Group {
       ),
       head,
     );
-    Object.assign(this, { look, turned: new vendor.Group().add(this) });
+    this.look = look;
+    this.turned = new vendor.Group().add(this);
   }
 
   /** Show a share of the largest, -1 to 1, in a colour; what `turned` holds is this arrow. */
