@@ -81,7 +81,7 @@ export class Budget {
     const most = Math.max(...rows.map(({ max }) => max ?? 0)),
       [whole] = rows;
     const bar = (value) =>
-      make("td", { class: "part" }, make("i", { style: `width:${(100 * value) / most}%` }));
+      make("td", { class: "share" }, make("i", { style: `width:${(100 * value) / most}%` }));
     this.table.hidden = false;
     this.table.replaceChildren(
       make("caption", {}, "Error of the end effector"),
