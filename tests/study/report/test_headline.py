@@ -76,10 +76,16 @@ def test_tiles_begin_with_what_the_components_of_the_system_do():
         ("Worst joint", "97.2 µdeg", "joint 2 at 5.26 s", "tracking"),
     ]
     assert page_title("wall", wall) == "wall: contact force 85.8 N"
-    estimate = {"component": "eye", "group": "tau_s_hat", "words": "Spring torque", "signals": [], "true": []}
+    estimate = {
+        "component": "eye",
+        "group": "tau_s_hat",
+        "words": "Spring torque, link-side",
+        "signals": [],
+        "true": [],
+    }
     seen = {"scene": {"estimates": [estimate]}, "rms_tau_s_hat_error_nm": [0.1, 1.8], "key_figures": FIGURES}
     assert tiles_of(seen)[0][:5] == (
-        "Error of the estimate", "1.8 N.m", "RMS, joint 2: spring torque", "estimate.eye.tau_s_hat", "apart",
+        "Spring torque", "1.8 N.m", "RMS error, joint 2", "estimate.eye.tau_s_hat", "apart",
     )  # fmt: skip
     cut = {"power": {"value": 12.0, "unit": "W", "joint": 3, "at_s": 0.5},
            "cut": {"value": 90.0, "unit": "N", "joint": 1, "at_s": 0.1}}  # fmt: skip

@@ -194,7 +194,8 @@ def _estimate_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[
                 for k, signal in enumerate(each[group], 1)
                 if signal in names and results.units[signal] == unit
             ]
-            title = f"Estimated {each['words'][:1].lower()}{each['words'][1:]}; true dashed"
+            words = each["words"].partition(",")[0]
+            title = f"Estimated {words[:1].lower()}{words[1:]}; true dashed"
             yield Figure(f"estimate.{each['component']}.{each['group']}.{unit}", title, Shown(unit), curves)
 
 

@@ -110,9 +110,9 @@ def _estimate_tiles(summary: Summary) -> Iterator[Tile]:
         if errors:
             worst = max(range(len(errors)), key=errors.__getitem__)
             unit = units_of(summary, "torque_units", len(errors))[worst]
-            note = f"RMS, joint {worst + 1}: {each['words'][:1].lower()}{each['words'][1:]}"
+            name, note = each["words"].partition(",")[0], f"RMS error, joint {worst + 1}"
             figure = f"estimate.{each['component']}.{each['group']}"
-            yield Tile("Error of the estimate", quantity(errors[worst], unit), note, figure, "apart")
+            yield Tile(name, quantity(errors[worst], unit), note, figure, "apart")
 
 
 def tiles(summary: Summary) -> Iterator[str]:

@@ -70,7 +70,7 @@ def _scaled_as(group: str) -> tuple[str, ...]:
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses and inertias of links", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
+    Knob("Masses and inertias", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
     Knob("Mass of the payload", "Plant", _scaled_as("payload"), 0.0, 3.0, True),
     Knob("Stiffness of the drives", "Plant", _scaled_as("stiffness"), 0.2, 5.0, True),
     Knob("Friction", "Plant", _scaled_as("friction"), 0.0, 3.0, True),
