@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Collection, Container, Iterable, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
@@ -239,20 +240,19 @@ class _ChosenRows:
 
     def __init__(self, n: int, more: Collection[int]) -> None:
         self.n, self.row = n, 0
-        self._more, self._next, self._gap, self._left = more, 0.0, 1.0, _ROWS
+        self._more, self._next, self._gap, self._left = sorted(more), 0.0, 1.0, _ROWS
 
-    def __contains__(self, row: int) -> bool:
-        chosen = row >= self._next or row == self.n or row in self._more
-        if chosen:
-            self.row = row
-        return chosen
+    def due(self, k: int) -> float:
+        """Return the next row, `k` or a later one."""
+        later = self._more[bisect_left(self._more, k) :]
+        return min(max(k, self._next), self.n if k <= self.n else math.inf, *later[:1])
 
     def go_on(self, change: float) -> None:
         """Choose the next row, from the change between the last two; 1 is the largest wanted."""
         self._left = max(self._left - 1, 1)
         gap = self._gap * min(max(1.0 / max(change, 1e-3), _SHRINK), _GROW)
         self._gap = min(max(gap, (self.n - self.row) / (4.0 * self._left), 1.0), max(self.n / _FEWEST, 1.0))
-        self._next = self.row + self._gap
+        self._next = math.ceil(self.row + self._gap)
 
     def stop(self) -> None:
         """Choose no more rows."""
@@ -297,13 +297,17 @@ class Poses(Tap):
         self._loops: Along | None = None
         self._linked: Any = None
 
-    def rows(self, grid: Grid) -> Container[int]:
+    def begin(self, grid: Grid, names: Sequence[str]) -> None:
         """Begin a run and choose its rows during it."""
         self._rows, self._step = _ChosenRows(grid.n, self._more), grid.step
-        return self._rows
+
+    def due(self, k: int) -> float:
+        """Return the next row."""
+        return self._rows.due(k)
 
     def take(self, k: int, time: float, components: Any) -> None:
         """Linearise the components."""
+        self._rows.row = k
         if not isinstance(components, Components):
             self._rows.stop()
             return

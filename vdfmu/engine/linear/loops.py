@@ -142,11 +142,12 @@ class Loop:
 
     def _grid(self, points: int) -> Floats:
         """Frequencies [rad/s] up to half the sampling frequency, denser around poles with their peaks."""
-        least, most = _SLOWEST * np.pi / self.step, np.pi / self.step
+        spaced = _spaced(_SLOWEST * np.pi / self.step, np.pi / self.step, points)
+        least, most = spaced[[0, -1]]
         s = self._modes.s
         s = s[s.imag > least]
         w = s.imag[:, None] + np.abs(s.real)[:, None] * _AROUND
-        return distinct(np.geomspace(least, most, points), w[(w > least) & (w < most)])
+        return distinct(spaced, w[(w > least) & (w < most)])
 
     @property
     def lost(self) -> Any:
@@ -174,6 +175,9 @@ class Loop:
             self.modulus, np.where(self.lost, 1.0, gain), np.where(self.lost, 0.0, phase),
             np.where(self.lost, 0.0, delay), self.rate,
         )  # fmt: skip
+
+
+_spaced = lru_cache(np.geomspace)
 
 
 @lru_cache
