@@ -74,6 +74,17 @@ def test_the_pages_own_run_equals_the_recorded_one(run, browser):
     # it is not drawn over itself
     assert browser.run("report.player.scene.puppets.length") == 1
     assert browser.run("document.querySelector('.chip.second').hidden")
+    # nor saved: six joints and the time, by the names of run and figure
+    heads = browser.run("report.charts[0].file('CSV').then(f => f.text())").splitlines()[0].split(",")
+    assert heads == ["time [s]", *(f'"joint {i} [deg]"' for i in range(1, 7))]
+    browser.run("""(async () => {
+        HTMLAnchorElement.prototype.click = function () { globalThis.kept = this.download; };
+        const menu = document.querySelector("select.save");
+        menu.value = "CSV";
+        menu.dispatchEvent(new Event("change"));
+        while (!globalThis.kept) await new Promise((done) => setTimeout(done, 10));
+    })()""")
+    assert browser.run("kept") == "tracking_position_tracking_errors.csv"
     changes = browser.run("[...document.querySelectorAll('#found tbody td:last-child')].map(e => e.textContent)")
     assert changes == ["none"] * 5
 
@@ -235,6 +246,17 @@ def test_a_run_that_failed_has_sliders_and_goes_on_with_others(browser, tmp_path
     assert browser.run("[report.view.full()[1], Number(report.player.slider.max)]") == [0.5, 0.5]
 
 
+def test_the_time_at_a_limit_follows_the_sliders(browser, tmp_path):
+    settings = {"controller.tau_max": 0.08}
+    vdfmu.run("planar_tracking", out=tmp_path, settings=settings, reference=False, simulate=True)
+    opened(browser, tmp_path / "report.html")
+    assert words_of(browser, ".tile").split("\n")[:2] == ["Time at a limit", "69 %"]
+    slide(browser, "Duration", -50)  # faster, so that the motor is at its limit for longer
+    was, now = words_of(browser, ".tile b").split(" → ")
+    assert was == "69 %" and float(now.removesuffix(" %")) > 69.0
+    assert browser.run("document.querySelector('.tile').className") == "tile worse"
+
+
 def test_a_track_shows_the_margin_before_the_limit_is_passed(run, browser):
     opened(browser, run / "report.html")
     gains = browser.run("report.runs[0].simulation.knobs[1]")
@@ -293,6 +315,8 @@ def test_what_limits_a_run_is_found_by_running_again(run, browser):
         "Drives 4 times as stiff, and known to be",
     ]  # fmt: skip
     largest = [float(row[2].split()[0]) for row in rows]
+    bars = browser.run("[...document.querySelectorAll('.budget .share i')].map(e => e.offsetWidth)")
+    assert bars[0] > 50 and max(bars) == bars[int(np.argmax(largest))]
     # the torque is held over a step: an error in proportion to it, and what else there is
     assert 0.2 < largest[1] / largest[0] < 0.35
     # a run with a quarter of the step, by the FMUs

@@ -50,7 +50,7 @@ const MEASURES = {
       const at = values[k].filter((value) => Math.abs(value) >= (1 - 1e-9) * limits[joint - 1]);
       return [{ joint, unit: "%", value: (100 * at.length) / time.length }];
     });
-    return shares.reduce((worst, one) => (one.value > worst.value ? one : worst), { value: NaN });
+    return shares.reduce((worst, one) => (one.value > worst.value ? one : worst), shares[0]);
   },
 };
 
