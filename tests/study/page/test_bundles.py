@@ -48,7 +48,7 @@ def test_each_source_is_in_a_bundle_and_each_bundle_has_a_source():
 
 def test_the_sources_are_few():
     """As prettier writes them, at 100 columns."""
-    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in WEB.iterdir()) < 7000
+    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in WEB.iterdir()) < 7200
 
 
 def test_vendored_files_are_those_of_the_pinned_build():
