@@ -173,7 +173,7 @@ class Browser:
 
     def key(self, key: str, code: int) -> None:
         """Press a key."""
-        text = {"text": key} if key == " " else {}
+        text = {"text": {" ": " ", "Enter": "\r"}[key]} if key in (" ", "Enter") else {}
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **text)
         self.settle()

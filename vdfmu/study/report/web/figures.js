@@ -147,6 +147,6 @@ function zoomButtons() {
     { class: "chips" },
     button("+", "Zoom in on the time shown", zoom(0.5)),
     button("−", "Zoom out", zoom(2)),
-    button("All", "Show the whole run", () => view.change("range", null)),
+    button("All", "All: show the whole run", () => view.change("range", null)),
   );
 }
