@@ -199,6 +199,27 @@ def run_fmpy_fmu(request: Request) -> dict[str, Any]:
     return {"rows": len(result)}
 
 
+def run_fmpy_timed(request: Request) -> dict[str, Any]:
+    """Time the steps of one FMU in ``fmpy.simulate_fmu`` in a hundred blocks, with one recorded output."""
+    import fmpy
+
+    path, step, n = request["path"], request["step"], request["steps"]
+    output = next(v.name for v in fmpy.read_model_description(path).modelVariables if v.causality == "output")
+    edges, marks, done = {n * k // 100 for k in range(101)}, list[tuple[float, float]](), itertools.count(1)
+
+    def finished(at: float, recorder: Any) -> bool:
+        if next(done) in edges:
+            marks.append((time.perf_counter(), time.process_time()))
+        return True
+
+    fmpy.simulate_fmu(
+        path, start_time=0.0, stop_time=n * step, output_interval=step, output=[output], step_finished=finished
+    )
+    # of a hundred blocks the first has no begin, and takes the time of the second
+    wall, processor = ([b - a for a, b in itertools.pairwise(values)] for values in zip(*marks, strict=True))
+    return {"wall": [wall[0], *wall], "processor": [processor[0], *processor]}
+
+
 def run_fmpy_fmus(request: Request) -> dict[str, Any]:
     """Run several FMUs, one after the other."""
     return {str(k): run_fmpy_fmu(request | one) for k, one in enumerate(request["fmus"])}
@@ -253,6 +274,7 @@ RUNNERS: dict[str, Callable[[Request], dict[str, Any]]] = {
     "single": run_single,
     "fmpy-fmu": run_fmpy_fmu,
     "fmpy-fmus": run_fmpy_fmus,
+    "fmpy-timed": run_fmpy_timed,
     "fmpy-ssp": run_fmpy_ssp,
     "pyssp": run_pyssp,
 }

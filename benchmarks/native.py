@@ -23,6 +23,7 @@ PYTHON, NATIVE, ISOLATED, JACOBI, CONTAINER = (
 )  # fmt: skip
 OWN = "native FMUs, the controller a user's file"
 EMPTY, EMPTY_CONTAINER = "empty FMUs, gauss-seidel", "container FMU of empty FMUs"
+FMPY = "container FMU in fmpy"
 INTERPRETED, EMPTY_INTERPRETED = "native FMUs, steps in Python", "empty FMUs, steps in Python"
 
 
@@ -116,6 +117,10 @@ def study(
             request = {"run": "timed", "importer": importer, "path": str(path), "step": step, "steps": n}
             _note(found, case, np.divide(ask(request | chosen)["wall"], n), None)
 
+        def in_fmpy(case: str, fmu: Path) -> None:
+            request = {"run": "fmpy-timed", "path": str(fmu), "step": step, "steps": n}
+            _note(found, case, np.divide(ask(request)["wall"], n), None)
+
         say(f"{rounds} rounds of all forms: {stop:g} s at {step * 1e3:g} ms, Python FMUs {stop_python:g} s")
         quiet_run(python, step=step, stop=20 * step)  # loads what is loaded once
         for _ in range(rounds):
@@ -125,6 +130,7 @@ def study(
             under_master(ISOLATED, package, stop)
             under_master(JACOBI, package, stop, "jacobi")
             in_container(CONTAINER, container)
+            in_fmpy(FMPY, container)
             under_master(INTERPRETED, package, stop)
             under_master(EMPTY, empty, stop)
             under_master(EMPTY_INTERPRETED, empty, stop)

@@ -1,5 +1,7 @@
 """Who looks at a run is given its rows, all or now and then, and never changes it."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -81,8 +83,19 @@ def test_taps_see_the_rows_that_they_want_in_their_order(fragile, isolate):
         def __init__(self, name, first):
             self.name, self.first = name, first
 
-        def rows(self, grid):
-            return range(self.first, grid.n, 2)
+        wanted = ("source.*",)
+        size = 4
+
+        def begin(self, grid, names):
+            self.last, self.blocks = grid.n - 1, []
+            assert list(names) == ["source.y"]
+
+        def due(self, k):
+            row = max(self.first, k + (k - self.first) % 2)
+            return row if row <= self.last else math.inf
+
+        def block(self, times, values):
+            self.blocks.append((times.tolist(), values[:, 0].tolist()))
 
         def take(self, k, time, components):
             seen.append((self.name, k, time, components.exchange.banks[0].outputs[0]))
@@ -90,8 +103,11 @@ def test_taps_see_the_rows_that_they_want_in_their_order(fragile, isolate):
         def end(self, components):
             seen.append(self.name)
 
-    results = simulate_with([Looker("a", 1), Looker("b", 3)], fragile, isolate)
+    taps = [Looker("a", 1), Looker("b", 3)]
+    results = simulate_with(taps, fragile, isolate)
     y = results["source.y"]
+    whole = [(results.time[part].tolist(), y[part].tolist()) for part in (slice(4), slice(4, None))]
+    assert [tap.blocks for tap in taps] == [whole, whole]
     assert seen == [("a", 1, 1.25, y[1]), ("a", 3, 1.75, y[3]), ("b", 3, 1.75, y[3]), "a", "b"]
 
 
@@ -105,6 +121,9 @@ def test_a_row_that_is_not_finite_is_shown_to_no_tap(pack):
     seen = []
 
     class Looker(Tap):
+        def due(self, k):
+            return k
+
         def take(self, k, time, components):
             seen.append(k)
 

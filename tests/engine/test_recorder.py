@@ -52,7 +52,7 @@ def make(path: Path, columns: int) -> tuple[Recorder, np.ndarray]:
     def put(i: int) -> None:
         block[i] = np.arange(columns) + 0.125 * i
 
-    return Recorder([path], signals, {"real": block}, put, np.arange), block
+    return Recorder([path], signals, {"real": block}, {}, put, np.arange), block
 
 
 @pytest.mark.heavy
@@ -61,7 +61,7 @@ def test_memory_does_not_grow_with_the_rows(tmp_path):
     tracemalloc.start()
     writer, _ = make(tmp_path / "rows.csv", columns)
     for k in range(rows):
-        writer.take(k, float(k), None)
+        writer.keep(k)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     # A number of the block takes 8 bytes, as an object of Python 32, and its text twice at most 49 + 8.
@@ -77,7 +77,7 @@ def test_a_row_is_in_the_file_after_two_seconds(tmp_path, monkeypatch):
     monkeypatch.setattr(recorder.clock, "perf_counter", lambda: now[0])
     writer, _ = make(tmp_path / "rows.csv", 1)
     for k, now[0] in enumerate((0.0, 1.0, 2.1)):
-        writer.take(k, float(k), None)
+        writer.keep(k)
     assert (tmp_path / "rows.csv").read_text() == "time,a.y[1]\ns,\n0,0\n1,1.25E-1\n"
 
 

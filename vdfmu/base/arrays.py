@@ -39,7 +39,15 @@ def extremes(values: NDArray[Any], buckets: int) -> NDArray[np.intp]:
     places = np.minimum(first + np.arange(np.max(last - first)), last - 1)  # shorter intervals repeat the last
     low, high = np.where(np.isnan(values), [[np.inf], [-np.inf]], values)
     rows = [np.argmin(low[places], axis=1), np.argmax(high[places], axis=1)]
-    return np.unique(np.concatenate([[0, m - 1], *(first[:, 0] + each for each in rows)]))
+    return distinct([0, m - 1], *(first[:, 0] + each for each in rows))
+
+
+def distinct(*arrays: ArrayLike) -> NDArray[Any]:
+    """Return the numbers of all arrays once, in order. np.unique loads numpy.ma, which takes 15 ms."""
+    ordered = np.sort(np.concatenate(arrays))
+    new = np.ones(len(ordered), bool)
+    new[1:] = ordered[1:] != ordered[:-1]
+    return ordered[new]
 
 
 def bends(

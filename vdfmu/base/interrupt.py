@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _signal as c_signal  # pyright: ignore[reportMissingImports]
 import atexit
 import math
 import os
@@ -13,6 +14,9 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+_set_handler: Any = c_signal.signal  # pyright: ignore[reportUnknownMemberType]
+_handler_of: Any = c_signal.getsignal  # pyright: ignore[reportUnknownMemberType]
+"""The functions behind `signal`; its conversions to enumerations take 2 us a call."""
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _RETRY = 0.005
 """Time [s] after which a signal is sent again if it came during a call of CasADi or a library dropped it."""
@@ -48,21 +52,25 @@ def listening(*signals: int) -> Generator[None]:
         _give_back(taken)
 
 
+def _in_main_thread() -> bool:
+    return threading.get_ident() == threading.main_thread().ident
+
+
 def _listen(*signals: int) -> list[tuple[int, Any]]:
     """Handle signals as `listening` does. Return each number and its former handler."""
     taken: list[tuple[int, Any]] = []
-    if threading.current_thread() is threading.main_thread():
+    if _in_main_thread():
         for number in signals or _SIGNALS:
-            before = signal.getsignal(number)
+            before = _handler_of(number)
             if before in (signal.SIG_DFL, signal.default_int_handler):
-                signal.signal(number, _stop)
+                _set_handler(number, _stop)
                 taken.append((number, before))
     return taken
 
 
 def _give_back(taken: list[tuple[int, Any]]) -> None:
     for number, before in taken:
-        signal.signal(number, before)
+        _set_handler(number, before)
 
 
 def command_begins() -> None:
@@ -71,7 +79,7 @@ def command_begins() -> None:
     taken = _listen()
     _command = True
     # while Python frees its modules, the default handlers would end it without a message
-    atexit.register(_give_back, [(number, signal.SIG_IGN) for number, _ in taken])
+    atexit.register(_give_back, [(number, int(signal.SIG_IGN)) for number, _ in taken])
 
 
 def command_ended() -> None:
@@ -135,8 +143,8 @@ class InterruptGuard:
         self._taken: list[tuple[int, Any]] = []
 
     def __enter__(self) -> InterruptGuard:
-        self._taken = [] if _command else _listen(signal.SIGINT)  # a command handles it already
-        if threading.current_thread() is threading.main_thread():
+        self._taken = [] if _command or _guards else _listen(signal.SIGINT)  # they handle it already
+        if _in_main_thread():
             _guards.append(self)
         return self
 

@@ -12,7 +12,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import wraps
+from functools import cache, wraps
 from numbers import Integral, Real
 from typing import Any, ForwardRef, ParamSpec, TypeVar, cast, get_args
 
@@ -104,23 +104,31 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     kind = inspect.Parameter.KEYWORD_ONLY
     parameters += [inspect.Parameter(o.name, kind, default=o.option.default, annotation=o.annotation) for o in listed]
     signature = plain.replace(parameters=parameters)
+    types = {o.name: (o.annotation, o.option.kind, o.option.choices) for o in listed}
+    exact = {o.name: [_PLAIN[part] for part in o.annotation.split(" | ") if part in _PLAIN] for o in listed}
+    defaults = {each.name: each.option.default for each in listed}
+    leading = [each.name for each in plain.parameters.values() if each.kind is each.POSITIONAL_OR_KEYWORD]
+    variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+    needed = {e.name for e in plain.parameters.values() if e.default is e.empty and e.kind not in variable}
+    names = frozenset(signature.parameters)
     name = function.__qualname__.removesuffix(".__init__")
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        for unknown in kwargs.keys() - signature.parameters.keys():
+        for unknown in kwargs.keys() - names:
             close = close_to(unknown, signature.parameters)
             raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{close}")
-        try:
-            bound = signature.bind(*args, **kwargs)
-        except TypeError as error:
-            raise TypeError(f"{name}() {error}") from None
-        passed = [(each, bound.arguments[each.name]) for each in listed if each.name in bound.arguments]
-        checked = (type_problem(o.name, o.annotation, value, o.option.kind, o.option.choices) for o, value in passed)
-        if problems := [*filter(None, checked)]:
-            raise UsageError("\n".join(problems))
-        bound.apply_defaults()
-        return function(*bound.args, **bound.kwargs)
+        given = leading[: len(args)]
+        if len(args) > len(leading) or not needed <= {*given, *kwargs} or not kwargs.keys().isdisjoint(given):
+            try:
+                signature.bind(*args, **kwargs)
+            except TypeError as error:
+                raise TypeError(f"{name}() {error}") from None
+        if odd := [each for each, value in kwargs.items() if type(value) not in exact.get(each, ())]:
+            checked = (type_problem(each, k[0], kwargs[each], *k[1:]) for each, k in types.items() if each in odd)
+            if problems := [*filter(None, checked)]:
+                raise UsageError("\n".join(problems))
+        return function(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
 
     called.__signature__ = signature  # type: ignore[attr-defined]
     called.__doc__ = _listing(function.__doc__, listed)
@@ -175,6 +183,8 @@ def _texts(value: Any) -> bool:
     return isinstance(value, Iterable) and all(isinstance(each, str) for each in value)
 
 
+_PLAIN = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
+"""Types by their annotation."""
 _MAPPING = ("a mapping with texts as keys", lambda value: isinstance(value, Mapping) and _texts(value))
 _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "float": ("a number", _number),
@@ -195,14 +205,20 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 """Annotation to type in words and its check. Types without a row are not checked."""
 
 
+@cache
+def _checks(annotation: str) -> list[tuple[str, Callable[[Any], bool]]]:
+    """Return the rows of the types of an annotation, ``None`` first; none if one of them has no row."""
+    rows = [_TYPES.get(part) for part in sorted(annotation.split(" | "), key=lambda part: part != "None")]
+    return [] if None in rows else [row for row in rows if row is not None]
+
+
 def type_problem(name: str, annotation: str, value: Any, kind: str = "", choices: tuple[str, ...] = ()) -> str | None:
     """Return the problem of a value whose type differs from its annotation, ``float | None``, else None.
 
     `kind` is the type in words with a unit of measurement, ``float [s]``, `choices` are the valid texts.
     """
-    rows = [_TYPES.get(part) for part in annotation.split(" | ")]
-    checks = [row for row in rows if row is not None]
-    if len(checks) < len(rows) or any(fits(value) for _, fits in checks):
+    checks = _checks(annotation)
+    if any(fits(value) for _, fits in checks) or not checks:
         return None
     unit = re.search(r"\[(.+)\]", kind)
     more = {"a number": f" in {unit[1]}" if unit else "", "a text": f", one of {', '.join(choices)}" if choices else ""}

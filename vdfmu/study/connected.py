@@ -21,7 +21,7 @@ from vdfmu.engine.inspect.inspection import Report, inspect_file
 from vdfmu.engine.package.join import Connections, join
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
-from vdfmu.engine.run import Results, Simulator, simulate
+from vdfmu.engine.run import KeptRuns, Results, Simulator
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.referee import Judgement, judge
@@ -56,6 +56,7 @@ class System:
 
     def __init__(self, path: Path, options: Mapping[str, Any] | None = None, keep: Any = None) -> None:
         self.path, self._keep = path, keep  # keep: a temporary folder that lives as long as the system
+        self._runs = KeptRuns(path)
         self._options = {key: value for key, value in (options or {}).items() if value is not None}
         checked = self._checked
         self.name = checked.system.name
@@ -96,7 +97,7 @@ class System:
         self, stop: float | None = None, step: float | None = None, values: Mapping[str, Any] | None = None,
         **options: Any,
     ) -> Results:  # fmt: skip
-        """Run the system.
+        """Run the system. Its FMUs stay loaded for the next run.
 
         Parameters
         ----------
@@ -112,7 +113,7 @@ class System:
         UsageError, SspError, CosimError
             See :func:`vdfmu.simulate`.
         """
-        return simulate(self.path, **self._with(values, stop=stop, step=step, **options))
+        return self._runs.run(**self._with(values, stop=stop, step=step, **options))
 
     def instance(self, values: Mapping[str, Any] | None = None, **options: Any) -> Simulator:
         """Return the system loaded once: for many runs, or for steps by hand, in a ``with`` block.

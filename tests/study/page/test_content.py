@@ -1,5 +1,7 @@
 """What the page of a run is made of: numbers, checks, files; without a browser."""
 
+import base64
+import gzip
 import io
 import json
 import re
@@ -21,6 +23,7 @@ from vdfmu.engine.results.verdict import Check, checks_of, verdict_of
 from vdfmu.study.report import content, page
 from vdfmu.study.report.content import EXTREMES, FRAMES, content_of
 from vdfmu.study.report.page import report_page, write_report
+from vdfmu.study.report.scripts import data_element
 from vdfmu.study.report.sheets import verdict_table
 from vdfmu.study.report.shown_run import ShownRun, newest_run, read_run
 from vdfmu.study.run.scene import arm_of
@@ -31,6 +34,7 @@ LIMIT = 1_000_000
 
 
 DATA = re.compile('<script id="data" type="application/json">(.*)</script>')
+NUMBERS = re.compile('<script id="numbers" type="text/plain">(.*)</script>')
 
 
 def data_of(path: Path) -> dict:
@@ -188,13 +192,33 @@ def test_the_arm_has_the_values_of_the_run_and_rails_reach_as_far(planar):
     np.testing.assert_allclose(boxes[0]["offset"], offset + 0.15 * axis)
 
 
+def test_arrays_come_back_bit_by_bit_and_smooth_ones_take_less_than_their_bytes():
+    t = np.linspace(0.0, 10.0, 4000)
+    arrays = [
+        np.array([0.0, -0.0, np.nan, np.inf, -np.inf, 1e-300, 1.0]), np.sin(t).astype("<f4"),
+        np.array([2**32 - 1, 0, 7], "<u4"), np.array([], "<f4"), t,
+    ]  # fmt: skip
+    text = data_element({"a": arrays})
+    stored = gzip.decompress(base64.b64decode(NUMBERS.findall(text)[0]))
+    for (first, count), array in zip(json.loads(DATA.findall(text)[0])["a"], arrays, strict=True):
+        size = array.itemsize
+        changes = np.frombuffer(stored, np.uint8, size * count, first).reshape(size, count).T
+        bits = np.cumsum(np.ascontiguousarray(changes).view(f"<u{size}"), dtype=f"<u{size}")
+        np.testing.assert_array_equal(bits.reshape(-1), array.view(bits.dtype))
+    # a sine changes by less than 1 in 400 from row to row, which is below 2^15 of the 2^23 of its mantissa, so the
+    # upper two of four bytes hardly change; of equal steps only the rounding is left
+    assert len(data_element({"a": arrays[1]})) < 4 * 4000 * 4 / 3 * 0.6
+    assert len(data_element({"a": arrays[4]})) < 8 * 4000 * 4 / 3 * 0.1
+
+
 def test_the_page_of_a_folder_is_that_of_the_run_and_without_its_data_below_its_limit(planar, tmp_path):
     folder, _ = planar
     again = data_of(write_report([read_run(folder)], tmp_path / "again.html"))
     assert again == data_of(folder / "report.html")
-    folder, _ = planar
     text = (folder / "report.html").read_text()
-    assert len(text.encode()) - len(DATA.findall(text)[0]) < LIMIT
+    assert NUMBERS.findall((tmp_path / "again.html").read_text()) == NUMBERS.findall(text)
+    data = sum(len(kind.findall(text)[0]) for kind in (DATA, NUMBERS))
+    assert len(text.encode()) - data < LIMIT
     before = text.split("<script")[0]
     assert all(one.startswith(("data:", "#")) for one in re.findall(r"""(?:src|href)=["']([^"']*)""", before))
 
@@ -206,7 +230,7 @@ def test_names_of_a_run_cannot_break_the_page(tmp_path):
     renamed = results.renamed(lambda name: name.replace("unit", evil))
     text = report_page([ShownRun("run", renamed, renamed.summary, tmp_path / "none.ssp")]).decode()
     assert evil not in text
-    assert text.count("</script>") == 3  # data, libraries, our own
+    assert text.count("</script>") == 4  # data, its numbers, libraries, our own
 
 
 def test_several_runs_stand_beside_each_other(planar):

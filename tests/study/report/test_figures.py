@@ -276,7 +276,7 @@ def test_a_file_in_the_way_is_reported(made, tmp_path: Path):
     results, robot = made.results(1), made.scenario(("revolute",)).robot
     results.summary["arm"] = arm_of(robot, {})
     (tmp_path / "taken").write_text("")
-    with pytest.raises(VdfmuError, match=r"cannot write .*figure_position\.png"):
+    with pytest.raises(VdfmuError, match=r"cannot write .*figure_tracking\.png"):
         write_pictures(results, robot, tmp_path / "taken", ["png"], COLUMN)
 
 

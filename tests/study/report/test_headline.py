@@ -17,8 +17,8 @@ from vdfmu.cli.commands import app
 from vdfmu.engine.results.verdict import Check, checks_line, line_of, state_of, verdict_of
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.page import report_page, run_command
-from vdfmu.study.report.parts import page_title, tiles_of
-from vdfmu.study.report.sheets import verdict_text
+from vdfmu.study.report.parts import MOST_TILES, page_title, tiles_of
+from vdfmu.study.report.sheets import facts, verdict_text
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.run.summary import run_facts
@@ -60,12 +60,33 @@ def test_a_good_run_is_told_by_its_numbers():
     assert [tile[:4] for tile in tiles] == [
         ("Tool error", "2.89 µm", "at 4.94 s", "tool"),
         ("Worst joint", "97.2 µdeg", "joint 2 at 5.26 s", "tracking"),
-        ("Peak torque", "35.5 N.m", "joint 2 at 0.941 s", "torque"),
         ("Modulus margin", "0.54", "joint 5 at 1.2 s", "torque"),
-        ("Lowest mode", "13.9 Hz", "motors held; loop 1000 Hz", "torsion"),
-        ("Energy residual", "0.022 %", "of 36 J exchanged", "facts"),
+        ("Peak torque", "35.5 N.m", "joint 2 at 0.941 s", "torque"),
     ]
-    assert [tile.at for tile in tiles] == [4.941, 5.263, 0.941, 1.2, 5.0, None]
+    assert [tile.at for tile in tiles] == [4.941, 5.263, 1.2, 0.941]
+    assert dict(facts({"key_figures": FIGURES}))["Lowest mode"] == "13.9 Hz at 5 s, motors held"
+
+
+def test_tiles_begin_with_what_the_components_of_the_system_do():
+    wall = {"key_figures": FIGURES | {"contact": CONTACT, "depth": DEPTH}}
+    assert [tile[:4] for tile in tiles_of(wall)] == [
+        ("Contact force", "85.8 N", "at the tool, since 0.53 s", "plant.F_e.N"),
+        ("Penetration", "4.29 mm", "at 1.9 s", "wall.depth"),
+        ("Tool error", "2.89 µm", "at 4.94 s", "tool"),
+        ("Worst joint", "97.2 µdeg", "joint 2 at 5.26 s", "tracking"),
+    ]
+    assert page_title("wall", wall) == "wall: contact force 85.8 N"
+    estimate = {"component": "eye", "group": "tau_s_hat", "words": "Spring torque", "signals": [], "true": []}
+    seen = {"scene": {"estimates": [estimate]}, "rms_tau_s_hat_error_nm": [0.1, 1.8], "key_figures": FIGURES}
+    assert tiles_of(seen)[0][:5] == (
+        "Error of the estimate", "1.8 N.m", "RMS, joint 2: spring torque", "estimate.eye.tau_s_hat", "apart",
+    )  # fmt: skip
+    cut = {"power": {"value": 12.0, "unit": "W", "joint": 3, "at_s": 0.5},
+           "cut": {"value": 90.0, "unit": "N", "joint": 1, "at_s": 0.1}}  # fmt: skip
+    assert [tile[:4] for tile in tiles_of({"key_figures": cut})] == [
+        ("Power at a cutting point", "12 W", "joint 3 at 0.5 s", "power"),
+        ("Force at a cutting point", "90 N", "joint 1 at 0.1 s", "force"),
+    ]
 
 
 SATURATED = {"value": 0.69, "place": "torque limit of joint 1", "at_s": 0.621}
@@ -74,6 +95,7 @@ BLIND = Check("Sampled loops", "doubtful", "not judged: blind", "stability not j
 LIMIT = "saturated, at the torque limit of joint 1 for 69 % of the time"
 OFF = {"value": 1.2, "size": 1.66, "unit": "m", "place": "tool", "at_s": 2.0}
 CONTACT = {"value": 85.8, "unit": "N", "at_s": 0.53}
+DEPTH = {"value": 0.00429, "unit": "m", "place": "wall.depth", "at_s": 1.9}
 
 
 @pytest.mark.parametrize(("figures", "loops", "line"), [
@@ -120,9 +142,9 @@ def test_a_check_that_failed_is_quoted_and_numbers_that_are_not_known_have_no_ti
     assert tile.value == "none"
     tiles = tiles_of({"key_figures": {"contact": CONTACT, "saturated": SATURATED, "unstable": UNSTABLE}})
     assert [tile[:3] for tile in tiles] == [
-        ("Contact force", "85.8 N", "at the tool, since 0.53 s"),
-        ("Time at a limit", "69 %", "torque limit of joint 1, since 0.621 s"),
         ("Disturbances grow", "× 1.14", "a step, joint 5, since 0.49 s"),
+        ("Time at a limit", "69 %", "torque limit of joint 1, since 0.621 s"),
+        ("Contact force", "85.8 N", "at the tool, since 0.53 s"),
     ]
 
 
@@ -135,7 +157,7 @@ def test_the_line_in_the_terminal_has_a_colour_and_key_figures_are_those_of_the_
     assert f"\x1b[{yellow}m! \x1b[0m" in shown.get()
     assert "Doubtful: saturated; 1 of 2 checks pass, 1 doubtful" in shown.get()
     (tile,) = tiles_of({"key_figures": {"torque": FIGURES["torque"] | {"limit": 71.0}}})
-    assert tile[1:3] == ("50 %", "of its limit, 35.5 N.m, joint 2 at 0.941 s")
+    assert tile[1:3] == ("35.5 N.m", "50 % of its limit, joint 2 at 0.941 s")
     results, _ = planar
     found = results.summary["key_figures"]
     row = round(found["tool_error"]["at_s"] / results.summary["step"])
@@ -178,7 +200,7 @@ def test_the_page_begins_with_the_verdict_and_the_command_that_makes_the_run_aga
     page = (folder / "report.html").read_text()
     assert f'<p class="verdict good">{line_of(results.summary)}</p>' in page
     assert f"<title>{page_title('planar_tracking', results.summary)}</title>" in page
-    assert page.count('class="tile"') == len([*tiles_of(results.summary)]) == 6
+    assert page.count('class="tile"') == len(tiles_of(results.summary)) == MOST_TILES
     assert '<details class="checks good"><summary>' in page
     bad = verdict_of([CHECK["failed"]])
     page = report_page([ShownRun("bad", results, results.summary | {"verdict": bad}, folder / "system.ssp")]).decode()

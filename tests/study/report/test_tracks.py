@@ -1,5 +1,7 @@
 """The margins along the sliders of a page, and the causes that it takes away."""
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -85,17 +87,21 @@ def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(descri
 class Look(Tap):
     """Linearises the arm at a row, as it is and as another instance of it."""
 
-    def rows(self, grid: Grid) -> frozenset[int]:
-        """Return the row in the middle."""
-        return frozenset({grid.n // 2})
+    def begin(self, grid: Grid, names: Sequence[str]) -> None:
+        """Choose the row in the middle."""
+        self.row = grid.n // 2
+
+    def due(self, k: int) -> float:
+        """Return the row."""
+        return self.row if k <= self.row else math.inf
 
     def take(self, k: int, time: float, components: Components) -> None:
         """Linearise all components, then the arm by itself with its own and with another mass."""
         self.system = Linearisation(components, STEP).at(time)
         with changed(components, "plant", {}) as arm:
-            self.same = with_part(self.system, arm, time)
+            ((_, self.same),) = with_part([(time, self.system)], arm)
         with changed(components, "plant", {"mass[2]": 20.0}) as arm:
-            self.other = with_part(self.system, arm, time)
+            ((_, self.other),) = with_part([(time, self.system)], arm)
 
 
 def test_another_instance_has_the_same_derivatives_at_the_same_place(planar):

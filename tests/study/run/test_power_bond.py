@@ -1,7 +1,5 @@
 """The energy that the coupling adds, of rows that a run shows."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -15,25 +13,17 @@ NAMES = [f"{name}[{i}]" for name in ("plant.kappa_dot", "controller.tau", "x.y",
 
 
 def shown(tap, times, rows, names=NAMES):
-    memory = np.zeros(len(NAMES))
-
-    def reals(wanted):
-        known = [name for name in names if name in wanted]
-        return known, memory, [NAMES.index(name) for name in known]
-
-    components = SimpleNamespace(exchange=SimpleNamespace(reals=reals))
-    due = tap.rows(Grid(times[0], times[-1], times[1] - times[0], len(times) - 1))
-    for k, time in enumerate(times):
-        memory[:] = rows[k]
-        assert k in due
-        tap.take(k, time, components)
+    known = [name for name in names if name in tap.wanted]
+    tap.begin(Grid(times[0], times[-1], times[1] - times[0], len(times) - 1), known)
+    columns = [NAMES.index(name) for name in known]
+    for first in range(0, len(times), 7):
+        tap.block(times[first : first + 7], rows[first : first + 7, columns])
     return tap.summary()
 
 
 @pytest.mark.parametrize("count", [7, 14, 50])
-def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(monkeypatch, count):
+def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(count):
     robot = vdfmu.load_robot("planar_2dof")
-    monkeypatch.setattr(accuracy, "BLOCK", 7)
     dice = np.random.default_rng(2)
     times, rows = 1.0 + 0.01 * np.arange(count), dice.standard_normal((count, len(NAMES)))
     signals = {name: rows[:, [NAMES.index(f"{name}[{i}]") for i in (1, 2)]] for name in accuracy._READ}
@@ -53,4 +43,4 @@ def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(monkeypa
 
 def test_a_run_without_one_of_the_signals_has_no_entry():
     tap = PowerBond(vdfmu.load_robot("planar_2dof"))
-    assert shown(tap, [0.0, 1.0], np.zeros((2, len(NAMES))), NAMES[1:]) == {}
+    assert shown(tap, np.array([0.0, 1.0]), np.zeros((2, len(NAMES))), NAMES[1:]) == {}

@@ -30,17 +30,23 @@ def shipped_units() -> dict[str, type[Unit]]:
 
 
 @lru_cache
-def package_units() -> dict[str, type[Unit]]:
-    """Return the units by the name of their file."""
+def _modules() -> dict[str, str]:
+    """Return the modules of the units by the name of their file."""
     paths = sorted(module.name for module in walk_packages(__path__, f"{__name__}.") if not module.ispkg)
     named = {path.rpartition(".")[2]: path for path in paths}
-    modules = {name: import_module(path) for name, path in named.items() if not name.startswith("_")}
-    return {
-        name: unit
-        for name, module in modules.items()
-        for unit in vars(module).values()
-        if isinstance(unit, type) and issubclass(unit, Unit) and unit.__module__ == module.__name__
-    }
+    return {name: path for name, path in named.items() if not name.startswith("_")}
+
+
+@lru_cache
+def _unit_in(path: str) -> type[Unit]:
+    members = vars(import_module(path)).values()
+    units = (each for each in members if isinstance(each, type) and issubclass(each, Unit))
+    return next(unit for unit in units if unit.__module__ == path)
+
+
+def package_units() -> dict[str, type[Unit]]:
+    """Return the units by the name of their file."""
+    return {name: _unit_in(path) for name, path in _modules().items()}
 
 
 def known_units() -> dict[str, type[Unit]]:
@@ -60,8 +66,9 @@ def find_unit(name: object) -> type[Unit]:
     if not isinstance(name, str | os.PathLike):
         raise UsageError(f"units: expected the name of a unit, a file or a class of Unit, got {name!r}.")
     text = str(os.fspath(name))
-    shipped = package_units()
-    shipped = {unit.__name__: unit for unit in shipped.values()} | shipped
+    if text in _modules():  # the others need not be imported
+        return _unit_in(_modules()[text])
+    shipped = {unit.__name__: unit for unit in package_units().values()}
     if text in shipped:
         return shipped[text]
     of_file = re.fullmatch(r"(.*\.py)(?::(.*))?", text)

@@ -90,6 +90,11 @@ class UnitFunctions(Functions):
         return digest.hexdigest()
 
     @property
+    def identity(self) -> str:
+        """Text that differs between traced functions that differ."""
+        return f"{self.name} {self._key} {self.digest}"
+
+    @property
     def sources(self) -> dict[str, bytes]:
         """Name to content of the unit's file, as ``unit.py``, and of its `files`; UnitError if one is not readable."""
         if self.unit.made_of is not None:

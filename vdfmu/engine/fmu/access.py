@@ -78,6 +78,8 @@ class Transfer:
         self.references = (c_uint * len(lengths))(*lengths)
         self._values, self._where = values, np.array(places, np.intp)
         ordered = elements == whole and list(places) == list(range(places[0], places[0] + len(places)))
+        self.partial = verb == "Set" and len(elements) < len(whole)
+        """Whether the memory holds known values."""
         self.direct = ordered and np.dtype(dtype) == values.dtype
         position = {element: i for i, element in enumerate(whole)}
         self._places = np.array([position[element] for element in elements], np.intp)
@@ -90,7 +92,7 @@ class Transfer:
         """Memory that the call reads or fills."""
         self._slots: dict[int, tuple[bytes, Any]] = {}
         """Texts and binary values by place: the content, and the copy whose address is in the memory."""
-        if verb == "Set" and len(elements) < len(whole):
+        if self.partial:
             rest = [held(self._kind, value) for reference in lengths for value in values_of(reference)]
             self._put(range(len(rest)), rest)
 

@@ -22,6 +22,7 @@ from vdfmu.engine.package.system import Value
 
 Starts = Sequence[tuple[FmuVariable, Value]]
 """Variables and their new values."""
+_Access = tuple[NDArray[Any], list[int], list[Call]]
 _PASSED = ("ok", "warning", "discard", "pending")
 """Status of messages in freeInstance that are not a failure; the call itself returns no status."""
 _UPDATES = 1000
@@ -35,6 +36,8 @@ class Instance(Library):
 
     sized: bool
     """Whether the directional derivative takes the number of its values."""
+    end_name = "Terminate"
+    """Function that terminates a simulation."""
     derivatives_name = update_name = ""
     """Function that gets the derivatives of the states, and fmpy's method that updates the discrete states."""
     dtypes: dict[str, Any] = {}  # noqa: RUF012
@@ -166,32 +169,59 @@ class Instance(Library):
         if not self.dead:
             self.fmu.freeFMUState(state)
 
-    def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats) -> Floats:
-        """Return the directional derivatives of unknowns, (k, size), for seeds of the knowns, (k, m), by references."""
-        derivatives, seeds = np.zeros((len(seeds), size)), np.ascontiguousarray(seeds, np.float64)
+    def derivative(
+        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats
+    ) -> Callable[[], Floats]:
+        """Return the function of the directional derivatives of unknowns, (k, size), for seeds of the knowns, (k, m).
+
+        Variables are given by their references. The function returns the same array each time.
+        """
+        arrays = np.zeros((len(seeds), size)), np.array(seeds, np.float64)
         references = [np.array(each, np.uint32) for each in (unknowns, knowns)]
         head = [part for each in references for part in (c_void_p(each.ctypes.data), c_size_t(each.size))]
-        n_seeds, n_values = ([c_size_t(each.shape[1])][: self.sized] for each in (seeds, derivatives))
+        n_values, n_seeds = ([c_size_t(each.shape[1])][: self.sized] for each in arrays)
+        places = [(each.ctypes.data, each.strides[0]) for each in arrays]
+        calls: list[Call] = []
         for k in range(len(seeds)):
-            seed, row = (c_void_p(each.ctypes.data + k * each.strides[0]) for each in (seeds, derivatives))
-            self.call("GetDirectionalDerivative", *head, seed, *n_seeds, row, *n_values)
-        return derivatives
+            row, seed = (c_void_p(begin + k * stride) for begin, stride in places)
+            name = "GetDirectionalDerivative"
+            calls.append((self.function(name), (self.argument, *head, seed, *n_seeds, row, *n_values), name))
+        kept = arrays, references  # the calls have addresses in them
+
+        def calculate() -> Floats:
+            self.run(calls)
+            return kept[0][0]
+
+        return calculate
 
     def get(self, variable: FmuVariable) -> Value:
         """Get one variable."""
-        values = np.zeros(1, DTYPES[variable.kind])
-        self.run(self.access("Get", [variable], values))
+        (values, _, calls), *_ = self._accesses("Get", (variable,))
+        self.run(calls)
         return shown(variable.kind, values[0])
 
     def set_all(self, values: Starts) -> None:
         """Set many variables with one call a type."""
         for variable, value in values:
-            self._last_set(variable.reference)[variable.index] = value
+            if variable.length > 1:
+                self._last_set(variable.reference)[variable.index] = value
+        for numbers, places, calls in self._accesses("Set", tuple(v for v, _ in values)):
+            numbers[:] = [held(values[i][0].kind, values[i][1]) for i in places]
+            self.run(calls)
+
+    def _accesses(self, verb: str, variables: tuple[FmuVariable, ...]) -> list[_Access]:
+        """Return memory, places in `variables` and calls of each kind, kept unless they hold elements of arrays."""
+        key = verb, *map(id, variables)
+        if key in self._kept:
+            return self._kept[key][1]
+        made: list[_Access] = []
         for kind, dtype in DTYPES.items():
-            group = [(v, held(kind, x)) for v, x in values if v.kind == kind]
-            if group:
-                numbers = np.array([x for _, x in group], dtype)
-                self.run(self.access("Set", [v for v, _ in group], numbers))
+            if places := [i for i, v in enumerate(variables) if v.kind == kind]:
+                memory = np.zeros(len(places), dtype)
+                made.append((memory, places, self.access(verb, [variables[i] for i in places], memory)))
+        if verb == "Get" or all(v.length == 1 for v in variables):
+            self._kept[key] = variables, made
+        return made
 
     def access(
         self,
@@ -233,6 +263,8 @@ class Instance(Library):
 
     def instantiate(self) -> None:
         """Create the instance."""
+        self._kept: dict[tuple[str | int, ...], tuple[tuple[FmuVariable, ...], list[_Access]]] = {}
+        """Accesses by the identities of their variables."""
         boxes[self.token] = (self.name, self.box)
         if self.python:
             with _MAKING, watched_slave(self.folder / "resources"):
@@ -244,11 +276,11 @@ class Instance(Library):
 
     def enter_initialization(self) -> None:
         """Enter initialization mode."""
-        self.fmu.enterInitializationMode()
+        self.call("EnterInitializationMode")
 
     def exit_initialization(self, stepped: bool = True) -> None:
         """Leave initialization mode; a model-exchange component gets an integrator if it is `stepped`."""
-        self.fmu.exitInitializationMode()
+        self.call("ExitInitializationMode")
         self.stage, self.event_needed = "initialized", False
         self.in_event = self.event_mode or self.description.exchange
         if self.description.exchange:
@@ -257,21 +289,28 @@ class Instance(Library):
 
     def reset(self) -> None:
         """Return the instance to its state after creation."""
-        if self.stage == "initialized":
-            self.fmu.terminate()
-        self.fmu.reset()
+        if failure := self.terminate():
+            raise failure
+        self.call("Reset")
         self.stage = "instantiated"
         self.integrator, self.in_event, self.next_event, self._values = None, False, math.inf, None
+
+    def terminate(self) -> CosimError | None:
+        """Terminate the instance if it is initialized; return any failure."""
+        if self.stage == "initialized" and not self.dead:
+            try:
+                self.call(self.end_name)
+                self.stage = "terminated"
+            except CosimError as error:
+                self.stage = "failed"
+                return error
+        return None
 
     def close(self) -> CosimError | None:
         """Terminate and free the instance as far as FMI allows in its state; return any failure."""
         failure = None
         try:
-            if self.stage == "initialized" and not self.dead:
-                try:
-                    self.fmu.terminate()
-                except CosimError as error:
-                    self.stage, failure = "failed", error
+            failure = self.terminate()
             if self.fmu.component and not self.dead:
                 self.box.flush()
                 self.fmu.freeInstance()

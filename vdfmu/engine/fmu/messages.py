@@ -44,8 +44,11 @@ class LogMessage:
         return self.text if named else f"{self.unit}: {self.text}"
 
 
+_LOGGER = logging.getLogger("vdfmu.engine.run")
+
+
 def _log(message: LogMessage) -> None:
-    logging.getLogger("vdfmu.engine.run").log(_LEVEL.get(message.status, logging.ERROR), "%s", message)
+    _LOGGER.log(_LEVEL.get(message.status, logging.ERROR), "%s", message)
 
 
 class MessageBox:
@@ -83,6 +86,8 @@ class MessageBox:
 
     def flush(self) -> None:
         """Log and keep the pending messages."""
+        if not self.pending:
+            return
         messages, self.pending, self.waiting.value = self.pending, [], 0
         for message in messages:
             self.kept.append(message)

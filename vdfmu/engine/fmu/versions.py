@@ -58,7 +58,8 @@ class Instance2(Instance):
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Instance.prepare`."""
         self.tolerance = tolerance = tolerance or self.description.tolerance
-        self.fmu.setupExperiment(tolerance, start, stop)
+        times = c_double(tolerance or 0.0), c_double(start), c_int(1), c_double(stop)
+        self.call("SetupExperiment", c_int(tolerance is not None), *times)
         self.set_all(values)
 
     def _value_call(self, moved: Transfer) -> Call:
@@ -109,7 +110,7 @@ class Instance1(Instance2):
     """
 
     kinds = fmi1.FMU1Slave, fmi1.FMU1Model
-    prefix = "fmi1"
+    prefix, end_name = "fmi1", "TerminateSlave"
     dtypes = Instance2.dtypes | {"Boolean": np.int8}
     has_ended = Library.has_ended
 

@@ -163,7 +163,7 @@ def _derivatives(instance: Instance, start: float, step: float) -> str:
         knowns = [v for v in continuous("input") if needs is None or v.name in needs]
         seeds = np.ones((1, sum(v.length for v in knowns)))
         if knowns:
-            value = instance.differentiate([unknown.reference], unknown.length, [v.reference for v in knowns], seeds)[0]
+            value = instance.derivative([unknown.reference], unknown.length, [v.reference for v in knowns], seeds)()[0]
             if not np.isfinite(value).all():
                 return f"{unknown.name} by {', '.join(v.name for v in knowns)} is {value[~np.isfinite(value)][0]}"
     return ""

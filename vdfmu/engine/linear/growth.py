@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Collection, Container, Iterable, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.linear.linearise import Linearisation, changed, with_part
 from vdfmu.engine.linear.loops import (
@@ -173,7 +174,7 @@ class Along:
     def growth(self, begin: float, end: float, above: float = SLOW) -> Growth:
         """Return the largest growth of disturbances beyond a rate [1/s], of a run from `begin` to `end` [s]."""
         times, rates = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("time", "rate"))
-        bounds = np.union1d(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
+        bounds = distinct(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
         rate = np.interp(bounds, times, np.maximum(rates, -1e9))
         steps = np.diff(bounds) * ((rate[1:] + rate[:-1]) / 2.0 - above)
         most, run, first, place = -np.inf, 0.0, 0, (0, len(steps))  # a run that fails at once has no steps
@@ -239,20 +240,19 @@ class _ChosenRows:
 
     def __init__(self, n: int, more: Collection[int]) -> None:
         self.n, self.row = n, 0
-        self._more, self._next, self._gap, self._left = more, 0.0, 1.0, _ROWS
+        self._more, self._next, self._gap, self._left = sorted(more), 0.0, 1.0, _ROWS
 
-    def __contains__(self, row: int) -> bool:
-        chosen = row >= self._next or row == self.n or row in self._more
-        if chosen:
-            self.row = row
-        return chosen
+    def due(self, k: int) -> float:
+        """Return the next row, `k` or a later one."""
+        later = self._more[bisect_left(self._more, k) :]
+        return min(max(k, self._next), self.n if k <= self.n else math.inf, *later[:1])
 
     def go_on(self, change: float) -> None:
         """Choose the next row, from the change between the last two; 1 is the largest wanted."""
         self._left = max(self._left - 1, 1)
         gap = self._gap * min(max(1.0 / max(change, 1e-3), _SHRINK), _GROW)
         self._gap = min(max(gap, (self.n - self.row) / (4.0 * self._left), 1.0), max(self.n / _FEWEST, 1.0))
-        self._next = self.row + self._gap
+        self._next = math.ceil(self.row + self._gap)
 
     def stop(self) -> None:
         """Choose no more rows."""
@@ -297,13 +297,17 @@ class Poses(Tap):
         self._loops: Along | None = None
         self._linked: Any = None
 
-    def rows(self, grid: Grid) -> Container[int]:
+    def begin(self, grid: Grid, names: Sequence[str]) -> None:
         """Begin a run and choose its rows during it."""
         self._rows, self._step = _ChosenRows(grid.n, self._more), grid.step
-        return self._rows
+
+    def due(self, k: int) -> float:
+        """Return the next row."""
+        return self._rows.due(k)
 
     def take(self, k: int, time: float, components: Any) -> None:
         """Linearise the components."""
+        self._rows.row = k
         if not isinstance(components, Components):
             self._rows.stop()
             return
@@ -358,16 +362,23 @@ class Poses(Tap):
     def _matrix(self, system: LinearSystem) -> Floats:
         return _matrix(with_tied(system, self._tied))[self._linked]
 
-    def changed(self, values: Mapping[str, Mapping[str, Value]], at: Sequence[int] | None = None) -> Along:
-        """Return the loops with other parameters of some components, at the states of all or some rows.
+    def changed(self, values: Mapping[str, Mapping[str, Value]]) -> Along:
+        """Return the loops with other parameters of some components, at the states of all rows.
 
         Components must be as after the run, and changeable: :func:`~vdfmu.engine.linear.linearise.can_change`.
         """
+        return Along(self.loops.system, self.loops.opened, self._changed(values, self._systems))
+
+    def moved(self, values: Mapping[str, Mapping[str, Value]], at: Sequence[int]) -> list[Loop]:
+        """Return the loops of :meth:`changed` at some rows; UsageError if they have no margins."""
+        rows = self._changed(values, [self._systems[k] for k in at])
+        return [loop_of_part(self.loops.part(M), self.loops.opened) for _, M in rows]
+
+    def _changed(
+        self, values: Mapping[str, Mapping[str, Value]], rows: list[tuple[float, LinearSystem]]
+    ) -> list[tuple[float, Floats]]:
         assert self.components is not None
-        chosen = self._systems if at is None else [self._systems[k] for k in at]
         with ExitStack() as stack:
             for unit, new in values.items():
-                instance = stack.enter_context(changed(self.components, unit, new))
-                chosen = [(time, with_part(system, instance, time)) for time, system in chosen]
-        along = self.loops
-        return Along(along.system, along.opened, [(time, self._matrix(system)) for time, system in chosen])
+                rows = with_part(rows, stack.enter_context(changed(self.components, unit, new)))
+        return [(time, self._matrix(system)) for time, system in rows]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Generator, Iterator, Mapping
+from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from ctypes import c_double
 from dataclasses import replace
@@ -200,9 +200,9 @@ def changed(components: Components, name: str, values: Mapping[str, Value]) -> G
         instance.close()
 
 
-def with_part(system: LinearSystem, instance: Instance, time: float) -> LinearSystem:
-    """Return a system with this instance as a component, at the states and inputs of its linearisation."""
-    name, parts, variables = instance.name, system.parts, instance.description.variables
+def with_part(rows: Sequence[tuple[float, LinearSystem]], instance: Instance) -> list[tuple[float, LinearSystem]]:
+    """Return times and systems of a run with this instance as a component, at the states and inputs of the run."""
+    name, parts, variables = instance.name, rows[0][1].parts, instance.description.variables
     x, u, y = (
         np.flatnonzero([each.partition(".")[0] == name for each in names])
         for names in (parts.states, parts.inputs, parts.outputs)
@@ -211,11 +211,18 @@ def with_part(system: LinearSystem, instance: Instance, time: float) -> LinearSy
         [variables[names[i].partition(".")[2]] for i in places]
         for names, places in ((parts.inputs, u), (parts.outputs, y))
     )
-    if instance.description.exchange:
-        instance.call("SetTime", c_double(time))
-        instance.transfer("SetContinuousStates", np.ascontiguousarray(parts.x[x]))
-    instance.set_all(list(zip(inputs, parts.u[u].tolist(), strict=True)))
-    J, n = jacobian_of(instance, inputs, outputs)(), len(x)
-    A, B, C, D = (each.copy() for each in (parts.A, parts.B, parts.C, parts.D))
-    A[np.ix_(x, x)], B[np.ix_(x, u)], C[np.ix_(y, x)], D[np.ix_(y, u)] = J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:]
-    return replace(system, parts=replace(parts, A=A, B=B, C=C, D=D))
+    values, n = np.zeros(len(u)), len(x)
+    calls, jacobian = instance.access("Set", inputs, values), jacobian_of(instance, inputs, outputs)
+    made: list[tuple[float, LinearSystem]] = []
+    for time, system in rows:
+        parts = system.parts
+        if instance.description.exchange:
+            instance.call("SetTime", c_double(time))
+            instance.transfer("SetContinuousStates", np.ascontiguousarray(parts.x[x]))
+        values[:] = parts.u[u]
+        instance.run(calls)
+        J = jacobian()
+        A, B, C, D = (each.copy() for each in (parts.A, parts.B, parts.C, parts.D))
+        A[np.ix_(x, x)], B[np.ix_(x, u)], C[np.ix_(y, x)], D[np.ix_(y, u)] = J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:]
+        made.append((time, replace(system, parts=replace(parts, A=A, B=B, C=C, D=D))))
+    return made

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, StateSpace
 from vdfmu.engine.linear.system import LinearSystem
@@ -109,7 +109,7 @@ class Loop:
             none, never = np.zeros((n, 0), complex), np.zeros((n, 0), bool)
             return _LoopModes(none[0], none[0], none, never, never[0], np.zeros((0, n)))
         closed = A + B @ K
-        closed *= 1.0 + _NUDGE * np.random.default_rng(0).uniform(-1.0, 1.0, closed.shape)
+        closed *= _nudges(len(closed))
         poles, right, left = _separated(closed, _FAST if self.sampled else -1.0)
         parts = (K @ right) * (left @ B).T
         rest: list[Floats] = []
@@ -142,14 +142,15 @@ class Loop:
 
     def _grid(self, points: int) -> Floats:
         """Frequencies [rad/s] up to half the sampling frequency, denser around poles with their peaks."""
-        least, most = _SLOWEST * np.pi / self.step, np.pi / self.step
+        spaced = _spaced(_SLOWEST * np.pi / self.step, np.pi / self.step, points)
+        least, most = spaced[[0, -1]]
         s = self._modes.s
         s = s[s.imag > least]
         w = s.imag[:, None] + np.abs(s.real)[:, None] * _AROUND
-        return np.unique(np.append(np.geomspace(least, most, points), w[(w > least) & (w < most)]))
+        return distinct(spaced, w[(w > least) & (w < most)])
 
     @property
-    def _lost(self) -> Any:
+    def lost(self) -> Any:
         """Whether a loop lacks margins, since a mode grows that is not slow, (n,)."""
         return (self._modes.grows & ~self._modes.slow).any(axis=1)
 
@@ -162,18 +163,26 @@ class Loop:
         low, high = w[np.maximum(least - 1, 0)], w[np.minimum(least + 1, len(w) - 1)]
         more = (low + high)[:, None] / 2.0 + (high - low)[:, None] / 2.0 * _BETWEEN
         again = np.abs(self._inverse(more.ravel()))
-        return np.where(self._lost, 0.0, np.minimum(size.min(axis=0), again.min(axis=0)))
+        return np.where(self.lost, 0.0, np.minimum(size.min(axis=0), again.min(axis=0)))
 
     def margins(self) -> Margins:
         """Return all margins."""
         w, n = self._grid(_GRID), len(self.K)
-        if self._lost.all():
+        if self.lost.all():
             return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), self.rate)
         gain, phase, delay = _margins(self._inverse(w) - 1.0, w, self.sampled)
         return Margins(
-            self.modulus, np.where(self._lost, 1.0, gain), np.where(self._lost, 0.0, phase),
-            np.where(self._lost, 0.0, delay), self.rate,
+            self.modulus, np.where(self.lost, 1.0, gain), np.where(self.lost, 0.0, phase),
+            np.where(self.lost, 0.0, delay), self.rate,
         )  # fmt: skip
+
+
+_spaced = lru_cache(np.geomspace)
+
+
+@lru_cache
+def _nudges(n: int) -> Floats:
+    return 1.0 + _NUDGE * np.random.default_rng(0).uniform(-1.0, 1.0, (n, n))
 
 
 def loop_of_part(system: LinearSystem, opened: Sequence[str]) -> Loop:

@@ -42,6 +42,7 @@ typedef struct {
     const char *memory;
     const ptrdiff_t *columns;
     size_t n, size;
+    long first; /* row of the run that is first in the block */
 } Rows;
 
 typedef struct {
@@ -137,9 +138,9 @@ static bool act(Master *m, const Action *a)
     return m->status != 0;
 }
 
-/* Do steps from the last complete row to row `end`, the first from its action `first` on. Row k goes to row k - `shift`
- * of the blocks. Returns after a step with a message, after `most` seconds, or when Python must judge an action. */
-SHOWN int do_steps(Master *m, size_t first, long end, long shift, double most)
+/* Do steps from the last complete row to row `end`, the first from its action `first` on. Returns after a step with a
+ * message, after `most` seconds, or when Python must judge an action. */
+SHOWN int do_steps(Master *m, size_t first, long end, double most)
 {
     const double until = now() + most;
     while (m->row < end) {
@@ -165,7 +166,7 @@ SHOWN int do_steps(Master *m, size_t first, long end, long shift, double most)
         if (!(zero == 0.0))
             return NOT_FINITE;
         for (const Rows *r = m->rows; r < m->rows + m->n_rows; r++) {
-            char *row = r->block + (size_t)(k + 1 - shift) * r->n * r->size;
+            char *row = r->block + (size_t)(k + 1 - r->first) * r->n * r->size;
             for (size_t j = 0; j < r->n; j++)
                 if (r->size == 8)
                     memcpy(row + 8 * j, r->memory + 8 * r->columns[j], 8);

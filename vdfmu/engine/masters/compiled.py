@@ -6,9 +6,10 @@ each integer out of range. Then the step goes on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from ctypes import CDLL, Structure, addressof, byref, c_double, c_int, c_long, c_size_t, c_void_p, cast
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +26,15 @@ from vdfmu.engine.masters.exchange import Bank, Exchange
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import Grid, largest_step
+from vdfmu.engine.results.recorder import RowsInMemory
 
 _COPY, _SCALED, _VALUES, _, _STEP, _ = range(6)
 """Kinds of actions. Kinds of calls are one more for FMI 3.0."""
 _NOT_FINITE = 2
 """Answer of the loop."""
 _TYPES = "float64 float32 int64 bool int32 int16 int8 uint64 uint32 uint16 uint8".split()
-_SLICE = 0.05
-"""Time [s] after which signals and the clock of the recorder are looked at."""
+_SLICE = 0.01
+"""Time [s] after which signals, and the clocks of recorder and observers, are looked at."""
 
 
 def _fields(**names: str) -> list[tuple[str, Any]]:
@@ -49,7 +51,7 @@ class _Action(Structure):
 
 
 class _RowBlock(Structure):
-    _fields_ = _fields(p="block memory columns", n="n size")
+    _fields_ = _fields(p="block memory columns", n="n size", l="first")
 
 
 class _Master(Structure):
@@ -69,7 +71,7 @@ def _library() -> CDLL | None:
         library = loaded({"compiled.c": SHOWN.encode() + source}, "compiled")
     except FmuError:
         return None
-    library.do_steps.argtypes = [c_void_p, c_size_t, c_long, c_long, c_double]
+    library.do_steps.argtypes = [c_void_p, c_size_t, c_long, c_double]
     return library
 
 
@@ -93,49 +95,68 @@ def obstacle(stepper: Stepper, exchange: Exchange) -> str:
 
 
 class CompiledSteps:
-    """The steps of a run on a `grid`; `data` has the recorded rows by kind, see `Exchange.recorders`."""
+    """The steps of a run on a `grid`, with the rows of all `keepers`."""
 
-    def __init__(self, exchange: Exchange, grid: Grid, data: Mapping[str, NDArray[Any]]) -> None:
+    def __init__(self, exchange: Exchange, grid: Grid, keepers: Sequence[RowsInMemory]) -> None:
         library, bank = _library(), exchange.banks[0]
         assert library is not None
         self._run, self._exchange, self._grid = library.do_steps, exchange, grid
         self._kept: list[Any] = []
         """Memory whose addresses the plan has."""
+        self.lasting = True
+        """Whether the plan holds for other start values."""
         self._actions: list[_Action] = []
         self._judges: list[tuple[Instance, Callable[[Any], None]]] = []
         """The component of each action, and the function that judges its status."""
         self._make(exchange)
         rows: list[_RowBlock] = []
-        for each in exchange.banks:
-            if columns := exchange.columns.get(kind := each.kind.lower()):
-                parts = data[kind], each.memory, np.array(columns, np.intp)
+        owners: list[RowsInMemory] = []
+        for keeper, each in product(keepers, exchange.banks):
+            if columns := keeper.columns.get(kind := each.kind.lower()):
+                parts = keeper.data[kind], each.memory, np.array(columns, np.intp)
                 rows.append(_RowBlock(*map(self._address, parts), len(columns), each.memory.itemsize))
+                owners.append(keeper)
+        blocks = self._array(_RowBlock, rows)
+        self._keepers = [
+            (keeper, [block for owner, block in zip(owners, blocks, strict=True) if owner is keeper])
+            for keeper in keepers
+        ]
         box, watched = exchange.box, exchange.watched
         self._master = _Master(
             outputs=self._address(bank.outputs), watched=self._address(watched), n_watched=watched.size,
-            actions=self._array(_Action, self._actions), n_actions=len(self._actions),
-            rows=self._array(_RowBlock, rows), n_rows=len(rows),
+            actions=addressof(self._array(_Action, self._actions)), n_actions=len(self._actions),
+            rows=addressof(blocks), n_rows=len(rows),
             clock=addressof(exchange.clock), size=addressof(exchange.size), time=addressof(box.clock),
             waiting=addressof(box.waiting), begin=grid.begin, step=grid.step, rest=grid.last, n=grid.n,
         )  # fmt: skip
+        self._pointer = byref(self._master)
 
     @property
     def row(self) -> int:
         """The last complete row."""
         return self._master.row
 
+    @row.setter
+    def row(self, row: int) -> None:
+        self._master.row = row
+
     @property
     def instance(self) -> Instance:
         """The component of the last call."""
         return self._judges[self._master.action][0]
 
-    def run(self, end: int, shift: int) -> int:
-        """Do steps to row `end` at most; return the last complete row. Row k goes to row k - `shift` of the blocks.
+    def run(self, end: int) -> int:
+        """Do steps to row `end` at most; return the last complete row.
 
         Ends after a step with messages. CosimError for a failure of a component, or an output that is not finite.
         """
         master, first = self._master, 0
-        while answer := self._run(byref(master), first, end, shift, _SLICE):
+        for keeper, blocks in self._keepers:
+            begin, full = keeper.room(master.row + 1)
+            end = min(end, full - 1)
+            for block in blocks:
+                block.first = begin
+        while answer := self._run(self._pointer, first, end, _SLICE):
             if answer == _NOT_FINITE:
                 self._exchange.refuse_not_finite("doStep", self._grid.time(master.row + 1))
             self._judges[master.action][1](master)
@@ -202,6 +223,7 @@ class CompiledSteps:
     def _values(self, instance: Instance, moved: Transfer, at_end: bool) -> None:
         """Add a call that gets or sets values."""
         self._kept.append(moved)
+        self.lasting = self.lasting and not moved.partial
         self._add(
             instance, lambda master: instance.judge(master.status, moved.name), moved.verb + moved.native,
             at_end=at_end, kind=_VALUES + isinstance(instance, Instance3),
@@ -241,7 +263,7 @@ class CompiledSteps:
         self._kept.append(array)
         return None if array is None else array.ctypes.data
 
-    def _array(self, kind: type[Structure], items: Sequence[Any]) -> int:
-        """Return the address of an array of structures, and keep it."""
+    def _array(self, kind: type[Structure], items: Sequence[Any]) -> Any:
+        """Return an array of structures, and keep it."""
         self._kept.append((kind * len(items))(*items))
-        return addressof(self._kept[-1])
+        return self._kept[-1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from ctypes import c_double, c_void_p
 from functools import partial
 from pathlib import Path
@@ -193,18 +193,27 @@ class Components:
                 instance.reset()
         self.exchange.checked = self.checked
         for bank in self.exchange.banks:
-            bank.memory[:] = b"" if bank.kind in TEXTS else 0
+            if bank.variables:
+                bank.memory[:] = b"" if bank.kind in TEXTS else 0
         self.box.flush()
+
+    def terminate(self) -> CosimError | None:
+        """Terminate them all; return the first failure. The others become messages."""
+        return self._first(instance.terminate() for instance in self.instances.values())
 
     def close(self) -> CosimError | None:
         """Terminate and free them all; return the first failure. The others become messages."""
-        failures: list[CosimError] = []
+        failure = None
         try:
             if self._stepper is not None:
                 self._stepper.free()
         except CosimError as error:
-            failures.append(error)
-        failures += filter(None, [instance.close() for instance in self.instances.values()])
+            failure = error
+        return self._first([failure, *(instance.close() for instance in self.instances.values())])
+
+    def _first(self, each: Iterable[CosimError | None]) -> CosimError | None:
+        """Return the first failure; the others become messages."""
+        failures = [*filter(None, each)]
         self.box.pending += map(failure_message, failures[1:])
         self.box.flush()
         return failures[0] if failures else None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.text import matching
 from vdfmu.engine.fmu.access import DTYPES, KINDS, TEXTS, Call, held
@@ -180,15 +180,15 @@ class Exchange:
             taken += self.banks[-1].words
         self.watched = np.zeros(0, np.intp)
         """Real outputs that must be finite."""
-        self.columns: dict[str, list[int]] = {}
-        """Places of the recorded signals in their bank, by kind."""
+        self._reads: list[tuple[Instance, list[Call]]] = []
+        """Calls that get the outputs."""
         self._all_finite: Callable[[], bool] = lambda: True
         self._fed: list[tuple[NDArray[Any], NDArray[np.intp], Course]] = []
         for kind, names, course in checked.feed.courses if checked.feed else ():
             bank = self._bank(kind)
             places = np.array([bank.position[SOURCE, name] for name in names], np.intp)
             self._fed.append((bank.memory, places, course))
-        self.breaks = np.unique(np.concatenate([np.zeros(0), *(course.breaks for *_, course in self._fed)]))
+        self.breaks = distinct([], *(course.breaks for *_, course in self._fed))
         """Times [s] at which a signal from outside jumps or bends."""
         self.close = max((course.tolerance for *_, course in self._fed), default=0.0)
         """Difference [s] within which a time is one of them."""
@@ -265,8 +265,12 @@ class Exchange:
 
     def read_outputs(self) -> None:
         """Get all outputs."""
-        for instance in self.instances.values():
-            instance.run([call for bank in self.banks for call in bank.calls(instance, "Get")])
+        if not self._reads:
+            for instance in self.instances.values():
+                calls = [call for bank in self.banks for call in bank.calls(instance, "Get")]
+                self._reads.append((instance, calls))
+        for instance, calls in self._reads:
+            instance.run(calls)
 
     def gathers(self, window: Callable[[Bank], slice] = lambda _: slice(None), late: bool = False) -> list[Gather]:
         """Return the functions that update the inputs in a window of each bank; see `Bank.gather`."""
@@ -281,8 +285,8 @@ class Exchange:
 
     def recorders(
         self, rows: int, record: Sequence[str] | None
-    ) -> tuple[list[Signal], dict[str, NDArray[Any]], Callable[[int], None]]:
-        """Return the recorded signals, their arrays, and the function that stores row k.
+    ) -> tuple[list[Signal], dict[str, NDArray[Any]], dict[str, list[int]], Callable[[int], None]]:
+        """Return the recorded signals, by kind their rows and places in the bank, and the function that stores row k.
 
         Names may have ``*`` for any text. Default: outputs, and inputs from outside; other inputs follow from outputs.
         Signals come unit by unit in the order of the SSD, outputs first.
@@ -298,7 +302,7 @@ class Exchange:
         signals: list[tuple[int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
-        self.columns = {}
+        columns: dict[str, list[int]] = {}
         for bank in banks:
             kind = bank.kind.lower()
             chosen = [
@@ -322,15 +326,15 @@ class Exchange:
                 self.watched = np.array(sorted(read | outputs), np.intp)
                 self._all_finite = _finite(bank.outputs, self.watched)
             if chosen:
-                self.columns[kind] = chosen
-                stores.append(_store(rec, bank.memory, chosen))
+                columns[kind] = chosen
+                stores.append(row_store(rec, bank.memory, chosen))
         signals.sort(key=lambda item: item[0])
 
         def store(k: int) -> None:
             for each in stores:
                 each(k)
 
-        return [signal for _, signal in signals], data, stores[0] if len(stores) == 1 else store
+        return [signal for _, signal in signals], data, columns, stores[0] if len(stores) == 1 else store
 
     def reals(self, wanted: Iterable[str]) -> tuple[list[str], Floats, list[int]]:
         """Return names of real signals that match, their memory, and the place of each in it."""
@@ -372,9 +376,10 @@ def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:
     return finite
 
 
-def _store(rec: NDArray[Any], memory: NDArray[Any], picked: list[int]) -> Callable[[int], None]:
+def row_store(rec: NDArray[Any], memory: NDArray[Any], picked: Sequence[int]) -> Callable[[int], None]:
+    """Return the function that stores the picked values in row k of `rec`."""
     n = len(picked)
-    if picked == list(range(picked[0], picked[0] + n)):
+    if list(picked) == list(range(picked[0], picked[0] + n)):
         rows, row = rec.reshape(-1).data, memory[picked[0] : picked[0] + n].data
 
         def whole(k: int) -> None:

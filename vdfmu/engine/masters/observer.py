@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import platform
 import time as clock
 from array import array
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -51,26 +52,28 @@ class Observer(Protocol):
 
 
 class Tap:
-    """Looks at the components of a run at some rows. It leaves them unchanged."""
+    """Looks at the components of a run in some rows, and at signals in all rows. It leaves the run unchanged."""
 
-    def rows(self, grid: Grid) -> Container[int]:
-        """Begin a run; return its rows to look at, by default all."""
-        return range(grid.n + 1)
+    wanted: Sequence[str] = ()
+    """Names of real signals for `block`, with ``*`` for any text; they need not exist."""
+    size = 1024
+    """Rows of a block."""
+
+    def begin(self, grid: Grid, names: Sequence[str]) -> None:
+        """Begin a run; `names` are the existing signals of `wanted`."""
+
+    def due(self, k: int) -> float:
+        """Return the next row for `take`, `k` or a later one; default none."""
+        return math.inf
 
     def take(self, k: int, time: float, components: Any) -> None:
         """Look at the components in row `k`, at a time [s]."""
-        raise NotImplementedError
+
+    def block(self, times: Floats, values: Floats) -> None:
+        """Look at the signals (m, names) in the next m rows, `size` of them or the last."""
 
     def end(self, components: Any) -> None:
         """Look at the components after the last row of a run that reached its end."""
-
-
-class Finite(Tap):
-    """Refuses rows with an output that is not finite, if it is read or recorded."""
-
-    def take(self, k: int, time: float, components: Any) -> None:
-        """Raise CosimError for a number that is not finite."""
-        components.exchange.refuse_not_finite("doStep" if k else "initialization", time)
 
 
 class Observed(Tap):
@@ -82,11 +85,14 @@ class Observed(Tap):
         self._row, self._period, self._due = observer.row, getattr(observer, "period", 0.0), 0.0
         self._columns = np.array(places, np.intp)
 
+    def due(self, k: int) -> float:
+        """Return `k` if the period is over."""
+        return k if clock.perf_counter() >= self._due else math.inf
+
     def take(self, k: int, time: float, components: Any) -> None:
-        """Show the row if it is due."""
-        if clock.perf_counter() >= self._due:
-            self._row(time, self._memory.take(self._columns))
-            self._due = clock.perf_counter() + self._period
+        """Show the row."""
+        self._row(time, self._memory.take(self._columns))
+        self._due = clock.perf_counter() + self._period
 
 
 _PLACES = (0.0, 0.21, 0.47, 0.76, 1.0)
@@ -120,23 +126,25 @@ class Probe(Tap):
         """Why readings are missing; empty if all are there."""
         self._rows: dict[int, float] = {}
 
-    def rows(self, grid: Grid) -> Container[int]:
+    def begin(self, grid: Grid, names: Sequence[str]) -> None:
         """Begin a run; the first row chooses the others, since multiples of steps are unknown before."""
-        self._grid, self.readings, self.failure = grid, [], ""
-        return range(grid.n + 1)
+        self._grid, self._rows, self.readings, self.failure = grid, {0: grid.begin}, [], ""
+
+    def due(self, k: int) -> float:
+        """Return the next of the five rows."""
+        return math.inf if self.failure else min((row for row in self._rows if row >= k), default=math.inf)
 
     def take(self, k: int, time: float, components: Any) -> None:
-        """Keep the states if the row is one of the five."""
+        """Keep the states."""
         exchange, n = components.exchange, self._grid.n
         if k == 0:
             whole = int(np.lcm.reduce(list(exchange.checked.multiples.values()) or [1]))
             self._rows = {n if place == 1.0 else whole * round(place * n / whole): time for place in _PLACES}
-        if k in self._rows and not self.failure:
-            try:
-                components.keep(list(self.steps))
-            except CosimError as error:
-                self.failure = str(error)
-            self._rows[k] = exchange.clock.value + exchange.size.value if k else time
+        try:
+            components.keep(list(self.steps))
+        except CosimError as error:
+            self.failure = str(error)
+        self._rows[k] = exchange.clock.value + exchange.size.value if k else time
 
     def end(self, components: Any) -> None:
         """Read the kept states."""
@@ -206,6 +214,10 @@ class Pace(Tap):
     def __exit__(self, *_: object) -> None:
         if self._collects:
             gc.enable()
+
+    def due(self, k: int) -> float:
+        """Return `k`: each row is taken."""
+        return k
 
     def take(self, k: int, time: float, components: Any) -> None:
         """Wait until row `k` is due."""

@@ -223,8 +223,9 @@ def with_steps(checked: Checked, step: float) -> Checked:
     if slow and checked.how.substeps != 1:
         text = f"{', '.join(slow)}: have their own steps, but {checked.algorithm} takes one step for all"
         problems.append(f"{text}; use {choice(substeps=1)}")
-    ticking = [name for name, d in checked.descriptions.items() if any(v.clock for v in d.variables.values())]
-    if multiples and ticking:
+    if multiples and (
+        ticking := [name for name, d in checked.descriptions.items() if any(v.clock for v in d.variables.values())]
+    ):
         problems.append(
             f"{', '.join(ticking)}: have clocks, and {', '.join(multiples)} their own steps; clocks need components "
             "that step together. Leave out the steps or the clocks"
@@ -257,6 +258,8 @@ def with_steps(checked: Checked, step: float) -> Checked:
             notes.append(f"{name}: samples every {period:g} s; a sample acts on {groups} a step later, after {h:g} s")
     if problems:
         raise UsageError("\n".join(problems))
+    if not (slow or notes or checked.multiples):
+        return checked
     return replace(checked, multiples=multiples if slow else {}, notes=(*checked.notes, *sorted(notes)))
 
 

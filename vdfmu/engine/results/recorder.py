@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
+from vdfmu.engine.masters.exchange import row_store
 from vdfmu.engine.masters.observer import Tap
+from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.arrays import no_rows, write_all
 from vdfmu.engine.results.formats import Stream, format_of
 from vdfmu.engine.results.results import Signal
@@ -23,18 +25,23 @@ SECONDS = 2.0
 """Longest time of a row in memory, if another follows."""
 
 
-class RowsInMemory(Tap):
-    """Keeps all rows in memory: `put` stores the current signals in a row of `data`, arrays by kind."""
+class RowsInMemory:
+    """Keeps all rows in memory.
+
+    `columns` are the places of the signals in their bank by kind, and `data` their rows. `put` stores a row.
+    """
 
     seconds = 0.0
     """Wall time that writing took [s]."""
 
-    def __init__(self, data: Mapping[str, NDArray[Any]], put: Callable[[int], None]) -> None:
-        self._data, self._put = data, put
+    def __init__(
+        self, data: Mapping[str, NDArray[Any]], columns: Mapping[str, Sequence[int]], put: Callable[[int], None]
+    ) -> None:
+        self.data, self.columns, self._put = data, columns, put
 
-    def take(self, k: int, time: float, components: Any) -> None:
-        """Store row `k`."""
-        self._put(k)
+    def keep(self, k: int) -> None:
+        """Store the next row, `k`."""
+        self._put(k - self.room(k)[0])
 
     def room(self, k: int) -> tuple[int, int]:
         """Make room for the next row, `k`; return the first row in memory, and the first that has no room."""
@@ -42,7 +49,28 @@ class RowsInMemory(Tap):
 
     def finish(self, time: Floats) -> Mapping[str, NDArray[Any]]:
         """Return the rows up to the last `time`, by kind."""
-        return {kind: array[: len(time)] for kind, array in self._data.items()}
+        return {kind: array[: len(time)] for kind, array in self.data.items()}
+
+
+class Blocks(RowsInMemory):
+    """Brings the rows of the signals that a tap wants to it, block by block."""
+
+    def __init__(self, tap: Tap, grid: Grid, names: Sequence[str], memory: Floats, places: Sequence[int]) -> None:
+        rows = np.empty((tap.size, len(names)))
+        super().__init__({"real": rows}, {"real": places}, row_store(rows, memory, places))
+        self._tap, self._rows, self._times, self._first = tap, rows, grid.times, 0
+
+    def room(self, k: int) -> tuple[int, int]:
+        """See `RowsInMemory.room`."""
+        if k - self._first == len(self._rows):
+            self.flush(k)
+        return self._first, self._first + len(self._rows)
+
+    def flush(self, end: int) -> None:
+        """Bring the remaining rows before row `end` to the tap."""
+        if end > self._first:
+            self._tap.block(self._times(self._first, end), self._rows[: end - self._first])
+            self._first = end
 
 
 class Recorder(RowsInMemory):
@@ -57,9 +85,10 @@ class Recorder(RowsInMemory):
 
     def __init__(
         self, paths: Sequence[Path], signals: Sequence[Signal], data: Mapping[str, NDArray[Any]],
-        put: Callable[[int], None], times: Callable[[int, int], Floats], longest: float = SECONDS,
+        columns: Mapping[str, Sequence[int]], put: Callable[[int], None], times: Callable[[int, int], Floats],
+        longest: float = SECONDS,
     ) -> None:  # fmt: skip
-        super().__init__(data, put)
+        super().__init__(data, columns, put)
         streams = [(path, stream) for path in paths if (stream := format_of(path).streams)]
         self._path = streams[0][0] if streams else paths[0]
         self._signals = signals
@@ -79,10 +108,6 @@ class Recorder(RowsInMemory):
         except OSError as error:
             raise no_rows(self._path, error) from error
 
-    def take(self, k: int, time: float, components: Any) -> None:
-        """Store the next row, `k`."""
-        self._put(k - self.room(k)[0])
-
     def room(self, k: int) -> tuple[int, int]:
         """See `RowsInMemory.room`."""
         if k - self._first == self._rows or clock.perf_counter() > self._due:
@@ -95,7 +120,7 @@ class Recorder(RowsInMemory):
         for file, _ in self._texts:
             file.close()
         rows: dict[str, NDArray[Any]] = {}
-        for kind, block in self._data.items():
+        for kind, block in self.data.items():
             shape = len(time), block.shape[1]
             if 0 in shape:
                 rows[kind] = np.empty(shape, block.dtype)
@@ -111,9 +136,9 @@ class Recorder(RowsInMemory):
         before = [(file, file.tell()) for file in (*texts, *self._files.values())]
         try:
             for file, stream in self._texts:
-                write_all(file, stream.lines(time, self._signals, self._data, rows).encode())
+                write_all(file, stream.lines(time, self._signals, self.data, rows).encode())
             for kind, file in self._files.items():
-                write_all(file, self._data[kind][rows].tobytes())
+                write_all(file, self.data[kind][rows].tobytes())
         except BaseException as error:  # a second Ctrl-C too
             for file, position in before:
                 file.truncate(position)

@@ -14,7 +14,6 @@ from vdfmu.engine.fmu.access import KINDS, TEXTS
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.observer import Finite
 from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.system import Value, spread
 from vdfmu.engine.plan.checker import overrides
@@ -30,16 +29,15 @@ class ByHand:
     def __init__(self, session: Session, grid: Grid) -> None:
         assert isinstance(session.components, Components)
         self._session, self._grid, self._instances = session, grid, session.components.instances
-        session.exchange.recorders(1, ())  # values that are read must be finite
-        self._do_step, self._k, self._finite = session.stepping(grid), 0, Finite()
-        self._finite.take(0, grid.begin, session.components)
+        self._plan, self._k = session.planned(grid, ()), 0  # values that are read must be finite
+        session.exchange.refuse_not_finite("initialization", grid.begin)
         self._sinks: dict[str, list[tuple[Instance, FmuVariable]]] = {}
         self._sources: dict[str, Callable[[], Any]] = {}
         self._memory = [(bank.memory, bank.memory.copy()) for bank in session.exchange.banks]
         self._states: list[tuple[Instance, c_void_p]] = []
         # arrays of FMI 3.0 are set as a whole, with elements that the instance remembers
         simple = all(d.saves_state and not d.version.arrays for d in session.checked.descriptions.values())
-        if simple and type(session.stepper) is SampledStepper:
+        if simple and type(self._plan.stepper) is SampledStepper:
             self._states = [(instance, instance.saved_state()) for instance in self._instances.values()]
 
     @property
@@ -54,6 +52,8 @@ class ByHand:
         for memory, before in self._memory:
             memory[:] = before
         self._k = 0
+        if self._plan.compiled is not None:
+            self._plan.compiled.row = 0
         return bool(self._states)
 
     def close(self) -> None:
@@ -71,11 +71,14 @@ class ByHand:
                 f"step: the run ends at t = {self._grid.end:g} s, {left} steps from t = {self.time:g} s. "
                 "Reset it, with a later stop."
             )
-        box = self._session.box
-        for _ in range(count):
-            self._do_step(self._k)
-            self._k += 1
-            self._finite.take(self._k, self.time, self._session.components)
+        box, compiled, end = self._session.box, self._plan.compiled, self._k + count
+        while self._k < end:
+            if compiled is not None:
+                self._k = compiled.run(end)
+            else:
+                self._plan.do_step(self._k)
+                self._k += 1
+                self._session.exchange.refuse_not_finite("doStep", self.time)
             if box.pending:
                 box.flush()
             if box.ended:

@@ -1,18 +1,13 @@
-"""The components of one system, unpacked, loaded and freed, and their runs; a handler for calls of C's ``exit``."""
+"""The components of one system, unpacked, loaded and freed, and their runs."""
 
 from __future__ import annotations
 
-import ctypes
-import inspect
-import os
-import platform
 import shutil
 import signal
-import sys
 import tempfile
 import time as clock
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -23,18 +18,17 @@ from vdfmu.base.errors import LOG, CosimError, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.fmu.description import is_ours
-from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.compiled import CompiledSteps, obstacle
 from vdfmu.engine.masters.components import Components, failure_message
-from vdfmu.engine.masters.observer import Finite, Observed, Pace, Tap
-from vdfmu.engine.masters.sampled import Stepper
+from vdfmu.engine.masters.observer import Observed, Pace, Tap
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.formats import format_of
-from vdfmu.engine.results.recorder import ROWS, SECONDS, Recorder, RowsInMemory
+from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory
 from vdfmu.engine.results.results import Results
+from vdfmu.engine.run.exits import report_exits
 from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits, Making
 
 
@@ -45,13 +39,16 @@ class Session:
     """
 
     components: Components | Elsewhere
-    stepper: Stepper
 
     def __init__(
         self, checked: Checked, log: Callable[[LogMessage], None] | None, isolate: bool | None, limits: Limits,
-        apart: Making | None = None,
+        apart: Making | None = None, coupling: tuple[float | None, float | None] = (None, None),
     ) -> None:  # fmt: skip
-        self.checked, self.box, self._limits = checked, MessageBox(log), limits
+        self.checked, self.box, self._limits, self._coupling = checked, MessageBox(log), limits, coupling
+        self.resting = False
+        """Whether no run uses the components."""
+        self.plan: RunPlan | None = None
+        """Plan of the last run, if the next run may take it."""
         self.isolated = isolate if apart is None else True
         self.results: Results | None = None
         """Results of the last run."""
@@ -65,17 +62,18 @@ class Session:
             folder = Path(self._stack.enter_context(temporary_folder("vdfmu-")))
         except OSError as error:
             raise no_room(tempfile.gettempdir(), error) from error
-        for note in self.checked.notes:
-            self.box.pending.append(LogMessage("", 0.0, "note", "", note))
-        self.box.flush()
+        self._tell()
         try:
             folders, isolated = unpack_units(self.checked, folder)
+            once = any(each.once_per_process for each in self.checked.descriptions.values())
             self.isolated = isolated if self.isolated is None else self.isolated
             if self.isolated:
                 self.components = self._apart(self.checked, folders, self.box, folder, self._limits)
             else:
-                self._stack.enter_context(report_exits(self.box, lambda: self._left(folder)))
+                self._stack.enter_context(report_exits(self.box, lambda: self._left(folder), lambda: self.resting))
                 self.components = Components(self.checked, folders, self.box)
+            self.lasts = not (isolated or self.isolated or once)
+            """Whether components may stay loaded after a run, for others."""
             self.components.load()
         except BaseException as error:
             self.__exit__(type(error), error)
@@ -114,12 +112,65 @@ class Session:
         self.box.flush()
         self.box.kept.clear()
         self.box.ended.clear()
-        self.results, self.save = None, lambda: ""
+        self.results, self.save, self.resting = None, lambda: "", False
+        self._tell()
         self.components.reset()
 
-    def stepping(self, grid: Grid) -> Callable[[int], None]:
-        """Return the function for step k of a run."""
-        box, advance = self.box, self.stepper.advance
+    def _tell(self) -> None:
+        for note in self.checked.notes:
+            self.box.pending.append(LogMessage("", 0.0, "note", "", note))
+        self.box.flush()
+
+    def rest(self) -> CosimError | None:
+        """Terminate components that last; return the failure, with the results of the last run."""
+        assert self.results is not None and isinstance(self.components, Components)
+        self.box.time = float(self.results.time[-1])
+        failure = self.components.terminate()
+        self.resting = True
+        self.results.messages = list(self.box.kept)
+        if failure is not None:
+            failure.results = self.results
+        return failure
+
+    def planned(
+        self, grid: Grid, record: Sequence[str] | None, files: Sequence[Path] = (), taps: Sequence[Tap] = (),
+        paced: bool = False,
+    ) -> RunPlan:  # fmt: skip
+        """Return the plan of a run."""
+        wanted, plan = (grid, None if record is None else tuple(record)), self.plan
+        if plan is not None and plan.wanted == wanted and not (files or taps):
+            plan.again()
+            return plan
+        self.plan = None
+        plan = RunPlan(self, wanted, self._coupling, files, taps, paced)
+        if plan.lasts and not (files or taps):
+            self.plan = plan
+        return plan
+
+
+class RunPlan:
+    """Stepper, rows and steps of runs at the same times; `wanted` are their grid and the names of their signals."""
+
+    def __init__(
+        self, session: Session, wanted: tuple[Grid, Sequence[str] | None],
+        coupling: tuple[float | None, float | None], files: Sequence[Path], taps: Sequence[Tap], paced: bool,
+    ) -> None:  # fmt: skip
+        self.wanted, exchange = wanted, session.exchange
+        grid, record = wanted
+        self.stepper = session.components.couple(*coupling, grid.end - grid.begin, record)
+        block, longest = (ROWS, SECONDS) if files and not paced else (grid.n + 1, np.inf)
+        self.signals, *_ = kept = exchange.recorders(block, record)
+        self.rows = Recorder(files, *kept, grid.times, longest) if files else RowsInMemory(*kept[1:])
+        self.blocks: list[Blocks] = []
+        for tap in taps:
+            names, memory, places = exchange.reals(tap.wanted)
+            tap.begin(grid, names)
+            self.blocks += [Blocks(tap, grid, names, memory, places)] if names else []
+        why = obstacle(self.stepper, exchange)
+        self.how = f"Python: {why}" if why else "C"
+        self.compiled = None if why else CompiledSteps(exchange, grid, [self.rows, *self.blocks])
+        self.lasts = self.compiled is not None and self.compiled.lasting and grid.n <= ROWS
+        box, advance = session.box, self.stepper.advance
         begin, end, step, n = grid
         last, rest = n - 1, grid.last
 
@@ -127,7 +178,12 @@ class Session:
             box.time = time = begin + k * step
             advance(time, step if k < last else rest, begin + (k + 1) * step if k < last else end)
 
-        return do_step
+        self.do_step = do_step
+
+    def again(self) -> None:
+        """Begin another run."""
+        assert self.compiled is not None
+        self.compiled.row = 0
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
@@ -172,47 +228,6 @@ def _needed(member: str) -> bool:
     return member == "modelDescription.xml" or member.startswith(places)
 
 
-@contextmanager
-def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
-    """Report a component that ends the process, save the rows, and make the exit code 1; `save` returns a text on them.
-
-    For the C libraries of Linux (glibc) and macOS; no others can remove a handler.
-    """
-    if platform.libc_ver()[0] != "glibc" and sys.platform != "darwin":
-        yield
-        return
-    process, over = os.getpid(), False
-
-    @ctypes.CFUNCTYPE(None, ctypes.c_void_p)
-    def at_exit(_: int | None) -> None:
-        if over or os.getpid() != process:  # in a process that the component has forked
-            return
-        with suppress(BaseException):
-            where = save()
-            sys.stderr.write(f"error: {_caller()} ended the process at t = {box.time:.9g} s.{where}\n")
-            sys.stderr.flush()
-        os._exit(1)
-
-    library, key = ctypes.CDLL(None), ctypes.byref(ctypes.c_char())
-    library.__cxa_atexit(at_exit, None, key)
-    try:
-        yield
-    finally:
-        over = True
-        library.__cxa_finalize(key)  # calls and removes the handler
-
-
-def _caller() -> str:
-    """Return the names of the components in the local variables of the calls above in this thread."""
-    frame = inspect.currentframe()
-    while frame is not None:
-        values = [(value, getattr(value, "instance", None)) for value in frame.f_locals.values()]
-        if names := dict.fromkeys(each.name for pair in values for each in pair if isinstance(each, Instance)):
-            return f"component {' or '.join(names)}"
-        frame = frame.f_back
-    return "a component"
-
-
 class Interrupted(KeyboardInterrupt):
     """The signal `number` stopped the run between two steps; `results` holds the rows so far."""
 
@@ -238,35 +253,28 @@ class Run:
         self._observer, speed = options["observer"], options["pace"]
         self._done = -1
         """The last complete row."""
-        exchange = session.exchange
-        block, longest = (ROWS, SECONDS) if files and speed is None else (grid.n + 1, np.inf)
-        self._signals, data, put = exchange.recorders(block, options["record"])
-        self._rows = RowsInMemory(data, put)
-        if files:
-            self._rows = Recorder(files, self._signals, data, put, grid.times, longest)
-        listed: list[Tap] = [Finite(), self._rows]
+        self._plan = plan = session.planned(grid, options["record"], files, taps, speed is not None)
+        self._rows, self._compiled = plan.rows, plan.compiled
+        self._taps: list[Tap] = []
+        """Taps of single rows, in their order."""
         if self._observer is not None:
-            listed.append(Observed(self._observer, exchange, summary))
+            self._taps.append(Observed(self._observer, session.exchange, summary))
         guard = self._guard = InterruptGuard()
         self._stopped = lambda: guard.number != 0  # the stepper keeps this, and not the rows
         self._pace = None if speed is None else Pace(speed, grid.step, self._stopped)
-        listed += [*taps, *([] if self._pace is None else [self._pace])]
-        self._taps = [(tap.rows(grid), tap.take) for tap in listed]
-        why = obstacle(session.stepper, exchange)
-        summary["stepper"] = f"Python: {why}" if why else "C"
-        LOG.info("stepper: %s", summary["stepper"])
-        self._compiled = None if why else CompiledSteps(exchange, grid, data)
-        self._do_step = session.stepping(grid)
+        self._taps += [*taps, *([] if self._pace is None else [self._pace])]
+        summary["stepper"] = plan.how
+        LOG.info("stepper: %s", plan.how)
 
     def steps(self, progress: Any) -> Results:
         """Do the steps and return the results; call ``progress(k, n)`` if it is not None."""
         session, grid, guard, box = self._session, self._grid, self._guard, self._session.box
         session.save = self._saved
         self._began = clock.perf_counter()
-        stride = max(1, -(-grid.n // 100))
+        stride = grid.n if progress is None else max(1, -(-grid.n // 100))
         try:
             with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # Finite reports them
-                session.stepper.pressed = self._stopped
+                self._plan.stepper.pressed = self._stopped
                 self._row(0)
                 self._done = 0
                 if progress is not None:
@@ -285,7 +293,7 @@ class Run:
             box.flush()
             number = guard.number or signal.SIGINT
             raise Interrupted(grid.time(max(self._done, 0)), self._results(), number) from None
-        for note in session.stepper.notes():
+        for note in self._plan.stepper.notes():
             self.summary["notes"].append(note)
             box.pending.append(LogMessage("", box.time, "note", "", note))
         box.flush()
@@ -295,31 +303,34 @@ class Run:
         return results
 
     def _row(self, k: int) -> None:
-        """Show row `k` to the taps."""
-        time, components = self._grid.time(k), self._session.components
-        for rows, take in self._taps:
-            if k in rows:
-                take(k, time, components)
+        """Check and keep row `k`, and show it to the taps."""
+        self._session.exchange.refuse_not_finite("doStep" if k else "initialization", self._grid.time(k))
+        for keeper in (self._rows, *self._plan.blocks):
+            keeper.keep(k)
+        self._show(k)
+
+    def _show(self, k: int) -> None:
+        """Show row `k` to the taps that are due."""
+        for tap in self._taps:
+            if tap.due(k) == k:
+                tap.take(k, self._grid.time(k), self._session.components)
 
     def _in_python(self, end: int) -> None:
         """Do a step with its row."""
-        self._do_step(self._done)
+        self._plan.do_step(self._done)
         self._row(self._done + 1)
         self._done += 1
 
     def _in_c(self, end: int) -> None:
-        """Do steps with their rows to row `end` at most, one if taps look at each row."""
+        """Do steps with their rows to row `end` at most, and to the next row that a tap looks at."""
         assert self._compiled is not None
-        first, full = self._rows.room(self._done + 1)
-        taps = self._taps[2:]  # C has the work of the first two
+        due = min((tap.due(self._done + 1) for tap in self._taps), default=end)
         try:
-            self._done = self._compiled.run(self._done + 1 if taps else min(end, full - 1), first)
+            self._done = self._compiled.run(int(min(end, due)))
         except BaseException:
             self._done = self._compiled.row
             raise
-        for rows, take in taps:
-            if self._done in rows:
-                take(self._done, self._grid.time(self._done), self._session.components)
+        self._show(self._done)
 
     def _do(self, end: int) -> None:
         """Do steps to row `end`, until a component ends the simulation."""
@@ -357,11 +368,16 @@ class Run:
         if self._pace is not None:
             summary["wall_s"] -= self._pace.waited
             summary["pace"] = self._pace.facts()
-        summary |= self._session.stepper.facts()
+        summary |= self._plan.stepper.facts()
         time = self._grid.times(0, done + 1)
         if done == self._grid.n or "ended" in summary:
             time[done] = summary["stop"]
-        results = Results(time, self._signals, rows.finish(time), summary, box.kept)
+        for block in self._plan.blocks:
+            block.flush(done + 1)
+        data = rows.finish(time)
+        if self._session.plan is self._plan:  # the next run takes the memory
+            data = {kind: array.copy() for kind, array in data.items()}
+        results = Results(time, self._plan.signals, data, summary, box.kept)
         for path in self._files if done >= 0 else ():
             if not (form := format_of(path)).streams:
                 form.write(results, path)

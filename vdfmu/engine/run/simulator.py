@@ -126,6 +126,12 @@ class Simulator:
             ignore_unmatched=options["ignore_unmatched"],
         )  # fmt: skip
         self._apart = None
+        self.sizes = {
+            f"{name}.{v.name}"
+            for name, each in self._checked.descriptions.items()
+            for v in each.named("structuralParameter")
+        }
+        """Parameters that are sizes of arrays."""
         if options["federation"] is not None:
             self._checked, self._apart = options["federation"].apart(self._checked)
         return self
@@ -173,11 +179,25 @@ class Simulator:
                 "steps": grid.n, "isolated": session.isolated, "held": checked.held,
                 "notes": [*checked.notes, *reach],
             }  # fmt: skip
-            self._couple(session, grid, options["record"])
             with shown_steps(options["progress"], "co-simulation") as progress:
                 run = Run(session, grid, summary, options, files, taps)
                 session.results = run.steps(progress)
         return session.results
+
+    @property
+    def lasts(self) -> bool:
+        """Whether components are loaded, and stay so after :meth:`rest`."""
+        return self._session is not None and self._session.lasts
+
+    def rest(self) -> None:
+        """End the last run as the end of the block does; components that last stay loaded. For errors see `run`."""
+        session = self._session
+        assert session is not None
+        failure = session.rest() if session.lasts else None
+        if failure is not None or not session.lasts:
+            self._free(failure)
+        if failure is not None:
+            raise failure
 
     def reset(
         self, *, start: float | None = None, stop: float | None = None, step: float | None = None,
@@ -201,14 +221,16 @@ class Simulator:
             if not isinstance(session.components, Components):
                 raise UsageError("reset: isolated components are not stepped by hand; use isolate=False.")
             self._initialize(session, grid)
-            self._couple(session, grid, ())
             self._by_hand, self._begun = ByHand(session, grid), wanted
 
     def step(self, count: int = 1) -> None:
         """Do steps by hand; UsageError beyond the stop, CosimError if a component fails or ends the run."""
-        steps = self._stepped
-        with self._freeing(CosimError):
+        steps = self._by_hand or self._stepped
+        try:
             steps.step(count)
+        except CosimError as error:
+            self._free(error)
+            raise
 
     def set(self, name: str, value: Any) -> None:
         """Set an unconnected input, or a tunable parameter, ``component.variable``, for the next steps.
@@ -233,15 +255,19 @@ class Simulator:
         return self._by_hand
 
     @contextmanager
-    def _freeing(self, kind: type[BaseException] = BaseException) -> Generator[None]:
+    def _freeing(self) -> Generator[None]:
         """Free the components if the block fails."""
         try:
             yield
-        except kind as error:
-            failed, self._session, self._by_hand = self._session, None, None
-            if failed is not None:
-                failed.__exit__(type(error), error)
+        except BaseException as error:
+            self._free(error)
             raise
+
+    def _free(self, error: BaseException | None = None) -> None:
+        """Free the components."""
+        session, self._session, self._by_hand = self._session, None, None
+        if session is not None:
+            session.__exit__(error and type(error), error)
 
     def _prepared(self, step: float, parameters: Mapping[str, Value] | None) -> Checked:
         """Return the system with the parameters of a run."""
@@ -276,6 +302,7 @@ class Simulator:
         assert self._session is not None
         components = self._session.components
         assert isinstance(components, Components)
+        self._session.plan = None  # a user may change what it needs
         if time != grid.begin:
             components.bring_inputs(time)
         return components
@@ -289,8 +316,11 @@ class Simulator:
             session.__exit__(None, None)
             session = None
         if session is None:
-            log, isolate = self._options["log"], self._options["isolate"]
-            self._session = session = Session(checked, log, isolate, self._limits, self._apart).__enter__()
+            options = self._options
+            self._session = session = Session(
+                checked, options["log"], options["isolate"], self._limits, self._apart,
+                (options["adaptive"], options["convergence"]),
+            ).__enter__()  # fmt: skip
         else:
             session.reset(checked)
         return session
@@ -298,10 +328,6 @@ class Simulator:
     def _initialize(self, session: Session, grid: Grid) -> None:
         convergence = self._options["convergence"] or CONVERGENCE
         session.components.initialize(grid.begin, grid.end, self._options["tolerance"], convergence)
-
-    def _couple(self, session: Session, grid: Grid, record: Sequence[str] | None) -> None:
-        adaptive, convergence = self._options["adaptive"], self._options["convergence"]
-        session.stepper = session.components.couple(adaptive, convergence, grid.end - grid.begin, record)
 
     def _end_by_hand(self) -> None:
         if self._by_hand is not None:

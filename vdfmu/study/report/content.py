@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import Robot
-from vdfmu.base.arrays import Floats, bends, extremes
+from vdfmu.base.arrays import Floats, bends, distinct, extremes
 from vdfmu.base.measure import JOINT_UNITS, Shown, shown_as
 from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures
 from vdfmu.engine.results.folder import DRAWN
@@ -56,12 +56,12 @@ MOTOR_SIDE = ("controller.tau", "feedforward.tau_m")
 _FRAMES = ("q", "error", "torque", "torsion", "power", "force")
 """Curves that the drawn arm shows."""
 _FIGURES = (
-    ("position", "position", "Joint positions, desired dashed", "", {"q": "q", "q_d": "q_d"}),
     ("tracking", "position", "Position tracking errors: q_d − q", "Tracking error", {"error": ""}),
     ("torque", "torque", "Control {}s, feedforward dashed, link side", "Control {}",
      {"torque": "ℓτ", "feedforward": "ℓτ_m"}),
     ("compensation", "torque", "{} compensation errors: ℓ(τ − τ_m)", "{} compensation error", {"compensation": ""}),
     ("torsion", "position", "Torsion of the drives: κ − q", "Torsion", {"torsion": ""}),
+    ("position", "position", "Joint positions, desired dashed", "", {"q": "q", "q_d": "q_d"}),
 )  # fmt: skip
 """Key, quantity of the joint, title, name of the largest value, and sums: solid, then dashed.
 
@@ -128,13 +128,15 @@ def _joints(results: Results, name: str, n: int) -> list[str]:
 
 
 def run_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
-    """Yield the figures of a run: of each arm, of forces in the scene, and of cutting points."""
+    """Yield the figures of a run: of touched objects, estimates and cutting points, of each arm, of its wrenches."""
     arms = drawn_arms(results, summary)
+    yield from _contact_figures(results, summary)
+    yield from _estimate_figures(results, summary)
+    yield from _cutting_points(results)
     for k, arm in enumerate(arms):
         before, of = f"{arm.component}." if k else "", f"{arm.component}: " if len(arms) > 1 else ""
         yield from _arm_figures(before, of, arm.facts["types"], arm.sums)
-    yield from _force_figures(results, summary)
-    yield from _cutting_points(results)
+    yield from _wrench_figures(results, summary)
 
 
 def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
@@ -158,11 +160,10 @@ def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, 
                 yield Figure(f"{before}{key}.{kind}", words[0], shown_as(quantity, kind), curves, words[1])
 
 
-def _force_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
-    """Yield force and moment of each wrench that acts in the run, and the forces of contacts."""
-    scene = summary.get("scene", {})
+def _wrench_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield force and moment of each wrench that acts in the run."""
     names = {*results.names}
-    for arm in scene.get("arms", []):
+    for arm in summary.get("scene", {}).get("arms", []):
         for key, words in WRENCHES.items():
             signals = arm["signals"].get(key, [])
             for noun, unit, part in (("Force", "N", signals[:3]), ("Moment", "N.m", signals[3:])):
@@ -171,11 +172,32 @@ def _force_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Fig
                     curves = [Curve(axis, 0, [(1.0, name)]) for axis, name in axes]
                     title = f"{arm['component']}: {noun.lower()} {words}"
                     yield Figure(f"{arm['component']}.{key}.{unit}", title, Shown(unit), curves, f"{noun} {words}")
-    for drawn in scene.get("objects", []):
+
+
+def _contact_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield forces and depths of contacts."""
+    for drawn in summary.get("scene", {}).get("objects", []):
         for name, words in drawn.get("forces", {}).items():
-            if name in names:
+            if name in results:
                 title = f"{drawn['component']}: {words[:1].lower()}{words[1:]}"
-                yield Figure(name, title, Shown(results.units[name]), [Curve(name, 0, [(1.0, name)])], words)
+                unit = results.units[name]
+                quantity = Shown("mm", 1e3) if unit == "m" else Shown(unit)
+                yield Figure(name, title, quantity, [Curve(name, 0, [(1.0, name)])], words)
+
+
+def _estimate_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield torques of estimators beside the torques that they estimate."""
+    names = {*results.names}
+    for each in summary.get("scene", {}).get("estimates", []):
+        for unit in dict.fromkeys(results.units[name] for name in each["signals"] if name in names):
+            curves = [
+                Curve(f"joint {k}{label}", k, [(1.0, signal)], dashed=bool(label))
+                for group, label in (("signals", ""), ("true", ", true"))
+                for k, signal in enumerate(each[group], 1)
+                if signal in names and results.units[signal] == unit
+            ]
+            title = f"Estimated {each['words'][:1].lower()}{each['words'][1:]}; true dashed"
+            yield Figure(f"estimate.{each['component']}.{each['group']}.{unit}", title, Shown(unit), curves)
 
 
 def _cutting_points(results: Results) -> Iterator[Figure]:
@@ -220,12 +242,12 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             each.add(part, k * BLOCK)
         even = np.arange(-k * BLOCK % stride, len(part), stride)  # every k-th row of the whole
         if k == parts - 1:
-            even = np.unique(np.append(even, len(part) - 1))
+            even = distinct(even, [len(part) - 1])
         for table in itertools.chain(*tables.values()):
             values = values_of(table.curves, part, table.factor)
             buckets = max(1, EXTREMES // (len(values) * parts))
             rows = [even, *(extremes(row, buckets) for row in values)]
-            table.add(part.time, [values], np.unique(np.concatenate(rows)))
+            table.add(part.time, [values], distinct(*rows))
     first, *more = [each.packed() for each in moving]
     packs = {
         kind: [table.packed(["values"]) | {"recipes": recipes_of(table.curves, table.factor)} for table in group]
@@ -256,7 +278,7 @@ class ArmFrames:
         """Add a stretch of the run that begins with row `first`."""
         last = len(part) - 1
         ends = [0, last] if self._arm else [last] if first + last == self._m - 1 else []
-        even = np.unique(np.array([*np.arange(-first % self._stride, last + 1, self._stride), *ends], dtype=int))
+        even = distinct(np.arange(-first % self._stride, last + 1, self._stride), np.array(ends, int))
         moved = {name: values_of(curves, part) for name, curves in self.motion.items()}
         rows, distances = even, np.full(len(even), np.inf)
         if self._arm:

@@ -32,6 +32,7 @@ from vdfmu.study.report.content import content_of
 from vdfmu.study.report.parts import checks, comparison, facts_table, marks, page_title, tables, tiles
 from vdfmu.study.report.shown_run import NAME, ShownRun, read_run
 from vdfmu.study.report.simulation import simulation_of
+from vdfmu.study.run.key_figures import cut_figures
 from vdfmu.study.run.scene import wired_arm
 from vdfmu.system.package.drawing import system_diagram
 
@@ -82,7 +83,7 @@ def report_page(
     has ended without a verdict.
     """
     names = _names(runs)
-    wired = [{} if "arm" in run.summary else wired_arm(run.results, run.package) for run in runs]
+    wired = [{} if "arm" in run.summary else _wired(run) for run in runs]
     runs = [run._replace(summary={**run.summary, **more}) for run, more in zip(runs, wired, strict=True)]
     binaries: dict[str, str] = {}
     parts = [
@@ -135,6 +136,12 @@ def report_page(
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     script = scripts.scripts_of("run")
     return page(", ".join(names), about, body, 92, head, tab=tab, first=_SKIP, lead=lead, scripts=script)
+
+
+def _wired(run: ShownRun) -> dict[str, Any]:
+    """Return the entries of a summary on an arm of joint components."""
+    arm = wired_arm(run.results, run.package)
+    return arm | {"key_figures": cut_figures(run.results)} if arm else {}
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:

@@ -15,7 +15,7 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.verdict import GOOD, checks_line, checks_of, state_of
 from vdfmu.study.report.sheets import TRACKING, Sheet, facts, sheets, units_of
 from vdfmu.study.report.shown_run import ShownRun
-from vdfmu.study.run.summary_keys import Summary, energies
+from vdfmu.study.run.summary_keys import Summary
 
 
 def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
@@ -40,68 +40,79 @@ class Tile(NamedTuple):
     value: str
     note: str
     figure: str
-    """Key of the figure that shows it, or a prefix of the key; ``facts`` for the table of facts."""
+    """Key of the figure that shows it, or a prefix of the key."""
+    measure: str
+    """Measure of a simulated run that replaces the value, see ``web/outcome.js``; empty without such a measure."""
     at: float | None = None
     """Its time [s]."""
 
 
 def page_title(name: str, summary: Summary) -> str:
-    """Return the title of the page of a run: ``tracking: tool 2.89 µm, 6 joints``."""
-    figures: Summary = summary.get("key_figures") or {}
+    """Return the title of the page of a run: ``tracking: tool error 2.89 µm, 6 joints``."""
     joints = summary.get("joints")
-    facts = [f"tool {quantity(figures['tool_error']['value'], 'm')}"] if "tool_error" in figures else []
+    facts = [f"{tile.name.lower()} {tile.value}" for tile in tiles_of(summary)[:1]]
+    facts = ["unstable"] if "unstable" in (summary.get("key_figures") or {}) else facts
     facts += [f"{joints} joint{'s' if joints > 1 else ''}"] if joints else []
-    facts = ["unstable", *facts[1:]] if "unstable" in figures else facts
     return f"{name}: {', '.join(facts)}" if facts else name
 
 
+MOST_TILES = 4
 _TILES = {
-    "tool_error": ("Tool error", "at {time}", "tool"),
-    "joint_error": ("Worst joint", "joint {joint} at {time}", "tracking"),
-    "torque": ("Peak torque", "joint {joint} at {time}", "torque"),
-    "contact": ("Contact force", "at the tool, since {time}", "plant.F_e.N"),
-    "saturated": ("Time at a limit", "{place}, since {time}", "torque"),
-    "margin": ("Modulus margin", "{place} at {time}", "torque"),
-    "unstable": ("Disturbances grow", "a step, {place}, since {time}", "tracking"),
-    "mode": ("Lowest mode", "motors held{rate}", "torsion"),
+    "unstable": ("Disturbances grow", "a step, {place}, since {time}", "tracking", ""),
+    "saturated": ("Time at a limit", "{place}, since {time}", "torque", "limited"),
+    "contact": ("Contact force", "at the tool, since {time}", "plant.F_e.N", "length"),
+    "depth": ("Penetration", "at {time}", "{place}", "largest"),
+    "power": ("Power at a cutting point", "joint {joint} at {time}", "power", "largest"),
+    "cut": ("Torque at a cutting point", "joint {joint} at {time}", "force", "largest"),
+    "tool_error": ("Tool error", "at {time}", "tool", "largest"),
+    "joint_error": ("Worst joint", "joint {joint} at {time}", "tracking", "largest"),
+    "margin": ("Modulus margin", "{place} at {time}", "torque", "margin"),
+    "torque": ("Peak torque", "joint {joint} at {time}", "torque", "largest"),
 }
-"""Key figure to the name, the note and the figure of its tile."""
+"""Key figure to the name, the note, the figure and the measure of its tile; the first ones are shown."""
 _VALUES: Mapping[str, Callable[[float], str]] = {
     "tool_error": lambda value: quantity(value, "m"),
     "saturated": lambda value: f"{100.0 * value:.3g} %",
     "margin": lambda value: f"{value:.2g}" if value else "none",
     "unstable": lambda value: f"× {value:.3g}",
-    "mode": lambda value: quantity(value, "Hz"),
 }
 """Key figure without a unit to the text of its value."""
 
 
-def tiles_of(summary: Summary) -> Iterator[Tile]:
-    """Yield a tile for each key figure of a summary."""
+def tiles_of(summary: Summary) -> list[Tile]:
+    """Return the tiles of a summary: first its faults, then what its components do, then what every arm does."""
     figures: Summary = summary.get("key_figures") or {}
-    rate = f"; loop {quantity(1.0 / summary['step'], 'Hz')}" if summary.get("step") else ""
-    for key, (name, form, shown) in _TILES.items():
+    tiles: list[Tile] = []
+    for key, (name, form, shown, measure) in _TILES.items():
+        if key == "tool_error":
+            tiles += _estimate_tiles(summary)
         if (figure := figures.get(key)) is None:
             continue
         value = _VALUES[key](figure["value"]) if key in _VALUES else quantity(figure["value"], figure["unit"])
-        note = form.format_map({**figure, "time": f"{figure['at_s']:.3g} s", "rate": rate})
-        if key == "torque":
-            name = "Peak force" if figure["unit"] == "N" else name
-            if "limit" in figure:
-                value, note = f"{100 * figure['value'] / figure['limit']:.3g} %", f"of its limit, {value}, {note}"
-        yield Tile(name, value, note, shown, figure["at_s"])
-    bond: Summary | None = summary.get("power_bond")
-    if bond is not None:
-        residual, exchanged = energies(bond)
-        if exchanged > 0.0:
-            note = f"of {quantity(exchanged, 'J')} exchanged"
-            yield Tile("Energy residual", f"{100 * residual / exchanged:.2g} %", note, "facts")
+        note = form.format_map({**figure, "time": f"{figure['at_s']:.3g} s"})
+        name = name.replace("torque", "force").replace("Torque", "Force") if figure.get("unit") == "N" else name
+        if "limit" in figure:
+            note = f"{100 * figure['value'] / figure['limit']:.3g} % of its limit, {note}"
+        tiles.append(Tile(name, value, note, shown.format_map(figure), measure, figure["at_s"]))
+    return tiles[:MOST_TILES]
+
+
+def _estimate_tiles(summary: Summary) -> Iterator[Tile]:
+    """Yield the RMS error of each estimate, of the joint with the largest."""
+    for each in summary.get("scene", {}).get("estimates", []):
+        errors: Sequence[float] = summary.get(f"rms_{each['group']}_error_nm") or []
+        if errors:
+            worst = max(range(len(errors)), key=errors.__getitem__)
+            unit = units_of(summary, "torque_units", len(errors))[worst]
+            note = f"RMS, joint {worst + 1}: {each['words'][:1].lower()}{each['words'][1:]}"
+            figure = f"estimate.{each['component']}.{each['group']}"
+            yield Tile("Error of the estimate", quantity(errors[worst], unit), note, figure, "apart")
 
 
 def tiles(summary: Summary) -> Iterator[str]:
     """Yield the key figures as buttons that go to their times and figures."""
     buttons = "".join(
-        f'<button type="button" class="tile" data-figure="{tile.figure}"'
+        f'<button type="button" class="tile" data-figure="{tile.figure}" data-measure="{tile.measure}"'
         f"{'' if tile.at is None else f' data-time={tile.at!r}'}><span>{escape(tile.name)}</span> "
         f"<b>{escape(tile.value)}</b> <small>{escape(tile.note)}</small></button>"
         for tile in tiles_of(summary)

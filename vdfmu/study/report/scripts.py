@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Mapping
 from functools import lru_cache
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from urllib.parse import quote
 
 import numpy as np
@@ -57,9 +56,31 @@ def libraries() -> str:
 
 
 def data_element(content: Mapping[str, Any]) -> str:
-    """Return the element of a page that has its content, for ``web/data.js``; nothing in it ends the element."""
-    inert = to_json(content, indent=None).replace("<", "\\u003c")
-    return f'<script id="data" type="application/json">{inert}</script>'
+    """Return the elements of a page that have its content, for ``web/data.js``; nothing in them ends them.
+
+    Arrays are in an element of their own, one after another, compressed: of the integers that have their bits, the
+    changes from number to number, byte by byte of all.
+    """
+    arrays = list[bytes]()
+
+    def placed(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {key: placed(entry) for key, entry in cast("Mapping[str, Any]", value).items()}
+        if isinstance(value, list | tuple):
+            return [placed(entry) for entry in cast("list[Any]", value)]
+        if not isinstance(value, np.ndarray):
+            return value
+        bits = value.view(f"<u{value.itemsize}")
+        changes = np.diff(bits, prepend=bits.dtype.type(0))
+        arrays.append(changes.view(np.uint8).reshape(value.size, value.itemsize).T.tobytes())
+        return [sum(map(len, arrays[:-1])), value.size]
+
+    inert = to_json(placed(content), indent=None).replace("<", "\\u003c")
+    numbers = compressed(b"".join(arrays))
+    return (
+        f'<script id="data" type="application/json">{inert}</script>\n'
+        f'<script id="numbers" type="text/plain">{numbers}</script>'
+    )
 
 
 def scripts_of(name: str) -> list[str]:
@@ -72,7 +93,7 @@ def bundle(name: str) -> str:
     return (_BUNDLES / name).read_text(encoding="utf-8")
 
 
-def packed(values: NDArray[Any], kind: str) -> str:
-    """Return numbers as base64 of a `kind` of the page."""
+def packed(values: NDArray[Any], kind: str) -> NDArray[Any]:
+    """Return numbers in a row, as a `kind` of the page: ``<f4``, ``<f8`` or ``<u4``."""
     with np.errstate(over="ignore"):  # values beyond single precision are drawn as gaps
-        return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
+        return np.ascontiguousarray(values, dtype=kind).reshape(-1)

@@ -184,6 +184,8 @@ def facts(summary: Summary) -> Iterator[tuple[str, str]]:
         text = f"{residual:.3g} J, the sum of absolute values, at tau and kappa_dot"
         net = f"net {sum(bond['residual_energy_j']):.3g} J"
         yield "Energy residual", f"{text}, where {exchanged:.3g} J are exchanged{share}; {net}"
+    if (mode := (summary.get("key_figures") or {}).get("mode")) is not None:
+        yield "Lowest mode", f"{quantity(mode['value'], 'Hz')} at {mode['at_s']:.3g} s, motors held"
     if (separation := summary.get("separation")) is not None:
         moved = f"move the run by {number(separation['max_position_difference_rad'])} rad or m"
         yield "Chaotic loop", f"rotor inertias larger by {separation['change']:g} of themselves {moved}"

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.arrays import distinct
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler import wasm
@@ -90,11 +91,14 @@ any component if the cause is there; their new ``value``, or a ``factor``."""
 
 def keep_program(system: SystemDescription, package: Path) -> None:
     """Keep the program of a system for the pages of its package, or the reason for its absence."""
+    place = _kept(package)
+    if load(place) is not None:
+        return
     try:
         content = page_program(SystemProgram(system)) | {"knobs": list(knobs(system))}
     except VdfmuError as error:
         content = {"reason": _reason(error)}
-    store(_kept(package), json.dumps(content).encode())
+    store(place, json.dumps(content).encode())
 
 
 def _kept(package: Path) -> Path:
@@ -245,7 +249,7 @@ def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
     recorded = set(results.names)
     kept = [name for name in names if name in recorded]
     judged = [name for name in kept if name.startswith("plant.q[")] or kept
-    rows = np.unique(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
+    rows = distinct(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
     separation = (summary.get("separation") or {}).get("max_position_difference_rad", 0.0)
     return {
         "rows": rows.tolist(),

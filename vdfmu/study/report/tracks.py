@@ -128,7 +128,7 @@ class _MovedLoops:
                 group, _, index = name.partition("[")
                 if group == target["name"] and (joint is None or index.rstrip("]").split(",")[0] == str(joint + 1)):
                     changes.setdefault(target["unit"], {})[name] = factor(knob, place) * value
-        return [pose.loop for pose in self._poses.changed(changes, rows).rows if pose.loop is not None]
+        return self._poses.moved(changes, rows)
 
     def same_plant(self, row: int, loop: Loop) -> bool:
         """Whether a loop differs from the run's in its feedback at most."""
@@ -172,13 +172,17 @@ def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | No
 def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> Track:
     feedback = loops.feedback(knob, rows, joint)
 
-    def least(place: float) -> float:
+    def moved(place: float) -> list[Loop]:
         if feedback is None:
-            moved = loops.moved(knob, place, joint, rows)
-        else:
-            pairs = [(loops.unmoved[row], (factor(knob, place) - 1.0) * feedback[row]) for row in rows]
-            moved = [replace(loop, K=loop.K + more) for loop, more in pairs]
-        return min(float(loop.modulus.min()) for loop in moved)
+            return loops.moved(knob, place, joint, rows)
+        pairs = [(loops.unmoved[row], (factor(knob, place) - 1.0) * feedback[row]) for row in rows]
+        return [replace(loop, K=loop.K + more) for loop, more in pairs]
+
+    def least(place: float) -> float:
+        at_rows = moved(place)
+        if any(loop.lost.any() for loop in at_rows):
+            return 0.0
+        return min(float(loop.modulus.min()) for loop in at_rows)
 
     margins = {place: least(place) if place else loops.least for place in _PLACES}
     limits: list[float | None] = []
@@ -191,7 +195,8 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joi
         inside, outside = float(ordered[beyond - 1]), float(ordered[beyond])
         for _ in range(_HALVINGS):
             middle = (inside + outside) / 2.0
-            inside, outside = (middle, outside) if least(middle) else (inside, middle)
+            lost = any(loop.lost.any() for loop in moved(middle))
+            inside, outside = (inside, middle) if lost else (middle, outside)
         limits.append(inside)
     track = {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
     return track | {"still": True} if loops.still else track

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.robot import Robot
@@ -117,34 +116,21 @@ class PowerBond(Tap):
 
     def __init__(self, robot: Robot) -> None:
         self._ell, self._energies = robot.ell, np.zeros((3, robot.n))
-        self._names = [f"{group}[{i + 1}]" for group in _READ for i in range(robot.n)]
-        self._places: NDArray[np.intp] | None = None
-        self._count, self._times = 0, np.zeros(BLOCK + 1)
-        self._block = np.zeros((BLOCK, len(self._names)))
+        self.wanted = [f"{group}[{i + 1}]" for group in _READ for i in range(robot.n)]
+        self._columns: list[int] = []
 
-    def rows(self, grid: Grid) -> Container[int]:
-        """Begin a run. Its first row shows whether it has the signals."""
-        self._places, self._count, self._times[0] = None, 0, grid.begin
-        self._energies[:] = 0.0
-        return range(grid.n + 1)
+    def begin(self, grid: Grid, names: Sequence[str]) -> None:
+        """Begin a run."""
+        self._columns = [names.index(name) for name in self.wanted] if len(names) == len(self.wanted) else []
+        self._time, self._energies[:] = grid.begin, 0.0
 
-    def take(self, k: int, time: float, components: Any) -> None:
-        """Take the row."""
-        if k == 0:
-            names, self._memory, places = components.exchange.reals(self._names)
-            place = dict(zip(names, places, strict=True))
-            self._places = np.array([place[name] for name in self._names]) if len(place) == len(self._names) else None
-        if self._places is not None:
-            self._memory.take(self._places, None, self._block[self._count], "clip")
-            self._count += 1
-            self._times[self._count] = time
-            if self._count == BLOCK:
-                self._add()
-
-    def _add(self) -> None:
-        count, (tau, kappa_dot, transmitted, received) = self._count, np.split(self._block[: self._count], 4, axis=1)
-        h = np.diff(self._times[: count + 1])[:, None]  # 0 at the first row, which ends no step
-        self._times[0], self._count = self._times[count], 0
+    def block(self, times: Floats, values: Floats) -> None:
+        """Add the energies of rows."""
+        if not self._columns:
+            return
+        tau, kappa_dot, transmitted, received = np.split(values[:, self._columns], 4, axis=1)
+        h = np.diff(times, prepend=self._time)[:, None]  # 0 at the first row, which ends no step
+        self._time = times[-1]
         taken = self._ell * tau * kappa_dot
         residual = 0.5 * h * (taken - self._ell * transmitted * received)
         self._energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
@@ -155,9 +141,7 @@ class PowerBond(Tap):
         For each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum of the absolute
         values; ``exchanged_energy_j``, the same for the energy that the plant took up.
         """
-        if self._places is None:
+        if not self._columns:
             return {}
-        if self._count:
-            self._add()
         names = ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j")
         return {"power_bond": dict(zip(names, self._energies.tolist(), strict=True))}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Results
 from vdfmu.study.analysis.modes import natural_modes
+from vdfmu.study.run.scene import joints_of
 from vdfmu.study.run.summary import ArmLimits, has_signals
 from vdfmu.system.reference.reference import BLOCK
 
@@ -34,17 +35,19 @@ _SMALL = 0.1
 
 
 def key_figures(
-    results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot, touch: str = ""
-) -> dict[str, Any]:
+    results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot, touch: str = "",
+    objects: Iterable[Mapping[str, Any]] = (),
+) -> dict[str, Any]:  # fmt: skip
     """Return the largest errors and torque of a run of an arm, and the lowest mode of its links.
 
     With `limits` of the arms, the torque is of the joint with the largest share of its limit. `plant` is the robot of
     the plant, with its modes; a tool error needs the geometry of `robot`. `touch` is the signal of the wrench at the
-    tool, if it is the output of another component.
+    tool, if it is the output of another component. `objects` are those of the scene.
 
     Keys: ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``mode``
     [Hz], with the motors held; ``path``, the error of tool or joint that is worst for the ``size`` of its motion;
-    ``contact``, the largest force at the tool [N], and its begin. Numbers without signals are left out.
+    ``contact``, the largest force at the tool [N], and its begin; ``depth``, the largest length that an object shows
+    of a contact [m]. Numbers without signals are left out.
     """
     figures: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
@@ -70,12 +73,36 @@ def key_figures(
         if force.any():
             begin = float(results.time[np.flatnonzero(force)[0]])
             figures["contact"] = {"value": float(force.max()), "unit": "N", "at_s": begin}
+    for name in (name for each in objects for name in each["forces"] if name in results and results.units[name] == "m"):
+        row = int(results[name].argmax())
+        deepest = {"value": float(results[name][row]), "unit": "m", "place": name, "at_s": float(results.time[row])}
+        figures["depth"] = max(deepest, figures.get("depth", deepest), key=lambda each: each["value"])
     if has_signals(results, "controller.tau"):
         arm = next((each for each in limits if each.plant == "plant"), None)
         figures["torque"] = _torque(results, robot, arm)
     modes = list(_modes(results, plant)) if has_signals(results, "plant.q") else []
     if modes:
         figures["mode"] = dict(zip(("value", "at_s"), min(modes), strict=True))
+    return figures
+
+
+def cut_figures(results: Results) -> dict[str, Any]:
+    """Return the largest virtual power flow, and torque or force about an axis, at the cutting points of joints."""
+    names, figures = joints_of(results), dict[str, Any]()
+    for key, units, signals in (
+        ("power", ("W",), [f"{name}.P_B" for name in names]),
+        ("cut", ("N.m", "N"), [f"{name}.F_B[{6 if results.units.get(f'{name}.q') == 'rad' else 3}]" for name in names]),
+    ):
+        largest = [
+            (float(size[row]), -k, float(results.time[row]), signal)
+            for k, signal in enumerate(signals, 1)
+            if signal in results and results.units[signal] in units
+            for size in [np.abs(results[signal])]
+            for row in [int(size.argmax())]
+        ]
+        if largest:
+            value, joint, at, signal = max(largest)
+            figures[key] = {"value": value, "unit": results.units[signal], "joint": -joint, "at_s": at}
     return figures
 
 
@@ -112,7 +139,7 @@ class _Peaks:
         comparable = [unit == units[0] for unit in units]
         share = self.most[: len(units)] * comparable if limit is None else self.most[: len(units)] / limit
         i = int(share.argmax())
-        more = {} if limit is None else {"limit": float(limit[i])}
+        more = {} if limit is None else {"limit": float(limit[i]), "limits": limit.tolist()}
         return {"value": float(self.most[i]), "unit": units[i], "joint": i + 1, "at_s": float(self.at[i])} | more
 
 

@@ -202,7 +202,7 @@ class ScenarioRun:
         if scenario.robot is not None:
             plant = robot_with(scenario.plant_robot, values.get("plant", {}))
             touch = scenario.system.fed.get("plant.F_e", "")
-            figures |= key_figures(results, scenario.robot, self._limits, plant, touch)
+            figures |= key_figures(results, scenario.robot, self._limits, plant, touch, summary["scene"]["objects"])
         summary["key_figures"] = figures | {name: each for loop in loops for name, each in loop.figures.items()}
         summary["verdict"] = verdict(summary, [loop.check for loop in loops])
 

@@ -39,6 +39,7 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
     names of the shipped systems, ``base``, ``F_e`` and ``F_S``; ``constants``, values of its
     unconnected inputs, unless 0; ``mounted``, the plant whose tool is its base, or empty.
     ``objects``: planes and screws, with direction, and distance from the origin of {I} along it.
+    ``estimates``: variables in the terminals of estimators, with the torques that they estimate.
     """
     scenario, resolved = system.scenario, system.resolved
     robot = scenario.plant_robot if scenario.robot else None
@@ -61,6 +62,7 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
     return {
         "arms": carriers_first(arms),
         "objects": [each for name in resolved.units for each in _object(system, name)],
+        "estimates": [each for name in resolved.units for each in _estimates(system, name)],
     }
 
 
@@ -105,7 +107,7 @@ def _object(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]:
         if issubclass(unit, find_unit(kind)):
             along = np.array(group_of(table, values, direction), dtype=float)
             length = float(np.linalg.norm(along)) or 1.0
-            outputs = [v for v in table if v.causality == "output" and not v.index and v.unit in ("N", "N.m")]
+            outputs = [v for v in table if v.causality == "output" and not v.index and v.unit in ("N", "N.m", "m")]
             yield {
                 "component": name, "kind": look, "direction": (along / length).tolist(),
                 **{key: float(group_of(table, values, key)) for key in ("distance", *more)},
@@ -115,6 +117,32 @@ def _object(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]:
                 "forces": {f"{name}.{v.name}": general_description(v.description) for v in outputs},
             }  # fmt: skip
             return
+
+
+_ESTIMATES = "estimates"
+"""Terminal of a component that estimates torques of an arm."""
+
+
+def _estimates(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]:
+    """Yield each variable in the terminal of estimates, and the plant's torques with its units of measurement."""
+    sources = (s.partition(".")[0] for target, s in system.scenario.system.fed.items() if target.startswith(f"{name}."))
+    plant = next((source for source in sources if source in system.resolved.plants), None)
+    if plant is None:
+        return
+
+    def outputs(component: str) -> Iterator[tuple[str, list[Any]]]:
+        table = [v for v in system.tables[component] if v.causality == "output"]
+        yield from ((group, [v for v in table if v.group == group]) for group in dict.fromkeys(v.group for v in table))
+
+    own = [group for each in system.resolved.units[name].terminals if each.name == _ESTIMATES for group in each.groups]
+    for group, estimated in outputs(name):
+        units = [v.unit for v in estimated]
+        true = next((each for _, each in outputs(plant) if [v.unit for v in each] == units), None)
+        if group in own and true and {*units} <= {"N.m", "N"}:
+            yield {
+                "component": name, "group": group, "words": general_description(estimated[0].description),
+                "signals": [f"{name}.{v.name}" for v in estimated], "true": [f"{plant}.{v.name}" for v in true],
+            }  # fmt: skip
 
 
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:

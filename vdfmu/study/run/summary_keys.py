@@ -83,11 +83,16 @@ _OBJECT = Record(
     {"pitch": NUMBER, "turn_seat": NUMBER, "turn": TEXT, "tool": TEXT, "forces": Keyed(TEXT)},
 )
 _ARMS = List(_arm(False, component=TEXT, signals=Keyed(List(TEXT)), constants=Keyed(NUMBER), mounted=TEXT))
-_SCENE = Record({"arms": _ARMS, "objects": List(_OBJECT)})
+_ESTIMATE = Record({"component": TEXT, "group": TEXT, "words": TEXT, "signals": _LINES, "true": _LINES})
+_SCENE = Record({"arms": _ARMS, "objects": List(_OBJECT)}, {"estimates": List(_ESTIMATE)})
 _WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
-_FIGURES = ("tool_error", "joint_error", "torque", "margin", "unstable", "mode", "saturated", "path", "contact")
+_FIGURES = (
+    "tool_error", "joint_error", "torque", "margin", "unstable", "mode", "saturated", "path", "contact", "depth",
+    "power", "cut",
+)  # fmt: skip
 _FIGURE = Record(
-    {"value": NUMBER, "at_s": NUMBER}, {"unit": TEXT, "joint": WHOLE, "place": TEXT, "limit": NUMBER, "size": NUMBER}
+    {"value": NUMBER, "at_s": NUMBER},
+    {"unit": TEXT, "joint": WHOLE, "place": TEXT, "limit": NUMBER, "limits": _VECTOR, "size": NUMBER},
 )
 _CHECK = Record({"name": TEXT, "state": STATES, "text": TEXT})
 _VERDICT = Record({"state": STATES, "words": TEXT, "checks": List(_CHECK)})
@@ -121,7 +126,7 @@ KEYS: Mapping[str, Any] = {
     "left_out": _LINES,  # connections that a unit instead of the system's does not have
     "joined": _LINES,  # connections that a unit instead of the system's has in addition
     "arm": _arm(True),  # geometry of the drawn arm
-    "scene": _SCENE,  # every arm of the system, with the signals of its drawing, and the touched objects
+    "scene": _SCENE,  # arms of the system with the signals of their drawing, touched objects, estimated torques
     "package": TEXT,  # the package
     "system": TEXT,  # name of the system
     "algorithm": TEXT,  # master algorithm of the run
@@ -155,7 +160,8 @@ KEYS: Mapping[str, Any] = {
     "no_reference": TEXT,  # reason of a missing reference
     "separation": _SEPARATION,  # distance of the run from itself with an invisible change
     # largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], largest share of
-    # the time at a limit, error and size of the motion, largest contact force [N], each with its time
+    # the time at a limit, error and size of the motion, largest contact force [N] and depth [m], largest power [W] and
+    # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
     "verdict": _VERDICT,  # checks of the run, the worst state, and the line for it
     "error": TEXT,  # why the run did not reach its end

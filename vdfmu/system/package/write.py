@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import data_path, pack_zip, read_member, regular_target, require_ours, storing
-from vdfmu.base.platforms import native_available
+from vdfmu.base.platforms import native_available, this_platform
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
 from vdfmu.compiler.fmu.build import FMI, TARGETS, Content, choose_backend, form_of, unit_name
 from vdfmu.compiler.unit import Unit
@@ -211,22 +210,23 @@ def cached_fmus(
 ) -> dict[str, Path]:
     """Return the FMUs of a scenario's system in `folder`, from the cache by their content, or built."""
     backend = choose_backend(backend)
-    cached: dict[str, bytes | None] = {}
-    places: dict[str, Path] = {}
+    fmus = {name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None}
+    missing: dict[str, Path] = {}
     units, robots = scenario.resolved.units, scenario.resolved.robots
     placed = _placed(units, robots, {}, Path(folder))
     for name, unit in units.items():
         form = form_of(unit, backend, fmi_version)
         content = Content(unit, robots[name] if unit.needs_robot() else None, {}, *form)
-        places[name] = cache_folder() / "fmus" / content.guid.strip("{}")
-        cached[name] = fmu = load(places[name])
-        if fmu is not None:
-            with suppress(OSError):  # the build reports it
-                placed[name].mkdir(parents=True, exist_ok=True)
-                (placed[name] / f"{unit.__name__}.fmu").write_bytes(fmu)
-    fmus = build_parts(scenario, folder, backend=backend, fmi_version=fmi_version)
-    for name, place in places.items():
-        fmu = fmus[name].read_bytes()
-        if fmu != cached[name]:
-            store(place, fmu)
-    return fmus
+        place = cache_folder() / "fmus" / f"{content.guid.strip('{}')}-{this_platform()}"
+        if (fmu := load(place)) is None:
+            missing[name] = place
+            continue
+        fmus[name] = placed[name] / f"{unit.__name__}.fmu"
+        with storing(fmus[name]):
+            placed[name].mkdir(parents=True, exist_ok=True)
+            fmus[name].write_bytes(fmu)
+    if missing:
+        fmus = build_parts(scenario, folder, backend=backend, fmi_version=fmi_version)
+        for name, place in missing.items():
+            store(place, fmus[name].read_bytes())
+    return {name: fmus[name] for name in scenario.system.parts}

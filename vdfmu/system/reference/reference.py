@@ -25,7 +25,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from vdfmu.base.arrays import Floats
@@ -37,9 +36,11 @@ from vdfmu.compiler.c.functions import kernel_source
 from vdfmu.compiler.c.text import c_prototype, setting_lines
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.evaluate import Call, Traced
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.solution import SHORT, ContinuousReference, SampledReference
-from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits
+from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Node, Run, TimeSetter, WiredUnits, shown_outputs
 
 BLOCK = 1024
 """Rows of a block: the part of a long run in memory."""
@@ -83,24 +84,20 @@ def reference_blocks(
     """
     if name not in ("sampled", "sampled-delayed", "continuous"):
         raise UsageError(f"no reference {name!r}; there are sampled, sampled-delayed and continuous.")
-    system = WiredUnits(description)
     m = round(stop / step)
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
-    times: Floats = step / substeps * np.arange(m * substeps + 1, dtype=np.float64)
-    places, where = system.shown(groups)
-    delayed = name == "sampled-delayed"
-    solution = ContinuousReference(system) if name == "continuous" else SampledReference(system, delayed)
-    files = sources(system, solution.lists)
-    system.start()
-    path = None
-    if files and t.size * places.size * t.itemsize <= _KEPT:
-        path = cache_folder() / "references" / _key(f"{name} {substeps}", system, files, times, places)
-    kept = load(path) if path is not None else None
+    shown = shown_outputs(description.tables, groups)
+    path = kept = None
+    if t.size * sum(map(len, shown.values())) * t.itemsize <= _KEPT and (key := _key(description)):
+        facts = (name, substeps, step, m, [*shown], key)
+        path = cache_folder() / "references" / sha256(repr(facts).encode()).hexdigest()
+        kept = load(path)
     if kept is None:
-        solved = solution.solve(times, runs(system, solution.lists, files))
-        rows = (system.memory[places] for _ in islice(solved, 0, None, substeps))
+        rows = islice(_solved(name, description, step / substeps, m * substeps, shown), 0, None, substeps)
     else:
-        rows = iter(np.frombuffer(kept).reshape(t.size, places.size))
+        rows = iter(np.frombuffer(kept).reshape(t.size, -1))
+    ends = np.cumsum([len(nodes) for nodes in shown.values()]).tolist()
+    where = {group: slice(end - len(shown[group]), end) for group, end in zip(shown, ends, strict=True)}
     blocks: list[Floats] = []
     for first in range(0, m + 1, BLOCK):
         block = np.array(list(islice(rows, BLOCK)))
@@ -121,16 +118,31 @@ def reference(name: str, description: SystemDescription, *, step: float, stop: f
     return Reference(name, np.concatenate([block.t for block in blocks]), signals)
 
 
-def _key(name: str, system: WiredUnits, files: Mapping[str, bytes], t: Floats, places: npt.NDArray[np.intp]) -> str:
-    """Return the digest of all that decides a solution: code, values, signals and versions."""
-    digest = sha256(repr((name, scipy.__version__, source_digest("system.reference"))).encode())
-    arrays = [system.memory, t, places]
-    for place, course in system.outside:
-        arrays += [np.array([place, course.held]), course.t, course.values]
-    for content in (*files.values(), *(array.tobytes() for array in arrays)):
-        digest.update(f"\n{len(content)}\n".encode())
-        digest.update(content)
-    return digest.hexdigest()
+def _key(description: SystemDescription) -> str:
+    """Return a text of all that decides a solution: code, wiring, values and versions. Empty for units in Python."""
+    facts: list[Any] = [scipy.__version__, source_digest("system.reference"), description.connections]
+    facts += [table.digest for table in read_inputs(description.scenario.inputs, description.scenario.input_hold)]
+    for name, table in description.tables.items():
+        if not isinstance(table, Interface) or table.unit.backend == "python":
+            return ""
+        memory = table.memory_of(description.values[name])
+        facts += [name, table.functions.identity, sha256(memory.tobytes()).hexdigest()]
+    return repr(facts)
+
+
+def _solved(
+    name: str, description: SystemDescription, step: float, n: int, shown: Mapping[str, Sequence[Node]]
+) -> Iterator[Floats]:
+    """Yield the shown outputs at each of n + 1 times."""
+    system = WiredUnits(description)
+    solution = (
+        ContinuousReference(system) if name == "continuous" else SampledReference(system, name == "sampled-delayed")
+    )
+    places = system.places(node for nodes in shown.values() for node in nodes)
+    system.start()
+    times: Floats = step * np.arange(n + 1, dtype=np.float64)
+    for _ in solution.solve(times, runs(system, solution.lists, sources(system, solution.lists))):
+        yield system.memory[places]
 
 
 def runs(

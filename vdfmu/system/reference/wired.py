@@ -5,7 +5,7 @@ Calculations are lists of actions. They run in sequence, or as a compiled functi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
 
@@ -17,12 +17,13 @@ from vdfmu.compiler.unit.evaluate import Evaluation, Traced, evaluation
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import Course, InputTable, read_inputs
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario.scenario import Variables
 
 Places = npt.NDArray[np.intp]
 Dependencies = Callable[[Interface, int], list[int]]
 Run = Callable[[float], None]
 """Runs a list of actions at a time [s]."""
-_Node = tuple[str, int]
+Node = tuple[str, int]
 """A unit and the position of a variable."""
 
 
@@ -96,10 +97,10 @@ class WiredUnits:
         ]
         self._source = {end: start for start, end in links}
         self.outside: list[tuple[int, Course]] = []
-        fed: set[_Node] = set()
+        fed: set[Node] = set()
         for table in read_inputs(description.scenario.inputs, description.scenario.input_hold):
             fed |= self._feed_from(table)
-        self._feeds: set[_Node] = {
+        self._feeds: set[Node] = {
             (name, i)
             for name, i in self._source.values()
             if any((name, j) in self._source or (name, j) in fed for j in interfaces[name].step_dependencies(i))
@@ -110,7 +111,7 @@ class WiredUnits:
             [node for node in dict.fromkeys(self._source.values()) if not self._is_state(*node)],
             held=True,
         )
-        self.clocks = self._places((name, interface.time) for name, interface in interfaces.items())
+        self.clocks = self.places((name, interface.time) for name, interface in interfaces.items())
         self.x, self.x_dot = (
             np.concatenate([self._range(name, part) for name in interfaces]) for part in ("states", "derivatives")
         )
@@ -133,7 +134,7 @@ class WiredUnits:
         ]
         """Calculate all inputs at a time, from the states of the solver."""
 
-    def _of_time(self, fed: set[_Node]) -> set[str]:
+    def _of_time(self, fed: set[Node]) -> set[str]:
         """Return the units that depend on the time alone: without states and `fed` inputs, also in their sources."""
         moving = {name for name, _ in fed}
         moving |= {name for name, unit in self.units.items() if unit.x.size or unit.interface.is_sampled}
@@ -143,7 +144,7 @@ class WiredUnits:
             moving |= more
         return set(self.units) - moving
 
-    def _feed_from(self, table: InputTable) -> set[_Node]:
+    def _feed_from(self, table: InputTable) -> set[Node]:
         """Connect the columns of a table to the inputs of their names. Return these inputs."""
         free = {
             f"{name}.{variable.name}": (name, i)
@@ -177,12 +178,13 @@ class WiredUnits:
 
     def clock(self, name: str) -> Places:
         """Return the place of the time of a unit."""
-        return self._places([(name, self.units[name].interface.time)])
+        return self.places([(name, self.units[name].interface.time)])
 
-    def _places(self, nodes: Iterable[_Node]) -> Places:
+    def places(self, nodes: Iterable[Node]) -> Places:
+        """Return the places of variables."""
         return np.array([self._first[name] + position for name, position in nodes], dtype=np.intp)
 
-    def _outputs(self) -> Iterator[_Node]:
+    def _outputs(self) -> Iterator[Node]:
         for name, unit in self.units.items():
             yield from ((name, i) for i, v in enumerate(unit.interface) if v.causality == "output")
 
@@ -192,11 +194,11 @@ class WiredUnits:
         return sampled or interface.states.start <= position < interface.states.stop
 
     def _passes(
-        self, dependencies: Dependencies, wanted: Sequence[_Node], when: str = "", *, held: bool = False
+        self, dependencies: Dependencies, wanted: Sequence[Node], when: str = "", *, held: bool = False
     ) -> list[tuple[str, Carry]]:
         """Return units with links in an order that gives the wanted outputs. `held`: states are known."""
         reads = {name: _read(unit) if held else range(unit.interface.size) for name, unit in self.units.items()}
-        graph: dict[_Node, set[_Node]] = {}
+        graph: dict[Node, set[Node]] = {}
         left = list(wanted)
         while left:
             name, position = node = left.pop()
@@ -210,7 +212,7 @@ class WiredUnits:
         except CycleError as error:
             names = (f"{name}.{self.units[name].interface.variables[i].name}" for name, i in error.args[1])
             raise UsageError(f"there is no reference: algebraic loop{when}: {' -> '.join(names)}.") from None
-        level: dict[_Node, int] = {}  # number of links on the longest path to an output
+        level: dict[Node, int] = {}  # number of links on the longest path to an output
         for node in ordered:
             level[node] = max((level[other] + 1 for other in graph[node]), default=0)
         places = {(depth, name): None for name in self.units for (n, _), depth in level.items() if n == name}
@@ -219,20 +221,20 @@ class WiredUnits:
             for _, name in sorted(places, key=lambda at: at[0])
         ]
 
-    def _links(self, chosen: Callable[[_Node, _Node], bool]) -> Carry:
+    def _links(self, chosen: Callable[[Node, Node], bool]) -> Carry:
         """Return the action of the chosen links."""
         links = {target: source for target, source in self._source.items() if chosen(source, target)}
-        return Carry(self._places(links.values()), self._places(links))
+        return Carry(self.places(links.values()), self.places(links))
 
     @property
     def read(self) -> set[int]:
         """Places of connected outputs."""
-        return set(self._places(self._source.values()).tolist())
+        return set(self.places(self._source.values()).tolist())
 
     @property
     def linked(self) -> set[int]:
         """Places of connected inputs."""
-        return set(self._places(self._source).tolist())
+        return set(self.places(self._source).tolist())
 
     def links_before_step(self, delayed: bool) -> Carry:
         """Return the links at the start of a step: from outputs without feedthrough, or all."""
@@ -289,16 +291,16 @@ class WiredUnits:
 
         return run
 
-    def shown(self, groups: Sequence[str] | None) -> tuple[Places, dict[str, slice]]:
-        """Return the places of groups ``unit.group`` of outputs, by default all, and the slice of each group."""
-        nodes: dict[str, list[_Node]] = {}
-        for name, position in self._outputs():
-            group = f"{name}.{self.units[name].interface.variables[position].group}"
-            if groups is None or group in groups:
-                nodes.setdefault(group, []).append((name, position))
-        ends = np.cumsum([len(listed) for listed in nodes.values()]).tolist()
-        where = {group: slice(end - len(nodes[group]), end) for group, end in zip(nodes, ends, strict=True)}
-        return self._places(node for listed in nodes.values() for node in listed), where
+
+def shown_outputs(tables: Mapping[str, Variables], groups: Sequence[str] | None) -> dict[str, list[Node]]:
+    """Return the outputs of groups ``unit.group``, by default of all."""
+    nodes: dict[str, list[Node]] = {}
+    for name, table in tables.items():
+        for i, variable in enumerate(table):
+            group = f"{name}.{variable.group}"
+            if variable.causality == "output" and (groups is None or group in groups):
+                nodes.setdefault(group, []).append((name, i))
+    return nodes
 
 
 def _read(unit: Evaluation) -> set[int]:

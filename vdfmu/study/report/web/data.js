@@ -1,5 +1,7 @@
 // The numbers of the page, its elements, and what its parts share.
 
+import { unzip } from "./packed.js";
+
 const content = JSON.parse(document.getElementById("data").textContent);
 export const runs = content.runs;
 /** The study, in the page of a sweep. */
@@ -62,15 +64,23 @@ export const COLOURS = Number(inkOf("joints")); // of vdfmu/base/page.py
 /** Colour of a joint, from 1; ink for 0, of what is no joint. */
 export const colourOf = (number) => inkOf(number ? `joint-${((number - 1) % COLOURS) + 1}` : "ink");
 
+const packed = document.getElementById("numbers");
+const numbers = packed ? new Uint8Array(await unzip(packed.textContent).arrayBuffer()) : null;
+
 /**
- * Array of the little-endian numbers in a base64 text.
+ * An array of the page: its place among the numbers, and its length. They were packed as changes of their bits.
+ * @param {number[]} place
  * @param {any} Kind
  */
-export function unpack(text, Kind = Float32Array) {
-  const bytes = atob(text);
-  const array = new Uint8Array(bytes.length);
-  for (let i = 0; i < bytes.length; i += 1) array[i] = bytes.charCodeAt(i);
-  return new Kind(array.buffer);
+export function unpack([first, count], Kind = Float32Array) {
+  const size = Kind.BYTES_PER_ELEMENT,
+    bytes = new Uint8Array(size * count);
+  for (let byte = 0; byte < size; byte += 1)
+    for (let i = 0; i < count; i += 1) bytes[size * i + byte] = numbers[first + count * byte + i];
+  /** @type {any} */
+  const bits = size === 8 ? new BigUint64Array(bytes.buffer) : new Uint32Array(bytes.buffer);
+  for (let i = 1; i < count; i += 1) bits[i] += bits[i - 1];
+  return new Kind(bytes.buffer);
 }
 
 /** Largest absolute value. */

@@ -1,0 +1,81 @@
+"""Many runs of a package: its components stay loaded between them."""
+
+from __future__ import annotations
+
+import os
+import threading
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any, Unpack
+
+from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.engine.options import RowOptions, SimulateOptions
+from vdfmu.engine.package.archive import stamp_of
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run.simulator import Simulator, simulate
+
+_ROWS = frozenset(RowOptions.__annotations__)
+_PLAIN = (str, int, float, type(None))
+"""Types of options that can be compared."""
+
+
+class KeptRuns:
+    """Runs of a package, each like :func:`vdfmu.simulate`.
+
+    Components stay loaded while the package and the options are the same but for values, times and rows. They are
+    terminated after each run and reset before the next. Isolated and foreign components, and FMUs that allow one
+    instance in a process, are freed after each run.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._lock, self._loaded, self._process = path, threading.Lock(), _Loaded(), 0
+
+    def run(self, **options: Unpack[SimulateOptions]) -> Results:
+        """Run the package; for options and errors see :func:`vdfmu.simulate`."""
+        rows: Any = {name: value for name, value in options.items() if name in _ROWS}
+        own: Any = {name: value for name, value in options.items() if name not in _ROWS}
+        parameters, log = own.pop("parameters", None), own.get("log")
+        if all(isinstance(value, _PLAIN) or value is log for value in own.values()) and self._lock.acquire(False):
+            try:
+                if self._process != os.getpid():
+                    from multiprocessing.util import Finalize  # takes long to import
+
+                    self._process = os.getpid()
+                    Finalize(self, self._loaded.close, exitpriority=0)  # in children of multiprocessing too
+                simulator = self._loaded.simulator(self._path, own)
+                if simulator.sizes.isdisjoint(parameters or ()):
+                    with InterruptGuard() if simulator.lasts else nullcontext():  # one for the others within it
+                        results = simulator.run(parameters=parameters, **rows)
+                        simulator.rest()
+                    return results
+            finally:
+                self._lock.release()
+        return simulate(self._path, **options)
+
+
+class _Loaded:
+    """A simulator in its block, and the facts that it depends on."""
+
+    def __init__(self) -> None:
+        self._known: Any = None
+        self._simulator: Simulator | None = None
+
+    def simulator(self, path: Path, options: Any) -> Simulator:
+        """Return the simulator of a package with its options."""
+        wanted = os.getpid(), stamp_of(path), options
+        if self._simulator is None or self._known != wanted:
+            self.close()
+            self._simulator, self._known = Simulator(path, **options).__enter__(), wanted
+        return self._simulator
+
+    def close(self) -> None:
+        """Free the simulator, unless a parent process has made it."""
+        simulator, self._simulator = self._simulator, None
+        if simulator is not None and self._known[0] != os.getpid():
+            _inherited.append(simulator)
+        elif simulator is not None:
+            simulator.__exit__(None, None, None)
+
+
+_inherited: list[Simulator] = []
+"""Simulators of a parent process; at their end they would remove its folders."""
