@@ -4,37 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.study.page.browser import show
+from tests.study.page.browser import FIND_OUT, PHONE, WIDE, draw_all, show
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 AXE = Path(__file__).parents[3] / "requirements" / "web" / "node_modules" / "axe-core" / "axe.min.js"
 LAYOUT = (Path(__file__).parent / "layout.js").read_text(encoding="utf-8")
-WIDE, PHONE = (1280, 900), (390, 844)
 KINDS = ["run", "comparison", "arm", "study", "list"]
-FIND_OUT = """(async () => {
-    const button = document.querySelector(".budget button");
-    button.click();
-    for (let k = 0; k < 1000 && button.disabled; k += 1)
-        await new Promise((done) => setTimeout(done, 20));
-})()"""
-
-
-def draw_all(browser) -> None:
-    """Let each figure come into sight once, so that it is drawn."""
-    browser.run("document.querySelectorAll('.plot').forEach((plot) => plot.scrollIntoView())")
-    browser.settle()
-    browser.run("scrollTo(0, 0)")
-    calm(browser)
-
-
-def calm(browser) -> None:
-    """Wait until the page's own simulation has ended, and all is drawn."""
-    browser.settle()
-    browser.run("""(async () => {
-        for (let k = 0; k < 500 && document.querySelector("progress.on"); k += 1)
-            await new Promise((done) => setTimeout(done, 20));
-    })()""")
-    browser.settle()
 
 
 @pytest.mark.skipif(not AXE.exists(), reason="needs axe-core: make pages")

@@ -15,8 +15,7 @@ import pytest
 from PIL import Image
 
 import vdfmu
-from tests.study.page.browser import Browser, show
-from tests.study.page.test_access import FIND_OUT, PHONE, WIDE, calm, draw_all
+from tests.study.page.browser import FIND_OUT, PHONE, WIDE, Browser, calm, draw_all, show
 from vdfmu.study.view.robot import RobotView
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
