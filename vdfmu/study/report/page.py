@@ -36,6 +36,9 @@ from vdfmu.study.run.key_figures import cut_figures
 from vdfmu.study.run.scene import wired_arm
 from vdfmu.system.package.drawing import system_diagram
 
+_SKIP = '<a class="skip" href="#figures">Skip to the figures</a>\n'
+"""First stop of the keyboard."""
+
 
 class StudyPart(NamedTuple):
     """Title, subtitle and body of a study's page, above the run of its scenario."""
@@ -108,7 +111,6 @@ def report_page(
         [
             *([study.body] if study else ()),
             *checks(names, runs),
-            '<a class="skip" href="#figures">Skip to the figures</a>',
             *(comparison(names, runs) if len(runs) > 1 and not arm_alone else ()),
             '<div class="bench"><section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
             '<div class="side">',
@@ -133,10 +135,11 @@ def report_page(
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, *_ in lines) or about, arm_alone)
     if study:
-        return page(study.title, study.about, body, 84, head, scripts=scripts.scripts_of("sweep"))
+        return page(study.title, study.about, body, 84, head, first=_SKIP, scripts=scripts.scripts_of("sweep"))
     lead = "".join(f'<p class="verdict {state}" data-run="{k}">{escape(line)}</p>\n' for line, state, k in lines)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
-    return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead, scripts=scripts.scripts_of("run"))
+    script = scripts.scripts_of("run")
+    return page(", ".join(names), about, body, 92, head, tab=tab, first=_SKIP, lead=lead, scripts=script)
 
 
 def _wired(run: ShownRun) -> dict[str, Any]:

@@ -43,6 +43,7 @@ export class Chart {
     this.place = make("div", {
       class: "plot",
       tabindex: 0,
+      role: "group",
       "aria-label": `${title}: values at the time shown`,
       focus: () => this.moveMark(),
       blur: () => this.plot?.setCursor({ left: -10, top: -10 }),
@@ -64,7 +65,7 @@ export class Chart {
             this.log = on;
             this.build();
           },
-          { "aria-label": `${title}: logarithmic scale of absolute values` },
+          { "aria-label": `log scale of absolute values: ${title}` },
         ),
       ),
       this.place,

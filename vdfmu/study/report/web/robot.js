@@ -6,6 +6,7 @@ import { askServer, hearServer } from "./server.js";
 import { quantity, text } from "./numbers.js";
 import { LINKS, RobotScene } from "./robot_scene.js";
 import { VIEWS } from "./scene.js";
+import { watchScrollers } from "./scrollers.js";
 
 const CYCLE = 1500; // ms that any mode takes on the screen
 const SENT = 40; // ms between two poses that are sent
@@ -289,6 +290,7 @@ function draw() {
 
 showArm();
 draw();
+watchScrollers();
 hearServer(
   ({ q, motors: chosen, from, modes, words: why }) => {
     if (q && from !== own) {
