@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from vdfmu.base.option import Option
+from vdfmu.base.option import Option, option_of
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import (
     JsonOption,
@@ -24,9 +24,10 @@ from vdfmu.cli.terminal import (
     say_written,
     table,
     target_file,
+    tell,
 )
 from vdfmu.engine.options import master_option, settings_option
-from vdfmu.study.options import LoopOptions, known_robots
+from vdfmu.study.options import JudgeOptions, LoopOptions, known_robots
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -244,15 +245,13 @@ def judge(
     system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO",
         names=known_scenarios)],
     robot: RobotOption = None,
-    wanted: Annotated[float, Option("Largest error wanted, in % of a signal's peak.", metavar="PERCENT",
-        more="Default 1.")] = 1.0,
+    wanted: Annotated[float | None, option_of(
+        JudgeOptions, "judge", "Largest error wanted in % of a signal's peak (default 1).")] = None,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
     master: Annotated[str | None, master_option] = None,
     settings: Annotated[dict[str, str] | None, settings_option] = None,
-    meant: Annotated[str | None, Option("Meaning of discrete outputs without a period.",
-        choices=("sampled", "continuous"),
-        more="Sampled components keep the step as their period. By default both readings are printed.")] = None,
+    meant: Annotated[str | None, option_of(JudgeOptions, "meant")] = None,
     as_json: JsonOption = False,
 ) -> None:  # fmt: skip
     """Judge the error by communication of a system of FMUs.
@@ -267,7 +266,9 @@ def judge(
         judging = load_system(system)
     else:
         judging = load_system(load(system, robot, settings))
-    judged = judging.judge(wanted / 100.0, stop=stop, step=step, values=settings, algorithm=master, meant=meant)
+    judged = judging.judge(
+        0.01 if wanted is None else wanted, stop=stop, step=step, values=settings, algorithm=master, meant=meant
+    )
     if as_json:
         say_json(judged.to_dict())
     else:
@@ -275,7 +276,7 @@ def judge(
         for signal in judged.signals[:_MOST_SIGNALS]:
             shown.add_row(signal.name, f"{100.0 * signal.error:.2g} %", f"{signal.q:.2g}", f"{signal.time:.4g} s")
         if judged.signals:
-            console.print(shown)
+            tell(shown)
         (say if judged.right else say_error)(str(judged))
     if not judged.right:
         raise SystemExit(3 if judged.right is None else 1)

@@ -31,7 +31,7 @@ from vdfmu.cli.terminal import (
 )
 from vdfmu.cli.view import LiveOption, PortOption, live_view
 from vdfmu.engine.options import SystemOptions
-from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
+from vdfmu.study.options import JudgeOptions, RobotOptions, ScenarioOptions, ScenarioRunOptions
 
 _POINT, _FEDERATES = "One point of a study", "Federates"
 OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
@@ -146,6 +146,8 @@ def run_package(
         choices=("tcp_ss", "tcp", "zmq", "ipc"))] = "tcp_ss",
     unpack_limit: UnpackOption = None, live: LiveOption = False, port: PortOption = None,
     robot: Annotated[str | None, option_of(RobotOptions, "robot", "Arm that --live shows.")] = None,
+    judge: Annotated[float | None, option_of(JudgeOptions, "judge")] = None,
+    meant: Annotated[str | None, option_of(JudgeOptions, "meant")] = None,
     **options: Unpack[SystemOptions],
 ) -> None:  # fmt: skip
     """Run FMUs or a system package and write their signals.
@@ -156,7 +158,8 @@ def run_package(
     if robot is not None and not live:
         raise UsageError("--robot needs --live.")
     if split:
-        refuse({"--isolate": options["isolate"], "--memory-limit": options["memory_limit"]}, "does not go with --split")
+        alone = {"--isolate": options["isolate"], "--memory-limit": options["memory_limit"], "--judge": judge}
+        refuse(alone, "does not go with --split")
         from vdfmu.engine.federation import Federation
 
         options["federation"] = Federation(split, only, broker, core)
@@ -165,6 +168,7 @@ def run_package(
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder, run_system
     from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
+    from vdfmu.engine.results.verdict import FAILED, state_of
     from vdfmu.engine.run import Interrupted
     from vdfmu.study.report.sheets import run_panel
 
@@ -177,6 +181,10 @@ def run_package(
             with unit_messages() as log, package_limit(unpack_limit):
                 options["observer"], options["log"] = observer, log
                 results = run_system(package, source, **options)
+                if judge is not None:
+                    from vdfmu.study.runs import judge_run  # takes long to import
+
+                    judge_run(package, results.summary, folder, judge, meant, **options)
         except (CosimError, Interrupted) as error:
             if error.results is not None:
                 from vdfmu.study.report.page import write_failed  # takes long to import
@@ -184,8 +192,11 @@ def run_package(
                 write_failed(package.stem, package, folder / PARTIAL, error)
                 _say_failed(error, folder)
             raise
+        _say_verdict(results.summary)
         tell(run_panel(results.summary))
         say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
+        if state_of(results.summary) == FAILED:
+            raise SystemExit(1)
     del kept
 
 

@@ -46,7 +46,7 @@ def test_what_differs_has_the_values_of_both_or_the_settings_and_nothing_else(tw
 
 @pytest.mark.parametrize(
     ("before", "after", "words"),
-    [(2.0, 2.0, "none"), (2.0, 2.0002, "< 0.1 %"), (2.0, 2.5, "+25 %"), (2.0, 1.5, "−25 %"), (2.0, 8.0, "× 4"),
+    [(2.0, 2.0, "none"), (2.0, 2.0002, "× 1"), (2.0, 2.5, "× 1.25"), (2.0, 1.5, "× 0.75"), (2.0, 8.0, "× 4"),
      (2.0, 0.2, "× 0.1"), (0.0, 1.0, ""), (None, 1.0, "")],
 )  # fmt: skip
 def test_changes_are_in_per_cent_or_factors(before, after, words):
@@ -64,7 +64,7 @@ def test_errors_of_two_runs_have_their_change_and_those_of_one_or_three_have_not
     runs = [read_run(folder) for folder in two]
     assert b'id="comparison"' not in report_page(runs[:1])
     page = report_page(runs).decode()
-    order = ['<p class="verdict ">first is better in', "What differs", "What they do", "Position RMS", 'id="arm"']
+    order = ['<p class="verdict">first is better in', "What differs", "What they do", "Position RMS", 'id="arm"']
     places = [page.index(words) for words in order]
     assert places == sorted(places)
 
@@ -86,7 +86,7 @@ def test_the_answer_says_which_run_is_better_in_what_and_by_how_much():
     assert answer(["a", "b"], [run_of("failed", margin=(0.9, "")), second]) == "b is better: a failed."
     third = run_of(tool_error=(1.2e-6, ""), torque=(9.0, "N.m"))
     assert answer(["a", "b", "c"], [first, second, third]).startswith(
-        "c is best in tool error (1.2 µm instead of 2 µm, −40 %) and peak torque (9 N.m instead of 10 N.m, −10 %)"
+        "c is best in tool error (1.2 µm instead of 2 µm, × 0.6) and peak torque (9 N.m instead of 10 N.m, × 0.9)"
     )
 
 

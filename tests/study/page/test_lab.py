@@ -77,7 +77,7 @@ def test_a_click_on_a_point_opens_it_and_without_a_simulation_the_page_has_all_e
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     browser.mouse("mousePressed", x, y, button="left", clickCount=1)
     browser.mouse("mouseReleased", x, y, button="left", clickCount=1)
-    assert browser.run("document.querySelector('.panel h3').textContent") == f"Point {study['point'][row]}"
+    assert browser.run("document.querySelector('.panel h2').textContent") == f"Point {study['point'][row]}"
     path = Sweep(study.path).report(tmp_path / "report.html", simulate=False)
     assert path.stat().st_size < 200_000
     show(browser, path, *PHONE)

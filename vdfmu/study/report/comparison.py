@@ -22,6 +22,8 @@ _BETTER = {
     "torque": ("peak torque", -1), "depth": ("penetration", 0), "contact": ("contact force", 0),
 }  # fmt: skip
 """Key figure to its words, and 1 if more is better, -1 if less is, 0 if neither is."""
+_SAME = 1e-3
+"""Share by which key figures that are the same differ at most."""
 _LISTED = 3
 """Most different settings that the answer names."""
 
@@ -52,9 +54,10 @@ def answer(names: Sequence[str], runs: Sequence[ShownRun]) -> str:
         if not sign or len(figures_by_run) < 2 or len({figure.get("unit") for figure in figures_by_run.values()}) > 1:
             continue
         *_, second, best = sorted(figures_by_run, key=lambda name: sign * figures_by_run[name]["value"])
-        changed = change(figures_by_run[second]["value"], figures_by_run[best]["value"])
-        if changed in ("none", "< 0.1 %") or figures_by_run[best]["value"] == figures_by_run[second]["value"]:
+        values = [figures_by_run[name]["value"] for name in (second, best)]
+        if abs(values[1] - values[0]) < _SAME * abs(values[0]) or values[0] == values[1]:
             continue
+        changed = change(*values)
         against = f"{value_of(key, figures_by_run[best])} instead of {value_of(key, figures_by_run[second])}"
         wins.setdefault(best, []).append(f"{words} ({', '.join(filter(None, (against, changed)))})")
     failed = [name for name, s in zip(names, summaries, strict=True) if state_of(s) == FAILED]
@@ -152,13 +155,10 @@ def joint_sheets(names: Sequence[str], summaries: Sequence[Summary]) -> list[She
 
 
 def change(before: float | None, after: float | None) -> str:
-    """Return how a number changed: in per cent, beyond a factor of 2 as a factor; empty without two numbers."""
+    """Return the factor by which a number changed; empty without two numbers."""
     if not before or after is None:
         return ""
-    ratio = after / before
-    if abs(ratio - 1.0) < 5e-4:
-        return "none" if ratio == 1.0 else "< 0.1 %"
-    return f"× {number(ratio)}" if not 0.5 < ratio < 2.0 else f"{100.0 * (ratio - 1.0):+.2g} %".replace("-", "\u2212")
+    return "none" if after == before else f"× {number(after / before)}"
 
 
 def _package_values(path: Path) -> Values | None:

@@ -39,7 +39,8 @@ class Tile(NamedTuple):
     figure: str
     """Key of the figure that shows it, or a prefix of the key."""
     measure: str
-    """Measure of a simulated run that replaces the value, see ``web/outcome.js``; empty without such a measure."""
+    """Measure of a simulated run that replaces the value, see ``web/outcome.js``, and its signal if not of the figure;
+    empty without such a measure."""
     at: float | None = None
     """Its time [s]."""
 
@@ -58,7 +59,7 @@ _TILES = {
     "unstable": ("Disturbances grow", "a step, {place}, since {time}", "tracking", ""),
     "saturated": ("Time at a limit", "{place}, since {time}", "torque", "limited"),
     "contact": ("Contact force", "at the tool, since {time}", "plant.F_e.N", "length"),
-    "depth": ("Penetration", "at {time}", "{place}", "largest"),
+    "depth": ("Penetration", "at {time}", "{component}.", "highest {place}"),
     "power": ("Power at a cutting point", "joint {joint} at {time}", "power", "largest"),
     "cut": ("Torque at a cutting point", "joint {joint} at {time}", "force", "largest"),
     "tool_error": ("Tool error", "at {time}", "tool", "largest"),
@@ -90,11 +91,16 @@ def tiles_of(summary: Summary) -> list[Tile]:
             tiles += _estimate_tiles(summary)
         if (figure := figures.get(key)) is None:
             continue
-        note = form.format_map({**figure, "time": f"{figure['at_s']:.3g} s"})
+        component = figure.get("place", "").partition(".")[0]
+        form, shown, measure = (
+            text.format_map({**figure, "time": f"{figure['at_s']:.3g} s", "component": component})
+            for text in (form, shown, measure)
+        )
+        note = form
         name = name.replace("torque", "force").replace("Torque", "Force") if figure.get("unit") == "N" else name
         if "limit" in figure:
             note = f"{100 * figure['value'] / figure['limit']:.3g} % of its limit, {note}"
-        tiles.append(Tile(name, value_of(key, figure), note, shown.format_map(figure), measure, figure["at_s"]))
+        tiles.append(Tile(name, value_of(key, figure), note, shown, measure, figure["at_s"]))
     return tiles[:MOST_TILES]
 
 
@@ -105,9 +111,9 @@ def _estimate_tiles(summary: Summary) -> Iterator[Tile]:
         if errors:
             worst = max(range(len(errors)), key=errors.__getitem__)
             unit = units_of(summary, "torque_units", len(errors))[worst]
-            note = f"RMS, joint {worst + 1}: {each['words'][:1].lower()}{each['words'][1:]}"
+            name, note = each["words"].partition(",")[0], f"RMS error, joint {worst + 1}"
             figure = f"estimate.{each['component']}.{each['group']}"
-            yield Tile("Error of the estimate", quantity(errors[worst], unit), note, figure, "apart")
+            yield Tile(name, quantity(errors[worst], unit), note, figure, "apart")
 
 
 def tiles(summary: Summary) -> Iterator[str]:

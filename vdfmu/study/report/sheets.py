@@ -157,6 +157,7 @@ _FACTS = {
     "Tolerance": ("tolerance", "{:g}"), "Steps": ("steps", "{}"), "Wall time": ("wall_s", "{:.3g} s"),
     "Real-time factor": ("real_time_factor", "{:.3g} simulated seconds a second"),
     "No reference": ("no_reference", "{}"),
+    "Coupling": ("judgement", "{[text]}"),
 }  # fmt: skip
 """Name to key and form."""
 

@@ -27,6 +27,7 @@ from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.folder import keep, write_summary
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Interrupted, LogMessage, Simulator, check_coupling
+from vdfmu.study import referee
 from vdfmu.study.analysis.loops import poses_of
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
@@ -193,6 +194,13 @@ class ScenarioRun:
         summary, scenario, values = results.summary, self.scenario, self.system.values
         if self._options["reference"]:
             summary |= self._references(results)
+        if self._options["judge"] is not None:
+            coupling: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs}
+            judgement = referee.judge(
+                self.package, self._options["judge"], stop=scenario.stop, step=scenario.step,
+                meant=self._options["meant"], **coupling,
+            )  # fmt: skip
+            summary["judgement"] = judgement.to_dict()
         loops = list(loop_checks(self.poses, self.system))
         figures: dict[str, Any] = summary.get("key_figures", {})
         if scenario.robot is not None:
