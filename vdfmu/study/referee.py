@@ -135,7 +135,7 @@ def differences(runs: Sequence[Floats], names: Sequence[str], sampled: Collectio
     events[:-1] |= bending[:, ~timed & smooth].any(axis=1)
     sample: Any = (change[:, timed] > 0.0).any(axis=1)
     count = int((events & ~(sample[:-2] | sample[1:-1] | sample[2:])).sum())
-    late = count * change[:, smooth].max(initial=0.0 if smooth.any() else 1.0) if count else 0.0
+    late = count * change[1:-1, smooth].max(initial=0.0 if smooth.any() else 1.0) if count else 0.0
     far, near = np.abs(first - half), np.abs(half - quarter)
     return Differences(
         far.max(axis=0) / scale, near.max(axis=0) / scale, far.argmax(axis=0), jumping.sum(axis=0), float(late)
