@@ -36,12 +36,12 @@ img { max-width: 100%; display: block; margin: 1rem 0; }
 
 def page(
     title: str, subtitle: str, body: str, width: int, head: str = "", *,
-    tab: str = "", lead: str = "", scripts: Sequence[str] = (),
+    tab: str = "", first: str = "", lead: str = "", scripts: Sequence[str] = (),
 ) -> bytes:  # fmt: skip
     """Return a page of a width [rem] with a title, a line on its content, a body and more of the head, both HTML.
 
-    `tab` is the title of the browser's tab if different, `lead` HTML below the title. `scripts`: the module that the
-    page runs, then the scripts that the module adds. A browser runs no other script of the page.
+    `tab` is the title of the browser's tab if different, `first` HTML above the title, `lead` HTML below it. `scripts`:
+    the module that the page runs, then the scripts that the module adds. A browser runs no other script of the page.
     """
     module = f'<script type="module">{scripts[0]}</script>\n' if scripts else ""
     return f"""<!DOCTYPE html>
@@ -56,9 +56,11 @@ def page(
 </style>{head}
 </head>
 <body>
-<main>
+{first}<header>
 <h1>{escape(title)}</h1>
 {lead}<p class="what">{escape(subtitle)}</p>
+</header>
+<main>
 {body}
 </main>
 {module}</body>
@@ -79,8 +81,9 @@ def _policy(scripts: Sequence[str]) -> str:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], classes: Sequence[str]) -> str:
-    """Return a table with cells in HTML and a class for each column."""
-    lines = ["<table>", "<tr>" + "".join(f"<th>{head}</th>" for head in heads) + "</tr>"]
+    """Return a table with cells in HTML and a class for each column. It has no heads if all are empty."""
+    cells = "".join(f"<th>{head}</th>" if head else "<td></td>" for head in heads)
+    lines = ["<table>", *([f"<tr>{cells}</tr>"] if any(heads) else [])]
     tags = [f'<td class="{name}">' if name else "<td>" for name in classes]
     for row in rows:
         cells = (f"{tag}{cell}</td>" for tag, cell in zip(tags, row, strict=True))

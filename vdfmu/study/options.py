@@ -189,7 +189,7 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     margin: Annotated[float | str | None, Option(
         "Smallest modulus margin of a loop, or same.",
         more="same is the margin of the start. It is the smallest min abs(1 + L) of the nominal robot over the run, "
-        "as `vdfmu margins` has it.", metavar="NUMBER|same", typed=str | None)]
+        "as `vdfmu linear SCENARIO` has it.", metavar="NUMBER|same", typed=str | None)]
     engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
         more="The robots of several values run side by side. See :func:`vdfmu.sweep`.", default="fmu")]
 

@@ -23,6 +23,17 @@ _PROGRAMS = (
 )  # fmt: skip
 
 
+WIDE, PHONE = (1280, 900), (390, 844)
+"""Sizes of a window [px]."""
+FIND_OUT = """(async () => {
+    const button = document.querySelector(".budget button");
+    button.click();
+    for (let k = 0; k < 1000 && button.disabled; k += 1)
+        await new Promise((done) => setTimeout(done, 20));
+})()"""
+"""Script that asks for the error budget of a run, until it is there."""
+
+
 class Browser:
     """A page in a browser of its own, with a folder for its profile."""
 
@@ -173,7 +184,7 @@ class Browser:
 
     def key(self, key: str, code: int) -> None:
         """Press a key."""
-        text = {"text": key} if key == " " else {}
+        text = {"text": {" ": " ", "Enter": "\r"}[key]} if key in (" ", "Enter") else {}
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **text)
         self.settle()
@@ -187,6 +198,24 @@ class Browser:
 def show(browser: Browser, path: Path, *size: int, **more: str) -> None:
     browser.asked.append(path.as_uri())
     browser.open(path, *size, **more)
+
+
+def draw_all(browser: Browser) -> None:
+    """Let each figure come into sight once, so that it is drawn."""
+    browser.run("document.querySelectorAll('.plot').forEach((plot) => plot.scrollIntoView())")
+    browser.settle()
+    browser.run("scrollTo(0, 0)")
+    calm(browser)
+
+
+def calm(browser: Browser) -> None:
+    """Wait until the page's own simulation has ended, and all is drawn."""
+    browser.settle()
+    browser.run("""(async () => {
+        for (let k = 0; k < 500 && document.querySelector("progress.on"); k += 1)
+            await new Promise((done) => setTimeout(done, 20));
+    })()""")
+    browser.settle()
 
 
 def pixels(browser: Browser, selector: str) -> np.ndarray:

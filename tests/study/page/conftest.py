@@ -1,6 +1,12 @@
-"""That a browser stayed quiet."""
+"""Pages to show, and that a browser stayed quiet."""
+
+from pathlib import Path
 
 import pytest
+
+import vdfmu
+from vdfmu.study.report.page import write_report
+from vdfmu.study.report.shown_run import read_run, write_gallery
 
 
 @pytest.fixture
@@ -12,3 +18,23 @@ def quiet(browser):
     yield
     assert browser.problems == []
     assert {url for url in browser.requests if not url.startswith(("data:", "about:", "blob:"))} <= {*browser.asked}
+
+
+@pytest.fixture(scope="session")
+def pages(tmp_path_factory) -> dict[str, Path]:
+    """Return a page of each kind: of a run, of two, of an arm alone, of a study, and the list of runs."""
+    folder = tmp_path_factory.mktemp("pages")
+    vdfmu.run("tracking", stop=1.0, out=folder / "tracking", settings={"trajectory.T": 1.0})
+    run = read_run(folder / "tracking")
+    over = ["controller.K_p=*1, 2, 3", "plant.mass[2]=*0.8, 1.2", "master=gauss-seidel, jacobi"]
+    study = vdfmu.sweep(
+        "planar_tracking", over, stop=0.2, workers=1, measure=["error=max(abs(trajectory.q_d - plant.q))"],
+        out=tmp_path_factory.mktemp("study") / "study",
+    )  # fmt: skip
+    return {
+        "run": write_report([run], folder / "run.html", simulate=True),
+        "comparison": write_report([run, run._replace(name="other")], folder / "comparison.html"),
+        "arm": vdfmu.animate(folder / "tracking").save(folder / "arm.html"),
+        "study": study.report(),
+        "list": write_gallery(folder, folder / "index.html"),
+    }

@@ -29,7 +29,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Interrupted, LogMessage, Simulator, check_coupling
 from vdfmu.study import referee
 from vdfmu.study.analysis.loops import poses_of
-from vdfmu.study.analysis.reach import reach_scenario
+from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.run import summary as numbers
 from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
@@ -40,9 +40,9 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
 from vdfmu.system.reference.witness import Witness
-from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.replace import with_parameters, with_units
+from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import robot_with, system_values
 
 _LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
@@ -66,15 +66,11 @@ def prepare(
     """
     changes = {name: value for name, value in options.items() if value is not None}
     robot = options["robot"]
-    if scenario == "reach" and not Path("reach").exists():
-        scenario, robot = reach_scenario(robot), None
     if isinstance(robot, (str, os.PathLike)):
         robot = load_robot(robot)
-    if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario, robot)
-    elif robot is not None:
+    if robot is not None and isinstance(scenario, Scenario):
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
-    scenario = with_parameters(scenario, [*names, *(options["settings"] or ())])
+    scenario = scenario_of(scenario, robot, [*names, *(options["settings"] or ())])
     if options["units"]:
         scenario = with_units(scenario, options["units"])
     fields = {field.name for field in dataclasses.fields(Scenario)} - {"robot"}

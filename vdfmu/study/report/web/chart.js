@@ -43,6 +43,7 @@ export class Chart {
     this.place = make("div", {
       class: "plot",
       tabindex: 0,
+      role: "group",
       "aria-label": `${title}: values at the time shown`,
       focus: () => this.moveMark(),
       blur: () => this.plot?.setCursor({ left: -10, top: -10 }),
@@ -64,7 +65,7 @@ export class Chart {
             this.log = on;
             this.build();
           },
-          { "aria-label": `${title}: logarithmic scale of absolute values` },
+          { "aria-label": `log scale of absolute values: ${title}` },
         ),
       ),
       this.place,
@@ -102,7 +103,7 @@ export class Chart {
       this.build();
       return;
     }
-    const { min, max } = this.plot.scales.x;
+    const [min, max] = view.range ?? view.full();
     this.unpacked.forEach((curve, k) => {
       this.plot.series[k + 1].alpha = this.alpha(curve);
     });

@@ -247,7 +247,7 @@ function pointPanel(lab, bench) {
         make(
           "div",
           { class: "bar" },
-          make("h3", {}, "No point chosen"),
+          make("h2", {}, "No point chosen"),
           make("button", { type: "button", click: step(1) }, `Smallest ${lab.colour.name}`),
         ),
       );
@@ -264,7 +264,7 @@ function pointPanel(lab, bench) {
         : study.reason ||
           "This point differs in more than parameters from what the page simulates; the command runs it.";
     panel.replaceChildren(
-      make("div", { class: "bar" }, make("h3", {}, `Point ${study.points[row]}`), ...buttons),
+      make("div", { class: "bar" }, make("h2", {}, `Point ${study.points[row]}`), ...buttons),
       ...failed,
       make("dl", {}, ...values),
       ...(study.command

@@ -6,6 +6,7 @@ import { askServer, hearServer } from "./server.js";
 import { quantity, text } from "./numbers.js";
 import { LINKS, RobotScene } from "./robot_scene.js";
 import { VIEWS } from "./scene.js";
+import { watchScrollers } from "./scrollers.js";
 
 const CYCLE = 1500; // ms that any mode takes on the screen
 const SENT = 40; // ms between two poses that are sent
@@ -33,7 +34,16 @@ function showArm() {
     return;
   }
   const part = (words, name) =>
-    toggle(words, scene.chosen[name], (on) => scene.apply({ [name]: on }), { class: "chip" });
+    toggle(
+      words,
+      scene.chosen[name],
+      (on) => {
+        const inside = on && name !== "frames" && name !== "gravity"; // of solid links nothing is seen
+        scene.apply({ [name]: on, ...(inside ? { links: "see-through" } : {}) });
+        links.querySelector("select").value = scene.chosen.links;
+      },
+      { class: "chip" },
+    );
   const links = choice(
     "Links",
     Object.keys(LINKS).map((name) => [name, name]),
@@ -280,6 +290,7 @@ function draw() {
 
 showArm();
 draw();
+watchScrollers();
 hearServer(
   ({ q, motors: chosen, from, modes, words: why }) => {
     if (q && from !== own) {

@@ -7,6 +7,7 @@ import { showFigures } from "./figures.js";
 import { followRun } from "./live.js";
 import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
+import { watchScrollers } from "./scrollers.js";
 import { follow, pictureButtons, shareButtons } from "./share.js";
 import { showSimulation } from "./simulation.js";
 import { recalled, remember, whenRecalled } from "./state.js";
@@ -36,10 +37,11 @@ const more = places.length
   : [];
 const player = recorded.some((run) => run.arm) ? new Player(section("arm")) : null;
 const charts = showFigures(section("figures"), more);
-const simulation = showSimulation(section("simulate"));
+const simulation = showSimulation(section("simulate"), section("found"));
 showSystem(section("system"));
 showComparison(section("comparison"));
 const follows = followRun(player);
+watchScrollers();
 
 const title = document.querySelector("h1"),
   top = make("div", { class: "title" });

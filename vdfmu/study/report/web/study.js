@@ -2,8 +2,10 @@
 
 import { study } from "./data.js";
 import { showLab } from "./lab.js";
+import { watchScrollers } from "./scrollers.js";
 
 globalThis.report = {
   ...globalThis.report,
   lab: showLab(document.getElementById("lab"), study, globalThis.report?.simulation ?? null),
 };
+watchScrollers();
