@@ -178,8 +178,8 @@ def unclaimed(path, text):
     return re.findall(r"\S*\d\S*", text)
 
 
-WRITTEN = ROOT.joinpath(".gitignore").read_text(encoding="utf-8").split()
-"""Among them the pages that `make docs` writes from the code."""
+WRITTEN = [*ROOT.joinpath(".gitignore").read_text(encoding="utf-8").split(), "docs/reference/command_line.md"]
+"""Pages that `make docs` writes from the code."""
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ from vdfmu.system.program import SystemProgram, compressed, page_program
 ROWS = 100
 """Intervals between the recorded rows that the page compares with its own run."""
 LIMIT = 1e-9
-"""Difference [rad, m] below which the page's own run is the recorded one. Its sin, cos and tanh differ by 1e-15."""
+"""Difference [rad, m] below which the page's own run is the recorded one. Native FMUs have its bits."""
 _APART = 3.0
 """Factor on the distance of a run from itself with a small change: both reach the largest distance, at other times."""
 _UNKNOWN = (

@@ -112,8 +112,8 @@ def _folded(
             late.add(f"{box}.{group}")
         if part not in box_of:
             return end
-        own = numbers.setdefault((box, kind, group), {})
-        return box, f"{group}[{own.setdefault(part, len(own) + 1)}{f',{index}' if index else ']'}"
+        places = numbers.setdefault((box, kind, group), {})
+        return box, f"{group}[{places.setdefault(part, len(places) + 1)}{f',{index}' if index else ']'}"
 
     joined = [
         (outside(start, "output"), outside(end, "input"))
