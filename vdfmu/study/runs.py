@@ -73,7 +73,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             results = job.simulate()
         except (CosimError, Interrupted) as error:
             if out is not False:
-                write_failed(scenario.name, job.package, made, error)
+                write_failed(scenario.name, job.package, made, error, simulate=bool(options["simulate"]))
             raise
         summary = results.summary
         job.judge(results)

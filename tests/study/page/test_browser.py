@@ -80,16 +80,16 @@ def test_the_error_of_the_end_effector_is_that_of_desired_and_actual_positions(r
 def test_pointing_shows_the_value_of_the_file(run, browser):
     show(browser, run / "report.html", 1280, 1400)
     results = Results.read(run / "results.csv")
-    x, y = centre(browser, "#figures .chart:nth-child(2) .u-over")
+    x, y = centre(browser, "#figures .chart:nth-child(1) .u-over")
     browser.mouse("mouseMoved", x, y)
-    words = browser.run("document.querySelector('#figures .chart:nth-child(2) .tip').innerText")
+    words = browser.run("document.querySelector('#figures .chart:nth-child(1) .tip').innerText")
     time = float(re.match(r"([\d.]+) s", words)[1])
     row = int(np.rint(1e3 * time))
     assert 400 < row < 600  # in the middle
     shown = re.findall(r"joint (\d)\s*(\S+) (.?)deg", words)
     assert [joint for joint, *_ in shown] == list("123456")
     error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
-    low, high = browser.run("[report.charts[1].plot.scales.y.min, report.charts[1].plot.scales.y.max]")
+    low, high = browser.run("[report.charts[0].plot.scales.y.min, report.charts[0].plot.scales.y.max]")
     # three digits of the stretch that the axis spans: half of its third
     found = [{"": 1.0, "m": 1e-3, "µ": 1e-6}[prefix] * number(value) for _, value, prefix in shown]
     np.testing.assert_allclose(found, error, rtol=0, atol=5e-3 * (high - low))
@@ -116,23 +116,22 @@ def test_dragging_zooms_all_figures_and_a_double_click_ends_it(run, browser):
 def test_selector_of_joints_and_logarithmic_scale(run, browser):
     show(browser, run / "report.html", 1280, 1400)
     browser.run("document.querySelectorAll('#figures .chip')[1].click()")
-    assert browser.run("report.charts[1].plot.series.map(s => s.show)") == [True, True, False, *[True] * 4]
-    browser.run("document.querySelector('#figures .chart:nth-child(2) figcaption button').click()")
+    assert browser.run("report.charts[0].plot.series.map(s => s.show)") == [True, True, False, *[True] * 4]
+    browser.run("document.querySelector('#figures .chart:nth-child(1) figcaption button').click()")
     browser.settle()
-    assert browser.run("report.charts[1].plot.scales.y.distr") == 3
-    assert browser.run("report.charts[1].plot.data.slice(1).flat().every(v => v === null || v > 0)")
+    assert browser.run("report.charts[0].plot.scales.y.distr") == 3
+    assert browser.run("report.charts[0].plot.data.slice(1).flat().every(v => v === null || v > 0)")
 
 
 def test_names_stand_at_the_ends_of_curves_without_overlaps(run, browser):
     show(browser, run / "report.html", 1280, 1400)
-    for chart, n in ((0, 6), (1, 6), (2, 6)):
+    for chart, n in ((0, 6), (2, 6)):
         ends = browser.run(f"report.charts[{chart}].ends()")
         assert sorted(one["text"] for one in ends) == [f"joint {i}" for i in range(1, n + 1)]
         places = [one["place"] for one in ends]
         assert min(np.diff(places)) >= 11.99  # 12 px apart, and sums of such numbers
         assert all(np.diff([one["end"] for one in ends]) >= 0.0)  # no two lines to names cross
-    centre(browser, "#figures .chart:nth-child(6)")
-    strokes = [browser.run(f"report.charts[{k}].strokeOf(report.charts[{k}].unpacked[0])") for k in (1, 5)]
+    strokes = [browser.run(f"report.charts[{k}].strokeOf(report.charts[{k}].unpacked[0])") for k in (0, 1)]
     assert strokes == [page.LIGHT[0], browser.run("getComputedStyle(document.body).getPropertyValue('--ink').trim()")]
 
 
@@ -140,19 +139,19 @@ def test_pointing_to_a_joint_fades_the_others_and_alt_shows_it_alone(run, browse
     show(browser, run / "report.html", 1280, 1400)
     x, y = centre(browser, "#figures .bar .chip:nth-child(4)")  # after a word, of joint 3
     browser.mouse("mouseMoved", x, y)
-    alphas = "report.charts[1].plot.series.slice(1).map(s => s.alpha)"
+    alphas = "report.charts[0].plot.series.slice(1).map(s => s.alpha)"
     assert browser.run(alphas) == [0.15, 0.15, 1, 0.15, 0.15, 0.15]
     for _ in range(2):
         for kind in ("mousePressed", "mouseReleased"):
             browser.mouse(kind, x, y, button="left", clickCount=1, modifiers=1)
-        shown = browser.run("report.charts[1].plot.series.slice(1).map(s => s.show)")
+        shown = browser.run("report.charts[0].plot.series.slice(1).map(s => s.show)")
         assert shown == [k == 2 for k in range(6)] or _ == 1
     assert shown == [True] * 6
     browser.mouse("mouseMoved", x, y + 60)
     assert browser.run("report.view.focus") is None
     # the middle of a figure without its curve nearby points to none, next to a curve to that one
     curve = browser.run("""(() => {
-        const { plot } = report.charts[1], box = plot.over.getBoundingClientRect(), row = plot.data[0].length >> 1;
+        const { plot } = report.charts[0], box = plot.over.getBoundingClientRect(), row = plot.data[0].length >> 1;
         return [box.left + plot.valToPos(plot.data[0][row], "x"), box.top + plot.valToPos(plot.data[2][row], "y")];
     })()""")
     browser.mouse("mouseMoved", *curve)
@@ -164,19 +163,19 @@ def test_a_figure_is_saved_as_drawing_picture_and_table(run, browser):
     results = Results.read(run / "results.csv")
     browser.run("report.view.change('range', [0.2, 0.4])")
     browser.settle()
-    heads, *rows = csv.reader(browser.run("report.charts[1].file('CSV').then(f => f.text())").splitlines())
+    heads, *rows = csv.reader(browser.run("report.charts[0].file('CSV').then(f => f.text())").splitlines())
     assert heads == ["time [s]", *(f"joint {i} [deg]" for i in range(1, 7))]
     table = np.array(rows, dtype=float)
     places = np.rint(1e3 * table[:, 0]).astype(int)
     assert places[0] == 200 and places[-1] == 400
     error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[places]
     np.testing.assert_allclose(table[:, 1:], error, rtol=2**-24, atol=1e-30)  # single precision
-    drawing = ElementTree.fromstring(browser.run("report.charts[1].file('SVG').then(f => f.text())"))
+    drawing = ElementTree.fromstring(browser.run("report.charts[0].file('SVG').then(f => f.text())"))
     texts = {text.text for text in drawing.iter("{http://www.w3.org/2000/svg}text")}
-    unit = browser.run("report.charts[1].unitText.textContent")
+    unit = browser.run("report.charts[0].unitText.textContent")
     assert {"joint 1", "joint 6", f"Position tracking errors: q_d − q [{unit}]"} <= texts and unit.endswith("deg")
-    size = browser.run("report.charts[1].file('PNG').then(createImageBitmap).then(i => [i.width, i.height])")
-    wanted = browser.run("[report.charts[1].plot.width, report.charts[1].plot.height]")
+    size = browser.run("report.charts[0].file('PNG').then(createImageBitmap).then(i => [i.width, i.height])")
+    wanted = browser.run("[report.charts[0].plot.width, report.charts[0].plot.height]")
     assert size == [3 * wanted[0], 3 * (wanted[1] + 26)]  # with the title
 
 
@@ -216,7 +215,7 @@ def test_keys_play_step_and_read_the_values_of_a_figure(run, browser):
     for _ in range(2):
         browser.key("ArrowRight", 39)
     words = browser.run("document.querySelector('#figures .tip').innerText")
-    assert words.startswith("0.01 s") and "joint 6, q_d" in words
+    assert words.startswith("0.01 s") and "joint 6" in words
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -265,10 +264,10 @@ def test_reduced_motion_is_respected_and_several_runs_are_drawn_over_each_other(
     one = read_run(run)
     path = write_report([one, one._replace(name="other")], tmp_path / "comparison.html")
     show(browser, path)
-    centre(browser, "#figures .chart:nth-child(2)")
-    assert browser.run("report.charts[1].plot.series.length") == 13  # time, six joints of two runs
+    centre(browser, "#figures .chart:nth-child(1)")
+    assert browser.run("report.charts[0].plot.series.length") == 13  # time, six joints of two runs
     browser.run("document.querySelector('.chip.run1').click()")
-    assert browser.run("report.charts[1].plot.series.filter(s => s.show).length") == 7
+    assert browser.run("report.charts[0].plot.series.filter(s => s.show).length") == 7
 
 
 def test_the_arm_of_another_run_stands_beside_that_of_a_run(run, browser, tmp_path):
@@ -278,7 +277,7 @@ def test_the_arm_of_another_run_stands_beside_that_of_a_run(run, browser, tmp_pa
     words = "[...document.querySelectorAll('.canvas .name')].map(e => e.textContent)"
     assert browser.run(arms) == 2
     assert browser.run(words) == [run.name, "other"]
-    assert browser.run("document.querySelector('.readout caption').textContent").endswith("; below: other")
+    assert browser.run("document.querySelector('.readout caption').textContent").endswith("; on the right: other")
     assert browser.run("document.querySelectorAll('.readout output.second').length") == len(one.summary["arm"]["types"])
     find = "const s = document.querySelectorAll('#arm .bar .choice select')[k]; s.value = value;"
     choose = "((k, value) => { " + find + " s.dispatchEvent(new Event('change')); })"

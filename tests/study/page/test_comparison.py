@@ -44,7 +44,7 @@ def test_what_differs_has_the_values_of_both_or_the_settings_and_nothing_else(tw
 
 @pytest.mark.parametrize(
     ("before", "after", "words"),
-    [(2.0, 2.0, "none"), (2.0, 2.0002, "< 0.1 %"), (2.0, 2.5, "+25 %"), (2.0, 1.5, "−25 %"), (2.0, 8.0, "× 4"),
+    [(2.0, 2.0, "none"), (2.0, 2.0002, "× 1"), (2.0, 2.5, "× 1.25"), (2.0, 1.5, "× 0.75"), (2.0, 8.0, "× 4"),
      (2.0, 0.2, "× 0.1"), (0.0, 1.0, ""), (None, 1.0, "")],
 )  # fmt: skip
 def test_changes_are_in_per_cent_or_factors(before, after, words):

@@ -302,7 +302,7 @@ def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
     verdict = verdict_of([Check(*one) for one in found])
     changed = run._replace(summary=dict(run.summary) | {"verdict": verdict})
     text = write_report([changed], tmp_path / "page.html").read_text()
-    assert '<p class="verdict failed">Failed: Second &lt;b&gt;: 2 &gt; 1</p>' in text
+    assert '<p class="verdict failed" data-run="0">Failed: Second &lt;b&gt;: 2 &gt; 1</p>' in text
     assert '<li class="good"><b>good</b> First <small>as it should</small></li>' in text
     assert '<li class="failed"><b>failed</b> Second &lt;b&gt; <small>2 &gt; 1</small></li>' in text
     with Console(file=io.StringIO(), width=80) as console, console.capture() as shown:

@@ -71,15 +71,21 @@ def test_tiles_begin_with_what_the_components_of_the_system_do():
     wall = {"key_figures": FIGURES | {"contact": CONTACT, "depth": DEPTH}}
     assert [tile[:4] for tile in tiles_of(wall)] == [
         ("Contact force", "85.8 N", "at the tool, since 0.53 s", "plant.F_e.N"),
-        ("Penetration", "4.29 mm", "at 1.9 s", "wall.depth"),
+        ("Penetration", "4.29 mm", "at 1.9 s", "wall."),
         ("Tool error", "2.89 µm", "at 4.94 s", "tool"),
         ("Worst joint", "97.2 µdeg", "joint 2 at 5.26 s", "tracking"),
     ]
     assert page_title("wall", wall) == "wall: contact force 85.8 N"
-    estimate = {"component": "eye", "group": "tau_s_hat", "words": "Spring torque", "signals": [], "true": []}
+    estimate = {
+        "component": "eye",
+        "group": "tau_s_hat",
+        "words": "Spring torque, link-side",
+        "signals": [],
+        "true": [],
+    }
     seen = {"scene": {"estimates": [estimate]}, "rms_tau_s_hat_error_nm": [0.1, 1.8], "key_figures": FIGURES}
     assert tiles_of(seen)[0][:5] == (
-        "Error of the estimate", "1.8 N.m", "RMS, joint 2: spring torque", "estimate.eye.tau_s_hat", "apart",
+        "Spring torque", "1.8 N.m", "RMS error, joint 2", "estimate.eye.tau_s_hat", "apart",
     )  # fmt: skip
     cut = {"power": {"value": 12.0, "unit": "W", "joint": 3, "at_s": 0.5},
            "cut": {"value": 90.0, "unit": "N", "joint": 1, "at_s": 0.1}}  # fmt: skip
@@ -198,13 +204,13 @@ def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is
 def test_the_page_begins_with_the_verdict_and_the_command_that_makes_the_run_again(planar):
     results, folder = planar
     page = (folder / "report.html").read_text()
-    assert f'<p class="verdict good">{line_of(results.summary)}</p>' in page
+    assert f'<p class="verdict good" data-run="0">{line_of(results.summary)}</p>' in page
     assert f"<title>{page_title('planar_tracking', results.summary)}</title>" in page
     assert page.count('class="tile"') == len(tiles_of(results.summary)) == MOST_TILES
     assert '<details class="checks good"><summary>' in page
     bad = verdict_of([CHECK["failed"]])
     page = report_page([ShownRun("bad", results, results.summary | {"verdict": bad}, folder / "system.ssp")]).decode()
-    assert '<p class="verdict failed">Failed: Energy residual of the coupling: 31 %</p>' in page
+    assert '<p class="verdict failed" data-run="0">Failed: Energy residual of the coupling: 31 %</p>' in page
     assert '<details class="checks failed" open>' in page
     assert run_command(planar[0].summary) == "vdfmu run planar_tracking --stop 0.2"
     own = planar[0].summary | {"scenario": "my own", "settings": {"controller.K_p[1]": "3"}}

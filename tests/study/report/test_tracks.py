@@ -123,6 +123,6 @@ def test_causes_are_those_that_the_system_has(described):
     heavy = {**values, "plant": {**values["plant"], "mass[2]": 9.0}, "encoder": {"T_d": 1e-3, "bits[1]": 17.0}}
     more = list(causes(heavy, chosen, False))[2:]
     assert [cause["words"] for cause in more] == [
-        "No delay of signals", "Encoders of 48 bits", "Masses and inertias of links known to the feedforward",
+        "No delay of signals", "Encoders of 48 bits", "Masses and inertias known to the feedforward",
     ]  # fmt: skip
     assert more[-1]["changes"] == [{"unit": "feedforward", "name": "mass[2]", "value": 9.0}]

@@ -175,14 +175,12 @@ def _wrench_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Fi
 
 
 def _contact_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
-    """Yield forces and depths of contacts."""
+    """Yield the forces of contacts."""
     for drawn in summary.get("scene", {}).get("objects", []):
         for name, words in drawn.get("forces", {}).items():
-            if name in results:
+            if name in results and results.units[name] != "m":
                 title = f"{drawn['component']}: {words[:1].lower()}{words[1:]}"
-                unit = results.units[name]
-                quantity = Shown("mm", 1e3) if unit == "m" else Shown(unit)
-                yield Figure(name, title, quantity, [Curve(name, 0, [(1.0, name)])], words)
+                yield Figure(name, title, Shown(results.units[name]), [Curve(name, 0, [(1.0, name)])], words)
 
 
 def _estimate_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
@@ -196,7 +194,8 @@ def _estimate_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[
                 for k, signal in enumerate(each[group], 1)
                 if signal in names and results.units[signal] == unit
             ]
-            title = f"Estimated {each['words'][:1].lower()}{each['words'][1:]}; true dashed"
+            words = each["words"].partition(",")[0]
+            title = f"Estimated {words[:1].lower()}{words[1:]}; true dashed"
             yield Figure(f"estimate.{each['component']}.{each['group']}.{unit}", title, Shown(unit), curves)
 
 

@@ -62,11 +62,14 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
     return path
 
 
-def write_failed(name: str, package: Path, folder: Path, error: CosimError | Interrupted) -> None:
-    """Write the page of a failed run that has rows. A second failure is noted in the error."""
+def write_failed(
+    name: str, package: Path, folder: Path, error: CosimError | Interrupted, *, simulate: bool = False
+) -> None:
+    """Write the page of a failed run that has rows, see `write_report`. A second failure is noted in the error."""
     try:
         if error.results is not None and len(error.results):
-            write_report([ShownRun(name, error.results, error.results.summary, package)], folder / NAME)
+            run = ShownRun(name, error.results, error.results.summary, package)
+            write_report([run], folder / NAME, simulate=simulate)
             write_summary(error.results.summary, folder)
     except Exception as other:
         error.add_note(f"{NAME} could not be made of its rows: {error_text(other)}")
@@ -113,7 +116,8 @@ def report_page(
             '<div class="side">',
             *(tiles(summaries[0]) if len(runs) == 1 else ()),
             '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
-            '<section id="figures" class="card" hidden aria-label="Figures"></section></div></div>',
+            '<section id="figures" class="card" hidden aria-label="Figures"></section>',
+            '<section id="found" class="card" hidden aria-label="Simulated and recorded"></section></div></div>',
             f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>',
             *tables(names, runs),
             *facts_table(names, runs),
@@ -124,15 +128,15 @@ def report_page(
         ]
     )
     lines = [
-        (f"{name}: {line}" if len(runs) > 1 else line, state_of(summary))
-        for name, summary in zip(names, summaries, strict=True)
+        (f"{name}: {line}" if len(runs) > 1 else line, state_of(summary), k)
+        for k, (name, summary) in enumerate(zip(names, summaries, strict=True))
         if (line := line_of(summary))
     ]
     about = _about(summaries)
-    head = scripts.run_head("; ".join(line for line, _ in lines) or about, arm_alone)
+    head = scripts.run_head("; ".join(line for line, *_ in lines) or about, arm_alone)
     if study:
         return page(study.title, study.about, body, 84, head, first=_SKIP, scripts=scripts.scripts_of("sweep"))
-    lead = "".join(f'<p class="verdict {state}">{escape(line)}</p>\n' for line, state in lines)
+    lead = "".join(f'<p class="verdict {state}" data-run="{k}">{escape(line)}</p>\n' for line, state, k in lines)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     script = scripts.scripts_of("run")
     return page(", ".join(names), about, body, 92, head, tab=tab, first=_SKIP, lead=lead, scripts=script)

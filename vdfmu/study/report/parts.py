@@ -42,7 +42,8 @@ class Tile(NamedTuple):
     figure: str
     """Key of the figure that shows it, or a prefix of the key."""
     measure: str
-    """Measure of a simulated run that replaces the value, see ``web/outcome.js``; empty without such a measure."""
+    """Measure of a simulated run that replaces the value, see ``web/outcome.js``, and its signal if not of the figure;
+    empty without such a measure."""
     at: float | None = None
     """Its time [s]."""
 
@@ -61,7 +62,7 @@ _TILES = {
     "unstable": ("Disturbances grow", "a step, {place}, since {time}", "tracking", ""),
     "saturated": ("Time at a limit", "{place}, since {time}", "torque", "limited"),
     "contact": ("Contact force", "at the tool, since {time}", "plant.F_e.N", "length"),
-    "depth": ("Penetration", "at {time}", "{place}", "largest"),
+    "depth": ("Penetration", "at {time}", "{component}.", "highest {place}"),
     "power": ("Power at a cutting point", "joint {joint} at {time}", "power", "largest"),
     "cut": ("Torque at a cutting point", "joint {joint} at {time}", "force", "largest"),
     "tool_error": ("Tool error", "at {time}", "tool", "largest"),
@@ -89,11 +90,16 @@ def tiles_of(summary: Summary) -> list[Tile]:
         if (figure := figures.get(key)) is None:
             continue
         value = _VALUES[key](figure["value"]) if key in _VALUES else quantity(figure["value"], figure["unit"])
-        note = form.format_map({**figure, "time": f"{figure['at_s']:.3g} s"})
+        component = figure.get("place", "").partition(".")[0]
+        form, shown, measure = (
+            text.format_map({**figure, "time": f"{figure['at_s']:.3g} s", "component": component})
+            for text in (form, shown, measure)
+        )
+        note = form
         name = name.replace("torque", "force").replace("Torque", "Force") if figure.get("unit") == "N" else name
         if "limit" in figure:
             note = f"{100 * figure['value'] / figure['limit']:.3g} % of its limit, {note}"
-        tiles.append(Tile(name, value, note, shown.format_map(figure), measure, figure["at_s"]))
+        tiles.append(Tile(name, value, note, shown, measure, figure["at_s"]))
     return tiles[:MOST_TILES]
 
 
@@ -104,9 +110,9 @@ def _estimate_tiles(summary: Summary) -> Iterator[Tile]:
         if errors:
             worst = max(range(len(errors)), key=errors.__getitem__)
             unit = units_of(summary, "torque_units", len(errors))[worst]
-            note = f"RMS, joint {worst + 1}: {each['words'][:1].lower()}{each['words'][1:]}"
+            name, note = each["words"].partition(",")[0], f"RMS error, joint {worst + 1}"
             figure = f"estimate.{each['component']}.{each['group']}"
-            yield Tile("Error of the estimate", quantity(errors[worst], unit), note, figure, "apart")
+            yield Tile(name, quantity(errors[worst], unit), note, figure, "apart")
 
 
 def tiles(summary: Summary) -> Iterator[str]:
@@ -248,13 +254,10 @@ def joint_sheets(names: Sequence[str], summaries: Sequence[Summary]) -> list[She
 
 
 def change(before: float | None, after: float | None) -> str:
-    """Return how a number changed: in per cent, beyond a factor of 2 as a factor; empty without two numbers."""
+    """Return the factor by which a number changed; empty without two numbers."""
     if not before or after is None:
         return ""
-    ratio = after / before
-    if abs(ratio - 1.0) < 5e-4:
-        return "none" if ratio == 1.0 else "< 0.1 %"
-    return f"× {number(ratio)}" if not 0.5 < ratio < 2.0 else f"{100.0 * (ratio - 1.0):+.2g} %".replace("-", "\u2212")
+    return "none" if after == before else f"× {number(after / before)}"
 
 
 def _package_values(path: Path) -> Values | None:

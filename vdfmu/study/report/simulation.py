@@ -19,9 +19,11 @@ from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun
-from vdfmu.study.report.tracks import GOOD, POOR, Names, tracks
+from vdfmu.study.report.tracks import GOOD, Names, tracks
+from vdfmu.study.run.key_figures import STANDING, off_from
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.program import SystemProgram, compressed, page_program
 
@@ -68,7 +70,7 @@ def _scaled_as(group: str) -> tuple[str, ...]:
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses and inertias of links", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
+    Knob("Masses and inertias", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
     Knob("Mass of the payload", "Plant", _scaled_as("payload"), 0.0, 3.0, True),
     Knob("Stiffness of the drives", "Plant", _scaled_as("stiffness"), 0.2, 5.0, True),
     Knob("Friction", "Plant", _scaled_as("friction"), 0.0, 3.0, True),
@@ -154,9 +156,11 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
     margin = figures.get("margin", {})
     why = ""
     if "unstable" in figures:  # one place of a limit cycle says little about another gain
-        why = "no margins along it: the run itself is unstable"
-    if not margin.get("value", 1.0):
-        why = f"no margins along it: the run has none at {margin['at_s']:.3g} s"
+        why = "the run itself is unstable"
+    elif not margin.get("value", 1.0):
+        why = f"the run has none at {margin['at_s']:.3g} s"
+    elif "error" in run.summary:
+        why = "the run did not reach its end"
     if why:
         along = [[None]] * len(sliders)
     else:
@@ -164,13 +168,27 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
         dry = "without_dry_friction" not in margin
         along = tracks(run.package, run.summary["algorithm"], sliders, values, span, dry, run.poses)
     for slider, slider_tracks in zip(sliders, along, strict=True):
-        slider |= {"tracks": slider_tracks, "why": why}
+        slider["tracks"] = slider_tracks
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
         "causes": list(causes(values, sliders, fast)),
-        "margins": {"good": GOOD, "poor": POOR},
+        "good": min(GOOD, margin.get("value") or GOOD),
+        "margin": margin.get("value"),
+        "why": why,
+        "path": _path_of(figures),
+        "limits": figures.get("torque", {}).get("limits", []),
+        "late": 1.0 / substeps if (substeps := ALGORITHMS[run.summary["algorithm"]].substeps) else 0.0,
         "recorded": _recorded(run, program["names"]),
     }
+
+
+def _path_of(figures: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the place whose error is worst for the size of its motion, with the bounds of a doubtful, failed run."""
+    path = figures.get("path")
+    if path is None:
+        return None
+    doubtful = STANDING if "contact" in figures else off_from(path["place"])
+    return {key: path[key] for key in ("place", "size", "unit")} | {"doubtful": doubtful, "failed": STANDING}
 
 
 def causes(parameters: Names, knobs: Sequence[Mapping[str, Any]], fast: bool) -> Iterator[dict[str, Any]]:
@@ -257,6 +275,7 @@ def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
         "values": packed(np.array([results[name][rows] for name in kept]).T, "<f8"),
         "judged": judged,
         "unit": ", ".join(dict.fromkeys(results.units[name] for name in judged)),
+        "ended": "error" not in summary,
         "limit": max(LIMIT, _APART * separation),
         "note": _SEPARATES if separation else "",
         "doubt": "" if summary.get("reference") else _UNKNOWN,

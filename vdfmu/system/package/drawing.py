@@ -6,6 +6,7 @@ import base64
 import re
 from collections.abc import Container, Iterable, Mapping, Sequence
 from html import escape
+from os.path import commonprefix
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -42,8 +43,20 @@ _MARKS = {"dot": "\u0307", "ddot": "\u0308", "hat": "\u0302"}
 _POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 
 
+_CUTS = ("V_A", "V_B", "V_C", "V_D")
+"""Connectors by which the pieces of an arm pass on their velocities."""
+_FEWEST = 4
+"""Pieces that are drawn as one box."""
+Kinds = Mapping[str, Mapping[str, Sequence[str]]]
+"""Component to kind of connector to names."""
+
+
 def system_diagram(package: Path, held: Container[str] = ()) -> str:
-    """Return the picture of the system in a package, or an empty text. `held` inputs read the last step's value."""
+    """Return HTML with the picture of the system in a package, or an empty text.
+
+    `held` inputs read the last step's value. Pieces of an arm are one box, and all of them in a picture that opens. A
+    key has the colours.
+    """
     if not package.is_file():
         return ""
     try:
@@ -60,7 +73,67 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
         sources = (source for *_, source in places.values() if source.endswith(".svg") and source in archive)
         icons = {source: archive.read(source) for source in sources}
     links = [(c.start, c.end) for c in system.connections]
-    return _draw(kinds, words, links, _sizes(system), places, icons, held)
+    picture = _draw(kinds, words, links, _sizes(system), places, icons, held)
+    boxes = _boxes(links)
+    if not boxes:
+        return picture + _key(_in_order(kinds, places), links)
+    inside, joined, late = _folded(kinds, links, boxes, held)
+    words |= {box: f"{len(pieces)} pieces" for box, pieces in boxes.items()}
+    folded = _draw(inside, words, joined, {}, {}, icons, late)
+    count = sum(map(len, boxes.values()))
+    whole = f"<details><summary>All {count} pieces of {escape(' and '.join(boxes))}</summary>{picture}</details>"
+    return folded + _key([*inside], joined) + whole
+
+
+def _boxes(links: Iterable[tuple[Port, Port]]) -> dict[str, list[str]]:
+    """Return the pieces of each arm, joined by their velocities, by the common begin of their names."""
+    arms = list[list[str]]()
+    for link in links:
+        if all(name.partition("[")[0] in _CUTS for _, name in link):
+            parts = [part for part, _ in link]
+            touched = [arm for arm in arms if {*arm} & {*parts}]
+            arms = [arm for arm in arms if arm not in touched] + [list(dict.fromkeys(sum(touched, parts)))]
+    names = {commonprefix(arm).rpartition("_")[0] or f"arm {k}": arm for k, arm in enumerate(arms, 1)}
+    return {name: sorted(arm) for name, arm in names.items() if len(arm) >= _FEWEST}
+
+
+def _folded(
+    kinds: Kinds, links: Iterable[tuple[Port, Port]], boxes: Mapping[str, Sequence[str]], held: Container[str]
+) -> tuple[Kinds, list[tuple[Port, Port]], set[str]]:
+    """Return components and links with boxes for their pieces, whose equal connectors are a vector; and held inputs."""
+    late, numbers = set[str](), dict[tuple[str, str, str], dict[str, int]]()
+    box_of = {piece: box for box, pieces in boxes.items() for piece in pieces}
+
+    def outside(end: Port, kind: str) -> Port:
+        part, name = end
+        group, _, index = name.partition("[")
+        box = box_of.get(part, part)
+        if f"{part}.{group}" in held:
+            late.add(f"{box}.{group}")
+        if part not in box_of:
+            return end
+        own = numbers.setdefault((box, kind, group), {})
+        return box, f"{group}[{own.setdefault(part, len(own) + 1)}{f',{index}' if index else ']'}"
+
+    joined = [
+        (outside(start, "output"), outside(end, "input"))
+        for start, end in links
+        if box_of.get(start[0], start) != box_of.get(end[0], end)
+    ]
+    ports = {
+        box: {kind: [link[k][1] for link in joined if link[k][0] == box] for k, kind in enumerate(("output", "input"))}
+        for box in boxes
+    }
+    return {name: each for name, each in kinds.items() if name not in box_of} | ports, joined, late
+
+
+def _key(order: Sequence[str], links: Iterable[tuple[Port, Port]]) -> str:
+    """Return the key of the colours of wires: the components from which they lead."""
+    sources = {start[0] for start, _ in links}
+    named = [[name for name in order[k::_COLOURS] if name in sources] for k in range(_COLOURS)]
+    line = '<svg class="system" width="20" height="10"><path class="w{}" d="M0 5h20" stroke="currentColor"/></svg>'
+    keys = (f"<span>{line.format(k)} {escape(', '.join(names))}</span>" for k, names in enumerate(named) if names)
+    return f'<p class="note keys">Wires from: {" ".join(keys)}</p>'
 
 
 def _places(ssd: Any) -> dict[str, tuple[float, float, str]]:
@@ -99,6 +172,11 @@ def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> s
     return _draw(kinds, words, links, sizes, places, icons)
 
 
+def _in_order(kinds: Kinds, places: Mapping[str, tuple[float, float, str]]) -> list[str]:
+    """Return the components from left to right if all have places, else as they are declared."""
+    return sorted(kinds, key=places.__getitem__) if all(name in places for name in kinds) else [*kinds]
+
+
 def _draw(
     kinds: Mapping[str, Mapping[str, Sequence[str]]], words: Mapping[str, str], links: Iterable[tuple[Port, Port]],
     sizes: Mapping[Port, str], places: Mapping[str, tuple[float, float, str]], icons: Mapping[str, bytes | None],
@@ -118,7 +196,7 @@ def _draw(
             late.add((source, sink))
     cards: dict[str, Card] = {}
     ordered = all(name in places for name in kinds)
-    for name in sorted(kinds, key=places.__getitem__) if ordered else kinds:
+    for name in _in_order(kinds, places):
         connectors = kinds[name]
         used = {
             "input": dict.fromkeys(port for sinks in ends.values() for component, port in sinks if component == name),

@@ -1,6 +1,6 @@
 // What limits a run: its error at the tool, again and again with one cause taken away.
 
-import { binaries, largest, make } from "./data.js";
+import { binaries, largest, make, tableParts } from "./data.js";
 import { toolErrors } from "./arm.js";
 import { SimulationWorker } from "./worker.js";
 import { quantity, text } from "./numbers.js";
@@ -20,7 +20,7 @@ export class Budget {
     this.worker = new SimulationWorker(binaries);
     this.button = make("button", { type: "button", click: () => this.find() }, "Find out");
     this.status = make("span", { class: "note", role: "status" });
-    this.table = make("table", { hidden: true });
+    this.table = make("table", { class: "numbers", hidden: true });
     this.element = make(
       "div",
       { class: "budget", hidden: true },
@@ -85,32 +85,18 @@ export class Budget {
     this.table.hidden = false;
     this.table.replaceChildren(
       make("caption", {}, "Error of the end effector"),
-      make(
-        "thead",
-        {},
-        make(
-          "tr",
-          {},
-          ...["", "", "largest", "RMS", "change"].map((head) => make("th", { scope: "col" }, head)),
-        ),
-      ),
-      make(
-        "tbody",
-        {},
-        ...rows.map((row) =>
-          make(
-            "tr",
-            {},
-            make("th", { scope: "row" }, row.words),
-            ...(row.failure
-              ? [make("td", { colspan: 4 }, make("small", {}, row.failure))]
-              : [
-                  bar(row.max),
-                  make("td", {}, quantity(row.max, "m", most)),
-                  make("td", {}, quantity(row.rms, "m", most)),
-                  make("td", {}, row === whole ? "" : changeOf(whole.max, row.max)),
-                ]),
-          ),
+      ...tableParts(
+        ["", "", "largest", "RMS", "change"],
+        rows.map((row) =>
+          row.failure
+            ? [row.words, make("td", { colspan: 4 }, make("small", {}, row.failure))]
+            : [
+                row.words,
+                bar(row.max),
+                quantity(row.max, "m", most),
+                quantity(row.rms, "m", most),
+                row === whole ? "" : changeOf(whole.max, row.max),
+              ],
         ),
       ),
     );
@@ -126,12 +112,9 @@ function errorsOf(run) {
   };
 }
 
-/** How a value differs from another, in words. */
+/** The factor by which a value differs from another, with three digits. */
 export function changeOf(before, after) {
   const ratio = after / before;
   if (!Number.isFinite(ratio)) return "–";
-  if (Math.abs(ratio - 1) < 1e-6) return "none";
-  return ratio >= 2 || ratio <= 0.5
-    ? `× ${text(ratio, 3)}`
-    : `${ratio > 1 ? "+" : ""}${text(100 * (ratio - 1), 2)} %`;
+  return Math.abs(ratio - 1) < 1e-6 ? "none" : `× ${text(ratio, 3)}`;
 }

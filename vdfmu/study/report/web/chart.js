@@ -103,7 +103,7 @@ export class Chart {
       this.build();
       return;
     }
-    const { min, max } = this.plot.scales.x;
+    const [min, max] = view.range ?? view.full();
     this.unpacked.forEach((curve, k) => {
       this.plot.series[k + 1].alpha = this.alpha(curve);
     });

@@ -10,12 +10,12 @@ import {
   recorded,
   runs,
   simulated,
+  tableParts,
   toggle,
 } from "./data.js";
 import { Chart } from "./chart.js";
 import { changeOf } from "./budget.js";
-import { peaksOf } from "./simulation.js";
-import { quantity } from "./numbers.js";
+import { peakCell, peaksOf } from "./simulation.js";
 
 const LEAST = 50; // common times, of which a difference needs no values between rows
 
@@ -97,49 +97,25 @@ function peakTable() {
       found.get(key)[k] = peak;
     }
   });
-  const cell = (peak) =>
-    make(
-      "td",
-      {},
-      peak ? quantity(peak.value, peak.unit) : "–",
-      ...(peak?.joint ? [make("small", {}, ` joint ${peak.joint}`)] : []),
-    );
-  const rows = [...found]
-    .filter(([, peaks]) => peaks.filter(Boolean).length > 1)
-    .map(([, peaks]) => {
-      const before = peaks.find(Boolean),
-        changes = peaks
+  const rows = [...found.values()]
+    .filter((peaks) => peaks.filter(Boolean).length > 1)
+    .map((peaks) => {
+      const before = peaks.find(Boolean);
+      return [
+        before.words,
+        ...peaks.map((peak) => (peak ? peakCell(peak) : "–")),
+        ...peaks
           .slice(1)
-          .map((peak) =>
-            make("td", {}, peak && peak !== before ? changed(before.value, peak.value) : "–"),
-          );
-      return make(
-        "tr",
-        {},
-        make("th", { scope: "row" }, before.words),
-        ...peaks.map(cell),
-        ...changes,
-      );
+          .map((peak) => (peak && peak !== before ? changeOf(before.value, peak.value) : "–")),
+      ];
     });
   const heads = [
     "Largest",
     ...recorded.map(({ name }) => name),
     ...recorded.slice(1).map((_, k) => (recorded.length > 2 ? `change ${k + 2}` : "change")),
   ];
-  return make(
-    "div",
-    { class: "wide" },
-    make(
-      "table",
-      {},
-      make("thead", {}, make("tr", {}, ...heads.map((head) => make("th", { scope: "col" }, head)))),
-      make("tbody", {}, ...rows),
-    ),
-  );
+  return make("div", { class: "wide" }, make("table", {}, ...tableParts(heads, rows)));
 }
-
-const changed = (before, after) =>
-  Math.abs(after / before - 1) < 5e-4 ? "< 0.1 %" : changeOf(before, after);
 
 function chartsOf(key, apart) {
   const { unit } = merged("figures").get(key),

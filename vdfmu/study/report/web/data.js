@@ -72,8 +72,9 @@ const numbers = packed ? new Uint8Array(await unzip(packed.textContent).arrayBuf
  * @param {number[]} place
  * @param {any} Kind
  */
-export function unpack([first, count], Kind = Float32Array) {
-  const size = Kind.BYTES_PER_ELEMENT,
+export function unpack(place, Kind = Float32Array) {
+  const [first, count] = place,
+    size = Kind.BYTES_PER_ELEMENT,
     bytes = new Uint8Array(size * count);
   for (let byte = 0; byte < size; byte += 1)
     for (let i = 0; i < count; i += 1) bytes[size * i + byte] = numbers[first + count * byte + i];
@@ -149,6 +150,8 @@ export function framesOf(run) {
     last = time.length - 1,
     rows = [];
   if (last <= FRAMES) rows.push(...time.keys());
+  else if (taken.at(-1) < time[last] - 1e-9)
+    rows.push(...Array.from({ length: FRAMES + 1 }, (_, k) => Math.round((k * last) / FRAMES)));
   else
     for (let k = 0, row = 0; row < last; k += 1) {
       while (row < last && !(time[row] >= taken[k] - 1e-9)) row += 1;
@@ -180,6 +183,18 @@ export function make(tag, attributes = {}, ...children) {
   }
   element.append(...children);
   return element;
+}
+
+/** Head and body of a table: words of its columns, and rows that begin with their names; cells are words or elements. */
+export function tableParts(heads, rows) {
+  const cell = (one) => (one?.tagName === "TD" ? one : make("td", {}, one));
+  const body = rows.map(([name, ...cells]) =>
+    make("tr", {}, make("th", { scope: "row" }, name), ...cells.map(cell)),
+  );
+  return [
+    make("thead", {}, make("tr", {}, ...heads.map((head) => make("th", { scope: "col" }, head)))),
+    make("tbody", {}, ...body),
+  ];
 }
 
 /** Copy a text; whether the browser lets a page do it. */
@@ -257,9 +272,10 @@ export const view = new (class extends EventTarget {
   limits = null;
 
   full() {
-    const times = recorded.map((run) => unpack(run.frames.time, Float64Array));
+    const times = this.limits ? [] : recorded.map((run) => unpack(run.frames.time, Float64Array));
     this.limits ??= [Math.min(...times.map((t) => t[0])), Math.max(...times.map((t) => t.at(-1)))];
-    return this.limits;
+    const [first, last] = this.limits; // a simulated run may go on where the recorded one failed
+    return [first, Math.max(last, simulated.result.time.at(-1) ?? last)];
   }
 
   change(what, value) {

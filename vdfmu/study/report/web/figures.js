@@ -13,7 +13,7 @@ import {
 } from "./data.js";
 import { Chart } from "./chart.js";
 
-/** Fill the section of the figures; `more` are figures that the page has calculated: key, title, unit and a function that gives the curves. */
+/** Fill the section of the figures; `more` are figures that the page has calculated, for beside the tracking errors: key, title, unit and a function that gives the curves. */
 export function showFigures(section, more) {
   const several = recorded.length > 1; // then dashes are for the runs, and what is desired is not drawn
   const packed = [...merged("figures")].map(([key, { title, unit }]) => ({
@@ -22,11 +22,14 @@ export function showFigures(section, more) {
     title: several ? title.replace(/, [^,]*dashed/, "") : title,
     curves: () => curvesOf("figures", key).filter(({ dashed }) => !several || !dashed),
   }));
-  const charts = [...packed, ...more].map(({ key, title, unit, curves }) => {
-    const chart = new Chart(title, unit, curves);
-    chart.element.dataset.figure = key; // by which tiles and addresses find it
-    return chart;
-  });
+  const place = 1 + packed.findLastIndex(({ key }) => key.startsWith("tracking."));
+  const charts = packed
+    .toSpliced(place || packed.length, 0, ...more)
+    .map(({ key, title, unit, curves }) => {
+      const chart = new Chart(title, unit, curves);
+      chart.element.dataset.figure = key; // by which tiles and addresses find it
+      return chart;
+    });
   if (!charts.length) return charts;
   section.hidden = false;
   section.append(
@@ -36,16 +39,16 @@ export function showFigures(section, more) {
       make("h2", {}, "Figures"),
       jointChips(),
       ...runChips(),
-      zoomButtons(),
+      zoomButton(),
     ),
+    make("div", { class: "grid" }, ...charts.map((chart) => chart.element)),
     make(
       "p",
       { class: "note" },
-      "Drag across a figure to zoom, or use + and −; double-click to see all. Point to read values" +
+      "Drag across a figure to zoom; double-click to see all. Point to read values" +
         (runs.some((run) => run.arm) ? ", click to move the arm there. " : ". ") +
         "Values are those of recorded rows; no peak is left out.",
     ),
-    make("div", { class: "grid" }, ...charts.map((chart) => chart.element)),
   );
   return charts;
 }
@@ -129,24 +132,16 @@ function runChips() {
   return [group];
 }
 
-function zoomButtons() {
-  const zoom = (factor) => () => {
-    const [first, last] = view.full();
-    const [min, max] = view.range ?? [first, last];
-    const centre = view.time > min && view.time < max ? view.time : (min + max) / 2;
-    const range = [
-      Math.max(first, centre - factor * (centre - min)),
-      Math.min(last, centre + factor * (max - centre)),
-    ];
-    view.change("range", range[0] <= first && range[1] >= last ? null : range);
-  };
-  const button = (label, name, click) =>
-    make("button", { type: "button", "aria-label": name, title: name, click }, label);
-  return make(
-    "div",
-    { class: "chips" },
-    button("+", "Zoom in on the time shown", zoom(0.5)),
-    button("−", "Zoom out", zoom(2)),
-    button("All", "All: show the whole run", () => view.change("range", null)),
+/** Ends a zoom. */
+function zoomButton() {
+  const button = make(
+    "button",
+    { type: "button", title: "Show the whole run", click: () => view.change("range", null) },
+    "All",
   );
+  view.addEventListener("range", () => {
+    button.hidden = !view.range;
+  });
+  button.hidden = true;
+  return button;
 }

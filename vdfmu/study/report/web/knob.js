@@ -1,15 +1,15 @@
 // A slider of a parameter, on a track that shows the modulus margin: green, amber, red, and where the loops become unstable.
 
-import { choice, make, toggle } from "./data.js";
+import { make, toggle } from "./data.js";
 import { text } from "./numbers.js";
 
 const NOTCHES = 100; // of a slider to either side
 
 /** A slider of factors around 1, for all joints and for each. */
 export class Knob {
-  constructor(knob, margins, changed) {
+  constructor(knob, good, changed) {
     this.knob = knob;
-    this.margins = margins;
+    this.good = good;
     this.places = Array(knob.values.length + 1).fill(0);
     this.chosen = 0;
     this.known = false;
@@ -29,29 +29,19 @@ export class Knob {
         this.slider.dispatchEvent(new Event("input"));
       },
     });
-    const joints =
-      knob.values.length > 1
-        ? [
-            choice(
-              "",
-              [[0, "all joints"], ...knob.values.map((_, i) => [i + 1, `joint ${i + 1}`])],
-              (k) => {
-                this.chosen = Number(k);
-                this.show();
-              },
-            ),
-          ]
-        : [];
-    joints[0]?.querySelector("select").setAttribute("aria-label", `${knob.words}: joint`);
     this.knows = knob.known.length
       ? toggle(
-          "feedforward knows it",
+          "known",
           false,
           (on) => {
             this.known = on;
             changed();
           },
-          { class: "chip", "aria-label": `${knob.words}: the feedforward knows it` },
+          {
+            class: "chip",
+            "aria-label": `${knob.words}: known to the feedforward`,
+            title: "The feedforward knows the change",
+          },
         )
       : null;
     this.track = make("div", { class: "track" });
@@ -64,7 +54,7 @@ export class Knob {
       this.slider,
       this.track,
       this.bounds,
-      make("div", { class: "chips" }, ...joints, ...(this.knows ? [this.knows] : [])),
+      ...(this.knows ? [this.knows] : []),
     );
     this.show();
   }
@@ -74,6 +64,12 @@ export class Knob {
     const { least, most } = this.knob,
       share = Math.abs(place) / NOTCHES;
     return Number((place > 0 ? most ** share : least ? least ** share : 1 - share).toPrecision(3));
+  }
+
+  /** Slide a joint from now on, or all for 0; a parameter without joints has one place. */
+  choose(joint) {
+    this.chosen = joint < this.places.length && this.places.length > 2 ? joint : 0;
+    this.show();
   }
 
   show() {
@@ -89,9 +85,6 @@ export class Knob {
             : null;
     this.slider.value = this.places[this.chosen];
     this.output.textContent = `× ${text(joint < 0 ? all : all * own[joint], 3)}${one === null ? "" : ` = ${text(one, 4)} ${units[Math.max(joint, 0)]}`}`;
-    this.element.querySelectorAll("option").forEach((option, k) => {
-      option.textContent = `${k ? `joint ${k}` : "all joints"}${this.places[k] ? ` × ${text(this.factor(this.places[k]), 3)}` : ""}`;
-    });
     this.paint();
   }
 
@@ -100,12 +93,8 @@ export class Knob {
     const track = this.knob.tracks[this.chosen],
       place = this.places[this.chosen];
     this.track.hidden = !track;
-    this.bounds.hidden = !(track || this.knob.why);
-    this.bounds.textContent = this.knob.why ?? "";
-    const said = [
-      this.output.textContent.replace("×", "times"),
-      ...(this.knob.why ? [this.knob.why] : []),
-    ];
+    this.bounds.hidden = !track;
+    const said = [this.output.textContent.replace("×", "times")];
     if (track) {
       const limits = this.limits(track),
         margin = marginAt(track, place);
@@ -140,8 +129,9 @@ export class Knob {
     );
   }
 
+  /** Margins of a track have three decimals. */
   colour(margin) {
-    return margin >= this.margins.good ? "good" : margin >= this.margins.poor ? "fair" : "poor";
+    return margin >= this.good - 0.0005 ? "good" : margin > 0 ? "fair" : "poor";
   }
 
   /** Factors from and up to which the loops are stable, in words. */
@@ -160,12 +150,14 @@ export class Knob {
       if (!place) return [];
       const track = this.knob.tracks[k],
         words = `${this.knob.words.charAt(0).toLowerCase()}${this.knob.words.slice(1)}${k ? ` of joint ${k}` : ""} × ${text(this.factor(place), 3)}`;
-      const limit = track && !marginAt(track, place) ? track.limits[place > 0 ? 1 : 0] : null;
+      const margin = track ? marginAt(track, place) : null,
+        limit = margin === 0 ? track.limits[place > 0 ? 1 : 0] : null;
       return [
         {
           words,
           judged: !!track,
-          unstable: !!track && !marginAt(track, place),
+          unstable: margin === 0,
+          margin,
           limit: limit === null ? null : this.factor(limit),
           above: place > 0,
         },

@@ -2,7 +2,7 @@
 
 import { choice, make, recorded, simulated, toggle, view } from "./data.js";
 import { armsOf } from "./arm.js";
-import { quantity, raised, text } from "./numbers.js";
+import { quantity, text } from "./numbers.js";
 import { Scene3D, VIEWS } from "./scene.js";
 import { Timeline } from "./timeline.js";
 
@@ -45,6 +45,11 @@ export class Player {
 
   get motion() {
     return this.scene.motion;
+  }
+
+  /** End of the longest of the runs that are drawn. */
+  get end() {
+    return Math.max(...this.scene.puppets.map(({ motion }) => motion.time.at(-1)));
   }
 
   /** The wheel scrolls the page; with Ctrl, or after a click into the scene until the pointer leaves it, it comes nearer. */
@@ -96,7 +101,6 @@ export class Player {
     this.timeline = new Timeline(this.slider);
     const quantities = Object.keys(UNITS).filter((name) => this.motion[name]);
     this.scene.quantity = quantities[0];
-    const powers = [0, 1, 2, 3, 4, 5].map((p) => [10 ** p, p ? `× 10${raised(p)}` : "as it is"]);
     this.other = shown.length === 2 ? shown[1] : null;
     const others = choice(
       "Beside it",
@@ -155,14 +159,6 @@ export class Player {
             .map((name) => [name, name]),
           (name) => this.scene.look(name),
         ),
-        ...(this.motion.error
-          ? [
-              choice("Errors drawn", powers, (factor) => {
-                this.scene.magnify = Number(factor);
-                this.show();
-              }),
-            ]
-          : []),
         make(
           "div",
           { class: "chips", role: "group", "aria-label": "Shown" },
@@ -191,7 +187,7 @@ export class Player {
     }
     const other = simulated.of === run && simulated.result.time.length ? simulated : this.other;
     this.scene.beside(other === run ? null : (other ?? null));
-    [this.slider.min, this.slider.max] = [this.motion.time[0], this.motion.time.at(-1)];
+    [this.slider.min, this.slider.max] = [this.motion.time[0], this.end];
     const arms = armsOf(run),
       joints = arms.flatMap(({ arm, component }) =>
         arm.types.map((type, i) => [
@@ -214,7 +210,7 @@ export class Player {
       return { type, cells, row };
     });
     this.heading = make("caption");
-    this.timeline.draw(run, this.motion.time[0], this.motion.time.at(-1));
+    this.timeline.draw(run, this.motion.time[0], this.end);
     this.readout.replaceChildren(
       make("table", {}, this.heading, make("tbody", {}, ...this.rows.map(({ row }) => row))),
     );
@@ -223,16 +219,16 @@ export class Player {
 
   show() {
     const { time } = this.motion,
-      t = Math.min(Math.max(view.time, time[0]), time.at(-1));
+      t = Math.min(Math.max(view.time, time[0]), this.end);
     this.scene.show(t);
     this.slider.value = t;
     this.slider.setAttribute("aria-valuetext", `${text(t, 4)} s`);
-    this.clock.textContent = `${t.toFixed(time.at(-1) < 1 ? 3 : 2)} s`;
+    this.clock.textContent = `${t.toFixed(this.end < 1 ? 3 : 2)} s`;
     const name = this.scene.quantity;
     if (!this.motion[name]) return;
     const all = this.scene.puppets.map((puppet) => puppet.values(name, t)),
       peaks = this.scene.peaks();
-    this.heading.textContent = `${UNITS[name].words}; bars: share of the joint's largest${all.length > 1 ? `; below: ${this.scene.second.name}` : ""}`;
+    this.heading.textContent = `${UNITS[name].words}; bars: share of the joint's largest${all.length > 1 ? `; on the right: ${this.scene.second.name}` : ""}`;
     this.rows.forEach(({ type, cells }, i) =>
       cells.forEach(({ fill, value }, k) => {
         const [factor, unit] = UNITS[name][type],
@@ -251,14 +247,14 @@ export class Player {
     this.button.textContent = on ? "❚❚" : "▶";
     this.button.setAttribute("aria-label", on ? "Pause" : "Play");
     if (!on) return;
-    if (view.time >= this.motion.time.at(-1)) view.change("time", this.motion.time[0]);
+    if (view.time >= this.end) view.change("time", this.motion.time[0]);
     let before = performance.now();
     const tick = (now) => {
       if (!this.playing) return;
       const t = view.time + (this.speed * (now - before)) / 1e3;
       before = now;
-      view.change("time", Math.min(t, this.motion.time.at(-1)));
-      if (t < this.motion.time.at(-1)) requestAnimationFrame(tick);
+      view.change("time", Math.min(t, this.end));
+      if (t < this.end) requestAnimationFrame(tick);
       else this.play(false);
     };
     requestAnimationFrame(tick);
@@ -275,7 +271,7 @@ export class Player {
       (tagName === "INPUT" && type !== "range")
     )
       return;
-    const [first, last] = [this.motion.time[0], this.motion.time.at(-1)];
+    const [first, last] = [this.motion.time[0], this.end];
     const step = ((event.shiftKey ? 10 : 1) * (last - first)) / STEPS;
     const moves = {
       ArrowLeft: view.time - step,

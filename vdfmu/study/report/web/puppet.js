@@ -41,14 +41,10 @@ class Arm {
       });
   }
 
-  /** Positions of the joints, by `magnify` times as far from the desired ones. */
-  position(t, magnify) {
-    const q = this.motion.at("q", t),
-      error = this.error && this.motion.at("error", t);
-    return {
-      q: error ? q.map((v, i) => v - (magnify - 1) * error[i]) : q,
-      desired: error ? q.map((v, i) => v + error[i]) : q,
-    };
+  /** Desired positions of the joints, at positions. */
+  desiredAt(t, q) {
+    const error = this.motion.at("error", t);
+    return q.map((v, i) => v + error[i]);
   }
 
   base(t) {
@@ -193,36 +189,33 @@ export class Puppet {
     armsOf(run).forEach((one, k) => {
       Object.assign(this.arms[k], { motion: new Motion(one), lengths: {} });
     });
-    this.magnify = undefined;
-    this.lead(1, (this.box = new vendor.Box3()));
+    this.lead((this.box = new vendor.Box3()));
   }
 
   /** Place all arms at a time, without what colours them. */
-  pose(t, magnify) {
+  pose(t) {
     for (const arm of this.arms) {
-      const { q, desired } = arm.position(t, magnify),
+      const q = arm.motion.at("q", t),
         base = arm.base(t);
       arm.actual.set(q, base);
-      arm.desired?.set(desired, base);
+      arm.desired?.set(arm.desiredAt(t, q), base);
     }
     this.root.updateMatrixWorld(true);
   }
 
-  /** Lead the paths through the tools as they are drawn. */
-  lead(magnify, box = null) {
-    if (magnify === this.magnify) return;
-    this.magnify = magnify;
+  /** Lead the paths through the tools, and make the box hold all that moves. */
+  lead(box) {
     const point = new vendor.Vector3();
     for (const arm of this.arms) {
       const chain = this.arms.filter((one) => one === arm || arm.mounted);
       const times = arm.motion.time,
         step = Math.max(1, Math.floor(times.length / 250));
       const points = Array.from(times, (t, k) => {
-        for (const one of chain) one.bare.set(one.position(t, magnify).q, one.base(t));
-        for (const link of box && k % step === 0 ? [arm.bare.root, ...arm.bare.links] : [])
+        for (const one of chain) one.bare.set(one.motion.at("q", t), one.base(t));
+        for (const link of k % step === 0 ? [arm.bare.root, ...arm.bare.links] : [])
           box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
         const tool = new vendor.Vector3().setFromMatrixPosition(arm.bare.tool.matrixWorld);
-        box?.expandByPoint(tool);
+        box.expandByPoint(tool);
         return tool;
       });
       arm.path.along(points, times);
@@ -243,9 +236,8 @@ export class Puppet {
     );
   }
 
-  show(t, quantity, magnify, peaks, forces) {
-    this.lead(magnify);
-    this.pose(t, magnify);
+  show(t, quantity, peaks, forces) {
+    this.pose(t);
     let first = 0;
     for (const arm of this.arms) {
       arm.show(t, quantity, peaks.slice(first), forces);

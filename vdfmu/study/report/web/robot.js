@@ -34,7 +34,16 @@ function showArm() {
     return;
   }
   const part = (words, name) =>
-    toggle(words, scene.chosen[name], (on) => scene.apply({ [name]: on }), { class: "chip" });
+    toggle(
+      words,
+      scene.chosen[name],
+      (on) => {
+        const inside = on && name !== "frames" && name !== "gravity"; // of solid links nothing is seen
+        scene.apply({ [name]: on, ...(inside ? { links: "see-through" } : {}) });
+        links.querySelector("select").value = scene.chosen.links;
+      },
+      { class: "chip" },
+    );
   const links = choice(
     "Links",
     Object.keys(LINKS).map((name) => [name, name]),

@@ -80,9 +80,9 @@ export class RobotScene extends Scene3D {
   /** Show what is chosen, at a pose. */
   apply(changed = {}) {
     this.chosen = {
-      links: "see-through",
-      frames: true,
-      centres: true,
+      links: "solid",
+      frames: false,
+      centres: false,
       ellipsoids: false,
       gravity: true,
       ...this.chosen,

@@ -37,7 +37,7 @@ const more = places.length
   : [];
 const player = recorded.some((run) => run.arm) ? new Player(section("arm")) : null;
 const charts = showFigures(section("figures"), more);
-const simulation = showSimulation(section("simulate"));
+const simulation = showSimulation(section("simulate"), section("found"));
 showSystem(section("system"));
 showComparison(section("comparison"));
 const follows = followRun(player);

@@ -1,6 +1,6 @@
 // A figure as a file: SVG, PNG, or the rows shown as CSV. The page makes it itself and hands it to the browser's downloads.
 
-import { inkOf, make, runs } from "./data.js";
+import { inkOf, make, recorded, runs } from "./data.js";
 
 const TITLE_ROOM = 26; // px, for the title
 const PNG_PIXELS = 3; // pixels of a PNG per px
@@ -32,11 +32,12 @@ export function saveMenu(chart) {
 }
 
 async function saveFigure(chart, kind) {
-  const file = `${document.title} ${chart.title}.${kind.toLowerCase()}`.replaceAll(
-    /[^\w.,() -]+/g,
-    "_",
-  );
-  handOver(await FILES[kind](chart), file);
+  const words = [...recorded.map(({ name }) => name), chart.title.split(":")[0]];
+  const name = words
+    .join("_")
+    .toLowerCase()
+    .replaceAll(/[^a-z0-9.]+/g, "_");
+  handOver(await FILES[kind](chart), `${name}.${kind.toLowerCase()}`);
 }
 
 /** Give a file to the browser's downloads. */
@@ -47,7 +48,9 @@ export function handOver(content, name) {
 }
 
 const curvesShown = (chart) =>
-  [...chart.unpacked.keys()].filter((k) => chart.plot.series[k + 1].show);
+  [...chart.unpacked.keys()].filter(
+    (k) => chart.plot.series[k + 1].show && chart.unpacked[k].time.length,
+  );
 
 /** Rows of the stretch of time shown, of the curves shown, in the figure's unit. */
 function csvOf(chart) {
@@ -55,13 +58,11 @@ function csvOf(chart) {
     [time, ...columns] = chart.table(false),
     chosen = curvesShown(chart);
   const quoted = (text) => `"${text.replaceAll('"', '""')}"`;
-  const heads = chosen
-    .map((k) => chart.unpacked[k])
-    .map(({ label, run }) =>
-      quoted(
-        `${runs.length > 1 ? `${runs[run].name}: ` : ""}${label}${chart.unit && ` [${chart.unit}]`}`,
-      ),
-    );
+  const drawn = chosen.map((k) => chart.unpacked[k]),
+    several = new Set(drawn.map(({ run }) => run)).size > 1;
+  const heads = drawn.map(({ label, run }) =>
+    quoted(`${several ? `${runs[run].name}: ` : ""}${label}${chart.unit && ` [${chart.unit}]`}`),
+  );
   const rows = Array.from(time, (t, i) =>
     [t, ...chosen.map((k) => columns[k][i] ?? "")].join(","),
   ).filter((_, i) => time[i] >= min && time[i] <= max);

@@ -23,7 +23,6 @@ export class Scene3D {
     host.append(this.renderer.domElement);
     this.camera = new vendor.PerspectiveCamera(32, 1, 0.01, 100);
     this.quantity = "torque";
-    this.magnify = 1;
     this.layers = { desired: true, path: true, forces: true };
     this.second = null;
     this.load(run);
@@ -271,8 +270,7 @@ export class Scene3D {
   show(t) {
     this.time = t;
     const peaks = this.peaks();
-    for (const puppet of this.puppets)
-      puppet.show(t, this.quantity, this.magnify, peaks, this.layers.forces);
+    for (const puppet of this.puppets) puppet.show(t, this.quantity, peaks, this.layers.forces);
     this.draw();
   }
 

@@ -9,36 +9,38 @@ import {
   recorded,
   rowsOf,
   simulated,
+  tableParts,
   view,
 } from "./data.js";
 import { recalled, remember, whenRecalled } from "./state.js";
 import { toolErrors } from "./arm.js";
 import { Knob } from "./knob.js";
 import { Budget, changeOf } from "./budget.js";
+import { outcomeOf, showTiles, tell } from "./outcome.js";
 import { SimulationWorker, difference } from "./worker.js";
 import { quantity, text } from "./numbers.js";
 
 const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
 
 class Simulation {
-  constructor(section, able) {
+  /** `section` has the sliders and the message, `found` the tables below the figures. */
+  constructor(section, found, able) {
     this.worker = new SimulationWorker(binaries);
     this.busy = false;
     this.again = false;
     this.given = [];
+    this.zoomed = null;
     this.status = make("p", { class: "note", role: "status" });
     this.bar = make("progress", { max: 1, "aria-label": "Progress of the simulation" });
     this.verdict = make("ul");
     this.failure = make("div", { class: "failure", role: "alert", hidden: true });
+    this.detail = make("p", { class: "failure", hidden: true });
     this.back = make("button", { type: "button", click: () => this.reset() }, "Reset");
-    this.hint = make(
-      "p",
-      { class: "note" },
-      "Move a slider: this browser runs the equations of the FMUs again, and draws the simulated run over the recorded one. A double click puts a slider back.",
-    );
     this.legend = make("p", { class: "note" });
     this.knobs = make("div", { class: "knobs" });
-    this.results = make("table");
+    this.results = make("table", { class: "numbers" });
+    this.joint = choice("", [], (k) => this.chooseJoint(Number(k)));
+    this.joint.firstChild.setAttribute("aria-label", "Joint of the sliders");
     section.append(
       make(
         "div",
@@ -53,17 +55,31 @@ class Simulation {
               ),
             ]
           : []),
+        this.joint,
         this.back,
         this.status,
         this.bar,
       ),
-      this.hint,
-      this.legend,
+      make("div", { class: "said" }, this.failure, this.legend),
       this.knobs,
-      this.failure,
-      make("div", { class: "found" }, this.results, make("div", { class: "checks" }, this.verdict)),
     );
-    this.budget = new Budget(section);
+    found.append(
+      make("h2", {}, "Simulated and recorded"),
+      make(
+        "p",
+        { class: "note" },
+        "This browser runs the equations of the FMUs again when a slider moves. A double click puts a slider back.",
+      ),
+      this.detail,
+      this.results,
+      make("div", { class: "checks" }, this.verdict),
+    );
+    this.budget = new Budget(found);
+    section.hidden = found.hidden = false;
+    const { style } = document.documentElement; // a figure that is asked for stays below the panel
+    new ResizeObserver(() => style.setProperty("--panel", `${section.offsetHeight}px`)).observe(
+      section,
+    );
     this.choose(able[0], false);
     whenRecalled(() => {
       this.recall();
@@ -81,33 +97,52 @@ class Simulation {
     this.show(NOTHING);
     this.of = simulated.of = run;
     view.change("run", run);
-    const {
-      knobs,
-      margins: { good, poor },
-    } = run.simulation;
-    this.sliders = knobs.map((knob) => new Knob(knob, run.simulation.margins, () => this.rerun()));
+    const { knobs, good, margin, why } = run.simulation;
+    this.sliders = knobs.map((knob) => new Knob(knob, good, () => this.rerun()));
     this.knobs.replaceChildren(...this.sliders.map(({ element }) => element));
-    this.hint.hidden = this.back.hidden = !knobs.length;
-    this.legend.hidden = !this.sliders.some(({ judged }) => judged);
-    this.legend.replaceChildren(
-      `Tracks: modulus margin of the loops, linearised along the recorded run${this.sliders.some(({ still }) => still) ? " without its dry friction" : ""}, with this slider alone moved: `,
-      ...[
-        ["good", `from ${good}`],
-        ["fair", `from ${poor}`],
-        ["poor", "below, or unstable"],
-      ].map(([colour, words]) =>
-        make("span", { class: "key" }, make("i", { class: colour }), words),
-      ),
-      "A line marks where the loops become unstable.",
+    const joints = Math.max(0, ...knobs.map(({ values }) => values.length));
+    this.joint.firstChild.replaceChildren(
+      ...Array.from({ length: joints + 1 }, (_, k) => make("option", { value: k })),
     );
+    this.joint.hidden = joints < 2;
+    this.back.hidden = !knobs.length;
+    this.judged = why || this.sliders.some(({ judged }) => judged);
+    const least = good < margin ? `${text(good, 2)}, or this run's` : "this run's";
+    const colours = [
+      ["good", `margin at least ${least}`],
+      ["fair", "less"],
+      ["poor", "unstable"],
+    ];
+    this.legend.replaceChildren(
+      ...(why
+        ? [`No margins along the sliders: ${why}.`]
+        : colours.map(([colour, words]) =>
+            make("span", { class: "key" }, make("i", { class: colour }), words),
+          )),
+    );
+    this.legend.title = `Modulus margin of the loops, linearised along the recorded run${this.sliders.some(({ still }) => still) ? " without its dry friction" : ""}, with this slider alone moved`;
+    this.legend.hidden = !this.judged;
     this.budget.of(run);
     this.recall();
     if (start || this.changes().length) this.rerun();
   }
 
+  chooseJoint(k) {
+    for (const slider of this.sliders) slider.choose(k);
+  }
+
+  /** Mark the joints that a slider has moved. */
+  markJoints() {
+    this.joint.querySelectorAll("option").forEach((option, k) => {
+      const moved = this.sliders.some(({ places }) => places[k]);
+      option.textContent = `${k ? `joint ${k}` : "all joints"}${moved ? ", moved" : ""}`;
+    });
+  }
+
   /** Set the sliders as the address has them. */
   recall() {
     for (const slider of this.sliders) slider.state = recalled(slider.knob.key) ?? "";
+    this.markJoints();
   }
 
   reset() {
@@ -130,6 +165,7 @@ class Simulation {
     this.again = true;
     this.budget.cancel();
     for (const slider of this.sliders) remember(slider.knob.key, slider.state);
+    this.markJoints();
     if (this.busy) {
       this.stopping ??= setTimeout(
         () => this.worker.cancel(),
@@ -162,8 +198,7 @@ class Simulation {
   /** Show what a run found, up to its failure if it has failed. */
   take(found, changes, failure = "") {
     const { time } = found,
-      { stop, start } = this.of.simulation;
-    this.explain(found, failure);
+      { stop, start, recorded: own } = this.of.simulation;
     this.status.textContent = failure
       ? `Stopped${time.length ? ` at ${text(time.at(-1), 4)} s` : ""}.`
       : `${text(stop - start, 4)} s simulated in ${quantity(found.seconds, "s")}.`;
@@ -171,42 +206,60 @@ class Simulation {
     this.verdict.classList.toggle("other", changes.length > 0);
     this.tabulate(found, failure);
     this.show(changes.length ? found : NOTHING);
+    this.explain(found, changes.length || own.ended ? failure : "", changes.length > 0);
   }
 
-  /** Say when the run became unstable, by which sliders, and mark the time in the figures. */
-  explain(found, failure) {
+  /** Say what the run came to, at the top, in the tiles and above the sliders; show in the figures when it failed. */
+  explain(found, failure, changed) {
     const moved = this.sliders.flatMap((slider) => slider.moved()),
       unstable = moved.filter((one) => one.unstable),
-      end = found.time.at(-1);
-    const begin =
-      (unstable.length ? departure({ ...this.of, result: found }, this.of) : null) ??
-      (failure && found.time.length ? end : null);
+      run = { ...this.of, result: found };
+    const off = unstable.length ? departure(run, this.of) : null,
+      begin = off?.time ?? (failure && found.time.length ? found.time.at(-1) : null);
+    const margin = unstable.length ? 0 : moved.length === 1 ? moved[0].margin : null;
+    const outcome = outcomeOf(run, {
+      failure,
+      departure: off,
+      unstable: unstable.length > 0,
+      margin,
+    });
+    tell(this.of, changed ? outcome : null);
+    showTiles(this.of, changed && found.time.length ? run : null, margin);
     const words = (list) =>
       list
-        .map(
-          (one) =>
-            one.words +
-            (one.limit
-              ? `, stable ${one.above ? "up" : "down"} to about × ${text(one.limit, 2)}`
-              : ""),
-        )
+        .map((one) => {
+          const limit = `, stable ${one.above ? "up" : "down"} to about × ${text(one.limit, 2)}`;
+          return one.words + (one.limit ? limit : "");
+        })
         .join("; ");
+    const [first] = outcome.words;
     let said = "";
-    if (unstable.length)
-      said = `${begin === null ? "Unstable if linearised, though errors stay small here" : `Unstable from ${text(begin, 3)} s`}: ${words(unstable)} (by the loops linearised along the recorded run).`;
-    else if (failure && moved.length && begin !== null)
-      said = `Stopped at ${text(end, 3)} s with ${words(moved)}${moved.length > 1 && moved.every((one) => one.judged) ? "; each of them alone is stable" : ""}.`;
-    this.failure.replaceChildren(
-      ...(said ? [make("strong", {}, said)] : []),
-      ...(failure ? [make(said ? "small" : "span", {}, failure)] : []),
-    );
-    this.failure.hidden = !said && !failure;
+    if (unstable.length || failure) said = `${first.charAt(0).toUpperCase()}${first.slice(1)}`;
+    if (unstable.length) said += `: ${words(unstable)}`;
+    else if (failure && moved.length)
+      said += ` with ${words(moved)}${moved.length > 1 && moved.every((one) => one.judged) ? "; each of them alone is stable" : ""}`;
+    this.failure.textContent = said && `${said}.`;
+    this.failure.hidden = !said;
+    this.legend.hidden = !!said || !this.judged;
+    this.detail.textContent = failure;
+    this.detail.hidden = !failure;
+    this.zoom(said ? begin : null, found.time.at(-1), failure);
     view.change(
       "marks",
-      begin === null || !(said || failure)
+      begin === null || !said
         ? []
         : [{ time: begin, words: unstable.length ? "unstable" : "stopped" }],
     );
+  }
+
+  /** Zoom in on the time at which a run began to fail, unless the reader has zoomed; null zooms out again. */
+  zoom(begin, end, failure) {
+    if (view.range && view.range !== this.zoomed) return;
+    const [first, last] = view.full(),
+      span = failure ? Math.max(end - begin, (last - first) / 100) : (last - first) / 10;
+    this.zoomed =
+      begin === null ? null : [Math.max(first, begin - 2 * span), Math.min(last, begin + 2 * span)];
+    view.change("range", this.zoomed);
   }
 
   show(found) {
@@ -214,25 +267,25 @@ class Simulation {
     view.dispatchEvent(new Event("simulated"));
   }
 
-  /** Hold the page's own run against the recorded one. */
+  /** Hold the page's own run against the recorded one; if that failed, this has to fail in the same step. */
   judge(found, failure) {
-    const { position, limit } = failure ? {} : difference(this.of.simulation, found),
-      passed = position <= limit,
-      { unit, note, doubt } = this.of.simulation.recorded,
-      why = note || (passed ? "" : doubt);
+    const { recorded: own } = this.of.simulation,
+      { position, limit } = difference(this.of.simulation, found),
+      steps = Math.abs(found.time.length - 1 - own.rows.at(-1)),
+      passed = own.ended ? !failure && position <= limit : steps <= 1,
+      why = own.note || (passed ? "" : own.doubt);
     this.apart = position;
+    let words = failure;
+    if (!own.ended) words = `with all sliders at 1, they stop ${steps} steps apart`;
+    else if (!failure)
+      words = `with all sliders at 1, they differ by ${text(position, 2)} ${own.unit} at most in the rows that the page has in double precision; limit ${text(limit, 2)} ${own.unit}${why && `. ${why}`}`;
     this.verdict.replaceChildren(
       make(
         "li",
         { class: passed ? "good" : "failed" },
         make("b", {}, passed ? "good" : "failed"),
         " The page's own run equals the recorded one ",
-        make(
-          "small",
-          {},
-          failure ||
-            `with all sliders at 1, they differ by ${text(position, 2)} ${unit} at most in the rows that the page has in double precision; limit ${text(limit, 2)} ${unit}${why && `. ${why}`}`,
-        ),
+        make("small", {}, words),
       ),
     );
   }
@@ -244,59 +297,45 @@ class Simulation {
       after = found.time.length
         ? peaksOf({ ...this.of, result: found }, until)
         : before.map(() => ({ value: NaN }));
-    const cell = ({ value, joint, unit }, most) =>
-      make(
-        "td",
-        {},
-        quantity(value, unit, most),
-        ...(joint ? [make("small", {}, ` joint ${joint}`)] : []),
-      );
     this.results.hidden = !before.length;
     this.results.replaceChildren(
-      make(
-        "thead",
-        {},
-        make(
-          "tr",
-          {},
-          ...[`Largest${part}`, "recorded", "simulated", "change"].map((head) =>
-            make("th", { scope: "col" }, head),
-          ),
-        ),
-      ),
-      make(
-        "tbody",
-        {},
-        ...before.map((was, k) =>
-          make(
-            "tr",
-            {},
-            make("th", { scope: "row" }, was.words),
-            cell(was),
-            cell(after[k], was.value),
-            make("td", {}, changeOf(was.value, after[k].value)),
-          ),
-        ),
+      ...tableParts(
+        [`Largest${part}`, "recorded", "simulated", "change"],
+        before.map((was, k) => [
+          was.words,
+          peakCell(was),
+          peakCell(after[k], was.value),
+          changeOf(was.value, after[k].value),
+        ]),
       ),
     );
   }
 }
 
+/** A cell with a largest value, and its joint. */
+export const peakCell = ({ value, joint, unit }, most) =>
+  make(
+    "td",
+    {},
+    quantity(value, unit, most),
+    ...(joint ? [make("small", {}, ` joint ${joint}`)] : []),
+  );
+
 const WORSE = 2; // times its largest error in the recorded run that a joint is off when it has left the motion
 
-/** Time from which on a joint of a run is further off than ever in another run; null if it never is. */
+/** Time from which on a joint of a run is further off than ever in another run, and the joint; null if none is. */
 function departure(run, other) {
-  const times = run.figures
+  const joints = run.figures
     .filter(({ key }) => key.startsWith("tracking."))
     .flatMap((figure) => {
       const { time, values } = rowsOf(figure, run.result),
         limits = rowsOf(figure, other.result).values.map((row) => WORSE * largest(row));
-      return values.map(
-        (row, joint) => time[row.findIndex((value) => Math.abs(value) > limits[joint])] ?? Infinity,
-      );
+      return values.flatMap((row, k) => {
+        const at = row.findIndex((value) => Math.abs(value) > limits[k]);
+        return at < 0 ? [] : [{ time: time[at], joint: figure.curves[k][1] }];
+      });
     });
-  const first = Math.min(Infinity, ...times);
-  return first < Infinity ? first : null;
+  return joints.sort((a, b) => a.time - b.time)[0] ?? null;
 }
 
 /** Largest absolute values of the figures of a run up to a time, and of the error of its end effector. */
@@ -321,21 +360,20 @@ export function peaksOf(run, until = Infinity) {
   return found;
 }
 
-/** Fill the section of the simulation: sliders, and why runs without them have none. */
-export function showSimulation(section) {
+/** Fill the sections of the simulation. Why a run has no sliders is told among its facts. */
+export function showSimulation(section, found) {
   const able = recorded.filter((run) => run.simulation?.units),
     others = recorded.filter((run) => run.simulation?.reason);
-  section.hidden = !able.length && !others.length;
-  const simulation = able.length ? new Simulation(section, able) : null;
-  if (!able.length) section.append(make("h2", {}, "Simulate"));
-  section.append(
-    ...others.map((run) =>
-      make(
-        "p",
-        { class: "note" },
-        recorded.length > 1 ? `${run.name}: ${run.simulation.reason}` : run.simulation.reason,
+  document
+    .getElementById("facts")
+    ?.append(
+      ...others.map((run) =>
+        make(
+          "p",
+          { class: "note" },
+          recorded.length > 1 ? `${run.name}: ${run.simulation.reason}` : run.simulation.reason,
+        ),
       ),
-    ),
-  );
-  return simulation;
+    );
+  return able.length ? new Simulation(section, found, able) : null;
 }

@@ -7,15 +7,13 @@ import { quantity } from "./numbers.js";
 /** Fill the section of the system. */
 export function showSystem(section) {
   const signals = merged("signals");
-  const svg = section.querySelector("svg.system");
+  const diagrams = section.querySelector(".wide");
   if (!signals.size) return;
   section.hidden = false;
-  if (!svg) section.querySelector("h2").textContent = "Recorded signals";
-  const wires = svg
-    ? [...svg.querySelectorAll(".wire")]
-        .map((element) => new Wire(element, signals))
-        .filter(({ key }) => key)
-    : [];
+  const wires = [...section.querySelectorAll(".wire")]
+    .map((element) => new Wire(element, signals))
+    .filter(({ key }) => key);
+  if (!diagrams.childElementCount) section.querySelector("h2").textContent = "Recorded signals";
   const place = make("div", { class: "grid single", "aria-live": "polite" });
   const list = choice(
     "Signal",
@@ -36,6 +34,7 @@ export function showSystem(section) {
       list,
       ...(wires.length
         ? [
+            scaleButtons(diagrams),
             make(
               "small",
               { class: "note" },
@@ -51,20 +50,43 @@ export function showSystem(section) {
       wires[0]?.key ??
       [...signals.keys()][0],
   );
-  if (wires.length) keepCurrent(svg, wires);
+  if (wires.length) keepCurrent(diagrams, wires);
+}
+
+/** Buttons that scale the diagrams to the page, up and down; the mouse drags them. */
+function scaleButtons(diagrams) {
+  let scale = 1;
+  const button = (words, factor) =>
+    make(
+      "button",
+      {
+        type: "button",
+        "aria-label": `Diagram: ${words}`,
+        click: () => {
+          scale = factor ? scale * factor : 1;
+          for (const { style } of diagrams.querySelectorAll("svg[role]"))
+            Object.assign(style, { width: `${100 * scale}%`, minWidth: 0, maxWidth: "none" });
+        },
+      },
+      words,
+    );
+  diagrams.addEventListener("pointermove", ({ buttons, pointerType, movementX, movementY }) => {
+    if (buttons === 1 && pointerType === "mouse") diagrams.scrollBy(-movementX, -movementY);
+  });
+  return make("div", { class: "chips" }, button("fit"), button("+", 1.5), button("−", 1 / 1.5));
 }
 
 /** Write the values at the time shown, while the diagram is in sight. */
-function keepCurrent(svg, wires) {
+function keepCurrent(diagrams, wires) {
   let seen = false;
-  svg.setAttribute("role", "group"); // its wires are buttons
+  for (const svg of diagrams.querySelectorAll("svg[role]")) svg.setAttribute("role", "group"); // its wires are buttons
   const update = () => {
     if (seen) for (const wire of wires) wire.update();
   };
   new IntersectionObserver(([entry]) => {
     seen = entry.isIntersecting;
     update();
-  }).observe(svg);
+  }).observe(diagrams);
   view.addEventListener("time", update);
   view.addEventListener("simulated", () => {
     for (const wire of wires) wire.curves = null;
