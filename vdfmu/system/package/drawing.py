@@ -131,7 +131,10 @@ def _key(order: Sequence[str], links: Iterable[tuple[Port, Port]]) -> str:
     """Return the key of the colours of wires: the components from which they lead."""
     sources = {start[0] for start, _ in links}
     named = [[name for name in order[k::_COLOURS] if name in sources] for k in range(_COLOURS)]
-    line = '<svg class="system" width="20" height="10"><path class="w{}" d="M0 5h20" stroke="currentColor"/></svg>'
+    line = (
+        '<svg class="system" aria-label="Colour" width="20" height="10">'
+        '<path class="w{}" d="M0 5h20" stroke="currentColor"/></svg>'
+    )
     keys = (f"<span>{line.format(k)} {escape(', '.join(names))}</span>" for k, names in enumerate(named) if names)
     return f'<p class="note keys">Wires from: {" ".join(keys)}</p>'
 

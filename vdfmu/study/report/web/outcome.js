@@ -158,7 +158,7 @@ export function showTiles(of, run, margin) {
     const { value: after, unit, joint, time } = now ?? { value: NaN };
     const words =
       measure === "margin" ? (margin === 0 ? "none" : text(after, 2)) : quantity(after, unit);
-    value.replaceChildren(make("i", {}, `${was.value} →`), ` ${words}`);
+    value.replaceChildren(make("i", {}, `${was.value} →`), ` ${words.replaceAll(" ", "\u00a0")}`);
     note.textContent = [joint && `joint ${joint}`, time !== undefined && `at ${text(time, 3)} s`]
       .filter(Boolean)
       .join(" ");
