@@ -85,7 +85,7 @@ lock: $(VENV)/supply  ## choose the versions and write their hashes; LOCK=--upgr
 pages: $(WEB)/node_modules  ## pack the scripts and styles of the pages, three.js and uPlot; needs node and npm
 	node $(WEB)/build.mjs
 
-vendor: pages $(VENV)/test  ## put what pages need into the package: scripts, and functions of the C library
+vendor: pages $(VENV)/test  ## put what pages need into the package: scripts, and elementary functions
 	$(BIN)/python requirements/wasm/build.py
 
 clean:  ## remove the environment and all that was built

@@ -28,6 +28,7 @@ from vdfmu.base.version import __version__
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.runs import write_reference
 from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.replace import unfolded
 from vdfmu.system.scenario.values import system_values
 
 ROOT = Path(__file__).parent
@@ -112,7 +113,7 @@ def make(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
     subprocess.run(build, cwd=ROOT, env=environment, check=True)
     for name in arms:
         with one_job():
-            _write_arm(reach_scenario(name), out / name, platforms)
+            _write_arm(unfolded(reach_scenario(name)), out / name, platforms)
     _write_texts(out, arms, platforms)
     files = sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
     sums = (f"{sha256((out / name).read_bytes()).hexdigest()}  {name}\n" for name in files)

@@ -58,7 +58,7 @@ def simulated(robot: Robot, sections: Mapping[str, Any], stop: float, step: floa
         if set(sections) == {"plant"}:
             system = Path(folder, "system.toml")
             plant = str(EXAMPLE / "damped.py")
-            system.write_text(toml_text({"name": "gear", "description": "A gear", "units": {"plant": plant}}))
+            system.write_text(toml_text({"name": "gear", "description": "A gear", "components": {"plant": plant}}))
         head = {"name": "measured", "description": "One joint", "system": str(system), "stop": stop, "step": step}
         scenario = Path(folder, "scenario.toml")
         scenario.write_text(toml_text({**head, "master": "extrapolated", "tolerance": 1e-8, **sections}))

@@ -114,12 +114,9 @@ def study(
 
         def elsewhere(case: str, path: Path, importer: str) -> None:
             chosen = {"parameter_set": "scenario"} if importer == "ecos" else {}
-            request = {"run": "timed", "importer": importer, "path": str(path), "step": step, "steps": n}
-            _note(found, case, np.divide(ask(request | chosen)["wall"], n), None)
-
-        def in_fmpy(case: str, fmu: Path) -> None:
-            request = {"run": "fmpy-timed", "path": str(fmu), "step": step, "steps": n}
-            _note(found, case, np.divide(ask(request)["wall"], n), None)
+            chosen["run"] = "fmpy-timed" if importer == "fmpy" else "timed"
+            answer = ask({"importer": importer, "path": str(path), "step": step, "steps": n, **chosen})
+            _note(found, case, *(np.divide(answer[clock], n) for clock in ("wall", "processor")))
 
         say(f"{rounds} rounds of all forms: {stop:g} s at {step * 1e3:g} ms, Python FMUs {stop_python:g} s")
         quiet_run(python, step=step, stop=20 * step)  # loads what is loaded once
@@ -130,7 +127,7 @@ def study(
             under_master(ISOLATED, package, stop)
             under_master(JACOBI, package, stop, "jacobi")
             in_container(CONTAINER, container)
-            in_fmpy(FMPY, container)
+            elsewhere(FMPY, container, "fmpy")
             under_master(INTERPRETED, package, stop)
             under_master(EMPTY, empty, stop)
             under_master(EMPTY_INTERPRETED, empty, stop)
@@ -151,10 +148,9 @@ def study(
     return found
 
 
-def _note(found: Native, case: str, wall: np.ndarray, processor: np.ndarray | None) -> None:
+def _note(found: Native, case: str, wall: np.ndarray, processor: np.ndarray) -> None:
     found.wall.setdefault(case, []).append(wall)
-    if processor is not None:
-        found.processor.setdefault(case, []).append(processor)
+    found.processor.setdefault(case, []).append(processor)
 
 
 # ------------------------------------------------------------------ reporting
@@ -172,10 +168,9 @@ def tabulate(found: Native, report: Report) -> None:
     for case in found.wall:
         time = found.least(case)
         real = "empty" not in case
-        processor = found.processor.get(case)
         table.add(
             case, found.stop_python if case == PYTHON else found.stop, us * time, us * median(found.wall[case]),
-            us * least(processor) if processor else None, found.step / time if real else None,
+            us * least(found.processor[case]), found.step / time if real else None,
             found.ratio(PYTHON, case) if real else None, found.ratio(NATIVE, case),
         )  # fmt: skip
     table.notes += [

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -93,10 +94,8 @@ def evaluate(rng: np.random.Generator, counts: dict[str, Counter[str]]) -> None:
     rates = np.sort(np.abs(np.linalg.eigvals(coupled.closed)))
     rate, slowest = (rates[len(rates) // 2] if coupled.stiff else rates[-1]), max(float(rates[0]), 0.6)
     system, names = coupled.connect(), coupled.names
-    groups = [name.partition("[")[0] for name in names]
     outputs = np.linalg.solve(np.eye(len(coupled.D)) - coupled.D, coupled.C)
     for algorithm, count in counts.items():
-        order = ALGORITHMS[algorithm].order
         try:
             check_system(vdfmu.load_ssp(system.path), algorithm=algorithm)
         except vdfmu.VdfmuError:
@@ -110,7 +109,7 @@ def evaluate(rng: np.random.Generator, counts: dict[str, Counter[str]]) -> None:
                 try:
                     for divisor in (1, 2, 4):
                         results = instance.run(stop=n * step, step=step / divisor)
-                        runs.append(np.column_stack([results[name] for name in names])[::divisor])
+                        runs.append(np.column_stack([results[name] for name in names]))
                 except vdfmu.VdfmuError:
                     count["failed"] += 1
                     continue
@@ -118,23 +117,43 @@ def evaluate(rng: np.random.Generator, counts: dict[str, Counter[str]]) -> None:
                 for _ in range(n):
                     motion.append(once @ motion[-1])
                 exact = np.array(motion) @ outputs.T
-                size = np.abs(exact).max(axis=0)
-                true = float((np.abs(runs[0] - exact).max(axis=0) / np.where(size > 0.0, size, np.inf)).max())
-                d1, d2, _ = differences(runs, groups)
-                error = error_of(d1, order)
-                count["cases"] += 1
-                if 1e-12 < true < 1.0:
-                    count["compared"] += 1
-                    for factor in (2, 3):
-                        count[f"within {factor}"] += 1.0 / factor < error.max() / true < factor
-                for wanted in WANTED:
-                    verdict = verdict_of(d1, d2, order, wanted)
-                    count[f"right {wanted}"] += verdict == RIGHT
-                    count[f"false right {wanted}"] += verdict == RIGHT and true > wanted
-                    count[f"false not right {wanted}"] += verdict == WRONG and true <= wanted
-                    if true <= 0.5 * wanted:
-                        count[f"truly right {wanted}"] += 1
-                        count[f"called right {wanted}"] += verdict == RIGHT
+                count_case(count, ALGORITHMS[algorithm].order, names, runs, exact)
+
+
+def count_case(
+    count: Counter[str], order: int, names: Sequence[str], runs: Sequence[Any], exact: Any, sampled: Sequence[str] = ()
+) -> None:
+    """Add the verdicts on three runs, and how near their estimate is to the true error, to a count."""
+    size = np.abs(exact).max(axis=0)
+    true = float((np.abs(runs[0] - exact).max(axis=0) / np.where(size > 0.0, size, np.inf)).max())
+    seen = differences(runs, names, sampled)
+    error = error_of(seen.d1, order)
+    count["cases"] += 1
+    if 1e-12 < true < 1.0:
+        count["compared"] += 1
+        for factor in (2, 3):
+            count[f"within {factor}"] += 1.0 / factor < error.max() / true < factor
+    for wanted in WANTED:
+        verdict = verdict_of(seen, order, wanted)
+        count[f"right {wanted}"] += verdict == RIGHT
+        count[f"not right {wanted}"] += verdict == WRONG
+        count[f"false right {wanted}"] += verdict == RIGHT and true > wanted
+        count[f"false not right {wanted}"] += verdict == WRONG and true <= wanted
+        if true <= 0.5 * wanted:
+            count[f"truly right {wanted}"] += 1
+            count[f"called right {wanted}"] += verdict == RIGHT
+
+
+def show(title: str, counts: Mapping[str, Counter[str]]) -> None:
+    """Print the counts of each master."""
+    print(f"{title}, wanted {', '.join(f'{100 * wanted:g}' for wanted in WANTED)} %")
+    kinds = ("right", "false right", "not right", "false not right", "truly right", "called right")
+    for algorithm, count in counts.items():
+        near = [f"{count[f'within {factor}'] / max(count['compared'], 1):.3f} within {factor}" for factor in (2, 3)]
+        print(f"  {algorithm}: {', '.join(f'{count[kind]} {kind}' for kind in ('cases', 'failed', 'refused'))}; "
+              f"{', '.join(near)}")  # fmt: skip
+        numbers = (" ".join([kind, *(str(count[f"{kind} {wanted}"]) for wanted in WANTED)]) for kind in kinds)
+        print(f"    {', '.join(numbers)}")
 
 
 def main() -> None:
@@ -147,18 +166,7 @@ def main() -> None:
     counts: dict[str, Counter[str]] = {name: Counter() for name in ALGORITHMS.names()}
     for _ in range(chosen.systems):
         evaluate(rng, counts)
-    print(f"{chosen.systems} systems, seed {chosen.seed}")
-    for algorithm, count in counts.items():
-        near = [f"{count[f'within {factor}'] / count['compared']:.3f} within {factor}" for factor in (2, 3)]
-        cases, failed, refused = (count[kind] for kind in ("cases", "failed", "refused"))
-        print(f"{algorithm}: {cases} cases, {failed} failed runs, {refused} systems refused, {', '.join(near)}")
-        for wanted in WANTED:
-            kinds = ("right", "false right", "false not right", "truly right", "called right")
-            right, false, alarm, truly, called = (count[f"{kind} {wanted}"] for kind in kinds)
-            print(
-                f"  wanted {100 * wanted:g} %: {right} right, {false} of them false; {alarm} falsely not right; "
-                f"{called} of {truly} with at most half the error called right"
-            )
+    show(f"{chosen.systems} systems, seed {chosen.seed}", counts)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from vdfmu.compiler.unit.variable import Variable
 
 def interface_page() -> str:
     """Return the reference of all variables of the units, in markdown."""
-    arm, slider = load_robot("manipulator_6dof"), load_robot("slider_3dof")
+    arm, slider = load_robot("manipulator_6dof").unfolded(), load_robot("slider_3dof")
     lines = [_HEAD]
     for unit in package_units().values():
         interface = Interface(unit, arm if unit.needs_robot() else None)
@@ -169,8 +169,8 @@ the units, `vdfmu/arm/units/`, as the FMUs are.
 
 It shows the interface for the paper's arm, `manipulator_6dof`. Another robot has the same groups with its own number
 of joints. Names count from 1. Start values of the robot's parameters are those of its file. Zeros by construction,
-such as offsets, are folded into the equations. The kinematic error is a variable if its amplitude is not zero, `f_ck`
-if the friction is `split`.
+such as offsets, are [folded](../native.md#limits) into the equations. The kinematic error is a variable if its
+amplitude is not zero, `f_ck` if the friction is `split`.
 
 A *fixed* parameter can be set until the initialization ends, a *tunable* one at every communication point. A minimum
 of 1e-12 stands for "positive", because FMI has no strict bounds. `1e+12` at `tau_max` stands for "no limit".
@@ -199,7 +199,7 @@ of a file is reported at once. Beside the numbers below it has
 | `friction` | `"lumped"` (default) or `"split"`: [friction](../model.md#friction) |
 | `rotor_coupling` | `true` (default) or `false`: [the rotor as a body](../model.md#the-rotor-as-a-body) |
 | `moving_base`, `coupled_tool` | `false` (default) or `true`: [coupled ends](../world.md) |
-| `folded` | `true` (default) or `false`: [zeros as parameters](../native.md#limits) |
+| `folded` | `true` (default) or `false`: [zeros as parameters in runs](../native.md#limits) |
 | `type` of a joint | `"revolute"` or `"prismatic"` |
 | `stiffness` in `[joints.drive]` | linear spring, link-side, N.m/rad [N/m]: instead of `K_f0`, `c_f`, `K_w0`, `c_w` |
 | `rotor_inertia` in `[joints.drive]` | of the motor, kg.m2: instead of `I_m`, which is `ell` times as large |

@@ -145,7 +145,7 @@ standard error.
 | `--quiet`, `-q` | a line `Written to` | errors |
 | `--verbose`, `-v` | also the tables of a run | also stages, times, places of errors |
 
-With `--quiet`, `run`, `federate`, `sweep` and `tune` print that one line. `sweep` adds its failed points.
+With `--quiet`, `run`, `sweep` and `tune` print that one line. `sweep` adds its failed points.
 Bars appear on a terminal only. They are ASCII without UTF-8, and have no colours under `NO_COLOR`.
 """
 
@@ -155,7 +155,7 @@ hide: [toc]
 
 # Scenario file
 
-Every key of a scenario file, made from its schema, `vdfmu schema scenario`. A scenario is one TOML file: robot,
+Every key of a scenario file, made from its schema, `vdfmu check --schema scenario`. A scenario is one TOML file: robot,
 system, values, duration and master of a run. [Arms and scenarios](../scenarios.md) has the shipped ones. A scenario
 also has a table for each component of its system, with the component's parameters. One value stands for all joints.
 Units are SI, angles in rad.

@@ -101,7 +101,7 @@ class Arm:
             wires |= {f"plant.{name}": [f"wall.{name}"] for name in ("p_O", "R_O", "V_O")}
             wires["wall.F_e"] = ["plant.F_e"]
         name = f"{law.name}_{motion}_{loop}"
-        content = {"name": name, "description": law.text, "units": units, "shared": system.shared}
+        content = {"name": name, "description": law.text, "components": units, "shared": system.shared}
         self._write(f"{name}_system", content | {"connections": {a: b for a, b in wires.items() if b}})
         tables = self._tables(name, motion) | {"system": f"{name}_system.toml", "controller": dict(values)}
         if loop == "contact":

@@ -6,7 +6,6 @@
 #define MINIMUM_STEP 1e-12 /* [s] 1e4 times rounding of a time of about 1 s */
 #define MAXIMUM_STEPS 1000000 /* in one communication step; 10 s of the six-joint arm at 150 rad/s take 300,000 */
 
-#define ORDER 4.0
 #define SAFETY 0.9
 #define SHRINK 0.2
 #define GROW 5.0

@@ -1,17 +1,15 @@
 #ifndef LOOKUP_PLACE
 #define LOOKUP_PLACE
-#ifdef LANES /* a double is a vector: fmu_src/batch/lanes.h */
-typedef scalar table_number;
-#define LOOKUP_LANES LANES
-#define LANE(x, i) (x)[i]
-#else
-typedef double table_number;
+#ifdef SCALARS
 #define LOOKUP_LANES 1
 #define LANE(x, i) (x)
+#else /* a double is a vector: fmu_src/batch/lanes.h */
+#define LOOKUP_LANES LANES
+#define LANE(x, i) (x)[i]
 #endif
 
 /* the last k below m with edges[k] <= x, or 0 */
-static int lookup_place(const table_number *edges, int m, table_number x)
+static int lookup_place(const scalar *edges, int m, scalar x)
 {
     int low = 0;
     for (int high = m; high - low > 1;) {

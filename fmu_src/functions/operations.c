@@ -1,6 +1,6 @@
-#include <math.h>
 #include <string.h>
 
+#include "elementary.h"
 #include "operations.h"
 
 /* a value and its slopes along its operands */

@@ -14,7 +14,7 @@ from vdfmu.engine.run import simulate
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reference") / "made"
-    done = CliRunner().invoke(app, ["reference", "planar_tracking", "--out", str(folder)])
+    done = CliRunner().invoke(app, ["ssp", "planar_tracking", "--reference", "--out", str(folder)])
     assert done.exit_code == 0, done.output
     return folder
 

@@ -139,7 +139,7 @@ def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(told):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(
-    "words", ["modes planar_2dof", "check robot.toml", "robot reach planar_2dof -o r.toml --overwrite"]
+    "words", ["linear planar_2dof", "check robot.toml", "robot reach planar_2dof -o r.toml --overwrite"]
 )
 def test_quiet_leaves_the_result_of_a_command_that_prints_it(told, tmp_path, words):
     from vdfmu.base.files import data_path
@@ -177,8 +177,8 @@ def test_verbose_says_where_an_error_is_from_and_no_command_is_silent_for_long(t
 
 LONG = (
     "build planar_tracking --out fmus", "run planar_tracking --stop 0.5", "ssp planar_tracking",
-    "run planar_tracking.ssp --pictures png", "check planar_tracking.ssp", "margins tracking",
-    "modes planar_2dof --scenario planar_tracking", "robot reach panda_7dof",
+    "run planar_tracking.ssp --pictures png", "check planar_tracking.ssp", "linear tracking",
+    "linear planar_tracking --modes", "robot reach panda_7dof",
     "sweep planar_tracking --vary plant.K_f0=*lin(0.5,2,4) --stop 0.2", "sweep report results/sweep_planar_tracking",
 )  # fmt: skip
 """From a cold cache on, each of more than 1 s on two cores."""

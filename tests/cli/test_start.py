@@ -41,8 +41,8 @@ def test_a_usage_error_imports_nothing_heavy(arguments):
 
 @pytest.mark.parametrize(
     "arguments",
-    [[command, "trackng"] for command in ("run", "build", "ssp", "container")]
-    + [["run", "--robot", "manipulator"]]
+    [[command, "trackng"] for command in ("run", "build", "ssp", "linear")]
+    + [["build", "trackng", "--container"], ["run", "--robot", "manipulator"]]
     + [["run", "trackng", "--set", "plant.mass=2", "--set", "plant.gravity=0", "--out", "here"]],
 )
 def test_a_wrong_name_is_told_before_anything_heavy(arguments):

@@ -42,14 +42,14 @@ def test_every_command_that_writes_takes_out_and_its_letter():
 
 
 @pytest.mark.parametrize("name", [
-    "build", "container", "ssp", "reference", "run", "report", "sweep report", "modes", "motion",
+    "build", "ssp", "run", "report", "sweep report", "linear", "scenario motion",
 ])  # fmt: skip
 def test_commands_that_write_files_replace_others_on_request(name):
     assert "--overwrite" in options(ALL[name])
 
 
 @pytest.mark.parametrize(
-    "name", ["modes", "margins", "motion", "check", "sweep indices", "robot list", "scenario list", "unit list"]
+    "name", ["linear", "scenario motion", "check", "sweep indices", "robot list", "scenario list", "unit list"]
 )
 def test_commands_that_print_tables_print_json_on_request(name):
     assert "--json" in options(ALL[name])
@@ -83,7 +83,7 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
     ("run --mastre jacobi", "No such option '--mastre'. (Did you mean one of: '--master', '--step'?) See"),
     ("rum", "No such command 'rum'. Did you mean 'run'?"),
     ("run --step fast", "Invalid value for '--step'"),
-    ("margins --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
+    ("linear --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
     ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),
 ])  # fmt: skip
 def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
@@ -150,13 +150,13 @@ def test_an_option_that_no_task_names_has_a_place_and_other_packages_are_replace
 
 
 def test_margins_and_modes_as_json_and_the_motion_of_a_shipped_scenario_by_its_name(tmp_path):
-    found = json.loads(command("margins", "planar_tracking", "--at", "0.5", "--json", cwd=tmp_path).stdout)
+    found = json.loads(command("linear", "planar_tracking", "--at", "0.5", "--json", cwd=tmp_path).stdout)
     assert [row["opened_at"] for row in found["margins"]] == ["plant.tau[1]", "plant.tau[2]"]
     assert found["state"] == "good" and all(0.0 < row["modulus"] < 1.0 for row in found["margins"])
-    found = json.loads(command("modes", "planar_2dof", "--json", cwd=tmp_path).stdout)
+    found = json.loads(command("linear", "planar_2dof", "--json", cwd=tmp_path).stdout)
     assert found["pose"] == [0.0, 0.0]
     assert len(found["motors_free"]["frequency"]) == len(found["motors_held"]["frequency"]) == 2
-    done = command("motion", "planar_tracking", "--json", cwd=tmp_path)
+    done = command("scenario", "motion", "planar_tracking", "--json", cwd=tmp_path)
     joint = json.loads(done.stdout)["joints"][1]
     # (57): the peak of the speed is 2 (q_end - q_start) / T, at T/2, which is a row; printed with 16 digits
     assert joint["speed"] == pytest.approx(2.0 * (joint["to"] - joint["from"]) / 2.0, rel=1e-12)

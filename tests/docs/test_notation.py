@@ -134,7 +134,7 @@ def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(mon
         "`--set` `NAME=VALUE`",
         "`--pictures` `png|svg|pdf` |  |",
         "`--isolate`, `--no-isolate`",
-        "| `PACKAGE` |",
+        "| `ROBOT|SCENARIO|FILE.ssp` |",
     ):
         assert option in commands
     assert "| `stop` | number > 0, needed | End of the run \\[s] |" in keys

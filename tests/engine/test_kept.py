@@ -104,6 +104,16 @@ def test_a_package_that_changes_is_loaded_anew(pack):
     assert runs.run(stop=0.2, step=0.1).summary["order"] == ["b", "c"]
 
 
+def test_inputs_are_read_for_each_run(case, tmp_path):
+    path, _ = case("arm native")
+    runs, table = KeptRuns(path), tmp_path / "force.csv"
+    last = []
+    for force in (0.0, 50.0):
+        table.write_text(f"time,plant.F_e[2] [N]\n0,{force}\n1,{force}\n")
+        last.append(runs.run(inputs=str(table), **ARM)["plant.q[1]"][-1])
+    assert last[0] != last[1]
+
+
 def test_foreign_fmus_and_those_of_one_instance_are_freed_after_each_run(pack, xml, fmus, ours, made, monkeypatch):
     old = b'canBeInstantiatedOnlyOncePerProcess="false"'
     once = edited(fmus["Gain"], replace=[(old, old.replace(b"false", b"true"))])

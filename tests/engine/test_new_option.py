@@ -55,7 +55,7 @@ def test_a_new_option_is_declared_in_one_file(python, pack):
     shown = python(code=f"import vdfmu\nfor f in ({functions}): help(f)")
     assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 5
     assert len(re.findall(r"label: '?str \| None'? = None", shown)) == 5  # without quotes from Python 3.14 on
-    for command in (["run"], ["run", "x.ssp"], ["federate"], ["sweep", "run"], ["tune"], ["margins"]):
+    for command in (["run"], ["run", "x.ssp"], ["sweep", "run"], ["tune"], ["linear"]):
         assert re.search("--label .* Toy: name", python(*command, "--help"))
     code = f"import vdfmu\nprint(vdfmu.simulate({str(package)!r}, step=0.1, stop=1.0, label='mine').summary['label'])"
     assert python(code=code) == "mine\n"

@@ -69,14 +69,14 @@ _TUNE = (
 )  # fmt: skip
 _PACKAGE = ("ssp", "planar_tracking", "--out", "arm.ssp")
 _SSP = ("ssp", "planar_tracking", "--out", "out/arm.ssp")
-CONTAINER = ("container", "planar_tracking", "--out", "out/arm.fmu")
+CONTAINER = ("build", "planar_tracking", "--container", "--out", "out/arm.fmu")
 _IDENTIFY = ("identify", "out/results.csv", "--robot", "planar_2dof", "--overwrite", "-o", "robot.toml")
 JOBS = {
     "run": Job((*RUN, "0.02"), (_EARLIER,), together=True),
     "run, Parquet": Job((*RUN, "0.02", "--format", "csv,parquet"), (_EARLIER,), together=True),
     "simulate": Job((*SIMULATE, "0.05"), (_PACKAGE, (*SIMULATE, "0.02")), together=True),
-    "federate": Job(
-        ("federate", "arm.ssp", "--split", "plant", "--out", "out", "--stop", "0.05"),
+    "run, split": Job(
+        ("run", "arm.ssp", "--split", "plant", "--out", "out", "--stop", "0.05"),
         (_PACKAGE, (*SIMULATE, "0.02")), together=True,
     ),
     "sweep": Job(_SWEEP),
@@ -88,14 +88,14 @@ JOBS = {
     "tune, more": Job((*_TUNE, "5"), ((*_TUNE, "3"),)),
     "build": Job(BUILD, ((*BUILD, *OTHER),)),
     "ssp": Job(_SSP, ((*_SSP, *OTHER),)),
-    "container": Job(CONTAINER, ((*CONTAINER, *OTHER),)),
-    "reference": Job(("reference", "planar_tracking", "--out", "out")),
+    "build --container": Job(CONTAINER, ((*CONTAINER, *OTHER),)),
+    "ssp --reference": Job(("ssp", "planar_tracking", "--reference", "--out", "out")),
     "report": Job(("report", "out"), (_EARLIER,)),
     "check of an FMU": Job(("check", "out/Plant.fmu"), (BUILD,)),
     "check of a package": Job(("check", "arm.ssp"), (_PACKAGE,)),
     "robot import": Job(("robot", "import", "arm.urdf", "--overwrite", "-o", "arm.toml"), (_urdf,)),
     "robot reach": Job(("robot", "reach", "planar_2dof", "--overwrite", "-o", "out/reach.toml")),
-    "motion": Job(("motion", "motion.toml", "-o", "out/motion.png"), (_motion,)),
+    "scenario motion": Job(("scenario", "motion", "motion.toml", "-o", "out/motion.png"), (_motion,)),
     "identify": Job(_IDENTIFY, ((*RUN, "1", "--no-reference"),)),
     "unit new": Job(("unit", "new", "brake", "--out", "out/brake.py")),
 }  # fmt: skip

@@ -24,13 +24,13 @@ COMMANDS = (
     Job(
         ("run", "arm.ssp", "--out", "out", "--stop", "1.0", "--isolate"), (_PACKAGE, (*RUN, "0.1")), together=True
     ),
-    Job(("cache", "clear"), cold=True),
+    Job(("doctor", "--clear-cache"), cold=True),
     *(
         Job(tuple(words.split()))
         for words in (
-            "robot list", "robot show manipulator_6dof", "schema robot", "margins planar_tracking",
-            "modes planar_2dof --bode 1 -o out/bode.png",
-            "robot drives", "unit examples out", "doctor", "cache",
+            "robot list", "robot show manipulator_6dof", "check --schema robot", "linear planar_tracking",
+            "linear planar_2dof --bode 1 -o out/bode.png",
+            "robot drives", "unit examples out", "doctor", "doctor --cache",
         )
     ),
 )  # fmt: skip

@@ -35,7 +35,7 @@ def test_some_failures_of_the_disk_lose_nothing(name):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(
-    ("name", "most"), [("run", 4), ("sweep, half done", 4), ("tune, more", 4), ("ssp", 4), ("reference", 8)]
+    ("name", "most"), [("run", 4), ("sweep, half done", 4), ("tune, more", 4), ("ssp", 4), ("ssp --reference", 8)]
 )
 def test_failures_of_the_disk_lose_nothing(name, most):
     """Of one command for each way of writing results; `make hostile` has all of them."""

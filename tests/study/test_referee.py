@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import vdfmu
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import data_path
+from vdfmu.cli.commands import app
+from vdfmu.engine.results.verdict import checks_of
 from vdfmu.study.referee import OPEN, RIGHT, WRONG, differences, error_of, judge, verdict_of
-from vdfmu.unit import Input, Output, Parameter, Unit
+from vdfmu.study.report.sheets import facts
+from vdfmu.study.run.summary_keys import read_summary
+from vdfmu.unit import Input, Output, Parameter, Unit, where
 
 Lag = find_unit(data_path("examples") / "units" / "low_pass.py")
 
@@ -27,6 +33,28 @@ class Gain(Unit):
     def outputs(self) -> None:
         """Law."""
         self.y = self.K * (1.0 - self.u)
+
+
+class Switch(Unit):
+    """Full heat below 0.5."""
+
+    u = Input("1", text="signal")
+    y = Output("1", text="heat")
+
+    def outputs(self) -> None:
+        """Switch."""
+        self.y = where(self.u < 0.5, 1.0, 0.0)
+
+
+class Step(Unit):
+    """A step."""
+
+    y = Output("1", text="step")
+    at = Parameter("s", text="its time", start=0.5)
+
+    def outputs(self) -> None:
+        """Step."""
+        self.y = where(self.t > self.at, 1.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -63,35 +91,105 @@ def test_the_step_that_it_advises_is_right(lags):
 def test_a_period_that_is_declared_is_kept(tmp_path):
     """The law keeps its step, so nothing is left; as continuous it is off by its delay."""
     system = vdfmu.connect({"law": Gain, "plant": Lag}, {"law.y": "plant.u", "plant.y": "law.u"}, stop=0.5)
-    continuous = system.judge(0.001, step=0.005, algorithm="jacobi")
+    continuous = system.judge(0.001, step=0.005, algorithm="jacobi", meant="continuous")
     assert continuous.verdict == WRONG
     package = system.write(tmp_path / "loop.ssp")
     flat = vdfmu.load_ssp(package)
     parts = tuple(replace(each, step=0.005) if each.name == "law" else each for each in flat.components)
     sampled = judge(replace(flat, components=parts), 0.001, step=0.005, algorithm="gauss-seidel")
-    assert "law samples every 5 ms, which is kept." in sampled.text
+    assert "Kept periods: law 5 ms." in sampled.text
     assert sampled.error < 1e-5  # held inputs over whole steps of the plant: exact but for its solver's 1e-6
+
+
+def test_a_law_without_a_period_is_judged_in_both_readings_and_is_never_right():
+    """Also if both are right. A continuous master says that it is continuous, and a step is a period."""
+    system = vdfmu.connect({"law": Gain, "plant": Lag}, {"law.y": "plant.u", "plant.y": "law.u"}, stop=0.5)
+    readings = [system.judge(0.1, step=1e-3, meant=meant) for meant in ("sampled", "continuous", None)]
+    assert [each.verdict for each in readings] == [RIGHT, RIGHT, OPEN]
+    assert readings[2].text == (
+        f"Not decided: no period is declared for law. If it is 1 ms: {readings[0]} If continuous: {readings[1]} Choose "
+        "--meant sampled or --meant continuous."
+    )
+    assert readings[0].error < 1e-5 < readings[1].error  # the period is kept
+    assert system.judge(0.1, step=1e-3, algorithm="iterative").verdict == RIGHT
+
+
+def test_a_signal_that_jumps_is_named_and_the_largest_error_without_jumps():
+    system = vdfmu.connect({"switch": Switch, "plant": Lag}, {"switch.y": "plant.u", "plant.y": "switch.u"}, stop=0.5)
+    judged = system.judge(0.01, step=0.002, meant="continuous")
+    assert judged.verdict == OPEN
+    assert judged.text.startswith("Not decided: switch.y jumps")
+
+
+def test_a_run_says_what_the_referee_says(tmp_path, lags):
+    """Summary, verdict and page of a scenario; summary and exit code of a package."""
+    results = vdfmu.run("planar_tracking", stop=0.1, judge=0.02, meant="continuous", reference=False, out=tmp_path)
+    judgement = read_summary(tmp_path / "summary.json")["judgement"]
+    own = vdfmu.load("planar_tracking").judge(0.02, stop=0.1, meant="continuous")
+    assert (judgement["verdict"], judgement["text"]) == (own.verdict, own.text)
+    state = {RIGHT: "good", WRONG: "failed", OPEN: "doubtful"}[own.verdict]
+    assert ("Error by communication", state, own.text) in [each[:3] for each in checks_of(results.summary)]
+    assert own.text in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
+    package = str(lags.write(tmp_path / "lags.ssp"))
+    for wanted, code, said in (("1%", 0, RIGHT), ("1e-4", 1, WRONG)):
+        result = CliRunner().invoke(app, ["run", package, "--judge", wanted, "--out", str(tmp_path / "out")])
+        assert result.exit_code == code, result.output
+        summary = read_summary(tmp_path / "out" / "summary.json")
+        assert summary["judgement"]["verdict"] == said
+        assert ("Coupling", summary["judgement"]["text"]) in facts(summary)
 
 
 def test_a_system_that_leaves_its_order_is_not_decided():
     system = vdfmu.load("planar_tracking")
-    judged = system.judge(0.01, stop=0.2, step=0.02)
+    judged = system.judge(0.01, stop=0.2, step=0.02, meant="continuous")
     assert judged.verdict == OPEN
     assert "The loop at plant.tau" in judged.text
 
 
 def test_the_rule():
     # order 1, half as large each time: differences 4 and 2 of 101, an error of 8
-    d1, d2, row = differences([np.array([[0.0], [100.0 + off]]) for off in (7.0, 3.0, 1.0)])
-    assert (error_of(d1[0], 1), d2[0] / d1[0], row[0]) == (pytest.approx(8 / 101), pytest.approx(0.5), 1)
-    assert verdict_of(d1, d2, 1, 0.2) == RIGHT
-    assert verdict_of(d1, d2, 1, 0.1) == OPEN
-    assert verdict_of(d1, d2, 1, 0.04) == WRONG
-    assert verdict_of(d1, 0.05 * d1, 1, 0.2) == OPEN  # luck, not order
-    assert verdict_of(d1 / 100, d1 / 2000, 1, 0.2) == RIGHT  # too small to matter
-    assert verdict_of(np.zeros(1), np.full(1, 1e-4), 1, 0.01) == RIGHT
+    seen = differences(
+        [np.linspace(0.0, 100.0 + off, 8 * 2**k + 1)[:, None] for k, off in enumerate((7, 3, 1))], ["a.y"]
+    )
+    d1, d2 = seen.d1, seen.d2
+    assert (error_of(d1[0], 1), d2[0] / d1[0], seen.row[0]) == (pytest.approx(8 / 101), pytest.approx(0.5), 8)
+
+    def verdict(d1, d2, order, wanted):
+        return verdict_of(seen._replace(d1=d1, d2=d2), order, wanted)
+
+    assert verdict(d1, d2, 1, 0.2) == RIGHT
+    assert verdict(d1, d2, 1, 0.1) == OPEN
+    assert verdict(d1, d2, 1, 0.04) == WRONG
+    assert verdict(d1, 0.05 * d1, 1, 0.2) == OPEN  # luck, not order
+    assert verdict(d1, 0.05 * d1, 2, 0.2) == RIGHT  # an error at the first point of the longest step
+    assert verdict(d1, 0.5 * d1, 2, 0.2) == OPEN
+    assert verdict(d1 / 100, d1 / 2000, 1, 0.2) == RIGHT  # too small to matter
+    assert verdict(np.zeros(1), np.full(1, 1e-4), 1, 0.01) == RIGHT
     # a signal near 0 in a vector counts by the vector
-    assert differences([np.array([[1.0, off]]) for off in (1e-9, 0.0, 0.0)], ["v", "v"])[0][1] == pytest.approx(1e-3)
+    assert differences([np.array([[1.0, off]]) for off in (1e-9, 0.0, 0.0)], ["v[1]", "v[2]"]).d1[1] == pytest.approx(
+        1e-3
+    )
+
+
+def test_jumps_that_no_difference_shows():
+    """A step in the last quarter before a point: all runs see it there. It is 0.0048 s late, in a lag of 0.1 s."""
+    system = vdfmu.connect({"step": Step, "lag": Lag}, {"step.y": "lag.u"}, stop=0.5, values={"step.at": 0.0952})
+    judged = system.judge(0.01, step=0.02, algorithm="jacobi")
+    assert judged.error < 1e-3 < 0.01 < 1.0 - np.exp(-0.048)  # largest when the late step comes
+    assert judged.verdict == OPEN
+    assert judged.text.startswith("Not decided: step.y jumps, and a run may pass an event on at its next step")
+    t = np.linspace(0.0, 1.0, 33)
+    runs = [np.column_stack([t >= 0.5, np.maximum(t - 0.5, 0.0)])[:: 4 // 2**k].astype(float) for k in range(3)]
+    seen = differences(runs, ["a.y", "b.y"])
+    assert (seen.d1.max(), seen.d2.max(), list(seen.jumps)) == (0.0, 0.0, [1, 0])
+    assert seen.late == pytest.approx(1 / 16)  # b.y changes by 1/32 of 0.5 a step; it bends at the jump of a.y
+    assert [verdict_of(seen, 1, wanted) for wanted in (0.1, 0.09)] == [RIGHT, OPEN]
+    assert differences(runs, ["a.y", "b.y"], ["a"]).late == 0.0  # samples at declared times
+
+
+def test_signals_that_nothing_moves_show_nothing():
+    system = vdfmu.connect({"a": Lag, "b": Lag}, {"a.y": "b.u"}, stop=1.0)
+    assert system.judge(step=0.1).text.startswith("Not decided: no connected signal changes.")
 
 
 @pytest.mark.parametrize(("options", "text"), [

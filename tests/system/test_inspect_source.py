@@ -13,7 +13,7 @@ from vdfmu.system.inspect_source import inspect_source
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "units"
 SCENARIO = 'name = "x"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.001\n'
-SYSTEM = 'name = "x"\ndescription = "x"\n[units]\nplant = "plant"\ncontroller = "controller"\n[connections]\n'
+SYSTEM = 'name = "x"\ndescription = "x"\n[components]\nplant = "plant"\ncontroller = "controller"\n[connections]\n'
 UNIT = "from vdfmu.unit import Input, Output, Unit\n\n\nclass Gain(Unit):\n    u = Input()\n    y = Output()\n\n"
 
 
@@ -36,7 +36,7 @@ def test_what_is_right_has_no_problems(path, kind):
     ("x.toml", "name = 3", "scenario", "expected a string"),
     ("x.toml", "a = [", "TOML", "expected TOML, got a syntax error"),
     ("x.toml", SCENARIO + "[controller]\nK_q = 1\n", "scenario", "x.toml: controller.K_q: controller has no K_q"),
-    ("x.toml", 'extends = "system"\n[units]\nplant = "plnt"\n', "system", "There is no unit 'plnt'"),
+    ("x.toml", 'extends = "system"\n[components]\nplant = "plnt"\n', "system", "There is no unit 'plnt'"),
     ("x.toml", 'extends = "system"\nname = "x"\n[connections]\n"plant.qq" = ["controller.q"]\n', "system",
      "connections: plant.qq: expected an output of plant, got 'qq'. Did you mean"),
     ("x.toml", SYSTEM + '"plant.E_kin" = ["controller.q"]\n', "system",
@@ -48,6 +48,7 @@ def test_what_is_right_has_no_problems(path, kind):
     ("x.toml", SYSTEM + '"plant.q" = ["controller.q", "controller.q"]\n', "system",
      "x.toml: connections: controller.q: expected one output that feeds it, got plant.q and plant.q."),
     ("x.py", UNIT + "    def outputs(self) -> None:\n        self.y = self.v\n", "unit", "x.py, line 9"),
+    ("x.toml", SCENARIO + '[joints]\ndrive = "none.py"\n', "scenario", "none.py"),  # the joints of a robot are a list
     ("x.py", UNIT, "unit", "y"),
 ])  # fmt: skip
 def test_what_is_wrong_is_named(tmp_path, name, text, kind, problem):
@@ -62,7 +63,7 @@ OPENED = "from pathlib import Path\nPath(__file__).with_name('ran').write_text(s
 GAIN = UNIT + "    def outputs(self) -> None:\n        self.y = 2.0 * self.u\n"
 NAMED = {
     "x.py": "",
-    "system.toml": 'name = "x"\ndescription = "x"\n[units]\na = "x.py"\n[connections]\n',
+    "system.toml": 'name = "x"\ndescription = "x"\n[components]\na = "x.py"\n[connections]\n',
     "more.toml": 'name = "y"\nextends = "system.toml"\n',
     "scenario.toml": SCENARIO.replace('robot = "planar_2dof"', 'system = "more.toml"'),
 }

@@ -15,21 +15,22 @@ NAME = "expected a name of letters, digits, spaces and _ [+] -, a letter, digit 
     ("[shared]\na = 3", r"shared\.a: expected a table such as .*, got 3\. Name a group of each component"),
     ("[shared.a]\nplant = 3", r"shared\.a: expected a table such as .*, got a table"),
     ("[shared.a]", r"shared\.a: expected a table such as .*, got a table"),
-    ('[shared.a]\nplnt = "q_0"', r"shared\.a: expected components in \[units\], got plnt. Did you mean .plant"),
+    ('[shared.a]\nplnt = "q_0"', r"shared\.a: expected names of \[components\], got plnt. Did you mean .plant"),
     ('[shared."../a"]\nplant = "q_0"', rf"shared\.\.\./a: {NAME}, got .\.\./a"),
     ('[shared.robot]\nplant = "q_0"', r"shared\.robot: expected another name, got robot\. The parameter set of"),
     ("shared = [1]", r"shared: expected a table, got \[1\]\.$"),
-    ("units = 3", "units: expected a table, got 3"),
+    ("components = 3", "components: expected a table, got 3"),
+    ('[units]\nwall = "wall"', r"toml: units: expected \[components\], got \[units\]\. Rename the table\.$"),
     ('connections = "x"', "connections: expected a table, got .x"),
-    ('[units]\n"../x" = "wall"', rf"units\.\.\./x: {NAME}, got .\.\./x"),
-    ('[units]\n"a.b" = "wall"', rf"units\.a\.b: {NAME}, got .a\.b"),
-    ('[units]\n"" = "wall"', rf"units\.: {NAME}, got"),
+    ('[components]\n"../x" = "wall"', rf"components\.\.\./x: {NAME}, got .\.\./x"),
+    ('[components]\n"a.b" = "wall"', rf"components\.a\.b: {NAME}, got .a\.b"),
+    ('[components]\n"" = "wall"', rf"components\.: {NAME}, got"),
     (
-        "[units]\nplant = [0, 0, inf, 1]",
-        "units.plant: expected corners .*, got .0, 0, inf, 1.. Or leave the box out",
+        "[components]\nplant = [0, 0, inf, 1]",
+        "components.plant: expected corners .*, got .0, 0, inf, 1.. Or leave the box out",
     ),
-    ("[units]\nplant = [false, false, true, true]", "units.plant: expected corners"),
-    (f"[units]\nplant = [0, 0, 1{'0' * 400}, 1]", "units.plant: expected corners"),
+    ("[components]\nplant = [false, false, true, true]", "components.plant: expected corners"),
+    (f"[components]\nplant = [0, 0, 1{'0' * 400}, 1]", "components.plant: expected corners"),
 ])  # fmt: skip
 def test_what_a_system_file_cannot_have_is_named(tmp_path, text, said):
     path = tmp_path / "mine.toml"
@@ -50,7 +51,7 @@ def test_files_that_extend_each_other_are_named(tmp_path):
     [('master = ["jacobi"]', "master: expected .gauss-seidel"), ("wall = 3", "wall: expected a table, got 3")],
 )
 def test_what_a_scenario_cannot_have_of_a_system_is_named(tmp_path, line, said):
-    (tmp_path / "mine.toml").write_text('extends = "system"\n[units]\nwall = "wall"\n')
+    (tmp_path / "mine.toml").write_text('extends = "system"\n[components]\nwall = "wall"\n')
     (tmp_path / "x.toml").write_text(HEAD + line)
     with pytest.raises(ModelError, match=said):
         load_scenario(tmp_path / "x.toml")
@@ -58,7 +59,7 @@ def test_what_a_scenario_cannot_have_of_a_system_is_named(tmp_path, line, said):
 
 def test_values_that_are_not_shared_and_cannot_be_set_are_noted(tmp_path):
     (tmp_path / "mine.toml").write_text(
-        'extends = "system"\n[units]\nstop = "wall"\n[shared.mine]\nplant = "q_00"\ntrajectory = "q_end"\n'
+        'extends = "system"\n[components]\nstop = "wall"\n[shared.mine]\nplant = "q_00"\ntrajectory = "q_end"\n'
     )
     (tmp_path / "x.toml").write_text(HEAD)
     assert model_notes(load_scenario(tmp_path / "x.toml")) == [

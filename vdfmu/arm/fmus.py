@@ -102,6 +102,7 @@ def build(
     platform: Sequence[str] | str | None = None,
     backend: str | None = None,
     values: Mapping[str, Any] | None = None,
+    folded: bool = False,
     progress: Shown = None,
     **start: Any,
 ) -> Path:
@@ -123,6 +124,9 @@ def build(
         Default native if its compiler is installed.
     values : mapping of variable to value, optional
         Start values whose names are no words of Python.
+    folded : bool, optional
+        Whether zeros of gravity, centres of mass and tool, and a payload that the robot lacks, are constants. That is
+        the fastest form. By default they are parameters.
     progress : callable or bool, optional
         See :func:`build_fmus`.
     **start
@@ -149,6 +153,7 @@ def build(
     arm = load_robot(robot) if isinstance(robot, str | os.PathLike) else robot
     if arm is not None:
         check_robot(arm)
+        arm = arm if folded else arm.unfolded()
     elif chosen.needs_robot():
         raise UsageError(
             f"robot must be given for {chosen.__name__}, got none. Add robot='ur5e_6dof', or your own file."

@@ -118,8 +118,8 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
         for unknown in kwargs.keys() - names:
             close = close_to(unknown, signature.parameters)
             raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{close}")
-        given = leading[: len(args)]
-        if len(args) > len(leading) or not needed <= {*given, *kwargs} or not kwargs.keys().isdisjoint(given):
+        positional = leading[: len(args)]
+        if len(args) > len(leading) or not needed <= {*positional, *kwargs} or not kwargs.keys().isdisjoint(positional):
             try:
                 signature.bind(*args, **kwargs)
             except TypeError as error:

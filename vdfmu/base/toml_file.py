@@ -79,6 +79,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     raise ModelError(f"{path}: {problem}")
 
 
+def kind_of(content: Mapping[str, Any]) -> str:
+    """Return the kind of a file, ``robot``, ``system`` or ``scenario``, by its keys."""
+    if isinstance(content.get("joints"), list):
+        return "robot"  # the joints of a scenario are a table
+    return "scenario" if content.keys().isdisjoint(("components", "units", "extends", "connections")) else "system"
+
+
 def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
     """Return the content of a regular file of at most `largest` bytes, else raise ModelError with the `expected` kind.
 

@@ -1,22 +1,22 @@
-"""``vdfmu modes``, ``vdfmu margins`` and ``vdfmu motion``."""
+"""``vdfmu linear`` and ``judge``."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from vdfmu.base.option import Option
+from vdfmu.base.option import Option, option_of
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import (
     JsonOption,
     OverwriteOption,
-    RobotArgument,
     RobotOption,
     console,
     known_scenarios,
     load,
+    refuse,
     say,
     say_error,
     say_json,
@@ -24,41 +24,85 @@ from vdfmu.cli.terminal import (
     say_written,
     table,
     target_file,
+    tell,
 )
 from vdfmu.engine.options import master_option, settings_option
-from vdfmu.study.options import LoopOptions
+from vdfmu.study.options import JudgeOptions, LoopOptions, known_robots
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
     from vdfmu.study.analysis.modes import Modes
 
 
-def modes(
-    robot: RobotArgument,
+_MODES, _MARGINS = "Modes", "Margins"
+
+
+def linear(
+    system: Annotated[str, Positional("Robot, scenario or system package.", metavar="[ROBOT|SCENARIO|FILE.ssp]",
+        names=lambda: [*known_scenarios(), *known_robots()])] = "tracking",
+    robot: RobotOption = None,
+    at: Annotated[list[float] | None, Option("Time of the run in s. Repeatable.", group=_MARGINS,
+        more="Default: the times with the smallest margins.")] = None,
+    opened: Annotated[list[str] | None, Option("Input to open a loop at (default tau). Repeatable.", flag="--loop",
+        group=_MARGINS, metavar="INPUT")] = None,
+    along: Annotated[bool, Option("Modes over a scenario's motion, with a picture.", flag="--modes",
+        group=_MODES)] = False,
     pose: Annotated[str | None, Option("Positions of the joints in rad or m (default 0).", metavar="'Q1 Q2 ...'",
-        more="If end stops exclude 0, the middle between them.")] = None,
-    scenario: Annotated[str | None, Option("Modes over its motion, with a picture.", metavar="SCENARIO",
-        names=known_scenarios)] = None,
-    bode: Annotated[int | None, Option("Draw the frequency response of a joint.", metavar="JOINT",
+        group=_MODES, more="If end stops exclude 0, the middle between them.")] = None,
+    bode: Annotated[int | None, Option("Draw the frequency response of a joint.", metavar="JOINT", group=_MODES,
         more="Its rotor and link answer to its motor torque.")] = None,
-    dry: Annotated[bool, Option("Keep Coulomb and Stribeck friction, at rest.", flag="--dry-friction")] = False,
-    out: Annotated[Path | None, Option("Picture of --scenario or --bode.",
+    dry: Annotated[bool, Option("Keep Coulomb and Stribeck friction, at rest.", flag="--dry-friction",
+        group=_MODES)] = False,
+    out: Annotated[Path | None, Option("Picture of --modes or --bode.",
         more="Default: SCENARIO_modes.png or ROBOT_bode.png in this folder.")] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
+    **options: Unpack[LoopOptions],
 ) -> None:  # fmt: skip
-    """Print the modes of an arm at rest. Natural frequencies, damping and shapes, with motors free and held."""
-    from vdfmu.base.errors import UsageError
+    """Print the modes of a robot at rest, or the margins of a scenario.
 
-    if scenario is not None:
-        if pose is not None or bode is not None:
-            raise UsageError("modes: expected --pose or --scenario, got both." if pose is not None else
-                             "modes: --bode is for one pose, not for --scenario.")  # fmt: skip
-        _over_path(robot, scenario, dry, out, overwrite, as_json)
-        return
-    if out is not None and bode is None:
-        raise UsageError("modes: --out is for the picture of --scenario SCENARIO or --bode JOINT; neither is given.")
+    Modes are natural frequencies, damping and shapes, with motors free and held. Margins are the smallest of each loop
+    over a run, with the delays of the master. The exit code is 1 if the run is unstable.
+    """
+    of_robot = {"--pose": pose, "--bode": bode}
+    of_picture = {"--dry-friction": dry, "--out": out, "--overwrite": overwrite}
+    of_run = {"--at": at, "--loop": opened, "--set": options["settings"], "--backend": options["backend"],
+              "--master": options["master"], "--adaptive": options["adaptive"]}  # fmt: skip
+    if _is_robot(system):
+        refuse(of_run | {"--robot": robot, "--modes": along}, f"is for a scenario, and {system} is a robot")
+        if bode is None:
+            refuse({"--out": out}, "is the picture of --modes or --bode")
+        _modes(system, pose, bode, dry, out, overwrite, as_json)
+    elif along:
+        refuse(of_robot, "is for a robot at a pose")
+        refuse(of_run, "is for margins, without --modes")
+        _modes_along(system, robot, dry, out, overwrite, as_json)
+    else:
+        refuse(of_robot, "is for a robot at a pose")
+        refuse(of_picture, "goes with --modes, or with a robot")
+        _margins(system, robot, at or (), opened or (), as_json, options)
+
+
+def _is_robot(system: str) -> bool:
+    """Whether a name or a file is a robot."""
+    from vdfmu.base.errors import UsageError
+    from vdfmu.base.text import nearest
+    from vdfmu.base.toml_file import kind_of, read_toml, toml_names
+
+    robots, scenarios, path = toml_names("robots"), [*toml_names("scenarios"), "reach"], Path(system)
+    if path.suffix.lower() == ".toml":
+        return kind_of(read_toml(path)) == "robot"
+    if not path.exists() and system not in (*robots, *scenarios):
+        raise UsageError(f"no robot or scenario {system!r}. {nearest(system, [*robots, *scenarios])}")
+    return system in robots
+
+
+def _modes(
+    robot: str, pose: str | None, bode: int | None, dry: bool, out: Path | None, overwrite: bool, as_json: bool
+) -> None:
+    """Print the modes of a robot at a pose, and draw a frequency response."""
     from vdfmu.arm.robot import load_robot
+    from vdfmu.base.errors import UsageError
     from vdfmu.study.analysis.modes import MOTORS, middle_pose, natural_modes
 
     arm = load_robot(robot)
@@ -132,7 +176,8 @@ def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path
     say_written(target)
 
 
-def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bool, as_json: bool) -> None:
+def _modes_along(path: str, robot: str | None, dry: bool, out: Path | None, overwrite: bool, as_json: bool) -> None:
+    """Print and draw the natural frequencies over the motion of a scenario."""
     scenario = load(path, robot)
     target = target_file(out, f"{scenario.name}_modes.png", overwrite)
     from vdfmu.base.style import save
@@ -157,27 +202,16 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
     say_written(target, more=f": natural frequencies over the motion, at rest at {len(times)} poses")
 
 
-def margins(
-    system: Annotated[str, Positional("Scenario, or a system package.", metavar="[SCENARIO|FILE.ssp]")] = "tracking",
-    robot: RobotOption = None,
-    at: Annotated[list[float] | None, Option("Time of the run in s. Repeatable.",
-        more="Default: the times with the smallest margins.")] = None,
-    opened: Annotated[list[str] | None, Option("Input to open a loop at (default tau). Repeatable.", flag="--loop",
-        metavar="INPUT")] = None,
-    as_json: JsonOption = False,
-    **options: Unpack[LoopOptions],
-) -> None:  # fmt: skip
-    """Print the smallest stability margins of each loop over a run.
-
-    They include the delays of the master. The exit code is 1 if the run is unstable.
-    """
-    from vdfmu.base.errors import UsageError
+def _margins(
+    system: str, robot: str | None, at: Sequence[float], opened: Sequence[str], as_json: bool, options: LoopOptions
+) -> None:
+    """Print the smallest margins of each loop over a run, or those at some times."""
     from vdfmu.study.analysis.loops import margins_along
 
     package = system.lower().endswith(".ssp")
-    if package and robot is not None:
-        raise UsageError(f"margins: --robot is for a scenario; {system} has its own.")
-    loops = margins_along(system if package else load(system, robot), opened or (), at or (), **options)
+    if package:
+        refuse({"--robot": robot}, f"is for a scenario; {system} has its own")
+    loops = margins_along(system if package else load(system, robot, options["settings"]), opened, at, **options)
     shown = table("opened at", "t", "modulus", "gain", "phase", "delay", "growth",
                   title=f"Stepped by {loops.step:g} s, {loops.algorithm}")  # fmt: skip
     chosen = [(i, k) for i in range(len(loops.names)) for k in (range(len(loops.times)) if at else [loops.least(i)])]
@@ -208,16 +242,16 @@ def margins(
 
 
 def judge(
-    system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO")],
-    wanted: Annotated[float, Option("Largest error wanted, in % of a signal's peak.", metavar="PERCENT",
-        more="Default 1.")] = 1.0,
+    system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO",
+        names=known_scenarios)],
+    robot: RobotOption = None,
+    wanted: Annotated[float | None, option_of(
+        JudgeOptions, "judge", "Largest error wanted in % of a signal's peak (default 1).")] = None,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
     master: Annotated[str | None, master_option] = None,
-    settings: Annotated[Mapping[str, Any] | None, settings_option] = None,
-    meant: Annotated[str | None, Option("Meaning of discrete outputs without a period.",
-        choices=("sampled", "continuous"),
-        more="Sampled components keep the step as their period. By default both readings are printed.")] = None,
+    settings: Annotated[dict[str, str] | None, settings_option] = None,
+    meant: Annotated[str | None, option_of(JudgeOptions, "meant")] = None,
     as_json: JsonOption = False,
 ) -> None:  # fmt: skip
     """Judge the error by communication of a system of FMUs.
@@ -227,8 +261,13 @@ def judge(
     """
     from vdfmu.study.connected import load as load_system
 
-    judged = load_system(system).judge(
-        wanted / 100.0, stop=stop, step=step, values=settings, algorithm=master, meant=meant
+    if system.lower().endswith((".ssp", ".fmu")):
+        refuse({"--robot": robot}, "is for a scenario")
+        judging = load_system(system)
+    else:
+        judging = load_system(load(system, robot, settings))
+    judged = judging.judge(
+        0.01 if wanted is None else wanted, stop=stop, step=step, values=settings, algorithm=master, meant=meant
     )
     if as_json:
         say_json(judged.to_dict())
@@ -237,70 +276,10 @@ def judge(
         for signal in judged.signals[:_MOST_SIGNALS]:
             shown.add_row(signal.name, f"{100.0 * signal.error:.2g} %", f"{signal.q:.2g}", f"{signal.time:.4g} s")
         if judged.signals:
-            console.print(shown)
+            tell(shown)
         (say if judged.right else say_error)(str(judged))
     if not judged.right:
         raise SystemExit(3 if judged.right is None else 1)
 
 
 _MOST_SIGNALS = 8
-
-
-def motion(
-    file: Annotated[str, Positional("Scenario, TOML file with a motion, or CSV samples.", names=known_scenarios)],
-    robot: RobotOption = None,
-    out: Annotated[Path | None, Option("Picture to write.")] = None,
-    overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
-) -> None:
-    """Print peak speed, acceleration and torque of a motion. The torques are those of the rigid links."""
-    import numpy as np
-
-    from vdfmu.arm.dynamics import inverse_dynamics
-    from vdfmu.arm.motion import load_motion
-    from vdfmu.arm.robot import load_robot
-    from vdfmu.base.errors import UsageError
-    from vdfmu.base.toml_file import locate, read_toml
-
-    place: str | Path | None = robot
-    path = Path(file) if file.lower().endswith(".csv") else locate(file, "scenarios")
-    content = read_toml(path) if path.suffix.lower() == ".toml" else {}
-    if robot is None and isinstance(named := content.get("robot"), str):
-        place = locate(named, "robots", path.parent)
-    if place is None:
-        raise UsageError(f"{file}: expected a robot, named in the file or by --robot.")
-    target = None if out is None else target_file(out, out.name, overwrite)
-    arm = load_robot(place)
-    pieces, closed = "at 1001 times", False
-    if "stop" in content and "motion" not in content:
-        from vdfmu.study.analysis.modes import desired_motion
-
-        names = ["q_d", *(f"q_d_{'d' * k}ot" for k in range(1, 5))]
-        t, q = desired_motion(load(file, robot), names, 1001)
-        peaks = np.abs(q[1:]).max(axis=1)
-    else:
-        course = load_motion(path, arm)
-        t = np.linspace(0.0, course.duration, 1001)
-        q, peaks, closed = course.at(t), course.peaks, course.closed
-        pieces = f"in {len(course.knots) - 1} pieces"
-        say_notes(course.notes)
-    tau = np.abs(inverse_dynamics(arm, q[0], q[1], q[2])).max(axis=0)
-    headings = ("from", "to", "speed", "acceleration", "jerk", "snap", "torque")
-    rows = [(q[0, 0, j], q[0, -1, j], *peaks[:, j], tau[j]) for j in range(arm.n)]
-    if as_json:
-        joints = [dict(zip(headings, map(float, row), strict=True)) for row in rows]
-        say_json({"duration": float(t[-1]), "closed": bool(closed), "joints": joints})
-    else:
-        shown = table("joint", *headings)
-        for label, row in zip(arm.joint_labels, rows, strict=True):
-            shown.add_row(label, *(f"{round(value, 9) + 0.0:.4g}" for value in row))
-        console.print(shown)
-        ends = ", and ends where it starts" if closed else ""
-        say(f"{t[-1]:.6g} s {pieces}{ends}. Units: rad or m, s, N.m or N on the link side.")
-    if target is not None:
-        from vdfmu.base.style import save
-        from vdfmu.study.report.drawings import draw_motion
-
-        save(draw_motion(arm, t, q), target)
-        if not as_json:
-            say_written(target)

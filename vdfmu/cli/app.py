@@ -125,7 +125,12 @@ class App(Described, click.Group):
         if command is not None and of_files is not None:
             options = [each for each in (*command.params, *of_files.params) if isinstance(each, click.Option)]
             takes = {word for each in options if not each.is_flag for word in each.opts}
-            if any(_FMUS.fullmatch(word) and before not in takes for before, word in pairwise(["", *rest])):
+            added = {w for each in of_files.params for w in each.opts} - {
+                w for each in command.params for w in each.opts
+            }
+            if not added.isdisjoint(word.partition("=")[0] for word in rest) or any(
+                _FMUS.fullmatch(word) and before not in takes for before, word in pairwise(["", *rest])
+            ):
                 command = of_files
         return name, command, rest
 

@@ -15,14 +15,13 @@ from rich.markup import escape
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.version import __version__
-from vdfmu.cli import analysis, cache, doctor, files, identify, robots, runs, scenarios, studies, units, view
+from vdfmu.cli import analysis, doctor, files, identify, robots, runs, scenarios, studies, units, view
 from vdfmu.cli.app import COMPLETE, App, FunctionCommand
 from vdfmu.cli.terminal import console, fail, folder_is_gone, table
 
 COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Run": (
         (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
-        (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
         (studies.app, ""),
         (
             studies.tune,
@@ -30,37 +29,25 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
             "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
         ),
     ),
-    "Look": (
-        (runs.report, "vdfmu report results/tracking results/soft"),
-        (view.view, "vdfmu view panda_7dof"),
-        (analysis.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
-    ),
+    "Look": ((runs.report, "vdfmu report results/tracking results/soft"), (view.view, "vdfmu view panda_7dof")),
     "Analyse": (
-        (analysis.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
-        (analysis.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
+        (analysis.linear, "vdfmu linear tracking --master jacobi --at 2.5"),
         (analysis.judge, "vdfmu judge tracking.ssp --wanted 0.5 --stop 1"),
         (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
     ),
     "Exchange": (
         (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
-        (files.container, "vdfmu container tracking --out tracking.fmu"),
         (files.ssp, "vdfmu ssp two_joint --ssp 2.0 --out two_joint.ssp"),
-        (files.reference, "vdfmu reference two_joint --out reference"),
         (files.check, "vdfmu check fmus/Plant.fmu"),
     ),
-    "Models": (
-        (robots.app, ""),
-        (scenarios.app, ""),
-        (units.app, ""),
-        (scenarios.schema, "vdfmu schema robot > robot.schema.json"),
-    ),
-    "Installation": ((doctor.doctor, "vdfmu doctor"), (cache.app, "")),
+    "Models": ((robots.app, ""), (scenarios.app, ""), (units.app, "")),
+    "Installation": ((doctor.doctor, "vdfmu doctor"),),
 }
 """The commands in groups, each with an example; subcommands have their examples."""
 FIRST = {
     "Run": ("run", "sweep", "tune"),
     "Look": ("report", "view"),
-    "Analyse": ("margins",),
+    "Analyse": ("linear",),
     "Exchange": ("ssp", "check"),
 }
 """The most used commands, named by ``vdfmu``."""

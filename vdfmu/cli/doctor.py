@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 import platform
 import sys
+from collections.abc import Iterable
+from typing import Annotated
 
+from vdfmu.base.option import Option
 from vdfmu.base.standards import WITHOUT_NATIVE
+from vdfmu.cli.terminal import say
 
 WITHOUT = {
     "native": WITHOUT_NATIVE,
@@ -23,14 +27,19 @@ WITHOUT = {
 """Extra of the package to the effect of its absence."""
 
 
-def doctor() -> None:
-    """Print the installed packages and the effects of missing packages."""
+def doctor(
+    cache: Annotated[bool, Option("Print the cache of built FMUs only.")] = False,
+    clear_cache: Annotated[bool, Option("Empty the cache; the compiler's cache stays.")] = False,
+) -> None:
+    """Print installed and missing packages, and the cache."""
+    if clear_cache:
+        return _clear_cache()
+    if cache:
+        return _say_cache()
     from vdfmu.base.errors import FmuError
     from vdfmu.base.platforms import compiler, native_available, this_platform
     from vdfmu.base.version import __version__
-    from vdfmu.cli.cache import say_cache
     from vdfmu.cli.extras import installed
-    from vdfmu.cli.terminal import say
 
     try:
         here = this_platform()
@@ -53,7 +62,30 @@ def doctor() -> None:
             say(f"Extra    {extra}: {', '.join(lacks)} not installed: {without}. pip install 'vdfmu[{extra}]'")
         else:
             say(f"Extra    {extra}: {', '.join(there)}")
-    say_cache()
+    _say_cache()
     if missing:
         say(f"error: {', '.join(missing)} not installed, without which nothing runs: install vdfmu again")
         raise SystemExit(1)
+
+
+def _say_cache() -> None:
+    """Print folder, entries and size."""
+    from vdfmu.base.cache import COMPILER, cache_folder, entries, limit
+
+    folder = cache_folder()
+    listed = entries(folder)
+    say(f"Folder   {folder}")
+    say(f"Entries  {len(listed)}")
+    say(f"Size     {_size(entry.size for entry in listed)}, at most {limit() / 2**20:g} MB")
+    say(f"The cache of the compiler, {folder / COMPILER}, is not counted.")
+
+
+def _clear_cache() -> None:
+    from vdfmu.base.cache import cache_folder, entries
+
+    removed = [entry.size for entry in entries(cache_folder()) if entry.remove()]
+    say(f"Removed {len(removed)} entries, {_size(removed)}.")
+
+
+def _size(sizes: Iterable[int]) -> str:
+    return f"{sum(sizes) / 2**20:.1f} MB"

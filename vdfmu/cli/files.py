@@ -1,14 +1,13 @@
-"""``vdfmu build``, ``container``, ``ssp``, ``reference`` and ``check``: FMUs and packages."""
+"""``vdfmu build``, ``ssp`` and ``check``: FMUs and packages."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from vdfmu.base.errors import StorageError
+from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import PACKAGE, replacing_foreign, require_ours
 from vdfmu.base.option import Option, option_of
 from vdfmu.base.plugins import added
@@ -27,6 +26,7 @@ from vdfmu.cli.terminal import (
     UnpackOption,
     fail,
     load,
+    refuse,
     say,
     say_json,
     say_notes,
@@ -38,12 +38,20 @@ from vdfmu.study.options import RobotOptions
 if TYPE_CHECKING:
     from vdfmu.system.scenario import Scenario
 
+FoldedOption = Annotated[bool, Option("Fix zeros of gravity, centres of mass and tool.",
+    more="The fastest form. By default they are parameters, as is a payload.")]  # fmt: skip
+_SCHEMAS = ("robot", "scenario", "system")
+
 
 def build(
     scenario: Annotated[str, Positional("Unit, or a scenario.", metavar="[UNIT|SCENARIO]",
-        more="A unit is plant, my_unit.py or my_units.py:Name. Default: tracking, or reach with --robot.")] = "",
+        more="A unit is plant, my_unit.py or my_units.py:Name. Default: tracking, or reach with --robot. With "
+        "--container also a system package.")] = "",
     robot: RobotOption = None,
-    out: Annotated[Path, Option("Folder of the FMUs.")] = Path("fmus"),
+    container: Annotated[bool, Option("Write one FMU of the whole system.", group="Output",
+        more="It steps native FMUs without a master.")] = False,
+    out: Annotated[Path | None, Option("Folder of the FMUs (default fmus).",
+        more="With --container the file, by default SCENARIO.fmu.")] = None,
     backend: BackendOption = None,
     fmi: FmiOption = PYTHON_FMI.name,
     platform: Annotated[list[str] | None, Option("x86_64-windows, .. or all. Repeatable.", metavar="NAME",
@@ -51,14 +59,23 @@ def build(
     sources: Annotated[bool, Option("Carry the C of native FMUs in them.")] = True,
     target: Annotated[str, Option("efmi is code for microcontrollers.", choices=("fmi", "efmi"))] = "fmi",
     precision: Annotated[str, Option("Floating-point type of eFMI code.", choices=("double", "float32"))] = "double",
-    step: Annotated[float | None, Option("Step of eFMI code in s.", more="Default: the scenario's, or 0.001.")] = None,
+    step: Annotated[float | None, Option("Step of eFMI code or the container in s.",
+        more="Default: the scenario's, or 0.001.")] = None,
     settings: SetOption = None,
-    folded: Annotated[bool, Option("Fix zeros of gravity, centres of mass and tool.", more="The fastest form.")] = True,
+    folded: FoldedOption = False,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
-    """Build the FMU of a unit, or the FMUs of a scenario. The scenario's values are their start values."""
+    """Build the FMU of a unit, or the FMUs of a scenario.
+
+    The scenario's values are their start values.
+    """
     scenario = scenario or ("tracking" if robot is None else "reach")
-    chosen = None if _is_unit(scenario) else load(scenario, robot, settings)
+    if container:
+        of_units = {"--backend": backend == "python", "--fmi": fmi != PYTHON_FMI.name, "--platform": platform,
+                    "--no-sources": not sources, "--target": target == "efmi"}  # fmt: skip
+        refuse(of_units, "does not go with --container")
+        return say_written(_container(scenario, robot, out, step, settings, folded, overwrite))
+    chosen = None if _is_unit(scenario) else _load(scenario, robot, settings, folded)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
     from vdfmu.arm.units import find_unit
@@ -70,6 +87,7 @@ def build(
 
     asked: Any = {"backend": backend, "fmi_version": fmi, "platforms": platform, "sources": sources, "target": target,
                   "precision": precision}  # fmt: skip
+    out = out or Path("fmus")
     with replacing_foreign(overwrite):
         if chosen is None:
             unit = find_unit(scenario)
@@ -83,8 +101,6 @@ def build(
         else:
             if step is not None:
                 chosen = prepare(chosen, step=step)
-            if not folded and chosen.robot is not None:
-                chosen = replace(chosen, robot=chosen.robot.unfolded())
             built = build_parts(chosen, out, _values(chosen, backend, settings), **asked)
             say_notes(left_out(chosen, target))
     say_written(*dict.fromkeys(built.values()))
@@ -114,16 +130,26 @@ def _values(scenario: Scenario, backend: str | None, settings: Mapping[str, str]
     return system_values(scenario, overrides)
 
 
-def container(
-    scenario: ScenarioArgument = "tracking",
-    robot: RobotOption = None,
-    out: Annotated[Path | None, Option("File to write (default SCENARIO.fmu).")] = None,
-    step: Annotated[float | None, Option("Step in s at which the units exchange values.")] = None,
-    settings: SetOption = None,
-    overwrite: ForeignOption = False,
-) -> None:
-    """Fold the system of a scenario into one native FMU. The FMU steps its units without a master."""
-    chosen = load(scenario, robot, settings)
+def _load(name: str, robot: str | None, settings: Mapping[str, str] | None, folded: bool) -> Scenario:
+    """Load a scenario for FMUs that leave this machine."""
+    loaded = load(name, robot, settings)
+    from vdfmu.system.scenario.replace import unfolded
+
+    return loaded if folded else unfolded(loaded)
+
+
+def _container(
+    system: str, robot: str | None, out: Path | None, step: float | None, settings: Mapping[str, str] | None,
+    folded: bool, overwrite: bool,
+) -> Path:  # fmt: skip
+    """Write the system of a scenario or a package as one native FMU."""
+    if system.lower().endswith(".ssp"):
+        refuse({"--robot": robot, "--set": settings}, f"is for a scenario; {system} has its own")
+        from vdfmu.study.connected import load as load_system
+
+        with replacing_foreign(overwrite):
+            return load_system(system).container(out or Path(f"{Path(system).stem}.fmu"), step)
+    chosen = _load(system, robot, settings, folded)
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.container import write_container
     from vdfmu.study.run.scenario_run import prepare
@@ -131,12 +157,11 @@ def container(
 
     chosen = prepare(chosen, step=step)
     values = _values(chosen, "native", settings)
-    path = out if out is not None else Path(f"{chosen.name}.fmu")
+    path = out or Path(f"{chosen.name}.fmu")
     with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
         require_ours(path)
         package = write_ssp(chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values)
-        written = write_container(package, path, step=chosen.step)
-    say_written(written)
+        return write_container(package, path, step=chosen.step)
 
 
 def ssp(
@@ -144,10 +169,14 @@ def ssp(
     robot: RobotOption = None,
     form: Annotated[str, Option("Version of SSP; 2.0 holds FMUs of FMI 3.0.", flag="--ssp",
         choices=tuple(SSP_FORMATS))] = SSP_1.name,
-    out: Annotated[Path | None, Option("File to write (default SCENARIO.ssp).")] = None,
+    out: Annotated[Path | None, Option("File to write (default SCENARIO.ssp).",
+        more="With --reference the folder, by default reference.")] = None,
     apart: Annotated[bool, Option("Wire arms from their links and joints.", flag="--decomposed")] = False,
+    reference: Annotated[bool, Option("Write a folder to compare another tool.", group="Output",
+        more="It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.")] = False,
     backend: BackendOption = None,
     settings: SetOption = None,
+    folded: FoldedOption = False,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
     """Pack the system of a scenario as an SSP.
@@ -155,11 +184,23 @@ def ssp(
     FMUs and parameters are inside. The FMUs have the scenario's values as start values too, for importers that do not
     apply all parameter sets.
     """
-    chosen = load(scenario, robot, settings)
+    chosen = _load(scenario, robot, settings, folded)
     from vdfmu.base.files import temporary_folder
     from vdfmu.system.package.write import build_parts, fmi_of_format, write_ssp
+    from vdfmu.system.scenario.values import system_values
 
     fmi_version = fmi_of_format(form, backend)
+    if reference:
+        from vdfmu.study.runs import write_reference
+
+        refuse({"--ssp": form != SSP_1.name, "--decomposed": apart, "--backend": backend},
+               "does not go with --reference")  # fmt: skip
+        for each in SSP_FORMATS:
+            fmi_of_format(each, None)
+        with replacing_foreign(overwrite):
+            return say_written(
+                *write_reference(chosen, out or Path("reference"), system_values(chosen, settings or {}))
+            )
     name = f"{chosen.name}{'_decomposed' * apart}{f'_{form}' * (form != SSP_1.name)}"
     target = out or Path(f"{name}.ssp")
     with replacing_foreign(overwrite):
@@ -174,36 +215,18 @@ def ssp(
         say_written(write_ssp(chosen, fmus, target, values, version=form))
 
 
-def reference(
-    scenario: ScenarioArgument = "tracking",
-    robot: RobotOption = None,
-    out: Annotated[Path, Option("Folder to write.")] = Path("reference"),
-    settings: SetOption = None,
-    overwrite: ForeignOption = False,
-) -> None:
-    """Write a folder to compare another tool.
-
-    It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.
-    """
-    chosen = load(scenario, robot, settings)
-    from vdfmu.study.runs import write_reference
-    from vdfmu.system.package.write import fmi_of_format
-    from vdfmu.system.scenario.values import system_values
-
-    for form in SSP_FORMATS:
-        fmi_of_format(form, None)
-    with replacing_foreign(overwrite):
-        say_written(*write_reference(chosen, out, system_values(chosen, settings or {})))
-
-
 def check(
-    file: Annotated[Path, Positional("FMU, SSP, SSD, TOML file or unit.",
-        more="Of any tool; a unit is a file such as my_unit.py.")],
+    file: Annotated[Path | None, Positional("FMU, SSP, SSD, TOML file or unit.",
+        more="Of any tool; a unit is a file such as my_unit.py.")] = None,
     no_run: Annotated[bool, Option("Read only; do not run the units' code.")] = False,
     run_anyway: Annotated[bool, Option("Run FMUs in spite of faults in their description.")] = False,
     as_json: JsonOption = False,
     unpack_limit: UnpackOption = None,
     robot: Annotated[str, option_of(RobotOptions, "robot", "Robot of a unit or system.")] = "planar_2dof",
+    schema: Annotated[str | None, Option("Print a JSON schema: robot, scenario or system.", metavar="KIND",
+        names=lambda: _SCHEMAS,
+        more="FILE may be the system of the scenario: its components have sections. Editors read the schema if the "
+        'first line of the file is "#:schema robot.schema.json".')] = None,
 ) -> None:  # fmt: skip
     """Check an FMU or a system.
 
@@ -211,6 +234,10 @@ def check(
     in a process with limited time and memory; --no-run leaves them out. A file with problems is not run, unless
     --run-anyway asks for it.
     """
+    if schema is not None:
+        return _say_schema(schema, file)
+    if file is None:
+        raise UsageError("check: expected FILE, or --schema KIND, got neither.")
     from vdfmu.engine.inspect.inspection import inspect_file
     from vdfmu.engine.package.limits import package_limit
 
@@ -234,6 +261,18 @@ def check(
         _report(file, report.kind if source else report.standard, report.problems, report.notes)
     if report.problems:
         raise SystemExit(1)
+
+
+def _say_schema(kind: str, system: Path | None) -> None:
+    """Print the schema of a kind of TOML file."""
+    from vdfmu.system.scenario import schema
+
+    if kind not in _SCHEMAS:
+        raise UsageError(f"--schema must be {', '.join(_SCHEMAS)}, got {kind!r}.")
+    if kind != "scenario":
+        refuse({"FILE": system}, "goes with --schema scenario")
+    arguments = {} if system is None else {"system": str(system)}
+    say_json(getattr(schema, f"{kind}_schema")(**arguments))
 
 
 def _report(file: Path, label: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from vdfmu.base.option import Option, option_of, read_settings
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import OverwriteOption, console, say, say_notes, say_written, table, target_file
+from vdfmu.cli.terminal import OverwriteOption, console, refuse, say, say_notes, say_written, table, target_file
 from vdfmu.engine.options import TEXTS
 from vdfmu.study.options import RobotOptions
 
@@ -71,14 +71,12 @@ def identify(
     of_log = {"--robot": robot, "--column": column, "--time": time, "--score": other, "--truth": truth, "--plot": plot,
               "--residuals": residuals}  # fmt: skip
     of_design = {"--duration": duration, "--pose": pose, "--step": step, "--bits": bits, "--noise": noise,
-                 "--no-links": no_links or None}  # fmt: skip
+                 "--no-links": no_links}  # fmt: skip
     if (log is None) == (design is None):
         got = "neither" if log is None else "both"
         raise UsageError(f"identify: expected a log, or --design ROBOT for a motion to log, got {got}.")
     unfit = of_design if design is None else of_log
-    if wrong := [name for name, value in unfit.items() if value not in (None, "", [])]:
-        way = "goes with --design" if design is None else "goes with a log"
-        raise UsageError("\n".join(f"identify: {name} {way}." for name in wrong))
+    refuse(unfit, "goes with --design" if design is None else "goes with a log")
     if design is not None:
         sensors = {"step": step, "bits": bits, "noise": noise, "links": not no_links}
         _design(design, duration, pose, sensors, band, prior, out, overwrite)

@@ -86,7 +86,10 @@ def import_file(
     out: Annotated[Path | None, Option("Robot file to write (default FILE.toml).")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:  # fmt: skip
-    """Write a robot file from a URDF or a MuJoCo file. The file names the source of each number."""
+    """Write a robot file from a URDF or a MuJoCo file.
+
+    The file names the source of each number.
+    """
     from vdfmu.arm.imports import import_robot
     from vdfmu.arm.robot import joint_free
     from vdfmu.base.files import write_whole
@@ -136,7 +139,7 @@ def reach(
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
-    from vdfmu.study.analysis.reach import write_reach
+    from vdfmu.study.analysis.reach_file import write_reach
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     written = write_reach(robot, target)

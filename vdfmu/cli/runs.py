@@ -1,4 +1,4 @@
-"""``vdfmu run`` and ``federate``."""
+"""``vdfmu run`` and ``report``."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from vdfmu.cli.terminal import (
     UnpackOption,
     console,
     load,
+    refuse,
     say_error,
     say_notes,
     say_written,
@@ -29,12 +30,11 @@ from vdfmu.cli.terminal import (
     unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, live_view
-from vdfmu.engine.options import PackageOptions, SystemOptions
-from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
+from vdfmu.engine.options import SystemOptions
+from vdfmu.study.options import JudgeOptions, RobotOptions, ScenarioOptions, ScenarioRunOptions
 
-_POINT = "One point of a study"
+_POINT, _FEDERATES = "One point of a study", "Federates"
 OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
-PackageArgument = Annotated[Path, Positional("System package, SSP 1.0 or 2.0, of any tool.")]
 
 
 def run(
@@ -133,30 +133,83 @@ def run_package(
     connect: Annotated[list[str] | None, Option(
         "Connect components. Repeatable.", group="System", flag="--connect", metavar="a.y=b.u",
         more="Vectors connect by name. A component may be a unit too: filter=low_pass.py.")] = None, *,
+    split: Annotated[list[str] | None, Option(
+        "Components of a federate. Repeatable.", group=_FEDERATES, metavar="COMPONENT,...",
+        more="The system runs in several processes joined by HELICS, all from the values at the start of a step. The "
+        "first component names the federate. Components that are not named form one more.")] = None,
+    only: Annotated[str | None, Option(
+        "Run this federate only; needs --broker.", group=_FEDERATES, flag="--federate", metavar="NAME")] = None,
+    broker: Annotated[str | None, Option(
+        "Broker of all federates (default a local one).", group=_FEDERATES, metavar="HOST:PORT")] = None,
+    core: Annotated[str, Option(
+        "HELICS core; ipc is for one machine only.", group=_FEDERATES,
+        choices=("tcp_ss", "tcp", "zmq", "ipc"))] = "tcp_ss",
     unpack_limit: UnpackOption = None, live: LiveOption = False, port: PortOption = None,
     robot: Annotated[str | None, option_of(RobotOptions, "robot", "Arm that --live shows.")] = None,
+    judge: Annotated[float | None, option_of(JudgeOptions, "judge")] = None,
+    meant: Annotated[str | None, option_of(JudgeOptions, "meant")] = None,
     **options: Unpack[SystemOptions],
 ) -> None:  # fmt: skip
     """Run FMUs or a system package and write their signals.
 
-    Start, stop, step and master default to those of the package or the FMUs.
+    Start, stop, step and master default to those of the package or the FMUs. With --split it runs in several
+    processes, joined by HELICS.
     """
     if robot is not None and not live:
         raise UsageError("--robot needs --live.")
+    if split:
+        alone = {"--isolate": options["isolate"], "--memory-limit": options["memory_limit"], "--judge": judge}
+        refuse(alone, "does not go with --split")
+        from vdfmu.engine.federation import Federation
+
+        options["federation"] = Federation(split, only, broker, core)
+    else:
+        refuse({"--federate": only, "--broker": broker}, "needs --split")
+    from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.package_run import default_folder, run_system
+    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
+    from vdfmu.engine.results.verdict import FAILED, state_of
+    from vdfmu.engine.run import Interrupted
+    from vdfmu.study.report.sheets import run_panel
+
     package, source, kept = _package_of(parts, connect or [])
-    if source is not None and options["out"] is None:
-        options["out"] = Path("results", package.stem)
+    folder = default_folder(package) if source is None else Path("results", package.stem)
+    folder = Path(options["out"] or (folder if only is None else folder.with_name(f"{folder.name}_{only}")))
+    options["out"] = folder
     with live_view(live, port, robot) as observer:
-        options["observer"] = observer
-        _run_package(package, unpack_limit, source, **options)
+        try:
+            with unit_messages() as log, package_limit(unpack_limit):
+                options["observer"], options["log"] = observer, log
+                results = run_system(package, source, **options)
+                if judge is not None:
+                    from vdfmu.study.runs import judge_run  # takes long to import
+
+                    judge_run(package, results.summary, folder, judge, meant, **options)
+        except (CosimError, Interrupted) as error:
+            if error.results is not None:
+                from vdfmu.study.report.page import write_failed  # takes long to import
+
+                write_failed(package.stem, package, folder / PARTIAL, error)
+                _say_failed(error, folder)
+            raise
+        _say_verdict(results.summary)
+        tell(run_panel(results.summary))
+        say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
+        if state_of(results.summary) == FAILED:
+            raise SystemExit(1)
     del kept
 
 
 def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | None, Any]:
     """Return the package of FMUs, its name in results, and the system that keeps it."""
     pairs = [part.partition("=") for part in parts]
-    if len(parts) == 1 and parts[0].lower().endswith(".ssp") and not connections:
-        return Path(parts[0]), None, None
+    if not pairs[0][1] and len(parts) == 1:
+        if connections:
+            raise UsageError(f"{parts[0]}: must be NAME=FILE with --connect, such as a=A.fmu.")
+        if not parts[0].lower().endswith((".ssp", ".fmu")):
+            raise UsageError(f"{parts[0]}: must be FMUs or a package. 'vdfmu ssp' writes the package of a scenario.")
+        if parts[0].lower().endswith(".ssp"):
+            return Path(parts[0]), None, None
     if wrong := [text for text in connections if text.count("=") != 1]:
         raise UsageError(f"--connect {wrong[0]}: must be OUTPUT=INPUT, such as a.y=b.u.")
     if len(parts) > 1 and (wrong := [part for part, (_, sign, _) in zip(parts, pairs, strict=True) if not sign]):
@@ -170,34 +223,6 @@ def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | N
         links = [tuple(text.split("=")) for text in connections]
         system = join({name: file for name, _, file in pairs}, links)  # pyright: ignore[reportArgumentType]
     return system.path, " ".join(parts), system
-
-
-def federate(
-    package: PackageArgument,
-    split: Annotated[list[str], Option(
-        "Components of a federate. Repeatable.", group="Federates", metavar="COMPONENT,...",
-        more="The first gives the federate its name. Components that are not named form one more federate.")], *,
-    only: Annotated[str | None, Option(
-        "Run this federate only; needs --broker.", group="Federates", flag="--federate", metavar="NAME")] = None,
-    broker: Annotated[str | None, Option(
-        "Broker of all federates (default a local one).", group="Federates", metavar="HOST:PORT")] = None,
-    core: Annotated[str, Option(
-        "HELICS core; ipc is for one machine only.", group="Federates",
-        choices=("tcp_ss", "tcp", "zmq", "ipc"))] = "tcp_ss",
-    unpack_limit: UnpackOption = None, **options: Unpack[PackageOptions],
-) -> None:  # fmt: skip
-    """Run a system package in several processes joined by HELICS.
-
-    Each process steps its components with the others' values at the start of the step, as --master jacobi does in one
-    process.
-    """
-    from vdfmu.engine.federation import Federation
-    from vdfmu.engine.package_run import default_folder
-
-    if options["out"] is None and only is not None:
-        folder = default_folder(package)
-        options["out"] = folder.with_name(f"{folder.name}_{only}")
-    _run_package(package, unpack_limit, **options, federation=Federation(split, only, broker, core))
 
 
 def report(
@@ -229,32 +254,6 @@ def report(
         return
     say_written(write_gallery(folders[0], out) if gallery else write_report(runs, out, simulate=simulate))
     _say_page(out, opened)
-
-
-def _run_package(
-    package: Path, unpack_limit: int | None, source: str | None = None, **options: Unpack[SystemOptions]
-) -> None:
-    """Run a package by the options of a command; print its facts."""
-    from vdfmu.engine.package.limits import package_limit
-    from vdfmu.engine.package_run import default_folder, run_system
-    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
-    from vdfmu.engine.run import Interrupted
-    from vdfmu.study.report.sheets import run_panel
-
-    folder = Path(options["out"] or default_folder(package))
-    try:
-        with unit_messages() as log, package_limit(unpack_limit):
-            options["log"] = log
-            results = run_system(package, source, **options)
-    except (CosimError, Interrupted) as error:
-        if error.results is not None:
-            from vdfmu.study.report.page import write_failed  # takes long to import
-
-            write_failed(package.stem, package, folder / PARTIAL, error)
-            _say_failed(error, folder)
-        raise
-    tell(run_panel(results.summary))
-    say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:

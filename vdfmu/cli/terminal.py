@@ -133,6 +133,12 @@ def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
     return target
 
 
+def refuse(options: Mapping[str, Any], why: str) -> None:
+    """Raise UsageError for the options that have a value: they do not fit, and `why`."""
+    if unfit := [name for name, value in options.items() if value not in (None, "", [], {}) and value is not False]:
+        raise UsageError("\n".join(f"{name} {why}." for name in unfit))
+
+
 def _aside(text: str, markup: bool = False) -> None:
     """Print a line on standard error: broken between words on a terminal, unbroken elsewhere, for programs."""
     errors.print(text, markup=markup, soft_wrap=not errors.is_terminal)
@@ -155,22 +161,13 @@ def load(scenario: str, robot: str | None, settings: Mapping[str, str] | None = 
     """Load a scenario for settings; missing files are named before slow imports."""
     from vdfmu.base.toml_file import locate
 
-    if scenario == "reach" and not Path(scenario).exists():
-        if robot is not None:
-            locate(robot, "robots")
-        from vdfmu.study.analysis.reach import reach_scenario
-
-        loaded = reach_scenario(robot)
-    else:
+    if scenario != "reach" or Path(scenario).exists():
         locate(scenario, "scenarios")
-        if robot is not None:
-            locate(robot, "robots")
-        from vdfmu.system.scenario import load_scenario
+    if robot is not None:
+        locate(robot, "robots")
+    from vdfmu.study.analysis.reach import scenario_of
 
-        loaded = load_scenario(scenario, robot)
-    from vdfmu.system.scenario.replace import with_parameters
-
-    return with_parameters(loaded, settings or {})
+    return scenario_of(scenario, robot, settings or ())
 
 
 def folder_is_gone() -> bool:

@@ -191,18 +191,13 @@ class PictureOptions(TypedDict, total=False):
         default="160mm", metavar="LENGTH")]
 
 
-class PackageOptions(RecordOptions, CouplingOptions, MemberOptions, ResultOptions, total=False):
-    """Options of the run of a package, in one process or several."""
+class SystemOptions(RecordOptions, LoadedOptions, FederationOptions, ResultOptions, PictureOptions, total=False):
+    """Options of `vdfmu.engine.package_run.run_system`."""
 
+    master: Annotated[str | None, master_option]
     settings: Annotated[Mapping[str, Any] | None, settings_option]
     out: Annotated[str | os.PathLike[str] | None, Option(
         "Folder of the results (default results/NAME_ssp).", "path", "Of one federate results/NAME_ssp_FEDERATE. A "
         "complete run replaces the files of an earlier run.", typed=Path | None)]
     variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
         metavar="SSD")]
-
-
-class SystemOptions(PackageOptions, PictureOptions, LoadedOptions, FederationOptions, total=False):
-    """Options of `vdfmu.engine.package_run.run_system`."""
-
-    master: Annotated[str | None, master_option]

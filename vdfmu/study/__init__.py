@@ -1,7 +1,8 @@
 """Whole studies: a scenario run, compared and reported, for the command line and the Python API."""
 
 DOORS = (
-    "analysis.arm_space", "analysis.bode", "analysis.loops", "analysis.modes", "analysis.reach", "connected",
+    "analysis.arm_space", "analysis.bode", "analysis.loops", "analysis.modes", "analysis.reach", "analysis.reach_file",
+    "connected",
     "environment.environments", "identify.design", "identify.fit", "identify.log", "options", "report.drawings",
     "report.page", "report.sheets", "report.shown_run", "run.scenario_run", "runs", "sweeps.sweep", "tuning.tune",
     "view.live", "view.robot",

@@ -24,9 +24,11 @@ from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.run import KeptRuns, Results, Simulator
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import margins_along
+from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.referee import Judgement, judge
 from vdfmu.study.sweeps.sweep import Sweep, sweep
 from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.replace import unfolded
 
 Part = str | os.PathLike[str] | type[Unit]
 """An FMU, a unit's file, the name of a shipped unit, or a class of Unit."""
@@ -258,8 +260,9 @@ def load(source: Scenario | str | os.PathLike[str]) -> System:
         return connect({name: source}, name=name)  # pyright: ignore[reportArgumentType]
     if ending == ".ssp":
         return System(Path(source))  # pyright: ignore[reportArgumentType]
+    scenario = source if isinstance(source, Scenario) else unfolded(scenario_of(source))
     with ExitStack() as stack:
-        package, options = stack.enter_context(packaged(source))
+        package, options = stack.enter_context(packaged(scenario))
         return System(package, options, keep=stack.pop_all())
 
 

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
+from vdfmu.base.errors import UsageError
 from vdfmu.base.option import Option, read_settings
 from vdfmu.base.standards import BACKENDS, FMI_VERSIONS, PYTHON_FMI
 from vdfmu.engine.options import (
@@ -32,6 +33,14 @@ def known_robots() -> Iterable[str]:
     from vdfmu.arm.robot import robot_names
 
     return robot_names()
+
+
+def read_percent(text: str) -> float:
+    """Return 0.01 for ``1`` or ``1%``."""
+    try:
+        return float(text.strip().removesuffix("%")) / 100.0
+    except ValueError:
+        raise UsageError(f"percent must be a number, got {text!r}. Give 1 for 1 %.") from None
 
 
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
@@ -81,7 +90,21 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
 
 
-class ScenarioRunOptions(ScenarioOptions, ResultOptions, PictureOptions, LogOptions, ObserverOptions, total=False):
+class JudgeOptions(TypedDict, total=False):
+    """How the error by communication is judged."""
+
+    judge: Annotated[float | None, Option(
+        "Judge the error by communication; largest error in % of a signal's peak.", "float",
+        "In Python a share, 0.01. Three more runs take 7 times the steps.",
+        metavar="PERCENT", typed=str, read=read_percent)]
+    meant: Annotated[str | None, Option(
+        "Meaning of components that may sample and have no period.", more="Sampled components keep the step as their "
+        "period. By default both readings are judged.", choices=("sampled", "continuous"))]
+
+
+class ScenarioRunOptions(
+    ScenarioOptions, JudgeOptions, ResultOptions, PictureOptions, LogOptions, ObserverOptions, total=False
+):
     """Options of `vdfmu.run`."""
 
     out: Annotated["str | os.PathLike[str] | Literal[False] | None", Option(
@@ -166,7 +189,7 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     margin: Annotated[float | str | None, Option(
         "Smallest modulus margin of a loop, or same.",
         more="same is the margin of the start. It is the smallest min abs(1 + L) of the nominal robot over the run, "
-        "as `vdfmu margins` has it.", metavar="NUMBER|same", typed=str | None)]
+        "as `vdfmu linear SCENARIO` has it.", metavar="NUMBER|same", typed=str | None)]
     engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
         more="The robots of several values run side by side. See :func:`vdfmu.sweep`.", default="fmu")]
 

@@ -14,15 +14,19 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted, doing, with_progress
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.engine.algorithms import DEFAULT, DELAYED
+from vdfmu.engine.options import LoadedOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, known_formats, known_pictures, replacing_results, write_summary
+from vdfmu.engine.results.verdict import verdict_of
 from vdfmu.engine.run import Interrupted, Results, simulate
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
+from vdfmu.study.referee import judge
 from vdfmu.study.report.content import write_pictures
 from vdfmu.study.report.page import write_failed, write_report
 from vdfmu.study.report.shown_run import NAME, ShownRun
 from vdfmu.study.report.simulation import keep_program
 from vdfmu.study.run.scenario_run import ScenarioRun, prepare
+from vdfmu.study.run.verdict import run_checks
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
 
@@ -87,6 +91,20 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             getattr(observer, "page", lambda path: None)(made / NAME)
         write_summary(summary, made)
         return results
+
+
+def judge_run(
+    package: Path, summary: dict[str, Any], folder: Path, wanted: float, meant: str | None,
+    **options: Unpack[SystemOptions],
+) -> None:  # fmt: skip
+    """Judge the run of a package by :func:`vdfmu.study.referee.judge`; add the verdict to its summary."""
+    judgement = judge(
+        load_ssp(package, options["variant"]), wanted, stop=summary["stop"], step=summary["step"], meant=meant,
+        algorithm=summary["algorithm"], parameters=options["settings"], **pick(LoadedOptions, options),
+    )  # fmt: skip
+    summary["judgement"] = judgement.to_dict()
+    summary["verdict"] = verdict_of([*run_checks(summary)])
+    write_summary(summary, folder)
 
 
 ROWS = 1001

@@ -11,7 +11,7 @@ from typing import Any
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.plausible import robot_notes
 from vdfmu.base.errors import VdfmuError
-from vdfmu.base.toml_file import read_toml
+from vdfmu.base.toml_file import kind_of, read_toml
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import CodeNotRunError, load_units, reading_only
 from vdfmu.engine.inspect.inspection import Report
@@ -22,9 +22,6 @@ from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.scenario import resolve
 from vdfmu.system.scenario.scenario_file import load_scenario, load_system
 
-_KINDS = {"joints": "robot", "units": "system", "extends": "system", "connections": "system"}
-"""Key of TOML to the kind of file. Other files are scenarios."""
-
 
 def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None) -> Report:
     """Check a TOML file or units with a `robot`. Python runs in another process, if `run`, after `say` got its path."""
@@ -32,8 +29,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
     findings = Findings()
     try:
         if kind == "TOML":
-            written = read_toml(path)
-            kind = next((kind for key, kind in _KINDS.items() if key in written), "scenario")
+            kind = kind_of(read_toml(path))
         with reading_only():
             findings.notes += _findings("SRC002", _CHECKS[kind](path, default), path)
     except VdfmuError as error:

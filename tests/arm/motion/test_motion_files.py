@@ -183,23 +183,23 @@ def test_a_scenario_may_name_the_file_of_its_motion_whose_keys_are_in_the_schema
 def test_the_command_prints_and_draws_a_motion(written, tmp_path, capsys):
     path = written(f'robot = "planar_2dof"\n[motion]\nkind = "multisine"\n{GOOD["multisine"]}\nvelocity = 0.1\n')
     with pytest.raises(SystemExit, match="0"):
-        app(["motion", str(path), "-o", str(tmp_path / "a.png")], standalone_mode=False)
+        app(["scenario", "motion", str(path), "-o", str(tmp_path / "a.png")], standalone_mode=False)
     out, err = capsys.readouterr()
     assert "6 s in" in out and "ends where it starts" in out and "amplitude" in err
     assert [row.split()[0] for row in out.splitlines()[:4:3] + out.splitlines()[2:3]] == ["joint", "2", "1"]
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(vdfmu.VdfmuError, match="expected a robot"):
-        app(["motion", str(written("q1\n0\n", "a.csv"))], standalone_mode=False)
+        app(["scenario", "motion", str(written("q1\n0\n", "a.csv"))], standalone_mode=False)
 
 
 def test_the_command_takes_names_of_scenarios(capsys):
     with pytest.raises(SystemExit, match="0"):
-        app(["motion", "two_joint"], standalone_mode=False)
+        app(["scenario", "motion", "two_joint"], standalone_mode=False)
     assert "30 s at" in capsys.readouterr().out
     with pytest.raises(UsageError, match="no scenario 'two_join'.* Did you mean \"two_joint\"?"):
-        app(["motion", "two_join"], standalone_mode=False)
+        app(["scenario", "motion", "two_join"], standalone_mode=False)
     with pytest.raises(UsageError, match="no robot 'ur5'.* Did you mean \"ur5e_6dof\"?"):
-        app(["motion", "two_joint", "--robot", "ur5"], standalone_mode=False)
+        app(["scenario", "motion", "two_joint", "--robot", "ur5"], standalone_mode=False)
 
 
 def test_a_file_in_degrees_under_rad_is_noted(robot, written):

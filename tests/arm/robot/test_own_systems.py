@@ -17,7 +17,7 @@ from vdfmu.system.scenario.values import system_values
 
 SYSTEM = """
 name = "mine"
-[units]
+[components]
 way = "trajectory"
 pd = "controller"
 arm = "plant"

@@ -184,6 +184,9 @@ def test_an_unfolded_robot_has_its_zeros_as_parameters(draw):
         "payload_centroid[2]", "payload_centroid[3]", "centroid[1,2]", "centroid[1,3]", "centroid[2,2]",
         "centroid[2,3]",
     }  # fmt: skip
+    assert {*folded.constants()} - {*robot.constants()} == {n for n in names if not n.startswith("payload")}
+    for each in (folded, robot):
+        assert {*each.constants()}.isdisjoint({p.name for p in each.entries()} | {p.field for p in each.entries()})
     again = robot_from_dict(robot.to_dict())
     assert not again.folded and again.key() == robot.key() != folded.key()
     kernels, sizes = [Kernel(each, None) for each in (folded, robot)], [2, 2, 2, 6]

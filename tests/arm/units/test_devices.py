@@ -231,7 +231,7 @@ def test_what_cannot_be_is_refused(planar, tmp_path, unit, values, message):
 SYSTEM = """extends = "system"
 name = "devices"
 description = "An arm behind an encoder, a link and an actuator"
-[units]
+[components]
 encoder = "encoder"
 communication = "communication"
 actuator = "actuator"

@@ -1,6 +1,8 @@
 """Observers and control laws as FMUs: valid in each form, and the same numbers from C as from numpy."""
 
 import html
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -25,6 +27,12 @@ UNITS = [
 def test_each_runs_without_python_and_says_what_it_computes():
     assert len(UNITS) > 10
     assert all(find_unit(name).backend == "native" and "::" in find_unit(name).__doc__ for name in UNITS)
+
+
+def test_a_unit_is_found_without_the_other_units():
+    code = "import sys, vdfmu.arm.units as u; u.find_unit('plant'); print(f'{u.__name__}.wall' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 def test_a_unit_of_a_file_is_found_by_its_name(tmp_path):

@@ -112,7 +112,7 @@ def test_errors_fade_by_the_poles_of_the_filter_and_have_the_variance_of_the_ric
 
 SYSTEM = """name = "filtered"
 description = "An arm whose links are known from encoders of motors, in the loop"
-[units]
+[components]
 trajectory = "trajectory"
 feedforward = "feedforward"
 controller = "controller"

@@ -98,7 +98,7 @@ def test_the_wrench_is_found_where_the_arm_feels_it(arm):
 SYSTEM = """extends = "wall"
 name = "wall_observed"
 description = "An arm at a wall, under a momentum observer"
-[units]
+[components]
 observer = "momentum_observer"
 [connections]
 "plant.q" = ["observer.q"]
@@ -198,7 +198,7 @@ def test_the_notch_filter_has_the_gain_of_its_closed_form_below_half_of_the_samp
 NOTCHED = {
     "system.toml": """name = "notched"
 description = "An arm under torque feedback with a notch"
-[units]
+[components]
 trajectory = "trajectory"
 controller = "joint_torque"
 notch = "notch_filter"

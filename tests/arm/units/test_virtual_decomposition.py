@@ -226,7 +226,7 @@ def test_what_the_motion_shows_of_the_parameters_is_found(planar, adaptation, le
 
 SYSTEM = """name = "adaptive"
 description = "An arm under adaptive virtual decomposition control"
-[units]
+[components]
 trajectory = "trajectory"
 controller = "virtual_decomposition"
 plant = "plant"

@@ -10,7 +10,7 @@ from tests.cc import CC
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.operations import c_derivatives, c_operations
-from vdfmu.compiler.c.text import c_prototype
+from vdfmu.compiler.c.text import c_prototype, elementary_files
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
 
@@ -18,12 +18,12 @@ def results_of(text, function, given, tmp_path, name="kernel", level="-O1"):
     """Compile the C text of a function, without a warning, and return its results for given arguments."""
     # It is called twice: the second time has what the first has left in memory.
     source, library = tmp_path / f"{name}.c", tmp_path / f"{name}.so"
-    source.write_text(f"#include <math.h>\n{c_prototype(function)};\n{text}")
-    for file, other in c_operations().items():
+    source.write_text(f'#include "elementary.h"\n{c_prototype(function)};\n{text}')
+    for file, other in (c_operations() | elementary_files()).items():
         (tmp_path / file).write_text(other)
     sources = [source, *([tmp_path / "operations.c"] if "Operations" in text else [])]
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", level, "-ffp-contract=off", "-shared", "-fPIC"]
-    subprocess.run([*CC, *flags, "-o", library, *sources, "-lm"], check=True)
+    subprocess.run([*CC, *flags, "-o", library, *sources], check=True)
     made = [np.full(function.numel_out(i), np.nan) for i in range(function.n_out())]
     arguments = [a.ctypes.data_as(ctypes.c_void_p) for a in (*given, *made)]
     called = ctypes.CDLL(str(library))[function.name()]

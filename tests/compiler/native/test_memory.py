@@ -21,9 +21,6 @@ def library(model: Model) -> str:
 @pytest.mark.parametrize(("unit", "version"), UNITS)
 def test_the_sources_are_clean_under_the_sanitizers(model, sanitized, driver, tmp_path, unit, version):
     """Compiled by gcc, with the leak check on; beside, the shipped library computes the same."""
-    # Both compute the same operations in the same order in doubles, without contraction. The two may take sin and tanh
-    # from different versions of the C library's code, so numbers are compared to 1e-9, far above what 1000 steps of
-    # damped motion grow a rounding to, and below the solver's tolerance.
     found = model(unit, version)
     program_path = tmp_path / "driver"
     run([program("gcc", "gcc"), *GCC, *SANITIZERS, *version_flags(version), "-DSTATIC", HERE / "driver.c",
@@ -31,7 +28,7 @@ def test_the_sources_are_clean_under_the_sanitizers(model, sanitized, driver, tm
     options = {"ASAN_OPTIONS": "detect_leaks=1:abort_on_error=0", "UBSAN_OPTIONS": "print_stacktrace=1"}
     checked = run([program_path, "-", *driver_arguments(found)], **options)
     shipped = run([driver(version), library(found), *driver_arguments(found)])
-    assert close(bits(checked), bits(shipped), 1e-9)
+    assert bits(checked) == bits(shipped)
 
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)

@@ -107,7 +107,7 @@ def steps(instance: Instance, count: int = 20) -> np.ndarray:
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", ["plant", "trajectory"])
 def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, model, tmp_path, unit, version):
-    """With cmake and the system's compiler; their C library's sin and tanh may differ by a unit in the last place."""
+    """With cmake and the system's compiler."""
     # The importer's compiler may contract products and sums on processors that can; on x86-64 it does not. 20 steps of
     # some ten internal ones, 1e-16 each of states up to 100: 1e-11.
     program("cmake", "cmake")

@@ -25,7 +25,7 @@ class Spring(Unit):
 SYSTEM = """
 extends = "system"
 name = "spring"
-[units]
+[components]
 spring = "spring.py"
 [connections]
 "plant.q[1]" = ["spring.q"]
@@ -64,7 +64,7 @@ def test_an_element_feeds_a_scalar_and_a_scalar_an_element(folder):
 
 def test_a_group_takes_the_place_of_the_elements_that_another_file_feeds(folder):
     (folder / "more.toml").write_text(
-        'extends = "system.toml"\n[units]\nwall = "wall"\n[connections]\n"wall.F_e" = ["plant.F_e"]\n'
+        'extends = "system.toml"\n[components]\nwall = "wall"\n[connections]\n"wall.F_e" = ["plant.F_e"]\n'
     )
     connections = load_system(folder / "more.toml").connections
     assert "spring.f" not in connections

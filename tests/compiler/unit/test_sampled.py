@@ -92,7 +92,7 @@ class Clock(Unit):
     def update(self):
         self.count = self.count + 1.0
 '''
-SYSTEM = 'name = "loop"\ndescription = "loop"\n[units]\n{}\n[connections]\n{}\n'
+SYSTEM = 'name = "loop"\ndescription = "loop"\n[components]\n{}\n[connections]\n{}\n'
 SCENARIO = f"""name = "loop"
 description = "A cart on a sampled controller"
 robot = "planar_2dof"

@@ -148,7 +148,7 @@ def test_reference_results_and_references_have_them(fmu, motor, tmp_path):
     findings = inspect_file(fmu)
     assert findings.problems == []
     folder = motor().parent
-    (folder / "system.toml").write_text('name = "m"\ndescription = "m"\n[units]\nm = "motor.py"\n[connections]\n')
+    (folder / "system.toml").write_text('name = "m"\ndescription = "m"\n[components]\nm = "motor.py"\n[connections]\n')
     (folder / "scenario.toml").write_text(
         f'name = "m"\ndescription = "m"\nsystem = "system.toml"\nrobot = "planar_2dof"\nstop = {STOP}\nstep = 0.05\n'
     )

@@ -57,7 +57,7 @@ class SpeedPI(Unit):
 '''
 SYSTEM = """
 name = "drive"
-[units]
+[components]
 controller = "motor.py:SpeedPI"
 motor = "motor.py:DCMotor"
 [connections]
@@ -82,7 +82,7 @@ TOLERANCE = 1e-7 * 101.0 * 81.0
 ARM = """
 extends = "system"
 name = "own_robots"
-[units]
+[components]
 """ + "".join(
     f'{name} = {{ unit = "{name}", robot = "ur5e_6dof" }}\n'
     for name in ("trajectory", "feedforward", "controller", "plant")
@@ -181,8 +181,8 @@ def test_packages_speak_of_no_robot(inside, form, name):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("words", [
-    "build motor.toml --out fmus", "build motor.toml --out fmus_python --backend python", "container motor.toml",
-    "reference motor.toml", "check motor.toml", "check drive.toml",
+    "build motor.toml --out fmus", "build motor.toml --out fmus_python --backend python",
+    "build motor.toml --container", "ssp motor.toml --reference", "check motor.toml", "check drive.toml",
     "run motor.toml --fmi 3.0 --master iterative --adaptive 1e-4 --out adaptive",
     "tune motor.toml --vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --evaluations 4",
 ])  # fmt: skip
@@ -207,7 +207,7 @@ def test_margins_and_linearization_are_those_of_the_matrices(inside):
     system = vdfmu.linearize("motor.toml", 0.0)
     assert system.states == ("controller.e", "motor.i", "motor.w")
     np.testing.assert_allclose(system.A, LOOP, rtol=1e-12, atol=1e-12)  # products of two or three numbers, by rounding
-    done = command("margins", "motor.toml", "--loop", "motor.u", "--at", "0.0")
+    done = command("linear", "motor.toml", "--loop", "motor.u", "--at", "0.0")
     assert done.exit_code == 0, done.output
     held = expm(H * MOTOR)
     step = np.zeros((3, 3))
@@ -220,7 +220,7 @@ def test_margins_and_linearization_are_those_of_the_matrices(inside):
 
 def test_a_margin_needs_no_torque_of_a_motor(inside):
     """The loop is opened at the input that cuts it."""
-    assert "controller.w" in command("margins", "motor.toml", "--at", "0.0").output
+    assert "controller.w" in command("linear", "motor.toml", "--at", "0.0").output
     words = "--vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --margin 0.5 --evaluations 4 --out margin"
     done = command("tune", "motor.toml", *words.split())
     assert done.exit_code == 0, done.output
@@ -231,9 +231,9 @@ TAKES_ONE = "takes a robot"
 
 @pytest.mark.parametrize(("words", "message"), [
     ("run motor.toml --robot planar_2dof", f"{TAKES_ONE}, got planar_2dof"),
-    ("container motor.toml --robot planar_2dof", TAKES_ONE),
-    ("modes planar_2dof --scenario motor.toml", TAKES_ONE),
-    ("motion motor.toml", "expected a robot, named in the file or by --robot"),
+    ("build motor.toml --container --robot planar_2dof", TAKES_ONE),
+    ("linear motor.toml --modes", TAKES_ONE),
+    ("scenario motion motor.toml", "expected a robot, named in the file or by --robot"),
     ("run motor.toml --unit controller=controller", "robot: expected one for controller, got none"),
     ("run motor.toml --set robot.mass=3", "no component has a parameter mass of the robot"),
     ("run motor.toml --set motor.payload_mass=3", "has no payload_mass"),

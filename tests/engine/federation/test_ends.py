@@ -164,7 +164,7 @@ def test_ctrl_c_ends_the_run_after_the_step_and_keeps_the_rows(package, federate
 
 def command(*arguments: object) -> subprocess.Popen:
     return subprocess.Popen(
-        [sys.executable, "-m", "vdfmu.cli", "federate", *map(str, arguments)],
+        [sys.executable, "-m", "vdfmu.cli", "run", *map(str, arguments)],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
 

@@ -50,7 +50,7 @@ def broker():
 def start(package, broker, tmp_path):
     def command(name: str, *options: str) -> subprocess.Popen:
         return subprocess.Popen(
-            [sys.executable, "-m", "vdfmu.cli", "federate", package, "--split", "p", "--federate", name, "--broker",
+            [sys.executable, "-m", "vdfmu.cli", "run", package, "--split", "p", "--federate", name, "--broker",
              broker, "--out", tmp_path / name, "--step", "0.1", *options],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip

@@ -15,7 +15,7 @@ from vdfmu.engine.linear.growth import Growth
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import grown, growth_words, margins_along, run_along
-from vdfmu.study.analysis.reach import write_reach
+from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
 from vdfmu.study.run.scenario_run import prepare
@@ -137,7 +137,7 @@ def test_all_commands_have_one_margin(master, tmp_path):
     assert ("a mode grows by 1 1/s at joint 4, slower than 2 1/s" in said) == (master == "jacobi")
     found = margins_along(path, master=master).judged
     assert found.words[1] == said and (master == "jacobi" or reach.words == found.words)
-    along = CliRunner().invoke(app, ["margins", str(path), "--master", master, "--json"])
+    along = CliRunner().invoke(app, ["linear", str(path), "--master", master, "--json"])
     assert along.exit_code == 0 and json.loads(along.output)["text"] == said
     least, own = found.loops.modulus, summary["key_figures"]["margin"]["value"]
     assert own == least.min() > 0.3

@@ -107,15 +107,15 @@ def test_the_arm_has_mujocos_transition(tmp_path):
 @pytest.mark.heavy
 def test_the_command_draws_a_joint(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = CliRunner().invoke(app, ["modes", "planar_2dof", "--pose", "0.3 -0.5", "--bode", "2"])
+    said = CliRunner().invoke(app, ["linear", "planar_2dof", "--pose", "0.3 -0.5", "--bode", "2"])
     assert said.exit_code == 0 and (tmp_path / "planar_2dof_bode.png").read_bytes().startswith(b"\x89PNG")
     found = joint_bode(vdfmu.load_robot("planar_2dof"), [0.3, -0.5], 2)
     assert all(f"{f:.2f}" in said.output for f in (*found.resonance, *found.antiresonance[0]))
     for options, message in (
         (["--bode", "3"], "--bode 3: expected a joint, 1 to 2"),
-        (["--bode", "1", "--scenario", "planar_tracking"], "--bode is for one pose"),
+        (["--bode", "1", "--modes"], "--modes is for a scenario, and planar_2dof is a robot"),
     ):
-        failed = CliRunner().invoke(app, ["modes", "planar_2dof", *options, "--overwrite"])
+        failed = CliRunner().invoke(app, ["linear", "planar_2dof", *options, "--overwrite"])
         assert isinstance(failed.exception, UsageError) and message in str(failed.exception), options
         assert "Hz" not in failed.output  # it fails before it prints anything
 

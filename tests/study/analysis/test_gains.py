@@ -11,7 +11,8 @@ from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.base.errors import UsageError
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.reach import arm_gains, joint_gains, reach_scenario, write_reach
+from vdfmu.study.analysis.reach import arm_gains, joint_gains, reach_scenario
+from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
 

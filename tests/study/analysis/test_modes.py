@@ -187,7 +187,7 @@ def test_what_cannot_be_linearised_is_said(lift, tmp_path):
     # 2.5 kg x 9.81 m/s2 / 600 rad/m
     assert "at most 0.01 N.m, it takes 0.04088 N.m" in str(raised.value)
     (tmp_path / "strong.toml").write_text(ONE_JOINT + limits + weak.replace("0.01", "1.0"))
-    said = CliRunner().invoke(app, ["modes", str(tmp_path / "strong.toml")])
+    said = CliRunner().invoke(app, ["linear", str(tmp_path / "strong.toml")])
     assert said.exit_code == 0 and "at 0.275" in said.output  # 0 is beyond an end stop
 
 
@@ -195,18 +195,21 @@ def test_what_cannot_be_linearised_is_said(lift, tmp_path):
 def test_the_command_prints_a_pose_or_a_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = CliRunner().invoke
-    said = run(app, ["modes", "planar_2dof", "--pose", "0.3, -0.5"])
+    said = run(app, ["linear", "planar_2dof", "--pose", "0.3, -0.5"])
     modes = natural_modes(vdfmu.load_robot("planar_2dof"), [0.3, -0.5])
     assert said.exit_code == 0 and all(f"{f:.2f}" in said.output for f in modes.frequency)
     assert "Motors held at 0.3 -0.5" in said.output and "Not oscillating, 1/s:" in said.output
-    said = run(app, ["modes", "planar_2dof", "--scenario", "planar_tracking"])
+    said = run(app, ["linear", "planar_tracking", "--modes"])
     assert said.exit_code == 0 and " to " in said.output
     assert (tmp_path / "planar_tracking_modes.png").read_bytes().startswith(b"\x89PNG")
     for options, message in (
-        (["--scenario", "planar_tracking"], "expected no file of this name"),
-        (["--scenario", "planar_tracking", "--pose", "0 0"], "expected --pose or --scenario, got both"),
-        (["--out", "here.png"], "--out is for the picture of --scenario"),
-        (["--pose", "0 left"], "expected numbers, such as '0.3 -0.5'"),
+        (["planar_tracking", "--modes"], "expected no file of this name"),
+        (["planar_tracking", "--modes", "--pose", "0 0"], "--pose is for a robot at a pose"),
+        (["planar_tracking", "--modes", "--set", "a.b=1"], "--set is for margins"),
+        (["planar_2dof", "--out", "here.png"], "--out is the picture of --modes or --bode"),
+        (["planar_2dof", "--at", "1"], "--at is for a scenario, and planar_2dof is a robot"),
+        (["planar_2do"], "no robot or scenario 'planar_2do'. Did you mean \"planar_2dof\"?"),
+        (["planar_2dof", "--pose", "0 left"], "expected numbers, such as '0.3 -0.5'"),
     ):
-        failed = run(app, ["modes", "planar_2dof", *options])
+        failed = run(app, ["linear", *options])
         assert isinstance(failed.exception, UsageError) and message in str(failed.exception), options

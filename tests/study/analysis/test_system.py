@@ -121,18 +121,18 @@ def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, mon
     run = CliRunner().invoke
     wanted = margins_along("planar_tracking", at=[0.5], master="jacobi")
     assert wanted.names == ("plant.tau[1]", "plant.tau[2]") and wanted.step == 1e-3
-    said = run(app, ["margins", "planar_tracking", "--master", "jacobi", "--at", "0.5"])
+    said = run(app, ["linear", "planar_tracking", "--master", "jacobi", "--at", "0.5"])
     assert said.exit_code == 0, said.output
     assert "Stepped by 0.001 s, jacobi" in said.output
     assert all(f"{m:.3f}" in said.output for m in wanted.margins[0].modulus)
     (marked,) = [line for line in said.output.splitlines() if "smallest" in line]
     assert f" {min(wanted.margins[0].modulus):.3f} " in marked
-    refused = run(app, ["margins", "planar_tracking", "--adaptive", "1e-4"])  # gauss-seidel samples
+    refused = run(app, ["linear", "planar_tracking", "--adaptive", "1e-4"])  # gauss-seidel samples
     assert isinstance(refused.exception, UsageError) and str(refused.exception).startswith("adaptive: gauss-seidel")
     assert run(app, ["ssp", "planar_tracking", "--out", "p.ssp"]).exit_code == 0
-    again = run(app, ["margins", "p.ssp", "--master", "jacobi", "--at", "0.5"])
+    again = run(app, ["linear", "p.ssp", "--master", "jacobi", "--at", "0.5"])
     assert again.exit_code == 0 and again.output.splitlines()[2:] == said.output.splitlines()[2:]
-    said = run(app, ["margins", "planar_tracking", "--loop", "controller.q"])
+    said = run(app, ["linear", "planar_tracking", "--loop", "controller.q"])
     rows = [line.split()[0] for line in said.output.splitlines()[3:5]]
     assert said.exit_code == 0 and rows == ["controller.q[1]", "controller.q[2]"]
 

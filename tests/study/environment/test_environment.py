@@ -22,7 +22,7 @@ def short(stop=0.2):
 
 def with_devices(folder, units, connections):
     """Write `planar_tracking` of 0.1 s with units of its own."""
-    system = f'extends = "system"\n[units]\n{units}\n[connections]\n{connections}\n'
+    system = f'extends = "system"\n[components]\n{units}\n[connections]\n{connections}\n'
     (folder / "s.toml").write_text(system)
     models = load_scenario("planar_tracking").system.path.parents[1] / "models"
     text = (models / "scenarios/planar_tracking.toml").read_text()

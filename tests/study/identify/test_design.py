@@ -62,7 +62,7 @@ def test_the_file_of_a_design_is_a_motion_and_its_table_that_of_an_identificatio
     expected = predict(arm, read, sensors=SensorNoise(step=0.01))
     for value, deviation in zip(expected.values[:4], expected.deviation[:4], strict=True):
         assert f"{value:.5g}" in said.output and f"+- {1.96 * deviation:.2g}" in said.output
-    shown = CliRunner().invoke(app, ["motion", "motion.toml", "--robot", "planar_2dof"])
+    shown = CliRunner().invoke(app, ["scenario", "motion", "motion.toml", "--robot", "planar_2dof"])
     assert shown.exit_code == 0 and "10 s in" in shown.output
 
 
@@ -73,7 +73,7 @@ def test_words_that_do_not_fit_are_named(robot):
         (["a.csv", "--design", "planar_2dof"], "a motion to log, got both"),
         (["a.csv"], "expected --robot ROBOT"),
         (["a.csv", "--robot", "planar_2dof", "--bits", "9", "--no-links"],
-         "--bits goes with --design.\nidentify: --no-links goes with --design"),
+         "--bits goes with --design.\n--no-links goes with --design"),
         (["--design", "planar_2dof", "--robot", "planar_2dof"], "--robot goes with a log"),
         (["--design", "planar_2dof", "--pose", "up"], "--pose up: expected numbers, such as"),
         (["--design", "planar_2dof", "--step", "0", "--bits", "3", "--noise", "2"],

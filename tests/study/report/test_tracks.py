@@ -1,5 +1,6 @@
 """The margins along the sliders of a page, and the causes that it takes away."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +19,8 @@ from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
-from vdfmu.study.report.simulation import LESS, causes, knobs, values_of
+from vdfmu.study.report import simulation
+from vdfmu.study.report.simulation import LESS, causes, keep_program, knobs, values_of
 from vdfmu.study.report.tracks import NOTCHES, factor, tracks
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
@@ -126,3 +128,19 @@ def test_causes_are_those_that_the_system_has(described):
         "No delay of signals", "Encoders of 48 bits", "Masses and inertias known to the feedforward",
     ]  # fmt: skip
     assert more[-1]["changes"] == [{"unit": "feedforward", "name": "mass[2]", "value": 9.0}]
+
+
+def test_the_program_of_a_package_is_made_once_and_without_inputs_from_files(tmp_path, monkeypatch):
+    made: list[bool] = []
+    page_program = simulation.page_program
+    monkeypatch.setattr(simulation, "cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(simulation, "page_program", lambda program: made.append(True) or page_program(program))
+    scenario = vdfmu.load_scenario("planar_tracking")
+    fed = dataclasses.replace(scenario, inputs={"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])})
+    (package := tmp_path / "system.ssp").write_bytes(b"a package has no inputs in it")
+    kept: list[bool] = []
+    for each in (scenario, scenario, fed, scenario):
+        keep_program(SystemDescription(each), package)
+        (entry,) = (tmp_path / "cache" / "programs").iterdir()
+        kept.append(b'"module"' in entry.read_bytes())
+    assert kept == [True, True, False, True] and len(made) == 3

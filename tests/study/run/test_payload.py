@@ -113,7 +113,7 @@ def test_a_component_without_bodies_has_no_payload_and_a_variable_of_an_option_n
     with pytest.raises(UsageError, match=r"controller has no payload_mass\. There are: q_d, "):
         system_values(scenario, {"controller.payload_mass": 1.0})
     (tmp_path / "system.toml").write_text(
-        'extends = "system"\n[units]\nwall = "wall"\n[connections]\n"plant.V_O" = ["wall.V_O"]\n'
+        'extends = "system"\n[components]\nwall = "wall"\n[connections]\n"plant.V_O" = ["wall.V_O"]\n'
     )
     (tmp_path / "free.toml").write_text(
         (data_path("models") / "scenarios" / "planar_tracking.toml")

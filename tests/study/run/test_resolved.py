@@ -23,7 +23,7 @@ class Body(Unit):
 """
 SYSTEM = """name = "mine"
 
-[units]
+[components]
 {name} = "own.py"
 """
 SCENARIO = """name = "mine"

@@ -189,7 +189,7 @@ def test_friction_that_excites_itself_is_no_fault_and_what_cannot_be_linearised_
 
 
 def test_margins_says_unstable_where_and_since_when():
-    done = CliRunner().invoke(app, ["margins", "tracking", "--set", "controller.K_p=20000", "--at", "0", "--at", "0.1"])
+    done = CliRunner().invoke(app, ["linear", "tracking", "--set", "controller.K_p=20000", "--at", "0", "--at", "0.1"])
     assert done.exit_code == 1
     assert done.output.count("none") == 12 and "0.000" not in done.output
     assert "Unstable from the start, joint 5: disturbances grow by a factor of " in " ".join(done.output.split())

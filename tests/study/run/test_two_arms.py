@@ -19,7 +19,7 @@ from vdfmu.system.scenario.values import system_values
 
 ONE_ARM = """
 name = "one_arm"
-[units]
+[components]
 trajectory = "trajectory"
 controller = "controller"
 plant = "plant"
@@ -125,7 +125,7 @@ def test_parts_of_a_system_have_robots_of_their_own(tmp_path):
     path = tmp_path / "system.toml"
     (tmp_path / "mine.toml").write_text('name = "mine"\n')
     text = (
-        'name = "ends"\n[units]\none = { unit = "plant", coupled_tool = true }\n'
+        'name = "ends"\n[components]\none = { unit = "plant", coupled_tool = true }\n'
         'two = { unit = "plant", robot = "planar_2dof" }\n'
     )
     path.write_text(text)

@@ -30,7 +30,7 @@ def test_a_version_is_a_row(tmp_path, monkeypatch):
     monkeypatch.setitem(FMI_VERSIONS, fmi.name, fmi)
     monkeypatch.setitem(SSP_FORMATS, ssp.name, ssp)
     (tmp_path / "doubled.py").write_text(UNIT)
-    (tmp_path / "mine.sys.toml").write_text('name = "mine"\n[units]\nplant = "doubled.py"\n')
+    (tmp_path / "mine.sys.toml").write_text('name = "mine"\n[components]\nplant = "doubled.py"\n')
     (tmp_path / "mine.toml").write_text(SCENARIO)
     scenario = load_scenario(tmp_path / "mine.toml")
     assert fmi_of_format(ssp.name, "native") == fmi.name

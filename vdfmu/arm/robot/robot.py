@@ -126,6 +126,19 @@ class Robot(Parameters):
             if row.is_free(self, index)
         ]
 
+    def constants(self) -> list[str]:
+        """Names of the numbers of its file that are no run-time parameters: whole arrays, or elements."""
+        names: list[str] = []
+        for name, row in self.rows.items():
+            if row.section in OPTIONAL and not getattr(self, row.section):
+                continue
+            indices = [*np.ndindex(getattr(self, name).shape)]
+            if row.fold == "inertia":  # symmetric
+                indices = [index for index in indices if index[-2] <= index[-1]]
+            fixed = [Entry(name, index).name for index in indices if not row.is_free(self, index)]
+            names += [name] if len(fixed) == len(indices) else fixed
+        return names
+
     def values(self) -> np.ndarray:
         """Parameter vector, in the order of :meth:`entries`."""
         return np.array([getattr(self, p.field)[p.index] for p in self.entries()], dtype=float)

@@ -9,12 +9,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import casadi as ca
 
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import KernelError
+from vdfmu.compiler.c.grouping import Operation, grouped
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops, straight
 from vdfmu.compiler.c.operations import c_derivatives, c_operations
@@ -46,7 +46,7 @@ def kernel_files(
     calls = not function.is_a("SXFunction")
     texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=joints if calls else 0)
     name = f"kernel_{function.name()}"
-    top = head(f"The traced function {function.name()}, operation by operation.") + "#include <math.h>\n"
+    top = head(f"The traced function {function.name()}, operation by operation.") + '#include "elementary.h"\n'
     files = {f"{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
     files[f"{name}.c"] = f"{top}\n{wrapped(c_prototype(function))};\n\n{texts[-1]}"
     if not calls:
@@ -57,10 +57,10 @@ def kernel_files(
         loops = straight(function)
     text = head(f"The derivatives of the traced function {function.name()}.")
     if loops is not None and not has_roundings(function):
-        text += f'#include <math.h>\n\n#include "operations.h"\n\n{c_derivatives(loops)}'
+        text += f'#include "elementary.h"\n#include "operations.h"\n\n{c_derivatives(loops)}'
         files |= c_operations()
     else:
-        text += "#include <math.h>\n"
+        text += '#include "elementary.h"\n'
         for ending in DIRECTIONS:
             text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *c_texts(derivative(ending))])
     return files | {f"{name}_forward_reverse.c": text}
@@ -95,7 +95,7 @@ def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0)
     """Return a C11 function of a trace, as texts that can be compiled side by side. The last defines the function.
 
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
-    scalars too, matrices as in :class:`~vdfmu.compiler.functions.traced.KernelFunction`. It needs ``<math.h>``.
+    scalars too, matrices as in :class:`~vdfmu.compiler.functions.traced.KernelFunction`. It needs ``elementary.h``.
 
     The trace becomes loops over many `joints`, see :mod:`.loops`. If these have too little in common, a trace of more
     than :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time of register allocation in
@@ -109,6 +109,7 @@ def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0)
         return [c_loops(loops)]
     operations = operations_of(function)
     if len(operations) <= WHOLE:
+        operations = grouped(operations)
         read = {name for operation in operations for name in operation.arguments}
         unused = [f"(void){name};" for name in function.name_in() if name not in read]
         return [lookups(function) + _definition(c_prototype(function), operations, unused)]
@@ -197,16 +198,6 @@ def _chain(function: ca.Function, operations: list[Operation]) -> list[str]:
     ]
 
 
-class Operation(NamedTuple):
-    """A line of code: its text, the values ``w`` that it reads and writes, its arguments and results."""
-
-    text: str
-    reads: tuple[int, ...] = ()
-    writes: tuple[int, ...] = ()
-    arguments: tuple[str, ...] = ()
-    results: tuple[str, ...] = ()
-
-
 def _row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
     """Return the C text that looks up a row and copies some of its numbers: place in the row and value."""
     numbers = " ".join(f"w{i} = row[{j}];" for j, i in taken)
@@ -288,10 +279,10 @@ def _lookup(function: ca.Function) -> str:
     return f"""{source_text("lookup.h")}
 #ifndef {name.upper()}
 #define {name.upper()}
-static const table_number {name}_edges[] = {{
+static const scalar {name}_edges[] = {{
 {_listed(edges)}
 }};
-static const table_number {name}_rows[] = {{
+static const scalar {name}_rows[] = {{
 {_listed(rows)}
 }};
 
@@ -299,7 +290,7 @@ static void {name}(const double *x, double *row)
 {{
     (void)x;
     for (int i = 0; i < LOOKUP_LANES; i++) {{
-        const table_number *from = {name}_rows + {w} * lookup_place({name}_edges, {len(edges) - 1}, LANE(*x, i));
+        const scalar *from = {name}_rows + {w} * lookup_place({name}_edges, {len(edges) - 1}, LANE(*x, i));
         for (int j = 0; j < {w}; j++)
             LANE(row[j], i) = from[j];
     }}

@@ -25,6 +25,7 @@ from vdfmu.compiler.c.text import (
     cell,
     comment,
     definition,
+    elementary_files,
     fields,
     head,
     indented,
@@ -92,7 +93,7 @@ class _TracedFunctions:
             derivative = partial(self._derivative, name) if name in self.called else None
             kernel = kernel_files(function, self.functions, self.interface.joints, derivative)
             files |= kernel | (avx2_copies(kernel) if name in self.steps else {})
-        return files
+        return files | elementary_files()
 
     def _derivative(self, name: str, ending: str) -> ca.Function:
         return self.interface.functions.casadi_function(f"{name}_{ending}")

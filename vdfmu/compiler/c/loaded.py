@@ -13,7 +13,7 @@ from vdfmu.base.compile import SHOWN, loaded
 from vdfmu.base.errors import FmuError, KernelError
 from vdfmu.base.platforms import native_available
 from vdfmu.compiler.c.functions import kernel_source
-from vdfmu.compiler.c.text import c_prototype
+from vdfmu.compiler.c.text import c_prototype, elementary_files
 
 
 def compiled_rows(function: ca.Function) -> Callable[[Sequence[Floats], Floats], None] | None:
@@ -35,8 +35,8 @@ SHOWN void rows(const double *const *given, const size_t *step, double *out, siz
 }}
 """
     try:
-        files = {"rows.c": text.encode(), f"kernel_{function.name()}.c": kernel_source(function).encode()}
-        rows = loaded(files, "rows").rows
+        files = {"rows.c": text, f"kernel_{function.name()}.c": kernel_source(function), **elementary_files()}
+        rows = loaded({name: content.encode() for name, content in files.items()}, "rows").rows
     except (FmuError, KernelError):  # no room, or an operation that has no C text
         return None
     rows.argtypes, rows.restype = (POINTER(c_void_p), POINTER(c_size_t), c_void_p, c_size_t), None

@@ -53,7 +53,7 @@ EXPRESSIONS = {
 }
 """Operation: C expression of its operands {0} and {1}: numbers or vectors (``fmu_src/batch/lanes.h``)."""
 CALLED = frozenset(re.findall(r"\b(\w+)\(", " ".join(EXPRESSIONS.values())))
-"""Functions of math.h in the expressions."""
+"""Functions in the expressions."""
 _WIDTH = 110
 
 
@@ -142,6 +142,11 @@ def head(content: str) -> str:
 def source_text(name: str) -> str:
     """Return the text of a file of ``fmu_src/functions``, C for traced functions."""
     return source_bytes(data_path("fmu_src") / "functions" / name).decode()
+
+
+def elementary_files() -> dict[str, str]:
+    """Return file name to text of the elementary functions that the C of a trace calls."""
+    return {name: source_text(name) for name in ("elementary.h", "one_number.h")}
 
 
 def indented(opening: str, lines: Iterable[str], closing: str = "}") -> list[str]:

@@ -20,6 +20,8 @@ LOG_CATEGORIES = {
 SAMPLED = "org.vdfmu.sampled"
 """Annotation that names the parameter with the time between samples: the discrete outputs are states that are sampled
 by the inputs at the begin of a communication step. Their directional derivatives belong to the next sample."""
+FOLDED = "org.vdfmu.folded"
+"""Annotation that lists the numbers of the robot that are constants of the code: names of arrays and elements."""
 TIME_STAMP = "2026-01-01T00:00:00Z"
 """Fixed, so that the same sources give the same FMU."""
 FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
@@ -87,8 +89,7 @@ def model_description(
     shown = interface.memory[: interface.time] if native else interface.variables
     _add_units(root, shown)
     _add_log_and_experiment(root, version.prefix, interface)
-    if interface.is_sampled:
-        _add_sampled(SubElement(SubElement(root, "VendorAnnotations"), "Tool", {"name": SAMPLED}))
+    _add_annotations(root, interface, "VendorAnnotations", "Tool", "name")
     variables = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(shown):
         attributes = _variable_attributes(variable.name, reference, variable.description, variable)
@@ -157,8 +158,16 @@ def _add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> No
         experiment.set("tolerance", _start_text(interface.find("tolerance")))
 
 
-def _add_sampled(annotation: Element) -> None:
-    SubElement(annotation, "Sampled", {"xmlns": f"urn:{SAMPLED}", "period": "period"})
+def _add_annotations(root: Element, interface: Interface, group: str, tag: str, key: str) -> None:
+    """Add annotations of sampled states and of folded numbers; both versions of FMI have own tags."""
+    folded = interface.robot.constants() if interface.robot is not None and interface.has_robot else []
+    parent = SubElement(root, group) if interface.is_sampled or folded else root
+    if interface.is_sampled:
+        annotation = SubElement(parent, tag, {key: SAMPLED})
+        SubElement(annotation, "Sampled", {"xmlns": f"urn:{SAMPLED}", "period": "period"})
+    if folded:
+        annotation = SubElement(parent, tag, {key: FOLDED})
+        SubElement(annotation, "Folded", {"xmlns": f"urn:{FOLDED}"}).text = " ".join(folded)
 
 
 def _value_attributes(variable: Variable) -> dict[str, str]:
@@ -215,8 +224,7 @@ def model_description_3(
     for array in interface.arrays:
         _add_array(variables, interface, array)
     _add_structure(root, interface)
-    if interface.is_sampled:
-        _add_sampled(SubElement(SubElement(root, "Annotations"), "Annotation", {"type": SAMPLED}))
+    _add_annotations(root, interface, "Annotations", "Annotation", "type")
     return root
 
 

@@ -70,8 +70,9 @@ def _texts(content: Content, exchange: bool) -> dict[str, dict[str, bool]]:
         "there. Switching by time is located. In model exchange it is a time event.": states,
         "If the solver cannot meet the tolerance, the error names time and state. It keeps the state before the step."
         : states,
-        "Numbers of the robot that are zero, its joint types and the rotations of its frames are part of the code. All "
-        "others are parameters.": interface.has_robot,
+        "Joint types, rotations of frames and some zeros of the robot are part of the code: the annotation "
+        "<code>org.vdfmu.folded</code> of the model description lists them. All other numbers are parameters.":
+        interface.has_robot,
         "Parameters that are not physical together, such as static below Coulomb friction, are refused at the "
         "initialization.": interface.has_robot,
         "Values that are not finite or out of their limits are refused, and no value changes.": True,

@@ -45,9 +45,10 @@ def sparse(n: int, elements: Iterable[tuple[int, int, Any]]) -> Rows:
 
 
 def factorize(A: Rows | np.ndarray) -> Rows:
-    """Return the LU factors of `A` (n, n) in one matrix: U on and above the diagonal, the multipliers of L below it.
+    """Return the LU factors of `A` (n, n) in one matrix: U above the diagonal, the multipliers of L below it.
 
-    KernelError if a pivot is 0 for all values of the symbols.
+    The diagonal has the reciprocals of the pivots: a division takes as long as five products. KernelError if a pivot
+    is 0 for all values of the symbols.
     """
     LU = [dict(row) for row in A] if isinstance(A, list) else sparse(len(A), ((*i, x) for i, x in np.ndenumerate(A)))
     below: list[set[int]] = [set() for _ in LU]  # by column
@@ -58,10 +59,11 @@ def factorize(A: Rows | np.ndarray) -> Rows:
     for k, pivots in enumerate(LU):
         if k not in pivots:
             raise KernelError(f"row {k + 1} of a matrix lacks a pivot: its element on the diagonal is always 0.")
+        pivots[k] = 1.0 / pivots[k]
         columns = sorted(j for j in pivots if j > k)
         for i in sorted(below[k]):
             row = LU[i]
-            row[k] = row[k] / pivots[k]
+            row[k] = row[k] * pivots[k]
             for j in columns:
                 product = row[k] * pivots[j]
                 element = row[j] - product if j in row else -product
@@ -77,8 +79,8 @@ def factorize(A: Rows | np.ndarray) -> Rows:
 
 def solve_factorized(LU: Rows, b: np.ndarray) -> np.ndarray:
     """Solve ``A x = b`` for `b` (n,) with the factors of :func:`factorize`."""
-    pivots = np.array([row[i] for i, row in enumerate(LU)])
-    x = np.array(b, dtype=object if object in (pivots.dtype, np.asarray(b).dtype) else float)
+    reciprocals = np.array([row[i] for i, row in enumerate(LU)])
+    x = np.array(b, dtype=object if object in (reciprocals.dtype, np.asarray(b).dtype) else float)
     for i, row in enumerate(LU):
         for j in sorted(j for j in row if j < i):
             x[i] = x[i] - row[j] * x[j]
@@ -86,7 +88,7 @@ def solve_factorized(LU: Rows, b: np.ndarray) -> np.ndarray:
         row = LU[i]
         for j in sorted(j for j in row if j > i):
             x[i] = x[i] - row[j] * x[j]
-        x[i] = x[i] / row[i]
+        x[i] = x[i] * row[i]
     return x
 
 

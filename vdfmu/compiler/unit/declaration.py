@@ -312,6 +312,10 @@ class Machine(Protocol):
         """Return its run-time parameters, in the order of the parameter vector of every traced function."""
         ...
 
+    def constants(self) -> list[str]:
+        """Return the names of its numbers that are constants of every traced function."""
+        ...
+
     def facts(self, entry: Entry) -> tuple[str, float, float, str]:
         """Return unit of measurement, minimum, maximum and description of a number."""
         ...

@@ -120,8 +120,8 @@ class UnitFunctions(Functions):
         kind, derivatives = self._related[name]
         if kind == "left":
             return self._left(derivatives)[1]
-        stiff = ImplicitEquations(self._record(derivatives), cut=kind == "step")
         try:
+            stiff = ImplicitEquations(self._record(derivatives), cut=kind == "step")
             return stiff.jacobian(name) if kind == "jacobian" else stiff.step(name, self.casadi_function(derivatives))
         except KernelError as error:
             raise UnitError(

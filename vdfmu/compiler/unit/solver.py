@@ -9,7 +9,6 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats, odeint
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.functions.rodas import ORDER
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.evaluate import Evaluation, holds
 
@@ -157,7 +156,7 @@ class Integrator(Solver):
             time[0] = t + done
             step()
             error = float(norm[0])
-            factor = _SAFETY * error ** (-1.0 / ORDER) if error > 0.0 else _GROW
+            factor = _SAFETY / math.sqrt(math.sqrt(error)) if error > 0.0 else _GROW
             if error <= 1.0:
                 self.steps += 1
                 done = duration if last and end else done + h

@@ -33,16 +33,17 @@ class KeptRuns:
     def run(self, **options: Unpack[SimulateOptions]) -> Results:
         """Run the package; for options and errors see :func:`vdfmu.simulate`."""
         rows: Any = {name: value for name, value in options.items() if name in _ROWS}
-        own: Any = {name: value for name, value in options.items() if name not in _ROWS}
-        parameters, log = own.pop("parameters", None), own.get("log")
-        if all(isinstance(value, _PLAIN) or value is log for value in own.values()) and self._lock.acquire(False):
+        fixed: Any = {name: value for name, value in options.items() if name not in _ROWS}
+        parameters, log, files = fixed.pop("parameters", None), fixed.get("log"), fixed.get("inputs")
+        plain = files is None and all(isinstance(value, _PLAIN) or value is log for value in fixed.values())
+        if plain and self._lock.acquire(False):
             try:
                 if self._process != os.getpid():
                     from multiprocessing.util import Finalize  # takes long to import
 
                     self._process = os.getpid()
                     Finalize(self, self._loaded.close, exitpriority=0)  # in children of multiprocessing too
-                simulator = self._loaded.simulator(self._path, own)
+                simulator = self._loaded.simulator(self._path, fixed)
                 if simulator.sizes.isdisjoint(parameters or ()):
                     with InterruptGuard() if simulator.lasts else nullcontext():  # one for the others within it
                         results = simulator.run(parameters=parameters, **rows)

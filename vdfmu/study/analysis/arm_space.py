@@ -25,8 +25,9 @@ from vdfmu.compiler.unit.evaluate import Evaluation, evaluation, state_space
 from vdfmu.compiler.unit.interface import interface_of
 from vdfmu.engine.linear.linearise import LinearSystem, linear_system
 from vdfmu.engine.options import CouplingOptions
+from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.system.package.write import cached_fmus, write_ssp
-from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 
 
@@ -175,11 +176,10 @@ def packaged(
     of a scenario's FMUs. `master` and `coupling` replace its options.
     """
     changes = {name: value for name, value in coupling.items() if value is not None}
-    if not isinstance(system, Scenario):
-        if Path(system).suffix.lower() == ".ssp":
-            yield Path(system), {**changes, "parameters": settings, "algorithm": master}
-            return
-        system = load_scenario(system)
+    if not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp":
+        yield Path(system), {**changes, "parameters": settings, "algorithm": master}
+        return
+    system = scenario_of(system, names=settings or ())
     values = system_values(system, settings)
     with temporary_folder("vdfmu_") as folder:
         built = cached_fmus(system, folder, backend)

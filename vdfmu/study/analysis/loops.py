@@ -21,9 +21,10 @@ from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction, packaged
+from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import LoopOptions
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 
 TIED = (Tied("tau_s", "kappa", "kappa_dot"),)
@@ -131,7 +132,7 @@ def run_along(
     others, and for errors, see :func:`margins_along`.
     """
     package = not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp"
-    scenario = system if isinstance(system, Scenario) or package else load_scenario(system)
+    scenario = system if package else scenario_of(system, names=options.get("settings") or ())
     with packaged(scenario, **options) as (path, taken):
         with Simulator(path, isolate=False, **taken) as simulator:
             grid = simulator.grid(None, None, None)

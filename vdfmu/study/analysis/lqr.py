@@ -39,7 +39,7 @@ def state_gains(
     e is the error of the links. The arm is linearised at rest at a pose, without dry friction, and its motor torques
     tau are held over a step, with no further delay. By Bryson's rule the three arguments are the sizes of errors that
     count as equally bad. Gains that are optimal at a pose need not be stable elsewhere: a small `rate` damps the rotors
-    everywhere. `vdfmu margins` has the margins along a run.
+    everywhere. `vdfmu linear` has the margins along a run.
 
     Parameters
     ----------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -14,15 +15,15 @@ from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.dynamics import inverse_dynamics, mass_matrix
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.equations.trajectory import desired_motion
-from vdfmu.arm.robot import Robot, load_robot, robot_names
+from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.state_space import Linear, held
 from vdfmu.base.toml_file import locate, toml_value
-from vdfmu.engine.linear.loops import Loop, Margins
-from vdfmu.study.analysis.loops import growth_words, margins_along
+from vdfmu.engine.linear.loops import Loop
 from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.replace import with_parameters
 
 _DAMPING = 0.5
 _DAMPED = 2.0
@@ -149,32 +150,8 @@ K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity
 """
 
 
-class Reach(NamedTuple):
-    """The written file, its gains, the margins of the whole arm along the motion, and notes on the motion."""
-
-    path: Path
-    gains: Gains
-    margins: Margins | None
-    """Smallest margins of each loop; None if they are not known: the last note says why."""
-    notes: list[str]
-
-
-def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> Reach:
-    """Write the scenario of a first motion of a robot, see :func:`~vdfmu.load_robot`, to a file."""
-    path, place = Path(out), locate(robot, "robots")
-    shipped = str(robot) in robot_names() and not Path(robot).exists()
-    written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
-    gains, notes = _write(load_robot(robot), place.stem, written, path)
-    try:
-        margins = margins_along(path)
-    except UsageError as error:
-        return Reach(path, gains, None, [*notes, f"margins of the whole arm: {error}"])
-    loops = margins.judged.loops
-    return Reach(path, gains, loops.margins(), [*notes, *filter(None, [growth_words(loops)])])
-
-
 def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:
-    """Return the scenario that :func:`write_reach` writes, of a robot or its file, by default of the paper's arm."""
+    """Return the scenario that ``vdfmu robot reach`` writes, of a robot or its file, by default of the paper's arm."""
     if isinstance(robot, Robot):
         name = robot.name
     else:
@@ -182,11 +159,23 @@ def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scena
         name, robot = locate(robot, "robots").stem, load_robot(robot)
     with temporary_folder("vdfmu_") as folder:
         path = Path(folder) / f"{name}_reach.toml"
-        _, notes = _write(robot, name, name, path)
+        _, notes = write_scenario(robot, name, name, path)
         return replace(load_scenario(path, robot), notes=tuple(notes), file="")
 
 
-def _write(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list[str]]:
+def scenario_of(
+    source: Scenario | str | os.PathLike[str], robot: Robot | str | None = None, names: Iterable[str] = ()
+) -> Scenario:
+    """Load a scenario by name or file, or make ``reach`` for a robot.
+
+    The robot gets the parameters that settings of these `names` need, see `with_parameters`.
+    """
+    if source == "reach" and not Path("reach").exists():
+        source = reach_scenario(robot)
+    return with_parameters(source if isinstance(source, Scenario) else load_scenario(source, robot), names)
+
+
+def write_scenario(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list[str]]:
     """Write the scenario; return its gains, and notes on its motion."""
     start, end, T, notes = _motion(arm)
     gains = arm_gains(arm, np.linspace(start, end, _POINTS), _STEP)

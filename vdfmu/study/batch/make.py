@@ -13,7 +13,7 @@ from vdfmu.base.errors import FmuError, KernelError, UsageError
 from vdfmu.base.files import data_path
 from vdfmu.base.platforms import this_platform, zig
 from vdfmu.compiler.c.functions import kernel_source
-from vdfmu.compiler.c.text import head
+from vdfmu.compiler.c.text import elementary_files, head
 from vdfmu.compiler.unit.evaluate import Call, Evaluation, Traced
 from vdfmu.study.batch.engine import BatchProgram
 from vdfmu.system.package.description import SystemDescription
@@ -34,7 +34,7 @@ def lane_sources(program: SystemProgram) -> tuple[dict[str, bytes], list[list[in
     folder = data_path("fmu_src")
     files = {name: (folder / "batch" / name).read_bytes() for name in ("lanes.h", "advance.h", "run.h", "level.c")}
     files |= {name: (folder / "c" / name).read_bytes() for name in ("control.h", "processor.h", "processor.c")}
-    files["shown.h"] = SHOWN.encode()
+    files |= {name: text.encode() for name, text in {"shown.h": SHOWN, **elementary_files()}.items()}
     return files | {"system.c": code.text().encode()}, list(code.optional.values())
 
 

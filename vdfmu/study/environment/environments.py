@@ -12,11 +12,12 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
+from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.batch.engine import SteppedLanes
 from vdfmu.study.batch.make import make_program
 from vdfmu.study.environment.tasks import Task, TrackingTask, episode, named_in, opened
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario import Scenario
 
 try:
     import gymnasium
@@ -124,7 +125,7 @@ class Environment(gymnasium.Env[Floats, Floats]):
         if hasattr(system, "instance"):
             return system.instance(values, isolate=False)
         if isinstance(system, Scenario) or not str(system).lower().endswith(".ssp"):
-            system = opened(system if isinstance(system, Scenario) else load_scenario(system), actions, seen)
+            system = opened(scenario_of(system), actions, seen)
         package, options = stack.enter_context(packaged(system))
         settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
         settings |= {"parameters": values or {}, "isolate": False}

@@ -12,7 +12,8 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import check_type
-from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.study.analysis.reach import scenario_of
+from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import override
 
 LIMITS = {"rad": 2.0 * math.pi, "rad/s": 50.0, "m": 5.0, "m/s": 10.0, "N.m": 1e3, "N": 1e4, "1": 1e6}
@@ -139,9 +140,9 @@ class TrackingTask(Task):
         for name, kind, value in (("seen", "Sequence[str]", seen), ("vary", "Mapping[str, Any] | None", vary),
                                   ("limits", "Mapping[str, Any] | None", limits)):  # fmt: skip
             check_type(name, kind, value)
-        loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         _check_number("error", error, 0.0)
         _check_number("effort", effort, 0.0, among=True)
+        loaded = scenario_of(scenario)
         self.scenario = opened(loaded, [action], seen)
         tables = self.scenario.resolved.tables
         if missing := {*track, *(limits or {})} - {*seen}:

@@ -156,6 +156,7 @@ _FACTS = {
     "Error control": ("adaptive", "{:g} a step"), "Step": ("step", "{:g} s"), "Stop": ("stop", "{:g} s"),
     "Tolerance": ("tolerance", "{:g}"), "Steps": ("steps", "{}"), "Wall time": ("wall_s", "{:.3g} s"),
     "Real-time factor": ("real_time_factor", "{:.3g}"), "No reference": ("no_reference", "{}"),
+    "Coupling": ("judgement", "{[text]}"),
 }  # fmt: skip
 """Name to key and form."""
 

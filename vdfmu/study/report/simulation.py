@@ -94,7 +94,7 @@ any component if the cause is there; their new ``value``, or a ``factor``."""
 def keep_program(system: SystemDescription, package: Path) -> None:
     """Keep the program of a system for the pages of its package, or the reason for its absence."""
     place = _kept(package)
-    if load(place) is not None:
+    if not system.scenario.inputs and b'"module"' in (load(place) or b""):  # inputs are not in the package
         return
     try:
         content = page_program(SystemProgram(system)) | {"knobs": list(knobs(system))}

@@ -56,11 +56,11 @@ def key_figures(
         peaks, reached = _Peaks(robot.n + 1), _Peaks(2 * robot.n + 1)
         first = None
         for part in results.blocks(BLOCK):
-            q_d = part["trajectory.q_d"]
-            place = forward_kinematics(robot, q_d)[0]
+            q_d, q = part["trajectory.q_d"], part["plant.q"]
+            place, actual = (forward_kinematics(robot, each)[0] for each in (q_d, q))
             first = place[0] if first is None else first
-            away = np.linalg.norm(place - first, axis=1)
-            peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - part["plant.q"])), tool_errors(robot, part)]))
+            away, error = (np.linalg.norm(place - other, axis=1) for other in (first, actual))
+            peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - q)), error]))
             reached.add(part.time, np.column_stack([scale * q_d, -scale * q_d, away]))
         comparable = same_frames(robot, plant)
         figures["joint_error"] = peaks.worst([unit.position for unit in units])
@@ -104,12 +104,6 @@ def cut_figures(results: Results) -> dict[str, Any]:
             value, joint, at, signal = max(largest)
             figures[key] = {"value": value, "unit": results.units[signal], "joint": -joint, "at_s": at}
     return figures
-
-
-def tool_errors(robot: Robot, results: Results) -> Floats:
-    """Return the distance of the tool from its desired position, (m,) [m]."""
-    ends = [forward_kinematics(robot, results[name])[0] for name in ("trajectory.q_d", "plant.q")]
-    return np.linalg.norm(ends[0] - ends[1], axis=1)
 
 
 def same_frames(robot: Robot, plant: Robot) -> bool:

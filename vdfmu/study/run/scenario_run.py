@@ -27,8 +27,9 @@ from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.folder import keep, write_summary
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Interrupted, LogMessage, Simulator, check_coupling
+from vdfmu.study import referee
 from vdfmu.study.analysis.loops import poses_of
-from vdfmu.study.analysis.reach import reach_scenario
+from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.run import summary as numbers
 from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
@@ -39,9 +40,9 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
 from vdfmu.system.reference.witness import Witness
-from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.replace import with_parameters, with_units
+from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import robot_with, system_values
 
 _LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
@@ -65,15 +66,11 @@ def prepare(
     """
     changes = {name: value for name, value in options.items() if value is not None}
     robot = options["robot"]
-    if scenario == "reach" and not Path("reach").exists():
-        scenario, robot = reach_scenario(robot), None
     if isinstance(robot, (str, os.PathLike)):
         robot = load_robot(robot)
-    if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario, robot)
-    elif robot is not None:
+    if robot is not None and isinstance(scenario, Scenario):
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
-    scenario = with_parameters(scenario, [*names, *(options["settings"] or ())])
+    scenario = scenario_of(scenario, robot, [*names, *(options["settings"] or ())])
     if options["units"]:
         scenario = with_units(scenario, options["units"])
     fields = {field.name for field in dataclasses.fields(Scenario)} - {"robot"}
@@ -197,6 +194,13 @@ class ScenarioRun:
         summary, scenario, values = results.summary, self.scenario, self.system.values
         if self._options["reference"]:
             summary |= self._references(results)
+        if self._options["judge"] is not None:
+            coupling: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs}
+            judgement = referee.judge(
+                self.package, self._options["judge"], stop=scenario.stop, step=scenario.step,
+                meant=self._options["meant"], **coupling,
+            )  # fmt: skip
+            summary["judgement"] = judgement.to_dict()
         loops = list(loop_checks(self.poses, self.system))
         figures: dict[str, Any] = summary.get("key_figures", {})
         if scenario.robot is not None:

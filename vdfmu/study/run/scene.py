@@ -134,11 +134,13 @@ def _estimates(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]
         table = [v for v in system.tables[component] if v.causality == "output"]
         yield from ((group, [v for v in table if v.group == group]) for group in dict.fromkeys(v.group for v in table))
 
-    own = [group for each in system.resolved.units[name].terminals if each.name == _ESTIMATES for group in each.groups]
+    estimates = [
+        group for each in system.resolved.units[name].terminals if each.name == _ESTIMATES for group in each.groups
+    ]
     for group, estimated in outputs(name):
         units = [v.unit for v in estimated]
         true = next((each for _, each in outputs(plant) if [v.unit for v in each] == units), None)
-        if group in own and true and {*units} <= {"N.m", "N"}:
+        if group in estimates and true and {*units} <= {"N.m", "N"}:
             yield {
                 "component": name, "group": group, "words": general_description(estimated[0].description),
                 "signals": [f"{name}.{v.name}" for v in estimated], "true": [f"{plant}.{v.name}" for v in true],

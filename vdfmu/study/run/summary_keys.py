@@ -96,6 +96,10 @@ _FIGURE = Record(
 )
 _CHECK = Record({"name": TEXT, "state": STATES, "text": TEXT})
 _VERDICT = Record({"state": STATES, "words": TEXT, "checks": List(_CHECK)})
+_JUDGEMENT = Record(
+    {"verdict": TEXT, "text": TEXT, "wanted": NUMBER, "error": NUMBER, "signal": TEXT, "step": NUMBER,
+     "algorithm": TEXT, "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}))}
+)  # fmt: skip
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Any] = {
     "scenario": TEXT,  # name of the scenario
@@ -163,6 +167,7 @@ KEYS: Mapping[str, Any] = {
     # the time at a limit, error and size of the motion, largest contact force [N] and depth [m], largest power [W] and
     # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
+    "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' largest values
     "verdict": _VERDICT,  # checks of the run, the worst state, and the line for it
     "error": TEXT,  # why the run did not reach its end
 }

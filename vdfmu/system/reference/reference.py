@@ -33,7 +33,7 @@ from vdfmu.base.compile import SHOWN, loaded
 from vdfmu.base.errors import LOG, FmuError, KernelError, UsageError
 from vdfmu.base.platforms import native_available
 from vdfmu.compiler.c.functions import kernel_source
-from vdfmu.compiler.c.text import c_prototype, setting_lines
+from vdfmu.compiler.c.text import c_prototype, elementary_files, setting_lines
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.compiler.unit.interface import Interface
@@ -168,15 +168,14 @@ def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[s
     code = Code(system)
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
-        files = {
-            f"kernel_{name}.c": kernel_source(made, code.joints[name]).encode() for name, made in code.called.items()
-        }
+        files = {f"kernel_{name}.c": kernel_source(made, code.joints[name]) for name, made in code.called.items()}
     except KernelError as error:  # an operation without C text, or a unit in plain Python
         LOG.info("the references run in Python: %s", error)
         return None
     prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
     text = "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions])
-    return {**files, "system.c": text.encode()}
+    files |= elementary_files() | {"system.c": text}
+    return {name: content.encode() for name, content in files.items()}
 
 
 class Code:

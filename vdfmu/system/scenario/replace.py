@@ -27,6 +27,17 @@ def with_parameters(scenario: Scenario, names: Iterable[str]) -> Scenario:
     return scenario if robot is scenario.robot else dataclasses.replace(scenario, robot=robot)
 
 
+def unfolded(scenario: Scenario) -> Scenario:
+    """Return the scenario with gravity, centres of mass, payload and tool of all robots as parameters."""
+    robots = {name: part.robot.unfolded() for name, part in scenario.system.parts.items() if part.robot is not None}
+    parts = {**scenario.system.parts}
+    parts |= {name: dataclasses.replace(parts[name], robot=robot) for name, robot in robots.items()}
+    return dataclasses.replace(
+        scenario, robot=scenario.robot and scenario.robot.unfolded(),
+        system=dataclasses.replace(scenario.system, parts=parts),
+    )  # fmt: skip
+
+
 def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
     """Return the robot with parameters that settings name and it lacks: an empty payload, zeros that are folded.
 

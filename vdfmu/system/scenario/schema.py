@@ -91,7 +91,7 @@ def system_schema() -> Schema:
     part = {"unit": _TEXT, "box": box, "robot": _TEXT, **dict.fromkeys(ENDS, _FLAG)}
     keys: Schema = {
         **dict.fromkeys(("extends", "name", "description"), _TEXT),
-        "units": {"type": "object", "additionalProperties": {"anyOf": [_TEXT, box, _table(part, [])]}},
+        "components": {"type": "object", "additionalProperties": {"anyOf": [_TEXT, box, _table(part, [])]}},
         "shared": {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": _TEXT}},
         "connections": {
             "type": "object", "propertyNames": _SIGNAL,

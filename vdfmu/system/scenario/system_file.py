@@ -18,7 +18,7 @@ from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_tables import Problems, Table, as_number, value_text
 
-_KEYS = ("extends", "name", "description", "units", "shared", "connections")
+_KEYS = ("extends", "name", "description", "components", "shared", "connections")
 Box = tuple[float, float, float, float]
 
 
@@ -81,15 +81,18 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
 
     An input that the file connects loses its connection in `base`, so that a unit can be put between two others.
     """
+    if "units" in data:
+        problems.add("units", "[components]", "[units]", "Rename the table.")
+        data = {"components" if key == "units" else key: value for key, value in data.items()}
     file = Table(problems, data, "", _KEYS)
     name = file.name("name") if "name" in data or base is None else base.name
     description = file.text("description", "" if base is None else base.description)
     parts = dict(base.parts) if base is not None else {}
-    for key, value in file.optional_table("units").data.items():
-        file.check_name(f"units.{key}", key, dots=False)
+    for key, value in file.optional_table("components").data.items():
+        file.check_name(f"components.{key}", key, dots=False)
         parts[key] = _part(problems, key, value, path.parent)
     if not parts:
-        problems.add("units", "a table with a line for each component", "none", 'Write plant = "plant".')
+        problems.add("components", "a table with a line for each component", "none", 'Write plant = "plant".')
     connected: dict[str, list[str]] = {}
     for source, value in file.optional_table("connections").data.items():
         targets = [value] if isinstance(value, str) else value
@@ -101,7 +104,7 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
             component = end.partition(".")[0]
             if "." not in end or component not in parts:
                 problems.add(
-                    f"connections.{source}", "component.signal of components in [units]", value_text(end),
+                    f"connections.{source}", "component.signal of [components]", value_text(end),
                     nearest(component, list(parts)),
                 )  # fmt: skip
         connected[source] = ends
@@ -121,7 +124,7 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
             expected = 'a table such as { trajectory = "q_start", plant = "q_0" }'
             problems.add(where, expected, value_text(members), "Name a group of each component that shares its value.")
         elif unknown := [component for component in members if component not in parts]:
-            problems.add(where, "components in [units]", ", ".join(unknown), nearest(unknown[0], list(parts)))
+            problems.add(where, "names of [components]", ", ".join(unknown), nearest(unknown[0], list(parts)))
         elif key == "robot":
             problems.add(where, "another name", key, "The parameter set of the robot has it.")
         else:
@@ -130,8 +133,8 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
 
 
 def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
-    """Read an entry of [units]: a box, a unit, or a table of both."""
-    where = f"units.{key}"
+    """Read an entry of [components]: a box, a unit, or a table of both."""
+    where = f"components.{key}"
     if isinstance(value, str):
         return Part(_located(value, folder))
     if isinstance(value, list):

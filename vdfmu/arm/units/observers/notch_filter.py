@@ -18,8 +18,8 @@ class NotchFilter(Unit):
     at f is zeta_n / zeta_d exactly. At any other frequency f_z it is the gain of H at
     ``w tan(pi f_z period) / tan(pi f period)``. At rest it is 1. The filter starts at rest with u = 0.
 
-    ``vdfmu modes`` shows the first mode for f. At f_z far below f the filter lags by 2 (zeta_d - zeta_n) f_z / f rad:
-    too much for a loop with a bandwidth near f.
+    ``vdfmu linear ROBOT`` shows the first mode for f. At f_z far below f the filter lags by
+    2 (zeta_d - zeta_n) f_z / f rad: too much for a loop with a bandwidth near f.
     """
 
     u = Input("N.m", JOINTS, "torque before the filter, motor-side")

@@ -1,0 +1,120 @@
+"""Calls of an elementary function side by side, as ``elementary.h`` takes four numbers in the time of one.
+
+In the trace of an arm the calls of each joint follow each other. Operations that do not depend on each other change
+places, so that calls of a function meet. The values are the same bits.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
+
+LANES = 4
+"""Numbers in a call, as in ``elementary.h``."""
+_CALL = re.compile(r"w\d+ = (exp|expm1|tanh|atan|sin|cos)\(w(\d+)\);")
+_VALUE = re.compile(r"\bw(\d+)\b( = )?")
+"""A value, and whether the text writes it."""
+
+
+class Operation(NamedTuple):
+    """A line of code: its text, the values ``w`` that it reads and writes, its arguments and results."""
+
+    text: str
+    reads: tuple[int, ...] = ()
+    writes: tuple[int, ...] = ()
+    arguments: tuple[str, ...] = ()
+    results: tuple[str, ...] = ()
+
+
+def grouped(operations: list[Operation]) -> list[Operation]:
+    """Return operations with calls of the same function side by side, or the same list if each call is alone."""
+    single = _written_once(operations)
+    makers = {i: k for k, operation in enumerate(single) for i in operation.writes}
+    calls = [_CALL.fullmatch(operation.text) for operation in single]
+    levels: list[int] = []  # calls before, on the longest path
+    groups: defaultdict[tuple[int, str], dict[int, list[int]]] = defaultdict(dict)  # level and name to operand to calls
+    for k, (operation, call) in enumerate(zip(single, calls, strict=True)):
+        before = (makers[i] for i in operation.reads)
+        levels.append(max((levels[j] + (calls[j] is not None) for j in before), default=0))
+        if call is not None:
+            name = "sin_cos" if call[1] in ("sin", "cos") else call[1]
+            groups[levels[k], name].setdefault(int(call[2]), []).append(k)
+    if all(sum(map(len, operands.values())) < 2 for operands in groups.values()):
+        return operations
+    ordered: list[Operation] = []
+    left = dict.fromkeys(range(len(single)))
+    for (_, name), operands in sorted(groups.items()):
+        needed: set[int] = set()
+        missing = [makers[i] for i in operands]
+        while missing:
+            if (k := missing.pop()) in left and k not in needed:
+                needed.add(k)
+                missing += [makers[i] for i in single[k].reads]
+        ordered += [single[k] for k in sorted(needed)]
+        items = list(operands.items())
+        for i in range(0, len(items), LANES):
+            ordered.append(
+                _call(name, [(operand, [single[k] for k in each]) for operand, each in items[i : i + LANES]])
+            )
+        for k in (*needed, *(k for each in operands.values() for k in each)):
+            del left[k]
+    return _in_few_places([*ordered, *(single[k] for k in left)])
+
+
+def _call(name: str, calls: Sequence[tuple[int, list[Operation]]]) -> Operation:
+    """Return the operation for calls: operand, and the calls of it, two for sin and cos."""
+    names = ("x", "y") if name == "sin_cos" else ("x",)
+    writes: list[int] = []
+    taken: list[str] = []
+    for j, (_, operations) in enumerate(calls):
+        for operation in operations:
+            writes += operation.writes
+            taken.append(f"w{operation.writes[0]} = {'y' if ' = cos(' in operation.text else 'x'}[{j}];")
+    reads = tuple(operand for operand, _ in calls)
+    values = ", ".join(f"w{i}" for i in reads)
+    declared = f"double x[{LANES}] = {{{values}}}{f', y[{LANES}]' if len(names) > 1 else ''};"
+    text = f"{{ {declared} each_{name}({', '.join(names)}, {len(calls)}); {' '.join(taken)} }}"
+    return Operation(text, reads, tuple(writes))
+
+
+def _renumbered(operation: Operation, read: dict[int, int], written: dict[int, int]) -> Operation:
+    """Return an operation with other numbers of its values."""
+    text = _VALUE.sub(lambda m: f"w{(written if m[2] else read)[int(m[1])]}{m[2] or ''}", operation.text)
+    reads, writes = tuple(read[i] for i in operation.reads), tuple(written[i] for i in operation.writes)
+    return operation._replace(text=text, reads=reads, writes=writes)
+
+
+def _written_once(operations: list[Operation]) -> list[Operation]:
+    """Return operations that write each value once."""
+    now: dict[int, int] = {}
+    made: list[Operation] = []
+    count = 0
+    for operation in operations:
+        new = dict(zip(operation.writes, range(count, count := count + len(operation.writes)), strict=True))
+        made.append(_renumbered(operation, now, new))
+        now |= new
+    return made
+
+
+def _in_few_places(operations: list[Operation]) -> list[Operation]:
+    """Return operations with the same place for values that are not needed at the same time."""
+    last = {i: k for k, operation in enumerate(operations) for i in (*operation.writes, *operation.reads)}
+    places: dict[int, int] = {}
+    free: list[int] = []
+    made: list[Operation] = []
+    count = 0
+    for k, operation in enumerate(operations):
+        read = {i: places[i] for i in operation.reads}
+        free += [places.pop(i) for i in read if last[i] == k]
+        new: dict[int, int] = {}
+        for i in operation.writes:
+            if not free:
+                free.append(count)
+                count += 1
+            new[i] = free.pop()
+        places |= new
+        free += [places.pop(i) for i in new if last[i] == k]
+        made.append(_renumbered(operation, read, new))
+    return made
