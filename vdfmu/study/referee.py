@@ -126,16 +126,16 @@ def differences(runs: Sequence[Floats], names: Sequence[str], sampled: Collectio
     size, groups = np.abs(quarter).max(axis=0), np.array([name.partition("[")[0] for name in names])
     scale = np.maximum(size, [_FLOOR * size[groups == group].max() for group in groups])
     scale = np.where(scale > 0.0, scale, np.inf)
-    change = np.abs(np.diff(runs[2], axis=0)) / scale
+    change: Any = np.abs(np.diff(runs[2], axis=0)) / scale
     jumping = change[1:-1] > np.clip(_JUMP * np.maximum(change[:-2], change[2:]), *_JUMPS)
     bend = np.abs(np.diff(runs[2], 2, axis=0)) / scale
     bending = bend[1:-1] > np.maximum(_JUMP * np.maximum(bend[:-2], bend[2:]), _BEND)
     smooth, timed = ~jumping.any(axis=0), np.isin([name.partition(".")[0] for name in names], [*sampled])
-    events = jumping[:, ~timed].any(axis=1)
+    events: Any = jumping[:, ~timed].any(axis=1)
     events[:-1] |= bending[:, ~timed & smooth].any(axis=1)
-    sample = (change[:, timed] > 0.0).any(axis=1)
+    sample: Any = (change[:, timed] > 0.0).any(axis=1)
     count = int((events & ~(sample[:-2] | sample[1:-1] | sample[2:])).sum())
-    late = count * change[:, smooth].max(initial=0.0 if smooth.any() else 1.0) if count else 0.0
+    late = count * change[1:-1, smooth].max(initial=0.0 if smooth.any() else 1.0) if count else 0.0
     far, near = np.abs(first - half), np.abs(half - quarter)
     return Differences(
         far.max(axis=0) / scale, near.max(axis=0) / scale, far.argmax(axis=0), jumping.sum(axis=0), float(late)
