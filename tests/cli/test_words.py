@@ -118,6 +118,8 @@ def test_the_bare_command_names_eight_commands_and_help_has_all_in_groups(tmp_pa
     done = command("--help", cwd=tmp_path)
     assert all(f"\n{group}:\n" in done.stdout for group in COMMANDS)
     assert "\nCommands:\n" not in done.stdout
+    groups = [command(name, "--help", cwd=tmp_path).stdout for name in ("sweep", "robot", "scenario", "unit")]
+    assert max(len(line) for said in (done.stdout, *groups) for line in said.splitlines()) <= 80
 
 
 @pytest.mark.parametrize("name", ALL)

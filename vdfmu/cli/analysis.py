@@ -246,7 +246,7 @@ def judge(
         names=known_scenarios)],
     robot: RobotOption = None,
     wanted: Annotated[float | None, option_of(
-        JudgeOptions, "judge", "Largest error wanted in % of a signal's peak (default 1).")] = None,
+        JudgeOptions, "judge", "Largest error in % of a peak (default 1).")] = None,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
     master: Annotated[str | None, master_option] = None,

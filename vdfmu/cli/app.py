@@ -59,8 +59,9 @@ class Described(click.Command):
 
     @property
     def summary(self) -> str:
-        """First paragraph of the help."""
-        return " ".join((self.help or "").partition("\n\n")[0].split())
+        """First sentence of the help."""
+        first = " ".join((self.help or "").partition("\n\n")[0].split())
+        return first.partition(". ")[0].rstrip(".") + "."
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write usage, description, a line for each argument, option and command, and the example."""

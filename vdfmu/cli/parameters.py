@@ -20,10 +20,9 @@ _FLAGS = 29
 """Columns of the help before the text of an option."""
 _TASKS = {
     "System": "robot set unit backend compiler fmi input input-hold variant",
-    "Time": "start stop step at",
-    "Coupling": "master adaptive tolerance isolate memory-limit wait-limit ignore-unmatched",
+    "Time, coupling": "start stop step at master adaptive tolerance isolate memory-limit wait-limit ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
-    "Judgement": "reference measure cost limit combine margin method evaluations",
+    "Judgement": "reference judge wanted meant measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
     "Browser": "live port pace open simulate",
     "Output": "out overwrite format record pictures width json",

@@ -24,9 +24,6 @@ from vdfmu.cli.terminal import (
 )
 from vdfmu.study.options import SweepOptions, TuneOptions
 
-_SHOWN = 5
-"""Failed points that are listed."""
-
 
 class _SweepGroup(App):
     """``vdfmu sweep SCENARIO`` is ``vdfmu sweep run SCENARIO``."""
@@ -38,7 +35,7 @@ class _SweepGroup(App):
 app = _SweepGroup(
     "sweep",
     no_args_is_help=True,
-    help="Run a scenario at many points: vdfmu sweep SCENARIO --vary ..",
+    help="Run a scenario at many points. The word run may be left out: vdfmu sweep SCENARIO --vary ..",
     context_settings={"ignore_unknown_options": True},
 )
 
@@ -59,12 +56,14 @@ def run(
 
     After Ctrl-C or a kill the same command resumes.
     """
+    from vdfmu.study.report.sheets import sheet_table
     from vdfmu.study.sweeps.sweep import sweep
 
     study = sweep(scenario, vary or (), **options)
+    _say_answer(study)
     say_notes(study.notes)
-    _say_measures(study)
-    say_written(study.path, more=f", {len(study)} points")
+    tell(sheet_table(study.sheet()))
+    say_written(study.path, study.report(), more=f"; {len(study)} points")
 
 
 StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
@@ -124,16 +123,13 @@ def report(
     say_written(sweep.report(out, simulate=simulate))
 
 
-def _say_measures(study: Any) -> None:
-    """Print the range of each measure, and the points that failed."""
-    from vdfmu.study.report.sheets import sheet_table
+def _say_answer(study: Any) -> None:
+    """Print the answer of a study: its first sentence as a verdict, then the others."""
+    from vdfmu.study.report.sheets import state_text
 
-    tell(sheet_table(study.sheet()))
-    failed = study.failed
-    for point, words in list(failed.items())[:_SHOWN]:
-        say(f"point {point} failed: {words}")
-    if len(failed) > _SHOWN:
-        say(f"and {len(failed) - _SHOWN} more points failed: column 'failed'")
+    first, *rest = study.answer.sentences
+    console.print(state_text(study.answer.state, first), soft_wrap=True)
+    tell(*rest)
 
 
 def tune(
@@ -154,11 +150,14 @@ def tune(
     from vdfmu.study.tuning.tune import tune as run_tune
 
     tuned = run_tune(scenario, vary, cost, **options)
+    study = Sweep(tuned.folder)
+    _say_answer(study)
     say_notes(tuned.notes)
-    units = Sweep(tuned.folder).facts["units"] | {"phase": "rad", "delay": "s"}
+    units = study.facts["units"] | {"phase": "rad", "delay": "s"}
     shown = table("", "before", "after", "")
     for name, before, after in tuned.table():
         shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
     tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
-    say(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs, {tuned.missed} values without the margin.")
-    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")))
+    tell(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs, {tuned.missed} values without the margin.")
+    page = study.report()
+    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")), page)

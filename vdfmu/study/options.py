@@ -94,11 +94,11 @@ class JudgeOptions(TypedDict, total=False):
     """How the error by communication is judged."""
 
     judge: Annotated[float | None, Option(
-        "Judge the error by communication; largest error in % of a signal's peak.", "float",
+        "Judge coupling errors; largest in % of a peak.", "float",
         "In Python a share, 0.01. Three more runs take 7 times the steps.",
         metavar="PERCENT", typed=str, read=read_percent)]
     meant: Annotated[str | None, Option(
-        "Meaning of components that may sample and have no period.", more="Sampled components keep the step as their "
+        "Meaning of components without a period.", more="Sampled components keep the step as their "
         "period. By default both readings are judged.", choices=("sampled", "continuous"))]
 
 

@@ -16,6 +16,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.study.identify.fit import identified_robot, identify, robot_text, score
 from vdfmu.study.identify.log import Log, read_log
+from vdfmu.study.report.drawings import draw_torques
 
 PHYSICAL = ("I_m", "f_c", "f_s", "v_s", "f_v")
 
@@ -325,3 +326,18 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
     ):
         with pytest.raises(UsageError, match=message):
             call()
+
+
+def test_differences_of_torques_have_a_zero_line_and_a_histogram_of_the_same_values():
+    t, rng = np.linspace(0.0, 1.0, 400), np.random.default_rng(0)
+    error = 0.1 * rng.standard_normal((400, 2))
+    picture = draw_torques(t, np.ones((400, 2)), error, ["N.m", "N.m"])
+    for i, axes in enumerate(picture.axes[1::2]):
+        assert any(not np.any(line.get_ydata()) for line in axes.get_lines())
+        (beside,) = axes.child_axes
+        # density times width: of 40 bins every value is in one; shares of an even number of values
+        bars = beside.patches
+        share = sum(bar.get_width() * bar.get_height() for bar in bars)
+        assert share == pytest.approx(1.0, rel=1e-9)
+        ends = min(bar.get_y() for bar in bars), max(bar.get_y() + bar.get_height() for bar in bars)
+        assert ends == pytest.approx((error[:, i].min(), error[:, i].max()), rel=1e-9)

@@ -1,14 +1,16 @@
 """The page of several runs: what differs in their settings, and in what they did."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import vdfmu
 from tests.study.page.browser import show
 from vdfmu.engine.results.results import Results
+from vdfmu.study.report.comparison import answer, change, difference_sheet, joint_sheets
 from vdfmu.study.report.page import report_page, write_report
-from vdfmu.study.report.parts import change, difference_sheet, joint_sheets
-from vdfmu.study.report.shown_run import read_run
+from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.system.scenario.values import system_values
 
 
@@ -62,7 +64,30 @@ def test_errors_of_two_runs_have_their_change_and_those_of_one_or_three_have_not
     runs = [read_run(folder) for folder in two]
     assert b'id="comparison"' not in report_page(runs[:1])
     page = report_page(runs).decode()
-    assert page.index("What differs") < page.index("What it does") < page.index('id="arm"')
+    order = ['<p class="verdict">first is better in', "What differs", "What they do", "Position RMS", 'id="arm"']
+    places = [page.index(words) for words in order]
+    assert places == sorted(places)
+
+
+def run_of(state="good", **figures):
+    figures = {key: {"value": value, "unit": unit} for key, (value, unit) in figures.items()}
+    summary = {"key_figures": figures, "verdict": {"state": state, "words": "", "checks": []}}
+    return ShownRun("run", Results(np.zeros(1), [], {}, {}), summary, Path("none"))
+
+
+def test_the_answer_says_which_run_is_better_in_what_and_by_how_much():
+    first = run_of(tool_error=(6e-6, ""), margin=(0.8, ""), torque=(10.0, "N.m"))
+    second = run_of(tool_error=(2e-6, ""), margin=(0.2, ""), torque=(10.001, "N.m"))
+    assert answer(["a", "b"], [first, second]) == (
+        "b is better in tool error (2 µm instead of 6 µm, × 0.333); "
+        "a is better in modulus margin (0.8 instead of 0.2, × 4)."
+    )
+    assert answer(["a", "b"], [first, first]) == "The runs do the same: no key figure differs by 0.1 %."
+    assert answer(["a", "b"], [run_of("failed", margin=(0.9, "")), second]) == "b is better: a failed."
+    third = run_of(tool_error=(1.2e-6, ""), torque=(9.0, "N.m"))
+    assert answer(["a", "b", "c"], [first, second, third]).startswith(
+        "c is best in tool error (1.2 µm instead of 2 µm, × 0.6) and peak torque (9 N.m instead of 10 N.m, × 0.9)"
+    )
 
 
 @pytest.mark.heavy
@@ -72,8 +97,9 @@ def test_joints_are_drawn_one_by_one_over_each_other_or_as_differences(two, brow
     browser.run("document.querySelector('#comparison .grid').scrollIntoView()")
     browser.settle()
     assert browser.run(f"{grid}.map(e => e.querySelector('strong').textContent)") == ["Joint 1", "Joint 2"]
-    rows = browser.run("[...document.querySelectorAll('#comparison tbody tr')].map(r => r.firstChild.textContent)")
-    assert "Tracking error" in rows
+    # on the first screen of a laptop, above the tables
+    top = "document.querySelector('#comparison .chart').getBoundingClientRect().top + scrollY"
+    assert browser.run(top) < 450 < browser.run(top.replace(".chart", ".tables"))
     first, second = (Results.read(folder / "results.csv") for folder in two)
     found = browser.run("""(() => {
         const curves = report.curvesOf("figures", "tracking.revolute").filter(c => c.joint === 2);

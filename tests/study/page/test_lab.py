@@ -52,7 +52,7 @@ def test_a_chosen_point_is_run_with_its_parameters(study, browser):
 
 def test_dragging_along_an_axis_chooses_points_in_all_pictures(study, browser):
     show(browser, study.folder / "report.html")
-    shown = "[...document.querySelectorAll('#lab .study')].map(s => s.querySelectorAll('circle.off, .way.off').length)"
+    shown = "[...document.querySelectorAll('#lab .study')].map(s => s.querySelectorAll('.point.off, .way.off').length)"
     assert browser.run(shown) == [0, 0, 0]
     k = browser.run("report.lab.axes.findIndex(c => c.name.startsWith('controller.K_p'))")
     centre(browser, "#lab > figure .axis")
@@ -77,7 +77,7 @@ def test_a_click_on_a_point_opens_it_and_without_a_simulation_the_page_has_all_e
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     browser.mouse("mousePressed", x, y, button="left", clickCount=1)
     browser.mouse("mouseReleased", x, y, button="left", clickCount=1)
-    assert browser.run("document.querySelector('.panel h3').textContent") == f"Point {study['point'][row]}"
+    assert browser.run("document.querySelector('.panel h2').textContent") == f"Point {study['point'][row]}"
     path = Sweep(study.path).report(tmp_path / "report.html", simulate=False)
     assert path.stat().st_size < 200_000
     show(browser, path, *PHONE)
@@ -88,3 +88,22 @@ def test_a_click_on_a_point_opens_it_and_without_a_simulation_the_page_has_all_e
         ".filter(e => !(e.getAttribute('aria-label') || e.textContent || e.labels?.length)).length"
     )
     assert unnamed == 0
+
+
+def test_triangles_fill_the_plane_between_points_and_scales_have_several_ticks(study, browser):
+    show(browser, study.folder / "report.html")
+    areas = browser.run("""(() => {
+        const [mass, gain] = report.lab.axes.filter(c => !c.words.length);
+        const { places, triangles } = report.lab.field(mass, gain);
+        return triangles.map(t => t.map(k => places[k])).map(([a, b, c]) =>
+            ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2);
+    })()""")
+    # a grid of 3 x 2 over the unit square: two squares of two triangles, each moved by 1e-7 at most
+    np.testing.assert_allclose(areas, [0.25] * 4, atol=1e-6)
+    ticks = """(() => { const Column = report.lab.columns[0].constructor;
+        const facts = { name: "a", unit: "", words: [], axis: true };
+        return [[1900, 2100], [300, 9000], [1e-7, 1e2]].map(values =>
+            new Column({ ...facts, log: true, values }).ticks(5)); })()"""
+    narrow, decade, wide = browser.run(ticks)
+    assert narrow == [1900, 1950, 2000, 2050, 2100] and decade == [500, 1000, 2000, 5000]
+    np.testing.assert_allclose(wide, [1e-7, 1e-5, 1e-3, 1e-1, 1e1], rtol=1e-12)

@@ -128,7 +128,8 @@ def test_the_widest_numbers_fit_80_columns_and_facts_are_those_of_the_run():
     assert list(facts(TRACKING)) == [
         ("Scenario", "two_joint"), ("Robot", "manipulator_6dof"), ("Friction", "lumped"), ("Units", "python FMUs"),
         ("Master", "gauss-seidel"), ("Step", "0.001 s"), ("Stop", "30 s"), ("Tolerance", "1e-07"), ("Steps", "30000"),
-        ("Wall time", "6.77 s"), ("Real-time factor", "4.43"), ("Settings", "controller.K_p[1] = 1500"),
+        ("Wall time", "6.77 s"), ("Real-time factor", "4.43 simulated seconds a second"),
+        ("Settings", "controller.K_p[1] = 1500"),
     ]  # fmt: skip
     text = shown(run_panel(TRACKING))
     assert all(name in text and value in text for name, value in facts(TRACKING))

@@ -7,6 +7,8 @@ import pytest
 
 import vdfmu
 from tests.wild import build, write
+from vdfmu.study.sweeps.axes import draw, read_axes
+from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.sweep import Sweep
 
 WAYS = {"well": 0.0, "crash": 1.0, "leave": 2.0, "hang": 3.0, "refuse": 8.0}
@@ -49,3 +51,24 @@ def study(wild, out, **options):
 @pytest.fixture(scope="module")
 def undisturbed(wild, tmp_path_factory):
     return table(study(wild, tmp_path_factory.mktemp("undisturbed") / "study"))
+
+
+def study_of(folder, over, function, sample="grid", n=None, fail=()):
+    """Write a study of a function of the parameters, as runs would leave it."""
+    axes, points = draw(read_axes(over), sample, n)
+    values = function(*points.values())
+    facts = {
+        "vdfmu": "0", "scenario": "f", "source": "f", "axes": [str(axis) for axis in axes], "sample": sample,
+        "n": len(values), "seed": 0, "settings": {}, "options": {}, "systems": [],
+        "measures": {"y": "final(f.y)"},
+        "units": {"y": "rad", **{axis.target: "kg" for axis in axes}},
+    }  # fmt: skip
+    rows = [
+        {"point": k, "failed": "it broke" if k in fail else None, "failed_at": None, "wall_s": 0.1}
+        | ({} if k in fail else {"y": float(y)})
+        for k, y in enumerate(values)
+    ]
+    with Ledger(folder, facts, "key", points) as ledger:
+        for first in range(0, len(rows), 50):
+            ledger.add(rows[first : first + 50])
+        return vdfmu.Sweep(ledger.finish())

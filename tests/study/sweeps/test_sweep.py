@@ -369,8 +369,8 @@ def test_the_command_says_what_it_found(wild, tmp_path):
     words = ["sweep", str(wild), "--vary", "unit.way=0, 1", "--measure", "end=final(unit.y)", "--step", "0.1"]
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "study")])
     assert done.exit_code == 0, done.output
-    assert "point 1 failed: a component crashed the process (SIGSEGV)" in done.output
-    assert "sweep.parquet, 2 points" in done.output
+    assert "1 of 2 points failed: a component crashed the process (SIGSEGV) (1, unit.way 1)" in done.output
+    assert "sweep.parquet, report.html; 2 points" in done.output
     wrong = CliRunner().invoke(app, ["sweep", str(wild), "--vary", "unit.way"])
     assert isinstance(wrong.exception, UsageError) and "TARGET=FORM" in str(wrong.exception)
 

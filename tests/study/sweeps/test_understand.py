@@ -10,14 +10,15 @@ from click.testing import CliRunner
 from matplotlib.colors import to_rgb
 
 import vdfmu
+from tests.study.sweeps.conftest import study_of
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
-from vdfmu.study.sweeps.axes import draw, read_axes, shares
+from vdfmu.study.sweeps.answer import cause_of, failed_groups
+from vdfmu.study.sweeps.axes import shares
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.measures import read_measures, unit_of
-from vdfmu.study.sweeps.page import cause_of, failed_groups
-from vdfmu.study.sweeps.plots import FAILED
+from vdfmu.study.sweeps.plots import FAILED, KINDS
 from vdfmu.study.sweeps.table import groups, view
 
 A, B = 7.0, 0.1
@@ -30,33 +31,12 @@ def ishigami(x1, x2, x3):
     return np.sin(x1) + A * np.sin(x2) ** 2 + B * x3**4 * np.sin(x1)
 
 
-def study(folder, over, function, sample="grid", n=None, fail=()):
-    """Write a study of a function of the parameters, as runs would leave it."""
-    axes, points = draw(read_axes(over), sample, n)
-    values = function(*points.values())
-    facts = {
-        "vdfmu": "0", "scenario": "f", "source": "f", "axes": [str(axis) for axis in axes], "sample": sample,
-        "n": len(values), "seed": 0, "settings": {}, "options": {}, "systems": [],
-        "measures": {"y": "final(f.y)"},
-        "units": {"y": "rad", **{axis.target: "kg" for axis in axes}},
-    }  # fmt: skip
-    rows = [
-        {"point": k, "failed": "it broke" if k in fail else None, "failed_at": None, "wall_s": 0.1}
-        | ({} if k in fail else {"y": float(y)})
-        for k, y in enumerate(values)
-    ]
-    with Ledger(folder, facts, "key", points) as ledger:
-        for first in range(0, len(rows), 50):
-            ledger.add(rows[first : first + 50])
-        return vdfmu.Sweep(ledger.finish())
-
-
 CUBE = {f"f.x{i}": f"lin({-np.pi}, {np.pi})" for i in (1, 2, 3)}
 
 
 @pytest.fixture(scope="module")
 def saltelli(tmp_path_factory):
-    return study(tmp_path_factory.mktemp("saltelli") / "study", CUBE, ishigami, "saltelli", 512)
+    return study_of(tmp_path_factory.mktemp("saltelli") / "study", CUBE, ishigami, "saltelli", 512)
 
 
 def test_sobol_indices_are_the_analytic_ones_and_narrow_with_the_root_of_the_points(saltelli):
@@ -88,15 +68,15 @@ def test_morris_gives_slopes_and_bends_of_functions_and_of_the_points_of_a_study
     bent = morris_indices(u[:, 0] * u[:, 1], u, "abc")
     assert bent.values["sigma"][0] > 0.1 and bent.values["sigma"][2] == 0.0
     over = {"f.a": "log(1, 100)", "f.b": "lin(0, 5)"}
-    found = study(tmp_path / "s", over, lambda a, b: np.log10(a) + b, "morris", 10).indices()
+    found = study_of(tmp_path / "s", over, lambda a, b: np.log10(a) + b, "morris", 10).indices()
     # over the whole range of each axis: two decades, and 5
     np.testing.assert_allclose(found.values["mu_star"], [2, 5], rtol=1e-12)
 
 
 def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
-    broken = study(tmp_path / "s", CUBE, ishigami, "saltelli", 8, fail=[3])
-    grid = study(tmp_path / "t", {"f.x": "lin(0, 1, 5)"}, lambda x: x)
-    still = study(tmp_path / "u", CUBE, lambda *x: 0 * x[0], "saltelli", 8)
+    broken = study_of(tmp_path / "s", CUBE, ishigami, "saltelli", 8, fail=[3])
+    grid = study_of(tmp_path / "t", {"f.x": "lin(0, 1, 5)"}, lambda x: x)
+    still = study_of(tmp_path / "u", CUBE, lambda *x: 0 * x[0], "saltelli", 8)
     for call, words in (
         (broken.indices, "need all points, 1 of 64 have no value; point 3: it broke.*--retry"),
         (lambda: broken.plot("indices"), "kind: indices needs all points"),
@@ -105,6 +85,17 @@ def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
     ):
         with pytest.raises(UsageError, match=words):
             call()
+
+
+@pytest.mark.parametrize(("power", "scale"), [(1, "linear"), (5, "log")])
+def test_a_tornado_of_a_measure_over_decades_has_a_logarithmic_axis(tmp_path, power, scale):
+    over = {"f.a": "lin(1, 5, 5)", "f.b": "lin(1, 2, 3)"}
+    shown = view(study_of(tmp_path / "s", over, lambda a, b: b * a**power))
+    (axes,) = KINDS["tornado"][0](shown).axes
+    assert axes.get_xscale() == scale
+    # from 1 to 2 * 5^power, as means over the other axis: bars end within the axis
+    low, high = axes.get_xlim()
+    assert (low > 0.0 or scale == "linear") and high > 1.5 * 5.0**power
 
 
 @pytest.mark.heavy
@@ -116,7 +107,7 @@ def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
     ({"f.a": "lin(0, 1)", "f.b": "lin(0, 1)"}, "morris", 8, {"tornado"}),
 ])  # fmt: skip
 def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, over, sample, n, kinds):
-    found = study(tmp_path / "s", over, lambda a, *others: 1e-3 + a**3, sample, n, fail=[2])
+    found = study_of(tmp_path / "s", over, lambda a, *others: 1e-3 + a**3, sample, n, fail=[2])
     files = found.plot(out=tmp_path / "figures")
     assert {file.name for file in files} == {f"y_{kind}.png" for kind in kinds}
     for file in files:
@@ -129,7 +120,7 @@ def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, ove
 def test_indices_are_drawn_and_axes_come_by_influence(saltelli, tmp_path):
     assert [file.name for file in saltelli.plot("indices", out=tmp_path)] == ["y_indices.png"]
     over = {"f.a": "lin(0, 1, 3)", "f.b": "lin(0, 1, 3)", "f.c": "lin(0, 1, 3)"}
-    shown = view(study(tmp_path / "s", over, lambda a, b, c: a - 5 * b + 3 * c))
+    shown = view(study_of(tmp_path / "s", over, lambda a, b, c: a - 5 * b + 3 * c))
     assert [side.label for side in shown.sides] == ["f.b [kg]", "f.c [kg]", "f.a [kg]"]
     # means over the other two axes, 0.5 - 0.5 * 5 and so on: rounding
     ends = [groups(side, shown.value) for side in shown.sides]
@@ -139,23 +130,23 @@ def test_indices_are_drawn_and_axes_come_by_influence(saltelli, tmp_path):
 def test_files_are_named_without_their_folders_and_large_numbers_in_full(tmp_path):
     over = {"robot": ["/far/away/light.toml", "heavy"], "f.a": "lin(1e4, 5e4, 3)"}
     sides = {
-        side.name: side for side in view(study(tmp_path / "s", over, lambda robot, a: a + (robot == "heavy"))).sides
+        side.name: side for side in view(study_of(tmp_path / "s", over, lambda robot, a: a + (robot == "heavy"))).sides
     }
     assert sides["robot"].words == ("light.toml", "heavy")
     assert [sides["f.a"].text(x) for x in (12345.0, 1e-5, 3e6, 0.25)] == ["12300", "1e-05", "3e+06", "0.25"]
 
 
 def test_a_measure_without_values_is_shown_as_such_and_what_cannot_be_drawn_said(tmp_path):
-    found = study(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: a * np.nan)
-    assert found.ranges() == [["y", "no value", "", "", ""]]
-    failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
+    found = study_of(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: a * np.nan)
+    assert found.ranges() == [["y", "no value", "", "", "", ""]]
+    failed = study_of(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
     with pytest.raises(UsageError, match="no point has a value of y: all failed"):
         failed["y"]
     assert failed.undefined() == []
-    some = study(tmp_path / "w", {"f.a": "lin(0, 1, 3)"}, lambda a: np.where(a == 0.0, np.nan, a), fail=[2])
+    some = study_of(tmp_path / "w", {"f.a": "lin(0, 1, 3)"}, lambda a: np.where(a == 0.0, np.nan, a), fail=[2])
     assert some.undefined() == ["y has no finite value at 1 of 3 points."]
-    found = study(tmp_path / "v", {"f.a": "lin(0, 1, 4)"}, lambda a: a)
-    one = study(tmp_path / "u", {"f.a": "1"}, lambda a: a * 1.0)
+    found = study_of(tmp_path / "v", {"f.a": "lin(0, 1, 4)"}, lambda a: a)
+    one = study_of(tmp_path / "u", {"f.a": "1"}, lambda a: a * 1.0)
     for each, options, words in (
         (found, {"kind": "pie"}, "kind: expected curve, tornado, indices, got pie"),
         (found, {"kind": "tornado"}, "kind: tornado needs two axes that vary"),
@@ -188,7 +179,7 @@ def test_the_page_stands_alone_and_says_how_to_run_the_worst_point(tmp_path):
     from lxml import html
 
     over = {"f.a": "lin(0, 1, 5)", "f.b": "lin(0, 1, 5)"}
-    found = study(tmp_path / "a <study>", over, lambda a, b: a + b, fail=[24])
+    found = study_of(tmp_path / "a <study>", over, lambda a, b: a + b, fail=[24])
     text = found.report().read_text("utf-8")
     page = html.fromstring(text)
     assert not page.xpath("//img | //link[not(starts-with(@href, 'data:'))] | //script[@src]")
@@ -203,7 +194,7 @@ def test_the_page_stands_alone_and_says_how_to_run_the_worst_point(tmp_path):
 
 
 def test_failures_are_grouped_by_cause_and_units_are_kept_by_expressions(tmp_path):
-    found = study(tmp_path / "study", {"f.a": "lin(0, 1, 3)", "f.b": "1, 2"}, lambda a, b: a + b, fail=[4, 5])
+    found = study_of(tmp_path / "study", {"f.a": "lin(0, 1, 3)", "f.b": "1, 2"}, lambda a, b: a + b, fail=[4, 5])
     (group,) = failed_groups(found)
     assert (group.points, group.where) == ([4, 5], "f.a 1")
     texts = {
@@ -236,7 +227,7 @@ def test_a_study_knows_the_units_of_its_axes_and_measures(tmp_path):
 def test_parts_do_not_repeat_what_the_study_is_and_the_worst_point_has_the_largest_value(tmp_path):
     """100,000 listed values in each of 2,000 parts would take gigabytes."""
     values = np.linspace(0.0, 1.0, 5000)
-    found = study(tmp_path / "s", {"f.a": values}, lambda a: a)
+    found = study_of(tmp_path / "s", {"f.a": values}, lambda a: a)
     assert len(found.facts["axes"][0]) > 5000
     facts = {**found.facts, "n": 5000}
     with Ledger(tmp_path / "t", facts, "key", {"f.a": values}) as ledger:
@@ -244,7 +235,7 @@ def test_parts_do_not_repeat_what_the_study_is_and_the_worst_point_has_the_large
         part = next((tmp_path / "t" / "parts").glob("*.parquet"))
         assert part.stat().st_size < 10_000  # ten rows of five columns; the axis alone is 100 kB of text
         assert vdfmu.Sweep(tmp_path / "t").facts["axes"] == found.facts["axes"]  # before the end too
-    found = study(tmp_path / "study", {"f.x": [3.0, -2.0, 5.0, 9.0]}, lambda x: x, fail=(3,))
+    found = study_of(tmp_path / "study", {"f.x": [3.0, -2.0, 5.0, 9.0]}, lambda x: x, fail=(3,))
     assert [found.row(which)["point"] for which in ("worst", "best", 0)] == [2, 1, 0]
     assert found.row("best", "y")["y"] == -2.0
-    assert found.ranges() == [["y", "-2", "3", "5", "2"]]
+    assert found.ranges() == [["y", "-2", "3", "5", "1", "2"]]

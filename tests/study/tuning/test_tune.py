@@ -1,6 +1,7 @@
 """Tuning from end to end: better values within what is required, the same ones after a stop, all runs kept."""
 
 import dataclasses
+import html
 import json
 import os
 import re
@@ -248,6 +249,10 @@ def test_the_command_shows_before_and_after(tmp_path):
     assert result.exit_code == 0, result.output
     assert re.search(r"peak_error\[1\]\s+\S+\s+\S+\s+rad", result.output)
     assert "[controller]\nK_p = [" in result.output
+    study = Sweep(tmp_path / "search")
+    assert result.output.splitlines()[0].split(" ", 1)[1] == study.answer.sentences[0]
+    assert study.answer.sentences[0] in html.unescape((tmp_path / "search" / "report.html").read_text("utf-8"))
+    assert study.search and study.search.start == {0}
 
 
 @pytest.mark.parametrize(("options", "words"), [

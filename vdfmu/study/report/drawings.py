@@ -59,7 +59,10 @@ def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
 
 
 def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str]) -> Picture:
-    """Draw measured torques (m, n) over time, link-side, with the model over them, and their differences."""
+    """Draw measured torques (m, n) over time, link-side, with the model over them, and their differences.
+
+    Beside the differences stand their histograms.
+    """
     results = _recorded(t, {"measured": torque, "model": torque - error, "difference": error})
     figures: list[Figure] = []
     for i, unit in enumerate(units, 1):
@@ -70,7 +73,23 @@ def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str])
         difference = Curve("difference", i, [(1.0, f"difference[{i}]")])
         figures.append(Figure(f"torque.{i}", f"Joint {i}", Shown(unit), both))
         figures.append(Figure(f"difference.{i}", f"Joint {i}, measured minus model", Shown(unit), [difference]))
-    return draw(figures, {"": results}, columns=2)
+    picture = draw(figures, {"": results}, columns=2)
+    for i, axes in enumerate(picture.axes[1::2]):
+        (line,) = axes.get_lines()
+        beside = axes.inset_axes((1.02, 0.0, 0.2, 1.0), sharey=axes)
+        _draw_histogram(beside, np.asarray(line.get_ydata()), style.joint_look(i)["color"])
+        beside.set_axis_off()
+        axes.axhline(0.0, color=_BEFORE, linewidth=0.6)
+    return picture
+
+
+def _draw_histogram(axes: Axes, left: Floats, color: Any) -> None:
+    """Draw how often residuals occur, values upwards, and a normal distribution of the same deviation around zero."""
+    axes.hist(left, bins=40, density=True, orientation="horizontal", color=color, alpha=0.6)
+    deviation = max(float(np.sqrt(np.mean(left**2))), 1e-300)
+    at = np.linspace(-4.0, 4.0, 81)
+    axes.plot(np.exp(-(at**2) / 2.0) / deviation / np.sqrt(2.0 * np.pi), deviation * at, color="black", linewidth=0.8)
+    axes.axhline(0.0, color=_BEFORE, linewidth=0.6)
 
 
 @style.styled
@@ -195,21 +214,21 @@ def _draw_joints(axes: Axes, pairs: Floats, title: str, quantity: str, unit: str
     axes.set_xlabel("Joint")
 
 
-_ACROSS = ("speed", "load", "position", "spectrum", "autocorrelation")
+_ACROSS = ("speed", "load", "position", "histogram", "spectrum", "autocorrelation")
 
 
 @style.styled
 def draw_residuals(title: str, score: LogScore, robot: Robot) -> Picture:
     """Draw residuals of torques, then of deformations, a row a joint.
 
-    Columns: over the rotor's speed, the load of the drive and the position; the share of power by frequency; the
-    autocorrelation, with bounds of 95 % of independent rows.
+    Columns: over the rotor's speed, the load of the drive and the position; the histogram with a normal distribution;
+    the share of power by frequency; the autocorrelation, with bounds of 95 % of independent rows.
     """
     problem, t = score.rows.problem, score.rows.t
     rows = [(i, "torque", score.torque_error[:, i]) for i in range(robot.n)]
     rows += [(i, "deformation", 1e6 * score.deformation_error[:, i]) for i in range(robot.n) if problem.seen[i]]
     words = "Measured minus model, in the band of the estimation. Clouds of a complete model are shapeless."
-    figure = style.new_figure(title, words, width=14.0, height=1.7 * len(rows) + 1.0)
+    figure = style.new_figure(title, words, width=16.0, height=1.7 * len(rows) + 1.0)
     for k, (i, quantity, left) in enumerate(rows):
         turns = robot.joint_types[i] == "revolute"
         unit = {"torque": "N.m" if turns else "N", "deformation": "µrad" if turns else "µm"}[quantity]
@@ -226,6 +245,9 @@ def draw_residuals(title: str, score: LogScore, robot: Robot) -> Picture:
                 axes.plot(over[across][0], left, ".", color=look["color"], markersize=2.5)
                 axes.axhline(0.0, color="#888888", linewidth=0.6)
                 label = over[across][1]
+            elif across == "histogram":
+                _draw_histogram(axes, left, look["color"])
+                label = "density"
             elif across == "spectrum":
                 axes.plot(*_spectrum(t, left), color=look["color"])
                 label = "frequency [Hz]"

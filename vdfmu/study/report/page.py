@@ -28,8 +28,9 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import line_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
+from vdfmu.study.report.comparison import answer, comparison
 from vdfmu.study.report.content import content_of
-from vdfmu.study.report.parts import checks, comparison, facts_table, marks, page_title, tables, tiles
+from vdfmu.study.report.parts import checks, facts_table, marks, page_title, tables, tiles
 from vdfmu.study.report.shown_run import NAME, ShownRun, read_run
 from vdfmu.study.report.simulation import simulation_of
 from vdfmu.study.run.key_figures import cut_figures
@@ -48,12 +49,15 @@ class StudyPart(NamedTuple):
     body: str
     content: Mapping[str, Any]
     """For ``web/lab.js``."""
+    lead: str
+    """Answer of the study, HTML."""
 
 
 def study_page(study: StudyPart) -> bytes:
     """Return the page of a study that simulates nothing."""
     body = "\n".join([study.body, scripts.data_element({"runs": [], "study": study.content})])
-    return page(study.title, study.about, body, 84, scripts.look(), scripts=scripts.scripts_of("study"))
+    look, code = scripts.look(), scripts.scripts_of("study")
+    return page(study.title, study.about, body, 84, look, lead=study.lead, scripts=code)
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
@@ -132,11 +136,14 @@ def report_page(
         for k, (name, summary) in enumerate(zip(names, summaries, strict=True))
         if (line := line_of(summary))
     ]
+    several = len(runs) > 1 and not arm_alone
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, *_ in lines) or about, arm_alone)
     if study:
-        return page(study.title, study.about, body, 84, head, first=_SKIP, scripts=scripts.scripts_of("sweep"))
-    lead = "".join(f'<p class="verdict {state}" data-run="{k}">{escape(line)}</p>\n' for line, state, k in lines)
+        code = scripts.scripts_of("sweep")
+        return page(study.title, study.about, body, 84, head, first=_SKIP, lead=study.lead, scripts=code)
+    verdicts = [f'<p class="verdict {state}" data-run="{k}">{escape(line)}</p>\n' for line, state, k in lines]
+    lead = (f'<p class="verdict">{escape(answer(names, runs))}</p>\n' if several else "") + "".join(verdicts)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     script = scripts.scripts_of("run")
     return page(", ".join(names), about, body, 92, head, tab=tab, first=_SKIP, lead=lead, scripts=script)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 from html import escape
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.base.errors import SspError
-from vdfmu.base.measure import number, quantity
+from vdfmu.base.measure import quantity
 from vdfmu.base.page import table
-from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.verdict import GOOD, checks_line, checks_of, state_of
-from vdfmu.study.report.sheets import TRACKING, Sheet, facts, sheets, units_of
+from vdfmu.study.report.sheets import Sheet, facts, sheets, units_of
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.summary_keys import Summary
 
@@ -80,6 +77,11 @@ _VALUES: Mapping[str, Callable[[float], str]] = {
 """Key figure without a unit to the text of its value."""
 
 
+def value_of(key: str, figure: Summary) -> str:
+    """Return the text of a key figure's value."""
+    return _VALUES[key](figure["value"]) if key in _VALUES else quantity(figure["value"], figure["unit"])
+
+
 def tiles_of(summary: Summary) -> list[Tile]:
     """Return the tiles of a summary: first its faults, then what its components do, then what every arm does."""
     figures: Summary = summary.get("key_figures") or {}
@@ -89,7 +91,6 @@ def tiles_of(summary: Summary) -> list[Tile]:
             tiles += _estimate_tiles(summary)
         if (figure := figures.get(key)) is None:
             continue
-        value = _VALUES[key](figure["value"]) if key in _VALUES else quantity(figure["value"], figure["unit"])
         component = figure.get("place", "").partition(".")[0]
         form, shown, measure = (
             text.format_map({**figure, "time": f"{figure['at_s']:.3g} s", "component": component})
@@ -99,7 +100,7 @@ def tiles_of(summary: Summary) -> list[Tile]:
         name = name.replace("torque", "force").replace("Torque", "Force") if figure.get("unit") == "N" else name
         if "limit" in figure:
             note = f"{100 * figure['value'] / figure['limit']:.3g} % of its limit, {note}"
-        tiles.append(Tile(name, value, note, shown, measure, figure["at_s"]))
+        tiles.append(Tile(name, value_of(key, figure), note, shown, measure, figure["at_s"]))
     return tiles[:MOST_TILES]
 
 
@@ -140,22 +141,11 @@ def tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     for name, run in zip(names, runs, strict=True):
         for sheet in sheets(run.summary, fit=True):
             title = (f"{name}: " if len(runs) > 1 else "") + sheet.title
-            yield f'<section class="card"><h2>{escape(title)}</h2>{_sheet(sheet, title)}</section>'
+            yield f'<section class="card"><h2>{escape(title)}</h2>{sheet_html(sheet, title)}</section>'
 
 
-def comparison(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
-    """Yield different settings and errors of runs; the page adds largest values and figures."""
-    summaries = [run.summary for run in runs]
-    settings = difference_sheet(names, summaries, [run.package for run in runs])
-    yield f'<section class="card differs"><h2>{settings.title}</h2>{_sheet(settings, settings.title)}</section>'
-    tables = "".join(
-        f"<div><h3>{escape(sheet.title)}</h3>{_sheet(sheet, sheet.title)}</div>"
-        for sheet in joint_sheets(names, summaries)
-    )
-    yield f'<section id="comparison" class="card"><h2>What it does</h2><div class="tables">{tables}</div></section>'
-
-
-def _sheet(sheet: Sheet, title: str) -> str:
+def sheet_html(sheet: Sheet, title: str) -> str:
+    """Return a table in HTML, and its notes."""
     heads = [escape(head).replace("\n", "<br>") for head in sheet.columns]
     notes = "".join(f"<p class=note>{escape(note)}</p>" for note in sheet.notes)
     return (f'<div class="wide">{_table(heads, sheet.rows, title)}</div>' if sheet.rows else "") + notes
@@ -190,116 +180,3 @@ def _facts_of(run: ShownRun) -> Iterator[tuple[str, str]]:
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], caption: str) -> str:
     made = table(heads, ([escape(cell) for cell in row] for row in rows), ("name", *[""] * (len(heads) - 1)))
     return made.replace("<table>", f'<table>\n<caption class="hidden">{escape(caption)}</caption>', 1)
-
-
-_MEASURED = (
-    "Package", "Steps", "Wall time", "Real-time factor", "Pace", "Machine", "Communication", "Energy residual",
-    "Chaotic loop", "No reference", "Settings",
-)  # fmt: skip
-"""Facts that are results, or that are compared value by value."""
-_SHOWN = 6
-"""Most elements of an array that are listed."""
-_MISSING = "-"
-Values = Mapping[str, Mapping[str, tuple[Any, str]]]
-"""Array, ``component.name``, to its elements: value and unit of measurement."""
-
-
-def difference_sheet(names: Sequence[str], summaries: Sequence[Summary], packages: Sequence[Path]) -> Sheet:
-    """Return the different settings of runs: facts, and values of their packages, or of ``--set``."""
-    tables = [
-        {name: text for name, text in facts(summary) if name not in _MEASURED}
-        | {f"Plant, {key}": f"× {factor}" for key, factor in (summary.get("plant_factors") or {}).items()}
-        | {"vdfmu": str(summary.get("vdfmu", ""))}
-        for summary in summaries
-    ]
-    rows = _compared(tables, _MISSING)
-    values = [_package_values(path) for path in packages]
-    notes: list[str] = []
-    if None not in values:
-        rows += _value_rows([each or {} for each in values])
-    else:
-        rows += _compared([summary.get("settings") or {} for summary in summaries], "as in the scenario")
-        notes.append("A package is missing, so only values of --set are compared.")
-    differing = [row for row in rows if len(set(row[1:-1])) > 1]
-    if not differing:
-        return Sheet("What differs", ("",), [], ["The settings of the runs are the same."])
-    if not any(row[-1] for row in differing):
-        return Sheet("What differs", ("", *names), [row[:-1] for row in differing], notes)
-    return Sheet("What differs", ("", *names, "change"), differing, notes)
-
-
-def _compared(tables: Sequence[Mapping[str, Any]], missing: str) -> list[tuple[str, ...]]:
-    """Return a row for each key of tables, without a change."""
-    keys = dict.fromkeys(key for table in tables for key in table)
-    return [(key, *(str(table.get(key, missing)) for table in tables), "") for key in keys]
-
-
-def joint_sheets(names: Sequence[str], summaries: Sequence[Summary]) -> list[Sheet]:
-    """Return a table for each error that several runs have, joint by joint; of two runs with the change."""
-    made: list[Sheet] = []
-    for heading, key, unit_key in TRACKING:
-        runs = [(name, summary[key], units_of(summary, unit_key, len(summary[key])))
-                for name, summary in zip(names, summaries, strict=True) if summary.get(key)]  # fmt: skip
-        if len(runs) < 2:
-            continue
-        two = len(runs) == 2
-        rows: list[tuple[str, ...]] = []
-        for i in range(max(len(values) for _, values, _ in runs)):
-            cells = [quantity(values[i], units[i]) if i < len(values) else _MISSING for _, values, units in runs]
-            pair = [values[i] if i < len(values) else None for _, values, _ in runs]
-            rows.append((str(i + 1), *cells, *([change(*pair)] if two else [])))
-        columns = ("Joint", *(name for name, _, _ in runs), *(["change"] if two else []))
-        made.append(Sheet(heading.replace("\n", " "), columns, rows, []))
-    return made
-
-
-def change(before: float | None, after: float | None) -> str:
-    """Return the factor by which a number changed; empty without two numbers."""
-    if not before or after is None:
-        return ""
-    return "none" if after == before else f"× {number(after / before)}"
-
-
-def _package_values(path: Path) -> Values | None:
-    """Return the values that the bindings of a package give, by array and element; None without a package."""
-    try:
-        components = load_ssp(path).components if path.is_file() else None
-    except SspError:
-        return None
-    if components is None:
-        return None
-    values: dict[str, dict[str, tuple[Any, str]]] = {}
-    for component in components:
-        for bound in component.parameters:
-            array, _, index = bound.name.partition("[")
-            unit = bound.unit.name if bound.unit else ""
-            values.setdefault(f"{component.name}.{array}", {})[index.rstrip("]")] = (bound.value, unit)
-    return values
-
-
-def _value_rows(runs: Sequence[Values]) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = []
-    for key in dict.fromkeys(key for values in runs for key in values):
-        arrays = [values.get(key, {}) for values in runs]
-        indices = list(dict.fromkeys(index for array in arrays for index in array))
-        differing = [i for i in indices if len({repr(array.get(i)) for array in arrays}) > 1]
-        if not differing:
-            continue
-        units = dict.fromkeys(unit for array in arrays for _, unit in array.values() if unit not in ("", "1"))
-        shown = indices if len(differing) == len(indices) else differing
-        part = "" if shown == indices else f"[{', '.join(shown[:_SHOWN])}]"
-        numbers = [[array[i][0] if i in array else None for i in shown] for array in arrays]
-        pair = [values[0] for values in numbers if len(set(values)) == 1 and type(values[0]) is float]
-        changed = change(*pair) if len(numbers) == len(pair) == 2 else ""
-        unit = f" [{next(iter(units))}]" if len(units) == 1 else ""
-        rows.append((f"{key}{part}{unit}", *map(_text, numbers), changed))
-    return rows
-
-
-def _text(values: Sequence[Any]) -> str:
-    """Return values in a row; once if all are the same."""
-    flat = [each for value in values for each in (value if isinstance(value, tuple) else (value,))]
-    words = [_MISSING if value is None else f"{value:g}" if isinstance(value, float) else str(value) for value in flat]
-    if len(set(words)) == 1:
-        return words[0]
-    return ", ".join(words[:_SHOWN]) + (" …" if len(words) > _SHOWN else "")

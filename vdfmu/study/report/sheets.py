@@ -155,7 +155,8 @@ _FACTS = {
     "Friction": ("friction", "{}"), "Units": ("backend", "{} FMUs"), "Master": ("master", "{}"),
     "Error control": ("adaptive", "{:g} a step"), "Step": ("step", "{:g} s"), "Stop": ("stop", "{:g} s"),
     "Tolerance": ("tolerance", "{:g}"), "Steps": ("steps", "{}"), "Wall time": ("wall_s", "{:.3g} s"),
-    "Real-time factor": ("real_time_factor", "{:.3g}"), "No reference": ("no_reference", "{}"),
+    "Real-time factor": ("real_time_factor", "{:.3g} simulated seconds a second"),
+    "No reference": ("no_reference", "{}"),
     "Coupling": ("judgement", "{[text]}"),
 }  # fmt: skip
 """Name to key and form."""
@@ -268,7 +269,11 @@ def verdict_table(summary: Summary) -> Table:
 
 def verdict_text(summary: Summary) -> Text:
     """Return the line of a run's verdict, and how many checks pass; empty without a verdict."""
-    state, text = state_of(summary), "; ".join(filter(None, (line_of(summary), checks_line(summary))))
+    return state_text(state_of(summary), "; ".join(filter(None, (line_of(summary), checks_line(summary)))))
+
+
+def state_text(state: str, text: str) -> Text:
+    """Return a line behind the sign of its state; empty without a state."""
     return Text.assemble((f"{SIGNS[state]} ", _STYLES[state]), (text, f"bold {_STYLES[state]}")) if state else Text()
 
 

@@ -177,7 +177,8 @@ def _reference(summary: Summary) -> Iterator[Check]:
         yield Check("Statistics of the scipy reference", _state(apart <= _STATISTICS), text)
         return
     si = {"deg": math.pi / 180.0, "mm": 1e-3}
-    limit, of = VISIBLE * max(si[u] * error for error, u in zip(errors, units, strict=True)), "what three digits show"
+    largest = max(si[u] * error for error, u in zip(errors, units, strict=True))
+    limit, of = VISIBLE * largest, f"{100.0 * VISIBLE:g} % of the largest error"
     if limit < RESOLUTION:  # an arm that has hardly moved: the reference knows no more
         limit, of = RESOLUTION, "the absolute tolerance of the reference's solver"
     apart = compared["max_position_difference_rad"]

@@ -1,37 +1,38 @@
-"""The page of a parameter study, pictures that choose together, tables, a run that opens any point; and its content."""
+"""The page of a study: its answer, pictures that choose together, tables, a run that opens any point; its content."""
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import inside, temporary_folder, write_whole
+from vdfmu.base.measure import quantity
 from vdfmu.base.page import table
 from vdfmu.study.report.page import NAME, StudyPart, report_page, study_page
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun, read_run
-from vdfmu.study.sweeps.axes import is_option, read_axes
+from vdfmu.study.sweeps.answer import Answer, failed_groups, place_of
+from vdfmu.study.sweeps.axes import is_option
 from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import Side, StudyTable, view
 
 
-def write_page(study: StudyTable, path: Path | None = None, *, simulate: bool = True) -> Path:
-    """Write the points of a study, the range of each measure, failures by cause, and indices; with `simulate` the run.
+def write_page(study: StudyTable, answer: Answer, path: Path | None = None, *, simulate: bool = True) -> Path:
+    """Write the answer of a study, its points, the range of each measure, and failures; with `simulate` the run.
 
     Default ``report.html`` in the folder of the study; VdfmuError if it cannot be written.
     """
     path = inside(study.folder, study.folder / NAME) if path is None else path
     with temporary_folder("vdfmu_page_") as folder:
-        part, run = _part(study, Path(folder) / "run", simulate)
+        part, run = _part(study, answer, Path(folder) / "run", simulate)
         page = study_page(part) if run is None else report_page([run], simulate=True, study=part)
     with suppress(OSError):  # writing then reports more
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -39,7 +40,7 @@ def write_page(study: StudyTable, path: Path | None = None, *, simulate: bool = 
     return path
 
 
-def _part(study: StudyTable, folder: Path, simulate: bool) -> tuple[StudyPart, Any]:
+def _part(study: StudyTable, answer: Answer, folder: Path, simulate: bool) -> tuple[StudyPart, Any]:
     facts, failed = study.facts, study.failed
     content: dict[str, Any] = {}
     run = None
@@ -58,7 +59,9 @@ def _part(study: StudyTable, folder: Path, simulate: bool) -> tuple[StudyPart, A
     else:
         lab = '<section id="lab" class="card" aria-label="Points of the study"></section>'
     axes, indexed = ", ".join(study.axes), facts["sample"] in ("saltelli", "morris")
-    about = f"{len(study)} of {facts['n']} points of {facts['scenario']} over {axes}; {len(failed)} failed"
+    tuning, n = "tune" in facts, len(study)
+    count = f"{n} runs of a search" if tuning else f"{n} of {facts['n']} points"
+    about = f"{count} over {axes}; {len(failed)} failed"
     sections = [
         lab,
         _card("Measures", _measures(study)),
@@ -68,7 +71,11 @@ def _part(study: StudyTable, folder: Path, simulate: bool) -> tuple[StudyPart, A
         _card("The study", _table(("", ""), _facts(study), "facts")),
         *(["<h2>The scenario as it is, and a chosen point</h2>"] if run is not None else []),
     ]
-    return StudyPart(f"Study of {facts['scenario']}", about, "\n".join(sections), content), run
+    lead = f'<p class="verdict {answer.state}">{escape(answer.sentences[0])}</p>\n'
+    if len(answer.sentences) > 1:
+        lead += f'<p class="answer">{escape(" ".join(answer.sentences[1:]))}</p>\n'
+    title = f"{'Tuning' if tuning else 'Study'} of {facts['scenario']}"
+    return StudyPart(title, about, "\n".join(sections), content, lead), run
 
 
 def _card(title: str, body: str) -> str:
@@ -81,7 +88,11 @@ def _facts(study: StudyTable) -> list[list[str]]:
         ["Scenario", str(facts["source"])],
         *(["Axis", f"{axis}{_unit(facts['units'].get(axis.partition('=')[0], ''))}"] for axis in facts["axes"]),
         *(["Measure", f"{name} = {text}"] for name, text in facts["measures"].items()),
-        ["Points", f"{len(study)} of {facts['n']} done, {facts['sample']}, seed {facts['seed']}"],
+        *(
+            [["Search", f"{len(study)} runs, {study.robots} robots, seed {facts['seed']}"]]
+            if "tune" in facts
+            else [["Points", f"{len(study)} of {facts['n']} done, {facts['sample']}, seed {facts['seed']}"]]
+        ),
         ["Time of a point", f"{np.nanmedian(wall):.3g} s in the median, {np.nansum(wall):.3g} s in all"],
         *(["Setting", f"{name} = {value}"] for name, value in {**facts["settings"], **facts["options"]}.items()),
         ["Engine", facts.get("engine", "fmu")],
@@ -90,25 +101,20 @@ def _facts(study: StudyTable) -> list[list[str]]:
 
 
 def _measures(study: StudyTable) -> str:
-    """Return the range of each measure, with a button for its worst point, named by the values of its axes."""
+    """Return the range of each measure, with buttons for its best and worst points, named by the axes' values."""
     rows: list[list[str]] = []
     places = {point: k for k, point in enumerate(study["point"].tolist())}
     columns = study.table(study.axes).to_pylist()
-    factors = {axis.target: " ×" if axis.factor else "" for axis in read_axes(study.facts["axes"])}
-    for column, *ends, point in study.ranges():
+    for column, low, middle, high, least, most in study.ranges():
         unit = study.facts["units"].get(column.partition("[")[0], "")
-        cells = [escape(column) + _unit(unit), *map(escape, ends)]
-        if point:
-            values = ", ".join(f"{name}{factors[name]} {_value(x)}" for name, x in columns[places[int(point)]].items())
-            cells.append(f'<button type="button" data-point="{point}">{escape(_short(values))}</button>')
-        else:
-            cells.append("")
-        rows.append(cells)
-    return _html_table(("measure", "smallest", "median", "largest", "largest at"), rows)
-
-
-def _value(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else Path(str(value)).name
+        ends = [
+            f'<button type="button" data-point="{point}">'
+            f"{escape(_short(place_of(study, columns[places[int(point)]])))}</button>" if point else ""
+            for point in (least, most)
+        ]  # fmt: skip
+        numbers = [quantity(float(text), unit) for text in (low, middle, high)] if least else [low, "", ""]
+        rows.append([escape(column), *map(escape, numbers), *ends])
+    return _html_table(("measure", "smallest", "median", "largest", "smallest at", "largest at"), rows)
 
 
 def _failures(study: StudyTable) -> str:
@@ -165,62 +171,6 @@ MOST_VALUES = 200_000
 """Parameters of all points that a page holds, 2 MB, and values of kept curves."""
 _ROWS = 200
 """Most rows of a kept curve."""
-_CAUSES = {
-    r"unstable": "unstable loop",
-    r"internal step reached its minimum": "solver of {}: its step reached the minimum, as of an unstable loop",
-    r"not finite": "values of {} are not finite",
-    r"time.?limit|took longer": "took longer than the time limit",
-}
-"""Pattern of the message of a failed run to the cause in words; {} is the component."""
-
-
-class FailedGroup(NamedTuple):
-    """Points that failed for one cause."""
-
-    cause: str
-    points: Sequence[int]
-    where: str
-    """Ranges of the axes, if they are narrower than over all points."""
-    message: str
-    """Message of the first point."""
-
-
-def cause_of(message: str) -> str:
-    """Return the cause that a message shares with other points: its text without numbers and elements."""
-    component = re.split(": | failed at ", message, maxsplit=1)[0]
-    for pattern, words in _CAUSES.items():
-        if re.search(pattern, message):
-            return words.format(component)
-    return re.sub(r"-?\d+(\.\d+)?(e[-+]?\d+)?", "…", message.splitlines()[0])[:160]
-
-
-def failed_groups(study: StudyTable) -> list[FailedGroup]:
-    """Return the failed points by cause, the most frequent first."""
-    groups: dict[str, list[int]] = {}
-    failed = study.failed
-    for point, message in failed.items():
-        groups.setdefault(cause_of(message), []).append(point)
-    if not failed:
-        return []
-    points = study["point"]
-    columns = {axis: study[axis] for axis in study.axes}
-    failures: list[FailedGroup] = []
-    for cause, members in sorted(groups.items(), key=lambda item: -len(item[1])):
-        chosen = np.isin(points, members)
-        ranges = [words for axis, values in columns.items() if (words := _range(axis, values, values[chosen]))]
-        failures.append(FailedGroup(cause, members, ", ".join(ranges), failed[members[0]]))
-    return failures
-
-
-def _range(axis: str, values: NDArray[Any], chosen: NDArray[Any]) -> str:
-    """Return the range of an axis in words; empty if all points have the same range."""
-    if values.dtype.kind not in "iuf":
-        words = sorted(set(map(str, chosen)))
-        return f"{axis} {', '.join(words)}" if len(words) < len(set(map(str, values))) else ""
-    low, high = chosen.min(), chosen.max()
-    if low == values.min() and high == values.max():
-        return ""
-    return f"{axis} {low:.3g}" + (f" to {high:.3g}" if high > low else "")
 
 
 def columns_of(study: StudyTable) -> list[dict[str, Any]]:
@@ -257,7 +207,19 @@ def study_content(study: StudyTable) -> dict[str, Any]:
         "failed": [failed.get(point) for point in points],
         "command": "" if package else f"vdfmu run --from {shlex.quote(str(study.path))} --row",
         "kept": _kept(study),
+        "roles": _roles(study),
     }
+
+
+def _roles(study: StudyTable) -> dict[str, list[int]]:
+    """Return the rows of points by their roles: start, chosen and infeasible of a search, the best of a sweep."""
+    if study.search is None:
+        return {"best": [int(np.nanargmin(study.values()))]}
+    points = study["point"]
+    return {
+        role: np.flatnonzero(np.isin(points, [*getattr(study.search, role)])).tolist()
+        for role in ("start", "chosen", "infeasible")
+    }  # fmt: skip
 
 
 def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]:

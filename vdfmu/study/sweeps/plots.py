@@ -149,7 +149,7 @@ def _tornado(shown: View) -> Figure:
             )  # fmt: skip
     axes.axvline(mean, color="#333333", linewidth=0.8)
     axes.set_yticks(range(len(sides)), [side.label for side in reversed(sides)])
-    axes.set_xlabel(fitted_label(axes.xaxis, shown.value))
+    dress(axes, shown.value, "x")
     axes.margins(x=0.12)
     axes.grid(visible=False, axis="y")
     return figure

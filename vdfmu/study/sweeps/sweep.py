@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -14,6 +15,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import report, with_progress
 from vdfmu.study.options import PlanOptions, SweepOptions
+from vdfmu.study.sweeps.answer import Answer, answer_of
 from vdfmu.study.sweeps.indices import Indices, indices
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.page import write_page
@@ -46,6 +48,11 @@ class Sweep(StudyTable):
     >>> sweep.failed                   # why points failed, by their number
     """
 
+    @cached_property
+    def answer(self) -> Answer:
+        """Return the result in sentences: best point, margin, ranking, the axis that matters most, failures."""
+        return answer_of(self)
+
     def indices(self, measure: str | None = None) -> Indices:
         """Return Sobol or Morris indices of a measure, see `vdfmu.study.sweeps.indices.indices`."""
         return indices(self, measure)
@@ -60,11 +67,11 @@ class Sweep(StudyTable):
         return plot(self, kind, measure, None if out is None else Path(out))
 
     def report(self, out: str | os.PathLike[str] | None = None, *, simulate: bool = True) -> Path:
-        """Write a page of all points and measures, default ``report.html`` in the folder; return its path.
+        """Write a page of the answer, points and measures, default ``report.html`` in the folder; return its path.
 
         With `simulate` it has a run of the scenario, if it can be run, and runs any point again.
         """
-        return write_page(self, None if out is None else Path(out), simulate=simulate)
+        return write_page(self, self.answer, None if out is None else Path(out), simulate=simulate)
 
 
 @with_progress

@@ -6,8 +6,9 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
 from vdfmu.study.report.sheets import Sheet
-from vdfmu.study.run.summary_keys import ANY, TEXT, WHOLE, Keyed, List, Record, typed
+from vdfmu.study.run.summary_keys import ANY, NUMBER, TEXT, WHOLE, Keyed, List, Record, typed
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.job import WiredSystem
 from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
@@ -29,6 +30,27 @@ _FACTS = Record({
     "systems": List({"package": TEXT}),
 }, {"engine": TEXT})  # fmt: skip
 """Facts of the study that are read, and their types."""
+
+
+_TUNED = Record({
+    "points": Record(dict.fromkeys(("start", "chosen", "infeasible"), List(WHOLE))),
+    "comparison": List(Record({"name": TEXT, "before": NUMBER, "after": NUMBER})),
+})  # fmt: skip
+"""Results of a search that are read, and their types."""
+TUNED = "tune.json"
+"""File of these results."""
+
+
+class SearchPoints(NamedTuple):
+    """Points of a search."""
+
+    start: frozenset[int]
+    """Points with the values of the scenario."""
+    chosen: frozenset[int]
+    infeasible: frozenset[int]
+    """Points that failed, or miss a limit or the margin."""
+    compared: Mapping[str, tuple[float, float]]
+    """Name of a cost, measure or margin to its values at the start and at the chosen point."""
 
 
 class StudyTable:
@@ -97,6 +119,27 @@ class StudyTable:
     def __len__(self) -> int:
         return self.table(["point"]).num_rows if self._files else 0
 
+    @cached_property
+    def search(self) -> SearchPoints | None:
+        """The points of a search by their roles; None for a sweep, and before a search has ended."""
+        file = self.folder / TUNED
+        if "tune" not in self.facts or not file.exists():
+            return None
+        try:
+            content, problems = typed(json.loads(readable(file)), _TUNED)
+        except (UsageError, ValueError, RecursionError) as error:
+            content, problems = {}, [elided(str(error))]
+        if problems:
+            raise UsageError(f"{file}: expected the results of a search: {'; '.join(problems).rstrip('.')}.")
+        compared = {row["name"]: (row["before"], row["after"]) for row in content["comparison"]}
+        start, chosen, infeasible = (frozenset(content["points"][role]) for role in SearchPoints._fields[:3])
+        return SearchPoints(start, chosen, infeasible, compared)
+
+    @property
+    def robots(self) -> int:
+        """Robots that each value of a search runs with; 1 for a sweep."""
+        return self.facts["n"] if "tune" in self.facts else 1
+
     @property
     def failed(self) -> dict[int, str]:
         """Why points failed, by their number."""
@@ -129,19 +172,19 @@ class StudyTable:
         """Return the range of each measure as a table."""
         units = self.facts["units"]
         rows = [(*row, units.get(row[0].partition("[")[0], "")) for row in self.ranges()]
-        columns = ("measure", "smallest", "median", "largest", "at point", "unit")
+        columns = ("measure", "smallest", "median", "largest", "smallest\nat point", "largest\nat point", "unit")
         return Sheet(f"Measures of {self.facts['scenario']}", columns, rows, [])
 
     def ranges(self) -> list[list[str]]:
-        """Return for each column of a measure: name, smallest, median, largest, and the point of the largest."""
+        """Return for each column of a measure: name, smallest, median, largest, points of smallest and largest."""
         points, rows = self["point"], list[list[str]]()
         for column in self.measures:
             values = self[column]
             if np.isfinite(values).any():
                 ends = [f"{f(values):.4g}" for f in (np.nanmin, np.nanmedian, np.nanmax)]
-                rows.append([column, *ends, str(points[np.nanargmax(values)])])
+                rows.append([column, *ends, *(str(points[f(values)]) for f in (np.nanargmin, np.nanargmax))])
             else:
-                rows.append([column, "no value", "", "", ""])
+                rows.append([column, "no value", "", "", "", ""])
         return rows
 
     def undefined(self) -> list[str]:
@@ -154,6 +197,8 @@ class StudyTable:
         """Return a point: its number, or ``worst`` or ``best`` by the largest element of a measure, or by a column."""
         if which in ("worst", "best"):
             values = self.values(by)
+            if which == "best" and self.search and not self.search.chosen & self.search.infeasible:
+                values[np.isin(self["point"], [*self.search.infeasible])] = np.nan
             if not np.isfinite(values).any():
                 raise UsageError(f"{self.path}: no point has a value of {by or self.measures[0]}: all failed.")
             place = int((np.nanargmax if which == "worst" else np.nanargmin)(values))

@@ -263,6 +263,8 @@ class Score:
     """(n,): Smallest modulus margin of each loop over the run; empty without a required one."""
     measures: dict[str, float]
     """Largest of each other measure over all robots."""
+    points: tuple[int, ...] = ()
+    """Its rows in the table, a robot each."""
 
     @property
     def feasible(self) -> bool:
@@ -365,4 +367,5 @@ class Evaluations(Study):
             if name.partition("[")[0] in problem.plan.facts["measures"] and name not in columns
         }
         missed = np.nan_to_num(excess, nan=np.inf, posinf=np.inf)
-        return Score(np.array(key), number, cost, failed, missed, modulus, measures)
+        points = tuple(int(row["point"]) for row in rows)
+        return Score(np.array(key), number, cost, failed, missed, modulus, measures, points)

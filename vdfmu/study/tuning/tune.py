@@ -25,6 +25,7 @@ from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOp
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.study import check_workers
+from vdfmu.study.sweeps.table import TUNED
 from vdfmu.study.tuning.problem import Evaluations, Score, SpentError, make_problem
 from vdfmu.system.scenario.values import group_value
 
@@ -262,11 +263,15 @@ def _write(tuned: Tuned, scores: Sequence[Score]) -> None:
     content = {
         "values": sections, "comparison": rows, "evaluations": tuned.evaluations, "failed": tuned.failed,
         "missed_margin": tuned.missed, "notes": tuned.notes,
+        "points": {
+            "start": tuned.before.points, "chosen": tuned.after.points,
+            "infeasible": [point for score in scores if not score.feasible for point in score.points],
+        },
     }  # fmt: skip
     start = scores[0]
     history = [objective(score, start) for score in scores]
     try:
-        for name, text in (("tuned.toml", toml_text(sections)), ("tune.json", json.dumps(content, indent=1) + "\n")):
+        for name, text in (("tuned.toml", toml_text(sections)), (TUNED, json.dumps(content, indent=1) + "\n")):
             with replacing(tuned.folder / name) as file:
                 file.write(text.encode())
         save(draw_tuning(history, tuned.table()), tuned.folder / "tuning.png")

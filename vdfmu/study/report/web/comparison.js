@@ -1,4 +1,4 @@
-// What runs do differently: their largest values, and a figure for each joint with the runs over each other, or their difference.
+// What runs do differently: a figure for each joint with the runs over each other, or their difference.
 
 import {
   choice,
@@ -10,12 +10,9 @@ import {
   recorded,
   runs,
   simulated,
-  tableParts,
   toggle,
 } from "./data.js";
 import { Chart } from "./chart.js";
-import { changeOf } from "./budget.js";
-import { peakCell, peaksOf } from "./simulation.js";
 
 const LEAST = 50; // common times, of which a difference needs no values between rows
 
@@ -37,7 +34,6 @@ class RunsChart extends Chart {
 /** Fill the section of a page of several runs. */
 export function showComparison(section) {
   if (!section) return;
-  section.querySelector("h2").after(peakTable());
   const figures = [...merged("figures")];
   if (!figures.length) return;
   const others = recorded.slice(1);
@@ -54,7 +50,7 @@ export function showComparison(section) {
     },
   );
   chosen.querySelector("select").value = key;
-  section.append(
+  section.querySelector(".tables").before(
     make(
       "div",
       { class: "bar" },
@@ -85,36 +81,6 @@ function legend() {
     return make("span", {}, line, run.name);
   });
   return make("div", { class: "keys" }, ...entries);
-}
-
-/** Largest values of the figures that several runs have, and their change from the first of these. */
-function peakTable() {
-  const found = new Map();
-  recorded.forEach((run, k) => {
-    for (const peak of peaksOf(run)) {
-      const key = `${peak.words} [${peak.unit}]`;
-      if (!found.has(key)) found.set(key, Array(recorded.length).fill(null));
-      found.get(key)[k] = peak;
-    }
-  });
-  const rows = [...found.values()]
-    .filter((peaks) => peaks.filter(Boolean).length > 1)
-    .map((peaks) => {
-      const before = peaks.find(Boolean);
-      return [
-        before.words,
-        ...peaks.map((peak) => (peak ? peakCell(peak) : "–")),
-        ...peaks
-          .slice(1)
-          .map((peak) => (peak && peak !== before ? changeOf(before.value, peak.value) : "–")),
-      ];
-    });
-  const heads = [
-    "Largest",
-    ...recorded.map(({ name }) => name),
-    ...recorded.slice(1).map((_, k) => (recorded.length > 2 ? `change ${k + 2}` : "change")),
-  ];
-  return make("div", { class: "wide" }, make("table", {}, ...tableParts(heads, rows)));
 }
 
 function chartsOf(key, apart) {

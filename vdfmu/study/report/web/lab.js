@@ -1,7 +1,9 @@
 // The points of a study: pictures that choose together, the chosen point with its command, and its run in the bench.
 
-import { choice, copyButton, make, unpack } from "./data.js";
-import { Column, Contour, Parallel, Scatter, fieldOf, shade, svg } from "./lab_plots.js";
+import { choice, copyButton, darkScheme, make, unpack } from "./data.js";
+import { Column, shade } from "./lab_column.js";
+import { gathered, triangulate } from "./lab_field.js";
+import { Contour, Parallel, Scatter, svg } from "./lab_plots.js";
 import { quantity } from "./numbers.js";
 
 class Lab extends EventTarget {
@@ -9,8 +11,17 @@ class Lab extends EventTarget {
     super();
     this.study = study;
     this.columns = study.columns.map((facts) => new Column(facts));
+    /** @type {Map<Column, [number, number]>} shares between which points are chosen */
     this.ranges = new Map();
+    /** @type {number | null} row of the point that is open */
     this.chosen = null;
+    /** @type {Map<number, string>} role of a row; the last of several counts */
+    this.roles = new Map(
+      ["infeasible", "start", "chosen", "best"].flatMap((role) =>
+        (study.roles[role] ?? []).map((row) => [row, role]),
+      ),
+    );
+    this.missed = new Set(study.roles.infeasible);
     /** Parameters of all points, once they are unpacked. @type {Float64Array | null} */
     this.values = null;
     this.axes = this.columns.filter(({ axis }) => axis);
@@ -19,8 +30,28 @@ class Lab extends EventTarget {
     this.all = [...study.points.keys()];
   }
 
-  rows() {
-    return this.all;
+  /** Rows of all points; if `ordered`, the points that other points must not cover come last. */
+  rows(ordered = false) {
+    const heights = ["infeasible", "", "start", "chosen", "best"],
+      height = (row) => heights.indexOf(this.roleOf(row));
+    return ordered ? this.all.toSorted((a, b) => height(a) - height(b)) : this.all;
+  }
+
+  roleOf(row) {
+    return this.roles.get(row) ?? "";
+  }
+
+  /** Classes of the marks of a point. */
+  lookOf(row) {
+    const role = this.roleOf(row);
+    const looks = {
+      off: !this.passes(row),
+      missed: this.missed.has(row),
+      chosen: this.chosen === row,
+      begin: role === "start",
+      named: role !== "" && role !== "infeasible",
+    };
+    return ["", ...Object.keys(looks).filter((look) => looks[look])].join(" ");
   }
 
   changed() {
@@ -50,17 +81,23 @@ class Lab extends EventTarget {
   }
 
   titleOf(row) {
-    return `Point ${this.study.points[row]}: ${[...this.axes, this.colour].map((column) => `${column.name} ${column.written(row)}`).join(", ")}`;
+    return `${this.nameOf(row)}: ${[...this.axes, this.colour].map((column) => `${column.name} ${column.written(row)}`).join(", ")}`;
   }
 
+  nameOf(row) {
+    const role = this.roleOf(row);
+    return `Point ${this.study.points[row]}${role ? `, ${role}` : ""}`;
+  }
+
+  /** The measure between the points, over two axes. */
   field(across, up) {
-    if (across === up || across.words.length || up.words.length) return null;
-    const points = this.all.map((row) => [
-      across.share(row),
-      up.share(row),
-      this.colour.share(row),
-    ]);
-    return points.filter(([, , value]) => !Number.isNaN(value)).length < 4 ? null : fieldOf(points);
+    const of = [across, up, this.colour];
+    if (this.known?.of.every((column, k) => column === of[k])) return this.known;
+    const numbers = across !== up && !across.words.length && !up.words.length,
+      points = numbers ? this.all.map((row) => of.map((column) => column.share(row))) : [],
+      places = gathered(points, this.axes.length > 2);
+    this.known = { of, places, triangles: triangulate(places) };
+    return this.known;
   }
 
   /** Parameters of a point, for the page to simulate it; null where it cannot. */
@@ -79,70 +116,40 @@ class Lab extends EventTarget {
 /** Fill the section of the study; `bench` runs a point again, where there is one. */
 export function showLab(section, study, bench) {
   const lab = new Lab(study),
-    pick = (columns, chosen, words, change) => {
-      const list = choice(
-        words,
-        columns.map((column, k) => [k, column.label]),
-        (k) => change(columns[k]),
-      );
-      list.querySelector("select").value = columns.indexOf(chosen);
-      return list;
-    };
-  let [across, up] = [lab.axes[0], lab.colour],
-    over = [lab.axes[0], lab.axes[1]];
-  const shown = make("span", { role: "status" });
-  const count = () => {
-    const rows = lab.rows().filter((row) => lab.passes(row));
-    shown.textContent = `${rows.length} of ${lab.rows().length} points`;
+    shown = make("span", { role: "status" }),
+    lists = new Map();
+  /** Columns of the pictures, and of the colours. */
+  const at = { across: lab.axes[0], up: lab.colour, first: lab.axes[0], second: lab.axes[1] };
+  const put = (key, column) => {
+    at[key] = column;
+    lists.get(key).querySelector("select").value = lists.get(key).columns.indexOf(column);
   };
-  const scatter = new Scatter(lab, "Points over two columns", () => [across, up]);
-  const bars = [
-    pick(lab.measures, lab.colour, "Measure", (column) => {
-      if (up === lab.colour) {
-        up = column;
-        vertical.querySelector("select").value = lab.columns.indexOf(up);
-      }
-      lab.colour = column;
+  const pick = (key, words, columns, change = (column) => put(key, column)) => {
+    const pairs = columns.map((column, k) => [k, column.label]);
+    const list = choice(words, pairs, (k) => {
+      change(columns[k]);
       lab.changed();
-    }),
-    shown,
-    make("button", { type: "button", click: () => lab.clear() }, "Show all"),
-    scaleOf(lab),
-  ];
-  const vertical = pick(lab.columns, up, "Up", (column) => {
-    up = column;
-    lab.changed();
+    });
+    lists.set(key, Object.assign(list, { columns }));
+    if (at[key]) put(key, at[key]);
+    return list;
+  };
+  const measure = pick("colour", "Measure", lab.measures, (column) => {
+    if (at.up === lab.colour) put("up", column);
+    lab.colour = column;
   });
-  scatter.element.append(
-    make(
-      "div",
-      { class: "bar" },
-      pick(lab.columns, across, "Across", (column) => {
-        across = column;
-        lab.changed();
-      }),
-      vertical,
-    ),
-  );
-  const pictures = [scatter.element];
+  const scatter = new Scatter(lab, "Points over two columns", () => [at.across, at.up]),
+    ways = [pick("across", "Across", lab.columns), pick("up", "Up", lab.columns)],
+    pictures = [scatter.element];
+  scatter.element.append(make("div", { class: "bar" }, ...ways));
   if (lab.axes.length > 1) {
-    const contour = new Contour(lab, "Contours over two axes", () => over);
-    contour.element.append(
-      make(
-        "div",
-        { class: "bar" },
-        pick(lab.axes, over[0], "Across", (column) => {
-          over = [column, over[1]];
-          lab.changed();
-        }),
-        pick(lab.axes, over[1], "Up", (column) => {
-          over = [over[0], column];
-          lab.changed();
-        }),
-      ),
-    );
+    const contour = new Contour(lab, "Contours over two axes", () => [at.first, at.second]),
+      over = [pick("first", "Across", lab.axes), pick("second", "Up", lab.axes)];
+    contour.element.append(make("div", { class: "bar" }, ...over));
     pictures.push(contour.element);
   }
+  const all = make("button", { type: "button", click: () => lab.clear() }, "Show all"),
+    bars = [measure, shown, all, scaleOf(lab)];
   section.append(
     make("div", { class: "bar sticky" }, ...bars),
     make(
@@ -155,7 +162,10 @@ export function showLab(section, study, bench) {
     rangeInputs(lab),
     pointPanel(lab, bench),
   );
-  lab.addEventListener("change", count);
+  lab.addEventListener("change", () => {
+    const rows = lab.all.filter((row) => lab.passes(row));
+    shown.textContent = `${rows.length} of ${lab.all.length} points`;
+  });
   for (const element of /** @type {NodeListOf<HTMLElement>} */ (
     document.querySelectorAll("[data-point]")
   )) {
@@ -169,17 +179,23 @@ export function showLab(section, study, bench) {
   return lab;
 }
 
-/** What the colours mean. */
+/** What the colours and marks mean. */
 function scaleOf(lab) {
-  const [low, high, name] = ["low", "high", "name"].map(() => make("span")),
-    strip = make("i", {
-      style: `background:linear-gradient(90deg,${[0, 0.25, 0.5, 0.75, 1].map(shade)})`,
-    });
+  const { study } = lab,
+    [low, high, name] = ["low", "high", "name"].map(() => make("span")),
+    strip = make("i");
+  darkScheme.addEventListener("change", () => lab.changed());
   lab.addEventListener("change", () => {
+    strip.style.background = `linear-gradient(90deg,${[0, 0.25, 0.5, 0.75, 1].map(shade)})`;
     [low.textContent, high.textContent] = [0, 1].map((share) =>
       lab.colour.wordsOf(lab.colour.valueAt(share)),
     );
-    name.textContent = `${lab.colour.label}${lab.colour.log ? ", logarithmic" : ""}; cross: failed`;
+    const notes = [
+      lab.colour.log ? ", logarithmic" : "",
+      study.failed.some((words) => words !== null) ? "; cross: failed" : "",
+      lab.missed.size ? "; ring: misses a limit or the margin" : "",
+    ];
+    name.textContent = lab.colour.label + notes.join("");
   });
   return make("span", { class: "scale" }, low, strip, high, name);
 }
@@ -196,9 +212,7 @@ function rangeInputs(lab) {
           "aria-label": `${column.label}: ${end ? "at most" : "at least"}`,
           change: () => {
             const [low, high] = ends.map((input, k) =>
-              input.value === ""
-                ? [-1, 2][k]
-                : (column.onScale(Number(input.value)) - column.low) / (column.high - column.low),
+              input.value === "" ? [-1, 2][k] : column.shareOf(Number(input.value)),
             );
             lab.limit(new Map([[column, [low, high]]]));
           },
@@ -249,6 +263,15 @@ function pointPanel(lab, bench) {
           { class: "bar" },
           make("h2", {}, "No point chosen"),
           make("button", { type: "button", click: step(1) }, `Smallest ${lab.colour.name}`),
+          ...[...lab.roles]
+            .filter(([, role]) => role !== "infeasible")
+            .map(([named, role]) =>
+              make(
+                "button",
+                { type: "button", click: () => lab.choose(named) },
+                `The ${role} point`,
+              ),
+            ),
         ),
       );
     const values = lab.columns.map((column) =>
@@ -264,7 +287,7 @@ function pointPanel(lab, bench) {
         : study.reason ||
           "This point differs in more than parameters from what the page simulates; the command runs it.";
     panel.replaceChildren(
-      make("div", { class: "bar" }, make("h2", {}, `Point ${study.points[row]}`), ...buttons),
+      make("div", { class: "bar" }, make("h2", {}, lab.nameOf(row)), ...buttons),
       ...failed,
       make("dl", {}, ...values),
       ...(study.command

@@ -1,114 +1,17 @@
 // The pictures of a study: points over two columns, contours, and columns side by side. Dragging in one chooses points in all.
 
-import { largest, make } from "./data.js";
-import { fitted, quantity, raised, text } from "./numbers.js";
+import { make } from "./data.js";
+import { shade } from "./lab_column.js";
+import { levelPaths } from "./lab_field.js";
 
 const MARGIN = { left: 58, right: 14, top: 24, bottom: 42 };
-const CELLS = 48,
-  LEVELS = 8,
-  REACH = 16; // of a contour: cells a side, lines; px between a click and a point
-const STOPS = [
-  [68, 1, 84],
-  [59, 82, 139],
-  [33, 145, 140],
-  [94, 201, 98],
-  [253, 231, 37],
-]; // viridis
+const LEVELS = 8, // lines of a contour; two colours between them
+  LABEL = 48, // px of a tick
+  NARROW = 560, // px, from which labels of columns stand in two rows
+  REACH = 16; // px between a click and a point
 
-/** Colour of a share between 0 and 1: viridis; other values are not numbers. */
-export function shade(share) {
-  const place = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1),
-    k = Math.min(Math.floor(place), STOPS.length - 2);
-  return `rgb(${STOPS[k].map((from, i) => Math.round(from + (place - k) * (STOPS[k + 1][i] - from)))})`;
-}
-
-/** A column of the study: values by point, its scale, and how its values are written. */
-export class Column {
-  /** Ends of its scale. */
-  low = 0;
-  high = 1;
-
-  constructor(facts) {
-    /** @type {{ name: string, unit: string, axis: boolean, log: boolean, words: string[], values: (number | null)[] }} */
-    const { name, unit, axis, log, words, values } = facts;
-    this.name = name;
-    this.axis = axis;
-    this.log = log;
-    this.words = words;
-    const [fit, power] = words.length || log ? [] : fitted(unit, largest(values));
-    this.unit = fit || unit;
-    this.values = fit ? values.map((v) => (v === null ? null : v / 10 ** power)) : values;
-    const known = this.values.filter((v) => v !== null).map((v) => this.onScale(v));
-    [this.low, this.high] = known.length
-      ? [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b))]
-      : [0, 1];
-    if (this.high === this.low) [this.low, this.high] = [this.low - 0.5, this.high + 0.5];
-    this.label = this.unit ? `${this.name} [${this.unit}]` : this.name;
-  }
-
-  onScale(value) {
-    return this.log ? Math.log10(value) : value;
-  }
-
-  /** Share of the scale, NaN for a point without a value. */
-  share(row) {
-    return this.values[row] === null
-      ? NaN
-      : (this.onScale(this.values[row]) - this.low) / (this.high - this.low);
-  }
-
-  valueAt(share) {
-    const found = this.low + share * (this.high - this.low);
-    return this.log ? 10 ** found : found;
-  }
-
-  written(row) {
-    return this.values[row] === null
-      ? "no value"
-      : this.wordsOf(this.values[row], !this.words.length);
-  }
-
-  wordsOf(value, unit = false) {
-    return this.words.length
-      ? this.words[Math.round(value)]
-      : unit
-        ? quantity(value, this.unit)
-        : text(value, 3);
-  }
-
-  /** Values with room for their words. */
-  ticks(most) {
-    if (this.words.length) return this.words.map((_, k) => k);
-    const low = this.valueAt(0),
-      high = this.valueAt(1);
-    if (this.log) {
-      const powers = Array.from(
-        { length: Math.ceil(this.high) - Math.floor(this.low) + 1 },
-        (_, k) => 10 ** (Math.floor(this.low) + k),
-      );
-      const all =
-        powers.length > most
-          ? powers.filter((_, k) => k % Math.ceil(powers.length / most) === 0)
-          : powers.flatMap((p) => (powers.length > most / 2 ? [p] : [p, 2 * p, 5 * p]));
-      return all.filter((v) => v >= low * (1 - 1e-9) && v <= high * (1 + 1e-9));
-    }
-    const rough = (high - low) / most,
-      power = 10 ** Math.floor(Math.log10(rough)),
-      step = [1, 2, 5, 10].find((k) => k * power >= rough) * power;
-    return Array.from(
-      { length: Math.floor(high / step) - Math.ceil(low / step) + 1 },
-      (_, k) => (Math.ceil(low / step) + k) * step,
-    );
-  }
-
-  tickText(value) {
-    if (this.words.length || !this.log || value >= 0.01)
-      return this.wordsOf(Number(value.toPrecision(6)));
-    const exponent = Math.floor(Math.log10(value) + 1e-9),
-      digit = Math.round(value / 10 ** exponent);
-    return `${digit === 1 ? "" : `${digit}·`}10${raised(exponent)}`;
-  }
-}
+/** Looks of a point by its role. */
+const SHAPES = { start: { rx: 0 }, infeasible: { "fill-opacity": 0 } };
 
 export function svg(tag, attributes = {}, ...children) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
@@ -223,7 +126,7 @@ export class Scatter extends Picture {
     return [
       ...this.under(across, up),
       ...this.axes(across, up),
-      ...lab.rows().map((row) => this.mark(row, across, up)),
+      ...lab.rows(true).flatMap((row) => this.mark(row, across, up)),
     ];
   }
 
@@ -236,15 +139,15 @@ export class Scatter extends Picture {
     const end = this.x(1),
       low = this.y(0),
       parts = [svg("path", { class: "line", d: `M${this.x(0)} ${this.y(1)}V${low}H${end}` })];
-    for (const value of across.ticks(Math.floor((end - this.x(0)) / 70))) {
-      const x = this.x((across.onScale(value) - across.low) / (across.high - across.low));
+    for (const value of across.ticks(Math.floor((end - this.x(0)) / LABEL))) {
+      const x = this.x(across.shareOf(value));
       parts.push(
         svg("path", { class: "line", d: `M${x} ${low}v4` }),
         svg("text", { x, y: low + 16, class: "middle" }, across.tickText(value)),
       );
     }
     for (const value of up.ticks(6)) {
-      const y = this.y((up.onScale(value) - up.low) / (up.high - up.low));
+      const y = this.y(up.shareOf(value));
       parts.push(
         svg("path", { class: "line", d: `M${this.x(0)} ${y}h-4` }),
         svg("text", { x: this.x(0) - 7, y: y + 4, class: "end" }, up.tickText(value)),
@@ -266,25 +169,28 @@ export class Scatter extends Picture {
     ];
   }
 
+  /** A point: a circle, a ring if it misses a limit, a square for the start; a cross if it failed. */
   mark(row, across, up) {
     const { lab } = this,
       [x, y] = this.at(row, across, up),
-      failed = Number.isNaN(lab.colour.share(row));
-    const look = `${lab.passes(row) ? "" : " off"}${lab.chosen === row ? " chosen" : ""}`,
+      role = lab.roleOf(row),
+      named = role !== "" && role !== "infeasible",
+      size = named || lab.chosen === row ? 7 : 4.5,
+      share = lab.colour.share(row),
+      look = lab.lookOf(row),
       title = svg("title", {}, lab.titleOf(row));
-    return failed
-      ? svg("path", { class: `cross${look}`, d: `M${x - 4} ${y - 4}l8 8m0 -8l-8 8` }, title)
-      : svg(
-          "circle",
-          {
-            class: `point${look}`,
-            cx: x,
-            cy: y,
-            r: lab.chosen === row ? 7 : 4.5,
-            fill: shade(lab.colour.share(row)),
-          },
-          title,
-        );
+    if (Number.isNaN(share))
+      return [svg("path", { class: `cross${look}`, d: `M${x - 4} ${y - 4}l8 8m0 -8l-8 8` }, title)];
+    const place = { x: x - size, y: y - size, width: 2 * size, height: 2 * size, rx: size };
+    const mark = svg(
+      "rect",
+      { class: `point${look}`, ...place, fill: shade(share), ...SHAPES[role] },
+      title,
+    );
+    if (!named) return [mark];
+    const end = x > this.width / 2,
+      words = { class: `halo${end ? " end" : ""} name`, x: x + (end ? -11 : 11), y: y + 4 };
+    return [mark, svg("text", words, role)];
   }
 
   nearestRow(place) {
@@ -312,120 +218,25 @@ export class Scatter extends Picture {
 /** The measure over two axes, as colours and lines between the points. */
 export class Contour extends Scatter {
   under(across, up) {
-    const field = this.lab.field(across, up),
-      { colour } = this.lab;
-    if (!field) return [];
-    const canvas = make("canvas", { width: CELLS, height: CELLS }),
-      pen = canvas.getContext("2d");
-    field.forEach((line, j) =>
-      line.forEach((share, i) => {
-        if (Number.isNaN(share)) return;
-        pen.fillStyle = shade(share);
-        pen.fillRect(i, CELLS - 1 - j, 1, 1);
-      }),
-    );
-    const at = (i, j) => [this.x((i + 0.5) / CELLS), this.y((j + 0.5) / CELLS)],
-      paths = [];
-    for (let k = 1; k < LEVELS; k += 1)
-      paths.push(
-        svg(
-          "path",
-          { class: "level", d: contourLines(field, k / LEVELS, at) },
-          svg("title", {}, `${colour.name} = ${colour.wordsOf(colour.valueAt(k / LEVELS), true)}`),
-        ),
-      );
-    const box = {
-      x: this.x(0),
-      y: this.y(1),
-      width: this.x(1) - this.x(0),
-      height: this.y(0) - this.y(1),
-    };
-    return [
-      svg("image", { ...box, preserveAspectRatio: "none", href: canvas.toDataURL() }),
-      ...paths,
-    ];
-  }
-}
-
-/** Lines at which a field has a level, by marching squares. */
-function contourLines(field, level, at) {
-  const parts = [];
-  for (let j = 0; j + 1 < CELLS; j += 1) {
-    for (let i = 0; i + 1 < CELLS; i += 1) {
-      const corners = [
-          [i, j],
-          [i + 1, j],
-          [i + 1, j + 1],
-          [i, j + 1],
-        ],
-        values = corners.map(([a, b]) => field[b][a] - level),
-        ends = [];
-      if (values.some(Number.isNaN)) continue;
-      for (let k = 0; k < 4; k += 1) {
-        const next = (k + 1) % 4;
-        if (values[k] < 0 === values[next] < 0) continue;
-        const share = values[k] / (values[k] - values[next]);
-        ends.push(
-          at(...corners[k].map((from, axis) => from + share * (corners[next][axis] - from))),
+    const { colour } = this.lab,
+      { places, triangles } = this.lab.field(across, up),
+      at = ([x, y]) => [this.x(x), this.y(y)],
+      parts = [];
+    for (let k = 0; k < 2 * LEVELS; k += 1) {
+      const share = k / 2 / LEVELS,
+        { area, line } = levelPaths(places, triangles, share, at);
+      parts.push(svg("path", { d: area, fill: shade(share + 0.25 / LEVELS) }));
+      if (k && k % 2 === 0)
+        parts.push(
+          svg(
+            "path",
+            { class: "level", d: line },
+            svg("title", {}, `${colour.name} = ${colour.wordsOf(colour.valueAt(share), true)}`),
+          ),
         );
-      }
-      for (let k = 0; k + 1 < ends.length; k += 2)
-        parts.push(`M${ends[k].map((v) => v.toFixed(1))}L${ends[k + 1].map((v) => v.toFixed(1))}`);
     }
+    return parts;
   }
-  return parts.join("");
-}
-
-/** Values between points, shares of the measure's scale: on a grid in each of its cells, else means of the points weighted by nearness. */
-export function fieldOf(points) {
-  const places = (axis) =>
-      [...new Set(points.map((point) => point[axis].toFixed(9)))].map(Number).sort((a, b) => a - b),
-    [xs, ys] = [places(0), places(1)];
-  const cells = new Map();
-  for (const [x, y, value] of points) {
-    const key = `${x.toFixed(9)} ${y.toFixed(9)}`,
-      [sum, count] = cells.get(key) ?? [0, 0];
-    cells.set(key, [sum + value, count + 1]);
-  }
-  const full = xs.length > 1 && ys.length > 1 && cells.size === xs.length * ys.length;
-  const own = (i, j) => {
-    const [sum, count] = cells.get(`${xs[i].toFixed(9)} ${ys[j].toFixed(9)}`);
-    return sum / count;
-  };
-  const below = (all, v) =>
-    Math.max(
-      0,
-      Math.min(
-        all.findLastIndex((one) => one <= v + 1e-12),
-        all.length - 2,
-      ),
-    );
-  const known = points.filter(([, , value]) => !Number.isNaN(value));
-  const between = (x, y) => {
-    const i = below(xs, x),
-      j = below(ys, y),
-      a = (x - xs[i]) / (xs[i + 1] - xs[i]),
-      b = (y - ys[j]) / (ys[j + 1] - ys[j]);
-    return (
-      (1 - b) * ((1 - a) * own(i, j) + a * own(i + 1, j)) +
-      b * ((1 - a) * own(i, j + 1) + a * own(i + 1, j + 1))
-    );
-  };
-  const near = (x, y) => {
-    let sum = 0,
-      weights = 0;
-    for (const [px, py, value] of known) {
-      const weight = 1 / ((px - x) ** 2 + (py - y) ** 2 + 1e-4) ** 2;
-      sum += weight * value;
-      weights += weight;
-    }
-    return sum / weights;
-  };
-  return Array.from({ length: CELLS }, (_, j) =>
-    Array.from({ length: CELLS }, (__, i) =>
-      (full ? between : near)((i + 0.5) / CELLS, (j + 0.5) / CELLS),
-    ),
-  );
 }
 
 /** Columns side by side, a line a point. */
@@ -444,10 +255,12 @@ export class Parallel extends Picture {
 
   parts() {
     const { lab, columns } = this,
-      rows = [...lab.rows()].sort(
-        (a, b) =>
-          lab.passes(a) - lab.passes(b) || Number(lab.chosen === a) - Number(lab.chosen === b),
-      );
+      rows = lab
+        .rows(true)
+        .sort(
+          (a, b) =>
+            lab.passes(a) - lab.passes(b) || Number(lab.chosen === a) - Number(lab.chosen === b),
+        );
     const lines = rows.map((row) => {
       const failed = Number.isNaN(lab.colour.share(row)),
         d = columns
@@ -460,7 +273,7 @@ export class Parallel extends Picture {
       return svg(
         "path",
         {
-          class: `way${failed ? " failed" : ""}${lab.passes(row) ? "" : " off"}${lab.chosen === row ? " chosen" : ""}`,
+          class: `way${failed ? " failed" : ""}${lab.lookOf(row)}`,
           d: `M${d}`,
           stroke: failed ? "var(--fail)" : shade(lab.colour.share(row)),
         },
@@ -476,7 +289,7 @@ export class Parallel extends Picture {
             {
               class: "end halo",
               x: x - 6,
-              y: this.y((column.onScale(value) - column.low) / (column.high - column.low)) + 4,
+              y: this.y(column.shareOf(value)) + 4,
             },
             column.tickText(value),
           ),
@@ -502,7 +315,7 @@ export class Parallel extends Picture {
           {
             class: `${k === 0 ? "" : k === columns.length - 1 ? "end" : "middle"} name`,
             x: k === 0 ? 4 : k === columns.length - 1 ? this.width - 4 : x,
-            y: this.height - (k % 2 && columns.length > 3 ? 4 : 20),
+            y: this.height - (k % 2 && (columns.length > 3 || this.width < NARROW) ? 4 : 20),
           },
           column.label,
         ),
