@@ -103,6 +103,12 @@ def test_one_fmu_is_a_system_whose_instance_keeps_its_components(fmus):
     assert ends == pytest.approx([2.0 * (1.0 - math.exp(-0.2 / T)) for T in (0.1, 0.2)], abs=2e-6)  # 1e-6 of a solver
 
 
+def test_a_written_system_is_replaced_by_the_next(fmus, tmp_path):
+    system = vdfmu.load(fmus["2.0"])
+    first = system.write(tmp_path / "x.ssp").read_bytes()
+    assert system.write(tmp_path / "x.ssp").read_bytes() == first
+
+
 def test_a_scenario_is_a_system(tmp_path):
     system = vdfmu.load("planar_tracking")
     assert "plant.tau_s" in {name.partition("[")[0] for name in system.outputs}

@@ -11,6 +11,7 @@ from typing import Any
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing
 from vdfmu.base.text import close_to
+from vdfmu.base.version import __version__
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
@@ -192,7 +193,8 @@ def is_plain(unit: UnitFactor | None) -> bool:
 def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tuple[Any, Any, Any]) -> Any:
     """Return the root of the SSD."""
     units = ports.units
-    top = root("ssd:SystemStructureDescription", {"version": "1.0", "name": name}, ("ssd", "ssc", "ssv", *FOREIGN))
+    head = {"version": "1.0", "name": name, "generationTool": f"vdfmu {__version__}"}
+    top = root("ssd:SystemStructureDescription", head, ("ssd", "ssc", "ssv", *FOREIGN))
     system = add(top, "ssd:System", name=name)
     elements = add(system, "ssd:Elements")
     for component, description in ports.descriptions.items():
