@@ -40,9 +40,9 @@ NOTCHES = 100
 _PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)
 _HALVINGS = 4
 """Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
-_ROWS, _SPREAD, _WORST = 6, 5, 2
+_ROWS, _SPREAD, _WORST, _FIRST = 6, 5, 2, 3
 """Rows of the run at which sliders are tried: at most, first the rows of the loops' least margins, then some evenly
-spread ones; and their number for a joint or the arm."""
+spread ones; their number for the arm; and for a joint, with those of the least margins at the slider's ends."""
 _JOINTS = 8
 """Most joints that have a track each."""
 _ROUNDING = 1e-9
@@ -112,7 +112,7 @@ class _MovedLoops:
         if nearest is None:
             raise UsageError(along.lacking)
         self.least = nearest.modulus
-        loops = [pose.loop for pose in along.rows if pose.loop is not None]
+        self.loops = loops = [pose.loop for pose in along.rows if pose.loop is not None]
         modulus = np.array([loop.modulus for loop in loops])
         spread = np.linspace(0, len(loops) - 1, _SPREAD).astype(int)
         rows = dict.fromkeys([*modulus.argmin(axis=0)[modulus.min(axis=0).argsort()].tolist(), *spread.tolist()])
@@ -128,6 +128,23 @@ class _MovedLoops:
                 if group == target["name"] and (joint is None or index.rstrip("]").split(",")[0] == str(joint + 1)):
                     changes.setdefault(target["unit"], {})[name] = factor(knob, place) * value
         return self._poses.moved(changes, rows)
+
+    def worst(self, knob: Mapping[str, Any]) -> list[int]:
+        """Return the rows, those of the least margins with the slider at its ends among the first.
+
+        They are chosen among every second row, whose feedback changes as at another row with as many states.
+        """
+        first, *more = self.unmoved
+        tried = {loop.K.shape: row for row, loop in self.unmoved.items()}
+        slopes = {slope.shape: slope for slope in (self.feedback(knob, [*tried.values()], None) or {}).values()}
+        known = [row for row, loop in enumerate(self.loops) if row % 2 == 0 and loop.K.shape in slopes]
+        ends: list[int] = []
+        for place in (-NOTCHES, NOTCHES) if known else ():
+            by = factor(knob, place) - 1.0
+            moved = (replace(loop, K=loop.K + by * slopes[loop.K.shape]) for loop in map(self.loops.__getitem__, known))
+            ends.append(known[int(np.argmin([loop.modulus.min() for loop in moved]))])
+            self.unmoved[ends[-1]] = self.loops[ends[-1]]
+        return [*dict.fromkeys([first, *ends, *more])]
 
     def same_plant(self, row: int, loop: Loop) -> bool:
         """Whether a loop differs from the run's in its feedback at most."""
@@ -161,11 +178,12 @@ def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | No
     if alike and np.array_equal(moved.K, loops.unmoved[rows[0]].K):  # none of its parameters is in a loop
         yield None
         return
-    yield _track(loops, knob, rows if alike else rows[:_WORST], None)
+    rows = loops.worst(knob) if alike else rows[:_WORST]
+    yield _track(loops, knob, rows, None)
     joints = len(knob["values"])
     if alike and 1 < joints <= _JOINTS:
         for joint in range(joints):
-            yield _track(loops, knob, rows[:_WORST], joint)
+            yield _track(loops, knob, rows[:_FIRST], joint)
 
 
 def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> Track:
