@@ -139,5 +139,5 @@ def test_parts_of_a_system_have_robots_of_their_own(tmp_path):
     with pytest.raises(ModelError, match=r"mine\.toml: gravity: expected"):
         load_system(str(path))
     path.write_text(text.replace("coupled_tool = true", "coupled_tool = 1"))
-    with pytest.raises(ModelError, match=r"units\.one\.coupled_tool: expected true or false"):
+    with pytest.raises(ModelError, match=r"components\.one\.coupled_tool: expected true or false"):
         load_system(str(path))
