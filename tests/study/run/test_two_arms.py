@@ -133,11 +133,11 @@ def test_parts_of_a_system_have_robots_of_their_own(tmp_path):
     assert tables["one"].robot.n == 3 and tables["one"].robot.coupled_tool
     assert tables["two"].robot.n == 2 and not tables["two"].robot.coupled_tool
     path.write_text(text.replace("planar_2dof", "planar"))
-    with pytest.raises((ModelError, UsageError), match=r"units\.two\.robot: no robot 'planar'"):
+    with pytest.raises((ModelError, UsageError), match=r"components\.two\.robot: no robot 'planar'"):
         load_system(str(path))
     path.write_text(text.replace("planar_2dof", "mine.toml"))
     with pytest.raises(ModelError, match=r"mine\.toml: gravity: expected"):
         load_system(str(path))
     path.write_text(text.replace("coupled_tool = true", "coupled_tool = 1"))
-    with pytest.raises(ModelError, match=r"units\.one\.coupled_tool: expected true or false"):
+    with pytest.raises(ModelError, match=r"components\.one\.coupled_tool: expected true or false"):
         load_system(str(path))

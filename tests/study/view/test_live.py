@@ -371,7 +371,7 @@ def test_pages_move_a_robot_together_and_hear_its_modes():
         assert view.pose.tolist() == [0.5, -0.25]
         view.step(0.0)
         view.step(0.2)
-        assert view._finding is None  # the pose has not rested
+        assert view._future is None  # the pose has not rested
         view.step(0.4)
         while view.modes is None:
             view.step(0.5)
