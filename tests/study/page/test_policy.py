@@ -61,7 +61,7 @@ def run() -> ShownRun:
 
 @pytest.fixture
 def pages(tmp_path):
-    shown, study = run(), StudyPart("study", "about", "", {})
+    shown, study = run(), StudyPart("study", "about", "", {}, "lead")
     view = vdfmu.RobotView(vdfmu.load_robot("planar_2dof"))
     view.close()
     about = {"arm": arm_of(vdfmu.load_robot("planar_2dof"), {})}
