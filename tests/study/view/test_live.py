@@ -62,10 +62,10 @@ def taken():
 
 @pytest.fixture
 def server(taken):
-    one = PageServer(take=taken.append)
-    one.show(b"<html><head></head>the page</html>")
-    yield one
-    one.close()
+    page_server = PageServer(take=taken.append)
+    page_server.show(b"<html><head></head>the page</html>")
+    yield page_server
+    page_server.close()
 
 
 LOOPBACK, PAGE = "127.0.0.1:{port}", "http://127.0.0.1:{port}"
