@@ -188,9 +188,9 @@ folder, seed = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(300):
     name = f"{(seed * k) % 3}/{(7 * k + seed) % 40}"
     expected = name.encode().ljust(1_000)
-    found = cache.load(folder / name)
-    assert found in (None, expected), name
-    if found is None:
+    stored = cache.load(folder / name)
+    assert stored in (None, expected), name
+    if stored is None:
         cache.store(folder / name, expected)
 """
 

@@ -27,7 +27,7 @@ class Labelled:
 
 transfer = signal.TransferFunction([1.0], [1.0, 0.2, 4.0])
 held = signal.StateSpace([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], dt=0.01)
-labelled, nothing = Labelled(), 3
+labelled, number = Labelled(), 3
 unsampled = signal.StateSpace([[0.5]], [[1.0]], [[1.0]], [[0.0]], dt=True)
 a, b = ca.MX.sym("a", 2, 3), ca.MX.sym("b")
 maps = ca.Function("maps", [a, b], [b * (a[:, ::-1].T @ ca.DM([1, 2])), a @ a.T], ["a", "b"], ["s", "w"])
@@ -167,7 +167,7 @@ def test_a_factory_refuses_what_is_no_unit(make, match):
     ("broken.npz", "1", "broken.npz: cannot be read"), ("broken.casadi", "1", "broken.casadi: cannot be read"),
     ("empty.npz", "", "empty.npz: cannot be read"), ("empty.csv", "", "must have names"),
     ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
-    ("design.py:nothing", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
+    ("design.py:number", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
     ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
     ("fails.py:x", "1 / 0", r"fails\.py:x: ZeroDivisionError"),
     ("ends.py:x", "raise SystemExit(3)", r"ends\.py:x: SystemExit: 3"),
