@@ -129,11 +129,11 @@ class Production:
         assert self.call("Startup") == 0
         assert self.call("Recalibrate") == 0
         outputs = self.efmu.names("output")
-        found: dict[str, list[np.ndarray]] = {name: [] for name in outputs}
+        series: dict[str, list[np.ndarray]] = {name: [] for name in outputs}
         for k in range(steps):
             for name, values in inputs.items():
                 self.set(name, values[k])
             assert self.call("DoStep") == 0, k
             for name in outputs:
-                found[name].append(self.get(name))
-        return {name: np.array(values) for name, values in found.items()}
+                series[name].append(self.get(name))
+        return {name: np.array(values) for name, values in series.items()}
