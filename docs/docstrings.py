@@ -46,15 +46,15 @@ class PlainDocstrings(griffe.Extension):
 def _expand(function: griffe.Function) -> None:
     """Show each option of a function that takes them as ``**options``, in its signature and its docstring."""
     real = griffe.dynamic_import(function.path)
-    own = [one for one in function.parameters if one.name != "options"]
-    more = list(inspect.signature(real).parameters.values())[len(own) :]
+    named = [parameter for parameter in function.parameters if parameter.name != "options"]
+    more = list(inspect.signature(real).parameters.values())[len(named) :]
     function.parameters = griffe.Parameters(
-        *own,
+        *named,
         *(
             griffe.Parameter(
-                one.name, annotation=one.annotation, kind=griffe.ParameterKind.keyword_only, default=repr(one.default)
+                parameter.name, annotation=parameter.annotation, kind=griffe.ParameterKind.keyword_only, default=repr(parameter.default)
             )
-            for one in more
+            for parameter in more
         ),
     )  # fmt: skip
     if function.docstring is not None:

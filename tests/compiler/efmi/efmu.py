@@ -77,8 +77,9 @@ class Production:
         self.efmu = efmu
         library = folder / f"{efmu.name}.so"
         flags = ("-std=c99", "-pedantic", "-Wconversion", "-Werror", "-fvisibility=default")
-        if "typedef double" in efmu.code[f"{efmu.name}.h"].decode():  # the FMU's functions: the bits are to be the FMU's
-            flags = (*flags, "-isystem", str(Path(__file__).parents[3] / "fmu_src/functions"), "-include", "elementary.h")
+        if b"typedef double" in efmu.code[f"{efmu.name}.h"]:  # with the functions of the FMU it has its bits
+            functions = Path(__file__).parents[3] / "fmu_src/functions"
+            flags = (*flags, "-isystem", str(functions), "-include", "elementary.h")
         if gcc:
             for name, text in efmu.code.items():
                 (folder / name).write_bytes(text)
