@@ -151,11 +151,11 @@ class System:
         self, vary: Mapping[str, Any] | Sequence[str], *, values: Mapping[str, Any] | None = None, **options: Any
     ) -> Sweep:
         """Run the system at many points, see :func:`vdfmu.sweep`. `values` are the same at all points."""
-        own = {name: value for name, value in self._options.items() if value and name != "parameters"}
-        if "algorithm" in own:
-            own["master"] = own.pop("algorithm")
-        settings = {**(self._options.get("parameters") or {}), **(values or {}), **options.pop("settings", {})}
-        return sweep(self.path, vary, **{**own, "settings": settings, **options})
+        chosen = {name: value for name, value in self._options.items() if value} | options
+        settings = {**chosen.pop("parameters", {}), **(values or {}), **chosen.pop("settings", {})}
+        if "algorithm" in chosen:
+            chosen.setdefault("master", chosen.pop("algorithm"))
+        return sweep(self.path, vary, settings=settings, **chosen)
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the system as a package (SSP); return its path."""

@@ -192,7 +192,9 @@ def is_plain(unit: UnitFactor | None) -> bool:
 def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tuple[Any, Any, Any]) -> Any:
     """Return the root of the SSD."""
     units = ports.units
-    top = root("ssd:SystemStructureDescription", {"version": "1.0", "name": name, **META}, ("ssd", "ssc", "ssv", *FOREIGN))
+    top = root(
+        "ssd:SystemStructureDescription", {"version": "1.0", "name": name, **META}, ("ssd", "ssc", "ssv", *FOREIGN)
+    )
     system = add(top, "ssd:System", name=name)
     elements = add(system, "ssd:Elements")
     for component, description in ports.descriptions.items():

@@ -15,6 +15,7 @@ from vdfmu.engine.package.writing import META, add, root
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
 from vdfmu.system.package.drawing import draw_system
 
+
 def add_units(parent: Any, name: str, units: Iterable[str]) -> None:
     """Append ``prefix:Units`` with the definitions, if any."""
     wanted = sorted(units)
