@@ -13,17 +13,22 @@
 #include <stdint.h>
 #include <string.h>
 
-#ifndef LANES
+#ifdef ALONE /* in a program that takes no vectors */
+#define LANES 1
+#define SCALARS
+#elif !defined(LANES)
 #define LANES 4
 #define SCALARS /* a `double` stays a number */
 #endif
 
 typedef double scalar;
-#if defined(__clang__)
+#if defined(__clang__) && !defined(ALONE)
+#define VECTORS
 typedef double real __attribute__((ext_vector_type(LANES)));
 typedef __typeof__((real){0} == (real){0}) mask; /* integers as wide */
 #define SELECT(condition, a, b) ((condition) ? (a) : (b))
-#elif defined(__GNUC__)
+#elif defined(__GNUC__) && !defined(ALONE)
+#define VECTORS
 #pragma GCC diagnostic ignored "-Wpsabi" /* vectors are passed within a file only */
 typedef double real __attribute__((vector_size(8 * LANES)));
 typedef __typeof__((real){0} == (real){0}) mask; /* integers as wide */
@@ -65,7 +70,7 @@ INLINE real all(scalar x)
 
 INLINE int any(mask m)
 {
-#if defined(__clang__)
+#if defined(__clang__) && defined(VECTORS)
     return __builtin_reduce_or(m) != 0;
 #else
     int64_t bits[LANES], some = 0;
@@ -244,11 +249,12 @@ WITHIN real lanes_atan(real x)
 /* ---------------------------------------------------------------- four numbers of an array, and names */
 
 #ifdef SCALARS
+#ifndef ALONE
 
 /* Element by element, as wide loads wait for narrow stores. */
 WITHIN real gathered(const scalar *x)
 {
-#ifdef __GNUC__
+#ifdef VECTORS
     const real y = {x[0], x[1], x[2], x[3]};
     return y;
 #else
@@ -258,7 +264,7 @@ WITHIN real gathered(const scalar *x)
 
 WITHIN void scattered(real y, scalar *x)
 {
-#ifdef __GNUC__
+#ifdef VECTORS
     for (int i = 0; i < LANES; i++)
         x[i] = y[i];
 #else
@@ -291,6 +297,8 @@ WITHIN void each_sin_cos(scalar *x, scalar *cosine, int n)
     }
     (void)n;
 }
+
+#endif
 
 #define sin(x) one_sin(x)
 #define cos(x) one_cos(x)

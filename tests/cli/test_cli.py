@@ -50,11 +50,11 @@ def test_build_efmus_of_a_scenario_and_of_a_unit_by_name(tmp_path):
         program = archive.read("eFMU/AlgorithmCode/PDController.alg").decode()
     assert "PDController_period = 0.0005;" in source
     assert "self.K_p := {1000.0, 1000.0}" not in program  # but the scenario's
-    one = vdfmu(
+    single = vdfmu(
         "build", "notch_filter", "--robot", "planar_2dof", "--set", "f=30", "--target", "efmi", "--precision",
         "float32", "--out", "one", cwd=tmp_path,
     )  # fmt: skip
-    assert one.returncode == 0, one.stderr
+    assert single.returncode == 0, single.stderr
     with zipfile.ZipFile(tmp_path / "one" / "NotchFilter.fmu") as archive:
         assert b"30.0f, 30.0f" in archive.read("eFMU/ProductionCode/NotchFilter.c")
 

@@ -39,7 +39,9 @@ class Efmu:
     @property
     def code(self) -> dict[str, bytes]:
         """File name to content of the production code."""
-        return {f"{self.name}.{end}": self.files[f"eFMU/ProductionCode/{self.name}.{end}"] for end in "ch"}
+        folder = "eFMU/ProductionCode/"
+        return {name[len(folder) :]: text for name, text in self.files.items()
+                if name.startswith(folder) and name.endswith((".c", ".h"))}  # fmt: skip
 
     def names(self, *causalities: str) -> list[str]:
         """Names of the variables of some causalities."""

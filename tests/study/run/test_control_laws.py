@@ -27,17 +27,17 @@ K_V = {"planar_tracking": [20.0, 10.0], "tracking": [25.0, 25.0, 20.0, 20.0, 20.
 
 def gains_of(law: str, scenario: str) -> dict[str, Any]:
     """Return what is set of the law, in addition to what the scenario has."""
-    found = load_scenario(scenario)
-    given = {name: np.array(found.sections["controller"][name]) for name in ("K_p", "K_v")}
+    loaded = load_scenario(scenario)
+    gains = {name: np.array(loaded.sections["controller"][name]) for name in ("K_p", "K_v")}
     if law == "state_feedback":
-        ends = found.sections["trajectory"]
+        ends = loaded.sections["trajectory"]
         middle = (np.array(ends["q_start"]) + np.array(ends["q_end"])) / 2.0
-        return state_gains(found.arm, middle, error=1e-3, rate=0.02, torque=0.01)._asdict()
+        return state_gains(loaded.arm, middle, error=1e-3, rate=0.02, torque=0.01)._asdict()
     if law == "joint_torque":
-        return given | {"K_v": np.array(K_V[scenario]), "share": np.array(SHARE[scenario])}
+        return gains | {"K_v": np.array(K_V[scenario]), "share": np.array(SHARE[scenario])}
     if law == "computed_torque":
-        return {"k_p": 2500.0, "k_v": 100.0, "K_v": np.full(found.arm.n, 20.0)}
-    return given
+        return {"k_p": 2500.0, "k_v": 100.0, "K_v": np.full(loaded.arm.n, 20.0)}
+    return gains
 
 
 def stiffness(law: str, robot: vdfmu.Robot, q: np.ndarray, gains: dict[str, Any]) -> np.ndarray:
