@@ -108,9 +108,9 @@ class ScenarioRun:
         scenario, robot = self.scenario, self.scenario.robot
         yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
         yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
-        given = {*(self._options["settings"] or ()), *(name for table in scenario.inputs for name in table.names)}
-        given |= {f"{name}.{key}" for name, values in scenario.sections.items() for key in values}
-        groups = {name.partition("[")[0] for name in given}
+        with_values = {*(self._options["settings"] or ()), *(name for table in scenario.inputs for name in table.names)}
+        with_values |= {f"{name}.{key}" for name, values in scenario.sections.items() for key in values}
+        groups = {name.partition("[")[0] for name in with_values}
         for end, names in scenario.system.unfed.items():
             if end not in groups:
                 way_out = nearest(end.partition(".")[2], names) if names else "Give it by --set or --input."

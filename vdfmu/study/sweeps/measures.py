@@ -223,8 +223,8 @@ def _signals(node: ast.expr) -> list[str]:
         return _signals(node.left) + _signals(node.comparators[0])
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords and node.args:
         if node.func.id not in _FUNCTIONS:
-            known = nearest(node.func.id, [*_FUNCTIONS]).rstrip(".")
-            raise ValueError(f"expected a known function, got {node.func.id}. {known}")
+            names = nearest(node.func.id, [*_FUNCTIONS]).rstrip(".")
+            raise ValueError(f"expected a known function, got {node.func.id}. {names}")
         least, most = _FUNCTIONS[node.func.id].numbers
         if not least <= len(node.args) - 1 <= most:
             count = f"{1 + least} to {1 + most}" if least < most else str(1 + most)
