@@ -13,22 +13,17 @@
 #include <stdint.h>
 #include <string.h>
 
-#ifdef ALONE /* in a program that takes no vectors */
-#define LANES 1
-#define SCALARS
-#elif !defined(LANES)
+#ifndef LANES
 #define LANES 4
 #define SCALARS /* a `double` stays a number */
 #endif
 
 typedef double scalar;
-#if defined(__clang__) && !defined(ALONE)
-#define VECTORS
+#if defined(__clang__)
 typedef double real __attribute__((ext_vector_type(LANES)));
 typedef __typeof__((real){0} == (real){0}) mask; /* integers as wide */
 #define SELECT(condition, a, b) ((condition) ? (a) : (b))
-#elif defined(__GNUC__) && !defined(ALONE)
-#define VECTORS
+#elif defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wpsabi" /* vectors are passed within a file only */
 typedef double real __attribute__((vector_size(8 * LANES)));
 typedef __typeof__((real){0} == (real){0}) mask; /* integers as wide */
@@ -70,7 +65,7 @@ INLINE real all(scalar x)
 
 INLINE int any(mask m)
 {
-#if defined(__clang__) && defined(VECTORS)
+#if defined(__clang__)
     return __builtin_reduce_or(m) != 0;
 #else
     int64_t bits[LANES], some = 0;
@@ -249,12 +244,11 @@ WITHIN real lanes_atan(real x)
 /* ---------------------------------------------------------------- four numbers of an array, and names */
 
 #ifdef SCALARS
-#ifndef ALONE
 
 /* Element by element, as wide loads wait for narrow stores. */
 WITHIN real gathered(const scalar *x)
 {
-#ifdef VECTORS
+#ifdef __GNUC__
     const real y = {x[0], x[1], x[2], x[3]};
     return y;
 #else
@@ -264,7 +258,7 @@ WITHIN real gathered(const scalar *x)
 
 WITHIN void scattered(real y, scalar *x)
 {
-#ifdef VECTORS
+#ifdef __GNUC__
     for (int i = 0; i < LANES; i++)
         x[i] = y[i];
 #else
@@ -297,8 +291,6 @@ WITHIN void each_sin_cos(scalar *x, scalar *cosine, int n)
     }
     (void)n;
 }
-
-#endif
 
 #define sin(x) one_sin(x)
 #define cos(x) one_cos(x)

@@ -39,9 +39,7 @@ class Efmu:
     @property
     def code(self) -> dict[str, bytes]:
         """File name to content of the production code."""
-        folder = "eFMU/ProductionCode/"
-        return {name[len(folder) :]: text for name, text in self.files.items()
-                if name.startswith(folder) and name.endswith((".c", ".h"))}  # fmt: skip
+        return {f"{self.name}.{end}": self.files[f"eFMU/ProductionCode/{self.name}.{end}"] for end in "ch"}
 
     def names(self, *causalities: str) -> list[str]:
         """Names of the variables of some causalities."""
@@ -79,6 +77,8 @@ class Production:
         self.efmu = efmu
         library = folder / f"{efmu.name}.so"
         flags = ("-std=c99", "-pedantic", "-Wconversion", "-Werror", "-fvisibility=default")
+        if "typedef double" in efmu.code[f"{efmu.name}.h"].decode():  # the FMU's functions: the bits are to be the FMU's
+            flags = (*flags, "-isystem", str(Path(__file__).parents[3] / "fmu_src/functions"), "-include", "elementary.h")
         if gcc:
             for name, text in efmu.code.items():
                 (folder / name).write_bytes(text)
@@ -129,11 +129,11 @@ class Production:
         assert self.call("Startup") == 0
         assert self.call("Recalibrate") == 0
         outputs = self.efmu.names("output")
-        found: dict[str, list[np.ndarray]] = {name: [] for name in outputs}
+        series: dict[str, list[np.ndarray]] = {name: [] for name in outputs}
         for k in range(steps):
             for name, values in inputs.items():
                 self.set(name, values[k])
             assert self.call("DoStep") == 0, k
             for name in outputs:
-                found[name].append(self.get(name))
-        return {name: np.array(values) for name, values in found.items()}
+                series[name].append(self.get(name))
+        return {name: np.array(values) for name, values in series.items()}

@@ -13,7 +13,6 @@ from xml.etree.ElementTree import Element, SubElement
 
 from vdfmu.base.files import data_path, pack_zip, source_bytes, storing
 from vdfmu.base.measure import measure
-from vdfmu.compiler.c.text import elementary_files
 from vdfmu.compiler.efmi.block import PERIOD, BlockVariable, SampledBlock
 from vdfmu.compiler.efmi.galec import galec_name, galec_text, galec_value
 from vdfmu.compiler.efmi.production import (
@@ -65,8 +64,6 @@ def _folder(fmu: Content, whole: bytes, precision: str, step: float) -> dict[str
     name = block.name
     program = {f"{name}.alg": galec_text(block).encode()}
     code = {f"{name}.h": header_text(block, kind).encode(), f"{name}.c": source_text(block, kind).encode()}
-    if not kind.suffix:  # double precision has the functions, and so the bits, of the FMU
-        code |= {file: text.encode() for file, text in elementary_files().items()}
     inside = {f"{name}.fmu": whole}
     algorithm = document(_algorithm_manifest(block, origin, program))
     production = document(_production_manifest(block, origin, algorithm, code, inside, kind))
@@ -224,9 +221,6 @@ def _production_manifest(
         _add(targets, "TargetType", id=f"target.{name}", kind=kind, codedType=coded)
     code_files = _add(container, "CodeFiles")
     _add_header(code_files, block, types)
-    for name in sorted(code.keys() - {f"{block.name}.h", f"{block.name}.c"}):
-        file = _add(code_files, "CodeFile", id=f"code.{name}", fileType=PRODUCTION, codeType="HeaderFile")
-        _add(file, "FileReference", fileRefId=f"file.{name}")
     _add_source(code_files, block)
     _add_logical_data(container, block)
     return root

@@ -1,4 +1,4 @@
-"""Production code: a block in C99 for a microcontroller, with one structure as memory."""
+"""Production code: a block in C99 for a microcontroller, with one structure as memory and libm as library."""
 
 from __future__ import annotations
 
@@ -98,9 +98,8 @@ extern const {name}_Real {name}_{PERIOD};
 
 def source_text(block: SampledBlock, precision: Precision) -> str:
     """Return the source."""
-    library = "#include <math.h>\n" if precision.suffix else '#define ALONE\n#include "elementary.h"\n'
     parts = [
-        f'{_head(block)}#include "{block.name}.h"\n\n{library}',
+        f'{_head(block)}#include "{block.name}.h"\n\n#include <math.h>\n',
         *(_constant(v, block, precision) for v in block.of("constant")),
         _PLACE.format(name=block.name) if any(v.name.startswith(LOOKUP) for v in block.variables) else "",
         *(_function(block, call, precision) for call in (*block.start, *block.update, *block.outputs)),
