@@ -288,7 +288,7 @@ def test_the_cache_is_shown_and_cleared(tmp_path):
     entries = [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
     size = f"{sum(path.stat().st_size for path in entries) / 2**20:.1f} MB"
     shown = output("doctor", "--cache")
-    assert f"Folder   {tmp_path / 'cache'}\n" in shown and f"Entries  {len(entries)}\n" in shown
+    assert f"Cache    {tmp_path / 'cache'}\n" in shown and f"Entries  {len(entries)}\n" in shown
     assert entries and f"Size     {size}, at most 300 MB\n" in shown
     assert output("doctor", "--clear-cache") == f"Removed {len(entries)} entries, {size}.\n"
     assert "Entries  0\n" in output("doctor", "--cache")

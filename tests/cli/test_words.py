@@ -82,6 +82,7 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
     ),
     ("run --mastre jacobi", "No such option '--mastre'. (Did you mean one of: '--master', '--step'?) See"),
     ("rum", "No such command 'rum'. Did you mean 'run'?"),
+    ("sweep a=A.fmu b=B.fmu", "Got unexpected extra argument (b=B.fmu). See"),
     ("run --step fast", "Invalid value for '--step'"),
     ("linear --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
     ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),

@@ -277,6 +277,7 @@ def test_connectors_of_the_outermost_system_fit_what_they_join(pack):
     with pytest.raises(SspError) as info:
         check_system(load_ssp(path))
     assert info.value.problems == [
-        "connection M -> r.m: unit mismatch, 'kg' (kg) to 'm' (m)",
+        "connection M -> r.m: unit mismatch, 'kg' (kg) to 'm' (m). "
+        "Connect signals of one quantity, or put a component between them",
         "connection U -> r.u: type mismatch, Integer to Real",
     ]

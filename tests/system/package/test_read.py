@@ -35,7 +35,9 @@ def test_what_is_large_is_refused(tmp_path, monkeypatch, limit, value, sizes, ex
 def test_a_file_that_is_no_package_and_a_damaged_member(tmp_path):
     (tmp_path / "x.ssp").write_bytes(b"hello")
     assert "cannot be read as a zip package" in problems(tmp_path / "x.ssp")[0]
-    assert problems(tmp_path / "missing.ssp") == ["missing.ssp: there is no such file"]
+    assert problems(tmp_path / "missing.ssp") == [
+        "missing.ssp: there is no such file. Give another path, or write it by 'vdfmu ssp'"
+    ]
     with zipfile.ZipFile(tmp_path / "y.ssp", "w") as file:
         file.writestr("other", "")
     assert problems(tmp_path / "y.ssp") == ["y.ssp: the package has no 'SystemStructure.ssd'"]
