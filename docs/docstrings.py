@@ -48,14 +48,9 @@ def _expand(function: griffe.Function) -> None:
     real = griffe.dynamic_import(function.path)
     named = [parameter for parameter in function.parameters if parameter.name != "options"]
     more = list(inspect.signature(real).parameters.values())[len(named) :]
+    kind = griffe.ParameterKind.keyword_only
     function.parameters = griffe.Parameters(
-        *named,
-        *(
-            griffe.Parameter(
-                parameter.name, annotation=parameter.annotation, kind=griffe.ParameterKind.keyword_only, default=repr(parameter.default)
-            )
-            for parameter in more
-        ),
-    )  # fmt: skip
+        *named, *(griffe.Parameter(p.name, annotation=p.annotation, kind=kind, default=repr(p.default)) for p in more)
+    )
     if function.docstring is not None:
         function.docstring.value = inspect.getdoc(real) or ""
