@@ -57,9 +57,9 @@ def _child(name: str) -> Any:
     """Return what :func:`_ran` finds in a process of its own with an empty cache."""
     support = os.environ.get("ZIG_GLOBAL_CACHE_DIR", str(cache_folder() / COMPILER))
     with tempfile.TemporaryDirectory() as cache:
-        given = os.environ | {"ZIG_GLOBAL_CACHE_DIR": support, "VDFMU_CACHE_DIR": cache}
+        variables = os.environ | {"ZIG_GLOBAL_CACHE_DIR": support, "VDFMU_CACHE_DIR": cache}
         command = [sys.executable, "-m", "benchmarks.arms", name]
-        return json.loads(subprocess.run(command, env=given, check=True, stdout=subprocess.PIPE).stdout)
+        return json.loads(subprocess.run(command, env=variables, check=True, stdout=subprocess.PIPE).stdout)
 
 
 def _ran(name: str) -> dict[str, float]:

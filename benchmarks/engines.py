@@ -27,8 +27,8 @@ _AXIS = [0.0, 0.0, 1.0]
 def run(report: Report, quick: bool = False) -> None:
     """Measure and tabulate."""
     robot = load_robot("manipulator_6dof")
-    found = study(robot, 0.05 if quick else 0.5, 1 if quick else 5, report.say)
-    tabulate(found, report, "free fall, linear springs and viscous friction")
+    precision = study(robot, 0.05 if quick else 0.5, 1 if quick else 5, report.say)
+    tabulate(precision, report, "free fall, linear springs and viscous friction")
 
 
 def linear_robot(robot: Robot) -> Robot:
@@ -60,9 +60,9 @@ def study(robot: Robot, stop: float, rounds: int, say: Callable[[str], None]) ->
             methods |= {f"{package} {each}": (make(robot, K, times, each), levels) for each in integrators}
         if "mujoco RK4" in methods:
             methods["mujoco RK4"] = methods["mujoco RK4"][0], [INTERVAL / k for k in (10, 20, 50, 100, 200)]
-        found = compare(robot, stop, methods, rounds)
+        precision = compare(robot, stop, methods, rounds)
         cosim.close()
-    return found
+    return precision
 
 
 def mujoco_spec(robot: Robot, K: np.ndarray | None = None) -> Any:

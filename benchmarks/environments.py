@@ -24,23 +24,23 @@ def run(report: Report, quick: bool) -> None:
     table = Table("environments", "Actions of 10 ms, random torques", columns)
     for scenario, limit in (("planar_tracking", 0.3), ("tracking", 0.3)):
         rng = np.random.default_rng(0)
-        one, many = ArmEnv(scenario, limit=limit, hold=10), ArmVectorEnv(64, scenario, limit=limit, hold=10)
+        single, many = ArmEnv(scenario, limit=limit, hold=10), ArmVectorEnv(64, scenario, limit=limit, hold=10)
         steps, rounds = (20, 2) if quick else (200, 5)
-        actions = rng.uniform(-limit, limit, (steps, 64, len(one.task.limit)))
+        actions = rng.uniform(-limit, limit, (steps, 64, len(single.task.limit)))
         best = np.full(2, np.inf)
         for _ in range(rounds):
-            one.reset(seed=0)
+            single.reset(seed=0)
             many.reset(seed=0)
             began = process_time()
             for each in actions:
-                if any(one.step(each[0])[2:4]):
-                    one.reset()
+                if any(single.step(each[0])[2:4]):
+                    single.reset()
             between = process_time()
             for each in actions:
                 many.step(each)
             best = np.minimum(best, [(between - began) / steps, (process_time() - between) / (64 * steps)])
-        one.close()
-        step = one.task.hold * one.task.scenario.step
+        single.close()
+        step = single.task.hold * single.task.scenario.step
         for form, each in zip(("ArmEnv", "ArmVectorEnv, 64 arms"), best.tolist(), strict=True):
             table.add(scenario, form, 1e6 * each, 1.0 / each, step / each)
     report.show(table)

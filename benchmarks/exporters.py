@@ -108,7 +108,7 @@ class MODEL(FmiSlave):
 
 def _ours(folder: Path, subject: Subject, version: str) -> Path:
     """Write the class and build it."""
-    own = [*subject.inputs, *subject.parameters, *subject.states]
+    names = [*subject.inputs, *subject.parameters, *subject.states]
     declared = [
         *(f'{name} = Input("1", start={start})' for name, start in subject.inputs.items()),
         *(f'{name} = Parameter("1", start={start})' for name, start in subject.parameters.items()),
@@ -117,8 +117,8 @@ def _ours(folder: Path, subject: Subject, version: str) -> Path:
         *(f'{name} = Output("1")' for name in subject.outputs),
     ]
     methods = {
-        "outputs": [f"self.{name} = {subject.of_self(text, own)}" for name, text in subject.outputs.items()],
-        "derivatives": [f"self.der_{name} = {subject.of_self(text, own)}" for name, text in subject.rates.items()],
+        "outputs": [f"self.{name} = {subject.of_self(text, names)}" for name, text in subject.outputs.items()],
+        "derivatives": [f"self.der_{name} = {subject.of_self(text, names)}" for name, text in subject.rates.items()],
     }
     lines = [
         "from numpy import tanh", "from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit",
@@ -136,13 +136,13 @@ def _slave(folder: Path, subject: Subject, package: str, version: str) -> Path:
     constants = {**subject.inputs, **subject.parameters}
     kinds = dict.fromkeys(subject.inputs, "input") | dict.fromkeys(subject.parameters, "parameter")
     starts = {**constants, **subject.states, **dict.fromkeys(subject.outputs, 0.0)}
-    own = [*constants, *subject.states]
+    names = [*constants, *subject.states]
     replaced = {
         "PACKAGE": package, "Fmi": f"Fmi{version}", "Number": "Real" if version == "2" else "Float64",
         "MODEL": subject.name, "VARIABLES": repr([(n, kinds.get(n, "output"), x) for n, x in starts.items()]),
         "SELF_STATES": ", ".join(f"self.{name}" for name in subject.states), "STATES": ", ".join(subject.states),
         "RATES": ", ".join(subject.of_self(subject.rates[name], constants) for name in subject.states),
-        "OUTPUTS": "; ".join(f"self.{name} = {subject.of_self(text, own)}" for name, text in subject.outputs.items()),
+        "OUTPUTS": "; ".join(f"self.{name} = {subject.of_self(text, names)}" for name, text in subject.outputs.items()),
     }  # fmt: skip
     text = _SLAVE
     for word, new in replaced.items():
@@ -244,25 +244,25 @@ def _stepped(fmu: Path, subject: Subject, rounds: int) -> list[float | None]:
         return [None, None]
     folder = fmpy.extract(str(fmu))
     slave = FMU3Slave if str(description.fmiVersion).startswith("3") else FMU2Slave
-    one: Any = slave(
+    unit: Any = slave(
         guid=description.guid, unzipDirectory=folder, modelIdentifier=description.coSimulation.modelIdentifier,
         instanceName="one",
     )  # fmt: skip
     places = {variable.name: variable.valueReference for variable in description.modelVariables}
-    one.instantiate()
+    unit.instantiate()
     three = slave is FMU3Slave
     if three:
-        one.enterInitializationMode(startTime=0.0)
+        unit.enterInitializationMode(startTime=0.0)
     else:
-        one.setupExperiment(startTime=0.0)
-        one.enterInitializationMode()
-    one.exitInitializationMode()
+        unit.setupExperiment(startTime=0.0)
+        unit.enterInitializationMode()
+    unit.exitInitializationMode()
     for k in range(STEPS):
-        one.doStep(k * STEP, STEP)
-    error = abs((one.getFloat64 if three else one.getReal)([places[subject.watched]])[0] - subject.exact())
+        unit.doStep(k * STEP, STEP)
+    error = abs((unit.getFloat64 if three else unit.getReal)([places[subject.watched]])[0] - subject.exact())
     count = iter(range(STEPS, 10**9))
-    case = Case("step", lambda: one.doStep(next(count) * STEP, STEP))
+    case = Case("step", lambda: unit.doStep(next(count) * STEP, STEP))
     measure([case], rounds)
-    one.terminate()
-    one.freeInstance()
+    unit.terminate()
+    unit.freeInstance()
     return [1e6 * case.best, error]

@@ -77,7 +77,7 @@ def run(report: Report, quick: bool = False) -> None:
     rows: list[_Row] = []
     sizes = Table(
         "fmu_growth_memory", "Library on disk and memory of a process that it adds with one instance",
-        [("n", "d")] + [(f"{unit} [{what}]", ".1f") for unit in _UNITS for what in ("MB on disk", "MB")],
+        [("n", "d")] + [(f"{unit} [{size}]", ".1f") for unit in _UNITS for size in ("MB on disk", "MB")],
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         for n in [n for n in _JOINTS if n <= (6 if quick else _JOINTS[-1])]:
@@ -85,7 +85,7 @@ def run(report: Report, quick: bool = False) -> None:
             place = Path(folder) / str(n)
             built = _child({"VDFMU_CACHE_DIR": str(place / "cache")}, "build", n, place)
             ran = {unit: _child({}, "instance", n, built["fmus"][unit]) for unit in _UNITS}
-            sizes.add(n, *(ran[unit][what] for unit in _UNITS for what in ("library_MB", "memory_MB")))
+            sizes.add(n, *(ran[unit][size] for unit in _UNITS for size in ("library_MB", "memory_MB")))
             rows.append(
                 _Row(
                     n,
@@ -94,18 +94,18 @@ def run(report: Report, quick: bool = False) -> None:
                     built["wall_s"],
                     built["memory_MB"],
                     built["C_kB"],
-                    1e3 * sum(one["library_MB"] for one in ran.values()),
-                    sum(one["memory_MB"] for one in ran.values()),
+                    1e3 * sum(unit_run["library_MB"] for unit_run in ran.values()),
+                    sum(unit_run["memory_MB"] for unit_run in ran.values()),
                     ran["plant"]["step_us"],
                     _others(repeated_link(n), 10 if quick else 40),
                 )  # fmt: skip
             )
-    others = list(rows[0].others_us)
+    engines = list(rows[0].others_us)
     table = Table(
         "fmu_growth", TITLE,
         [("n", "d"), ("Python [s]", ".1f"), ("compiler [s]", ".1f"), ("wall [s]", ".1f"), ("build [MB]", ".0f"),
          ("C [kB]", ".0f"), ("libraries [kB]", ".0f"), ("memory [MB]", ".1f"), ("step [µs]", ".1f"),
-         *((f"{name} [µs]", ".1f") for name in others)],
+         *((f"{name} [µs]", ".1f") for name in engines)],
         [[*astuple(row)[:-1], *row.others_us.values()] for row in rows],
     )  # fmt: skip
     high = [row for row in rows if row.n >= 6]
@@ -113,11 +113,11 @@ def run(report: Report, quick: bool = False) -> None:
         measured = {"a step": [row.step_us for row in high]}
         measured |= {"a build": [row.python_s + row.compiler_s for row in high], "C": [row.C_kB for row in high]}
         measured |= {"memory of the build": [row.build_MB for row in high]}
-        figure = {what: (y, _exponent(high, y)) for what, y in measured.items()}
-        measured |= {name: [row.others_us[name] for row in high] for name in others}
-        for what, y in measured.items():
+        figure = {quantity: (y, _exponent(high, y)) for quantity, y in measured.items()}
+        measured |= {name: [row.others_us[name] for row in high] for name in engines}
+        for quantity, y in measured.items():
             slope = _exponent(high, y)
-            table.notes.append(f"Exponent of {what} for n = {high[0].n} to {high[-1].n}: {slope:.2f}.")
+            table.notes.append(f"Exponent of {quantity} for n = {high[0].n} to {high[-1].n}: {slope:.2f}.")
         _draw([row.n for row in high], figure, report.out / "fmu_growth.svg")
     report.show(table)
     report.show(sizes)
@@ -134,12 +134,12 @@ def _draw(n: list[int], measured: dict[str, tuple[list[float], float]], path: Pa
     units = {"a step": "µs", "a build": "s of processor time", "C": "kB", "memory of the build": "MB"}
     figure = style.new_figure("Growth with the joints", "Logarithmic axes; dashed: the fitted power.", height=5.8)
     panels = figure.subplots(2, 2)
-    for axes, (what, (y, slope)) in zip(panels.flat, measured.items(), strict=True):
+    for axes, (quantity, (y, slope)) in zip(panels.flat, measured.items(), strict=True):
         axes.loglog(n, y, "o", base=10, color=style.COLORS[0])
         middle = np.exp(np.mean(np.log(y)) + slope * (np.log(n) - np.mean(np.log(n))))
         axes.loglog(n, middle, "--", color="0.4", label=f"n^{slope:.2f}")
-        axes.set_title(what[0].upper() + what[1:])
-        axes.set_ylabel(f"[{units[what]}]")
+        axes.set_title(quantity[0].upper() + quantity[1:])
+        axes.set_ylabel(f"[{units[quantity]}]")
         axes.set_xticks(n, map(str, n))
         axes.minorticks_off()
         middle_of_axis = math.sqrt(min(y) * max(y))
@@ -187,12 +187,12 @@ def _child(environment: dict[str, str], *arguments: object) -> Any:
     """Return what :func:`_main` prints in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.fmu_growth", *map(str, arguments)]
     support = os.environ.get("ZIG_GLOBAL_CACHE_DIR", str(cache_folder() / COMPILER))
-    given = os.environ | {"ZIG_GLOBAL_CACHE_DIR": support} | environment
-    return json.loads(subprocess.run(command, env=given, check=True, stdout=subprocess.PIPE).stdout)
+    variables = os.environ | {"ZIG_GLOBAL_CACHE_DIR": support} | environment
+    return json.loads(subprocess.run(command, env=variables, check=True, stdout=subprocess.PIPE).stdout)
 
 
-def _main(what: str, n: int, place: str) -> dict[str, Any]:
-    return _built(repeated_link(n), Path(place)) if what == "build" else _ran(repeated_link(n), place)
+def _main(task: str, n: int, place: str) -> dict[str, Any]:
+    return _built(repeated_link(n), Path(place)) if task == "build" else _ran(repeated_link(n), place)
 
 
 def _built(robot: Robot, place: Path) -> dict[str, Any]:
@@ -213,7 +213,7 @@ def _size_of_sources(fmu: Path) -> int:
     """Size of the generated C [bytes]."""
     with zipfile.ZipFile(fmu) as archive:
         return sum(
-            one.file_size for one in archive.infolist() if Path(one.filename).name.startswith(("kernel_", "unit.c"))
+            file.file_size for file in archive.infolist() if Path(file.filename).name.startswith(("kernel_", "unit.c"))
         )
 
 

@@ -113,9 +113,9 @@ def run_timed(request: Request) -> dict[str, Any]:
     """Time the steps in a hundred blocks; no signal is read or observed."""
     n = request["steps"]
     importer = _open(request, observed=False)
-    found = _timed(n, importer.advance)
+    times = _timed(n, importer.advance)
     importer.close()
-    return found
+    return times
 
 
 def run_rows(request: Request) -> dict[str, Any]:
@@ -222,7 +222,7 @@ def run_fmpy_timed(request: Request) -> dict[str, Any]:
 
 def run_fmpy_fmus(request: Request) -> dict[str, Any]:
     """Run several FMUs, one after the other."""
-    return {str(k): run_fmpy_fmu(request | one) for k, one in enumerate(request["fmus"])}
+    return {str(k): run_fmpy_fmu(request | single) for k, single in enumerate(request["fmus"])}
 
 
 def _members(variable: Any) -> list[str]:
@@ -252,8 +252,8 @@ def run_pyssp(request: Request) -> dict[str, Any]:
             structure.__check_compliance__()
             connections = len(structure.connections())
         sets = package.ssv
-        for one in sets:
-            with one as parameters:
+        for parameter_set in sets:
+            with parameter_set as parameters:
                 parameters.__check_compliance__()
     return {"connections": connections, "sets": len(sets)}
 
@@ -284,10 +284,10 @@ def main() -> None:
     """Run what the command line asks for."""
     request = json.loads(sys.argv[1])
     try:
-        found = RUNNERS[request["run"]](request)
+        answer = RUNNERS[request["run"]](request)
     except Exception as error:  # the importer's own words, whatever it raises
-        found = {"error": str(error) or type(error).__name__}
-    print(f"\n{MARK}{json.dumps(found)}", flush=True)
+        answer = {"error": str(error) or type(error).__name__}
+    print(f"\n{MARK}{json.dumps(answer)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -62,12 +62,12 @@ def ask(request: Mapping[str, Any], timeout: float = 600.0) -> dict[str, Any]:
     how = signal.strsignal(-done.returncode) if done.returncode < 0 else f"exit code {done.returncode}"
     if not answers:
         raise ImporterError(f"the process ended: {how}", crashed=True, said=said)
-    found = json.loads(answers[-1].removeprefix(MARK))
-    if "error" in found:
-        raise ImporterError(found["error"])
+    answer = json.loads(answers[-1].removeprefix(MARK))
+    if "error" in answer:
+        raise ImporterError(answer["error"])
     if done.returncode != 0:
         raise ImporterError(f"the process ended after the run: {how}", crashed=True, said=said)
-    return found
+    return answer
 
 
 def ask_rows(request: Mapping[str, Any], timeout: float = 600.0) -> np.ndarray:

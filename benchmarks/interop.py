@@ -227,16 +227,16 @@ def _alone(tracking: Tracking, case: Case) -> Seen:
     plant = shipped_units()["plant"].__name__
     request = {"step": tracking.step, "steps": 500}
     signals = ["E_pot", "q"]
-    found = ask(request | {
+    answer = ask(request | {
         "run": "single", "importer": case.tool, "signals": signals,
         "path": str(tracking.fmus(case.kind, case.fmi) / f"{plant}.fmu"),
     })  # fmt: skip
     expected = ask_rows(request | {
         "run": "fmpy-fmu", "signals": ["E_pot"], "path": str(tracking.fmus(case.kind) / f"{plant}.fmu"),
     })[-1, 0]  # fmt: skip
-    if abs(found["E_pot"] - expected) > 1e-9 * abs(expected):
-        return Seen(DEVIATES, words=f"E_pot = {found['E_pot']!r} J, expected {expected!r} J")
-    if found["q"] == found["E_pot"]:
+    if abs(answer["E_pot"] - expected) > 1e-9 * abs(expected):
+        return Seen(DEVIATES, words=f"E_pot = {answer['E_pot']!r} J, expected {expected!r} J")
+    if answer["q"] == answer["E_pot"]:
         return Seen(DEVIATES, words="scalars are right; an array reads as the value that was read before it")
     return Seen(RUNS, words="scalars are right")
 
@@ -271,9 +271,9 @@ def drive(
         folder = Path(name)
         outputs: dict[str, list[str]] = {}
         for unit in UNITS:
-            own = [name.removeprefix(f"{unit}.") for name in arrays if name.startswith(f"{unit}.")]
+            of_unit = [name.removeprefix(f"{unit}.") for name in arrays if name.startswith(f"{unit}.")]
             fed = [c.end[1] for c in connections if c.end[0] == unit]
-            outputs[unit] = [name for name in own if name not in fed]
+            outputs[unit] = [name for name in of_unit if name not in fed]
             inputs = {name: arrays[f"{unit}.{name}"] for name in fed}
             np.savez(folder / f"{unit}.npz", time=arrays["time"], **inputs)
         ask({
@@ -312,10 +312,10 @@ def _in_fmucontainer(tracking: Tracking, case: Case) -> Seen:
 def _in_fmutool(tracking: Tracking, case: Case) -> Seen:
     fmus = sorted(tracking.fmus(case.kind, case.fmi).glob("*.fmu"))
     said = "\n".join(_command("fmutool", "-input", str(path), "-check", folder=str(tracking.folder)) for path in fmus)
-    found = [line.strip() for line in said.splitlines() if "compliant" in line or "semantic error" in line]
-    kinds = dict.fromkeys(line.partition("|")[2].strip() for line in found)
+    verdicts = [line.strip() for line in said.splitlines() if "compliant" in line or "semantic error" in line]
+    kinds = dict.fromkeys(line.partition("|")[2].strip() for line in verdicts)
     good = all("seems to be compliant" in kind or kind.startswith("No semantic error") for kind in kinds)
-    return Seen(READS if good and len(found) == 2 * len(fmus) else DEVIATES, words=" ".join(kinds))
+    return Seen(READS if good and len(verdicts) == 2 * len(fmus) else DEVIATES, words=" ".join(kinds))
 
 
 def _command(name: str, *arguments: str, folder: str) -> str:
@@ -328,8 +328,8 @@ def _command(name: str, *arguments: str, folder: str) -> str:
 
 
 def _in_pyssp(tracking: Tracking, case: Case) -> Seen:
-    found = ask({"run": "pyssp", "path": str(tracking.package(case.kind, case.fmi))})
-    return Seen(READS, words=f"{found['connections']} connections, {found['sets']} parameter sets, schemas kept")
+    counts = ask({"run": "pyssp", "path": str(tracking.package(case.kind, case.fmi))})
+    return Seen(READS, words=f"{counts['connections']} connections, {counts['sets']} parameter sets, schemas kept")
 
 
 _EXAMINERS: Mapping[str, Callable[[Tracking, Case], Seen]] = {

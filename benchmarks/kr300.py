@@ -90,10 +90,10 @@ def study(robot: Robot, fitted: Log, other: Log, say: Callable[[str], None], ite
     scores: list[LogScore] = []
     for text, prior in ((f"robot file within {100 * PRIOR:.0f} %", PRIOR), ("links unknown", np.inf)):
         began = processor_time()
-        found = identify(fitted, robot, prior=prior)
+        model = identify(fitted, robot, prior=prior)
         spent = processor_time() - began
-        scores = [score(found, robot, fitted, log) for log in (fitted, other)]
-        count = sum(name not in found.held for name in found.names)
+        scores = [score(model, robot, fitted, log) for log in (fitted, other)]
+        count = sum(name not in model.held for name in model.names)
         fits.append(Fit(f"vdfmu, elastic, {text}", count, spent, [each.torque_left / each.torque for each in scores]))
     motions = [motion(robot, log, each.rows) for log, each in zip((fitted, other), scores, strict=True)]
     fits += [_regression(robot, motions, each) for each in REGRESSIONS]
@@ -117,9 +117,9 @@ def _regression(robot: Robot, motions: Sequence[Motion], method: str) -> Fit:
     drives = [robot.I_m * robot.ell, robot.f_c, robot.f_v, robot.F_cb, robot.ell]
     file = np.concatenate([base.matrix @ body_parameters(robot), *drives[:4], 0.0 * robot.ell])
     shares = (0.2, 1.0, 1.0, 0.2, 1.0)  # as vdfmu's; of the constant 1 N.m of the motor
-    own = np.diag(np.concatenate([share * each for share, each in zip(shares, drives, strict=True)]))
-    known: Any = link_covariance(robot, base, PRIOR)
-    errors: Any = block_diag(np.linalg.cholesky(known), own)
+    drive_errors = np.diag(np.concatenate([share * each for share, each in zip(shares, drives, strict=True)]))
+    link_errors: Any = link_covariance(robot, base, PRIOR)
+    errors: Any = block_diag(np.linalg.cholesky(link_errors), drive_errors)
     x, rank, weights = file, 0, np.ones(robot.n)
     for _ in range(1 if method == REGRESSIONS[0] else 2):
         A = (tables[0] * weights[:, None]).reshape(-1, len(x)) @ errors
@@ -138,9 +138,9 @@ def _columns(robot: Robot, base: list[int], moved: Motion) -> Floats:
     """Torques in the rows (k, n, p) by base parameters, rotors, Coulomb and viscous friction, balances, constants."""
     still = 0.0 * moved.q
     balance = -moved.balance / np.where(robot.F_cb == 0.0, 1.0, robot.F_cb)
-    own = (moved.q_ddot, np.tanh(moved.q_dot / robot.eps), moved.q_dot, balance, still + 1.0)
+    per_joint = (moved.q_ddot, np.tanh(moved.q_dot / robot.eps), moved.q_dot, balance, still + 1.0)
     links = regressor(robot, moved.q, moved.q_dot, moved.q_ddot, still, still).links[:, :, base]
-    diagonal = [each[:, :, None] * np.eye(robot.n) for each in own]
+    diagonal = [each[:, :, None] * np.eye(robot.n) for each in per_joint]
     return moved.rows.problem.narrow(np.concatenate([links, *diagonal], axis=2))
 
 
@@ -219,8 +219,8 @@ class _Arm:
             name, modifier = f"body{i}", self._link(f"body{i}")
             body = sysid.body_inertia_param(self.spec, model, name, inertia_type=kind, modifier=modifier, **limits)
             self.parameters.add(body)
-            for what in ("armature", "damping", "frictionloss"):
-                self._add("joint", f"link{i}", what)
+            for attribute in ("armature", "damping", "frictionloss"):
+                self._add("joint", f"link{i}", attribute)
             kind = mujoco.mjtSensor.mjSENS_JOINTPOS if simulated else mujoco.mjtSensor.mjSENS_JOINTACTFRC
             self.spec.add_sensor(name=f"link{i}", type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=f"link{i}")
             if not simulated:
@@ -244,17 +244,17 @@ class _Arm:
             custom_rollout=None if self.simulated else self._rollout(fitted),
         )  # fmt: skip
         lower, upper = self.parameters.get_bounds()
-        found, _ = self.sysid.optimize(
+        fitted_values, _ = self.sysid.optimize(
             self.parameters, residual, verbose=False, max_iters=iterations, x_scale=upper - lower, output=io.StringIO()
         )
         spent = processor_time() - began
-        bias = np.array([0.0 if self.simulated else found[f"bias{i}"].value[0] for i in range(self.robot.n)])
-        model = self._model(found, self.spec)
+        bias = np.array([0.0 if self.simulated else fitted_values[f"bias{i}"].value[0] for i in range(self.robot.n)])
+        model = self._model(fitted_values, self.spec)
         left: list[Floats] = []
         for moved in motions:
             tau = moved.rows.problem.tau
-            left.append(rms(tau - bias - self._torques(model, found, moved)) / rms(tau))
-        return Fit(self.method, found.size, spent, left)
+            left.append(rms(tau - bias - self._torques(model, fitted_values, moved)) / rms(tau))
+        return Fit(self.method, fitted_values.size, spent, left)
 
     def _link(self, name: str) -> Callable[[Any, Any], None]:
         """Write the ten parameters of a body, in a form in which all values are physical."""
@@ -265,22 +265,22 @@ class _Arm:
 
         return modify
 
-    def _add(self, kind: str, name: str, what: str) -> None:
+    def _add(self, kind: str, name: str, attribute: str) -> None:
         """Fit a number of a joint or tendon."""
 
         def modify(spec: Any, parameter: Any) -> None:
             part = getattr(spec, kind)(name)
-            value = np.array(getattr(part, what), dtype=float)
+            value = np.array(getattr(part, attribute), dtype=float)
             # damping and stiffness are polynomials; a spring has a range of free lengths
-            value.flat[: 2 if what == "springlength" else 1] = parameter.value[0]
-            setattr(part, what, value if value.ndim else float(value))
+            value.flat[: 2 if attribute == "springlength" else 1] = parameter.value[0]
+            setattr(part, attribute, value if value.ndim else float(value))
 
-        value = float(np.ravel(getattr(getattr(self.spec, kind)(name), what))[0])
-        bounds = self._bounds(what, value)
-        self.parameters.add(self.sysid.Parameter(f"{name} {what}", value, *bounds, modifier=modify))
+        value = float(np.ravel(getattr(getattr(self.spec, kind)(name), attribute))[0])
+        bounds = self._bounds(attribute, value)
+        self.parameters.add(self.sysid.Parameter(f"{name} {attribute}", value, *bounds, modifier=modify))
 
-    def _bounds(self, what: str, value: float = 1.0) -> tuple[float, float]:
-        factor = _NEAR.get(what, 2.0) if self.near else _WIDE
+    def _bounds(self, attribute: str, value: float = 1.0) -> tuple[float, float]:
+        factor = _NEAR.get(attribute, 2.0) if self.near else _WIDE
         return value / factor, value * factor
 
     def _limits(self, i: int) -> dict[str, Floats]:
@@ -318,14 +318,14 @@ class _Arm:
         t, series = moved.rows.t, self.sysid.TimeSeries
 
         def rollout(models: Any, initial_states: Any, control_signal: Any, param_dicts: Any, **maps: Any) -> list[Any]:
-            found: list[Any] = []
+            trajectories: list[Any] = []
             for each in zip(models, param_dicts, initial_states, control_signal, strict=True):
                 model, parameters, start, control = each
                 sensors = series(t, self._torques(model, parameters, moved), maps["rollout_signal_mapping"])
                 states = np.column_stack([t, np.tile(start[1:], (len(t), 1))])  # the first state is the time
                 states = series(t, states, maps["rollout_state_mapping"])
-                found.append(self.sysid.SystemTrajectory(model, control, sensors, start, states))
-            return found
+                trajectories.append(self.sysid.SystemTrajectory(model, control, sensors, start, states))
+            return trajectories
 
         return rollout
 

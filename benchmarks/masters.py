@@ -69,7 +69,7 @@ def plain_loop(spec: Mapping[str, Any], groups: Sequence[Sequence[str]]) -> NDAr
         values |= {(unit, name): value for name, value in zip(outputs, read, strict=True)}
     signals = [tuple(name.split(".", 1)) for name in spec["signals"]]
     rows = [[values[signal] for signal in signals]]
-    values |= {sources[unit, q]: value for unit, given in spec["start"].items() for q, value in given.items()}
+    values |= {sources[unit, q]: value for unit, starts in spec["start"].items() for q, value in starts.items()}
     for k in range(spec["steps"]):
         for group in groups:
             new: dict[tuple[str, str], float] = {}

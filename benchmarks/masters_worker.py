@@ -78,8 +78,8 @@ def run_gemseo(spec: Mapping[str, Any]) -> Rows:
         ))  # fmt: skip
         start = {fed[name]: np.array([value]) for name, value in spec["start"][unit].items()}
         disciplines[-1].default_input_data = {**disciplines[-1].default_input_data, **start}
-    found = TimeSteppingSystem(disciplines, stop, spec["step"], mda_name="MDAJacobi").execute()
-    columns = [np.ravel(found[name])[: spec["steps"]] for name in spec["signals"]]  # its sum of steps may end later
+    results = TimeSteppingSystem(disciplines, stop, spec["step"], mda_name="MDAJacobi").execute()
+    columns = [np.ravel(results[name])[: spec["steps"]] for name in spec["signals"]]  # its sum of steps may end later
     return np.vstack([np.full(len(columns), np.nan), np.transpose(columns)])
 
 

@@ -103,13 +103,13 @@ def lossy_gears(report: Report, folder: Path) -> None:
             report.say(f"{model}, mu_l {mu:g}, {begin:.4f} s to {end:.4f} s")
             loss = {"load_loss": {"mu_l": mu}}
             robot = one_joint(ell=2.0, J=1.0, inertia=1.5, K=1e7, dry=dry, viscous=viscous, **loss)
-            own = np.arange(round((end - begin) / STEP) + 1) * STEP
-            drive, load = 10.0 * np.sin(2.0 * np.pi * (begin + own)), -10.0 + 2.5 * (begin + own)
-            inputs = {"plant.tau": (own, drive[:, None]), "plant.F_e": (own, np.outer(-load, np.eye(6)[5]))}
+            t_run = np.arange(round((end - begin) / STEP) + 1) * STEP
+            drive, load = 10.0 * np.sin(2.0 * np.pi * (begin + t_run)), -10.0 + 2.5 * (begin + t_run)
+            inputs = {"plant.tau": (t_run, drive[:, None]), "plant.F_e": (t_run, np.outer(-load, np.eye(6)[5]))}
             start = [float(np.interp(begin, t, theirs["Inertia2.phi"]))]
-            found = simulated(robot, {"plant": {"q_0": start, "d": 3e3}}, float(own[-1]), STEP, inputs)
+            results = simulated(robot, {"plant": {"q_0": start, "d": 3e3}}, float(t_run[-1]), STEP, inputs)
             for signal, name in (("plant.q", "Inertia2.phi"), ("plant.q_dot", "Inertia2.w")):
-                there = difference(begin + found.time, found[signal][:, 0], t, theirs[name])
+                there = difference(begin + results.time, results[signal][:, 0], t, theirs[name])
                 table.add(model, mu, stretch, begin, end, name, *there)
     report.show(table)
 
@@ -124,17 +124,17 @@ def one_axis(report: Report, folder: Path) -> None:
         "axis": {"k_p": 5.0, "k_s": 0.5, "T_s": 0.05, "k": [1.1616], "w": [5500.0], "D": [0.6]},
         "plant": {"d": [0.01 * ell**2]},
     }
-    found = simulated(robot, sections, 1.5, 1e-4)
-    inside = found.time <= theirs["time"][-1]
+    results = simulated(robot, sections, 1.5, 1e-4)
+    inside = results.time <= theirs["time"][-1]
     title = "One axis of a robot beside Modelica's RobotR3.OneAxis"
     table = Table("one_axis", title, [("signal", "s"), ("unit", "s"), *DIFFERENCE])
     for ours, unit, name in (
-        (found["plant.q"], "rad", "axis.initializeFlange.phi_flange"),
-        (found["plant.q_dot"], "rad/s", "axis.initializeFlange.w_flange"),
-        (found["axis.i"], "A", "axis.motor.La.i"),
-        (ell * (found["plant.q"] - found["plant.kappa"]), "rad", "axis.gear.spring.phi_rel"),
+        (results["plant.q"], "rad", "axis.initializeFlange.phi_flange"),
+        (results["plant.q_dot"], "rad/s", "axis.initializeFlange.w_flange"),
+        (results["axis.i"], "A", "axis.motor.La.i"),
+        (ell * (results["plant.q"] - results["plant.kappa"]), "rad", "axis.gear.spring.phi_rel"),
     ):
-        table.add(name, unit, *difference(found.time[inside], ours[inside, 0], theirs["time"], theirs[name]))
+        table.add(name, unit, *difference(results.time[inside], ours[inside, 0], theirs["time"], theirs[name]))
     report.show(table)
 
 

@@ -49,13 +49,13 @@ def rigid(robot: Robot, **more: Any) -> Model:
 
 def fitted(log: Log, robot: Robot) -> Model:
     """Model identified from a log."""
-    found = identify(log, robot, band=BAND)
-    value = dict(zip(found.names, found.values, strict=True))
+    estimate = identify(log, robot, band=BAND)
+    value = dict(zip(estimate.names, estimate.values, strict=True))
     names = ("I_m", "f_c", "f_s", "v_s", "f_v")
     drives = {name: np.array([value[f"{name}[{i + 1}]"] for i in range(robot.n)]) for name in names}
     offset = robot.ell * [value.get(f"tau_0[{i + 1}]", 0.0) for i in range(robot.n)]  # torque sensors, if estimated
-    links = np.array([value[name] for name in found.base.names])
-    return Model(robot.with_parameters(**drives), found.base.columns, links, offset=offset, delay=found.delay)
+    links = np.array([value[name] for name in estimate.base.names])
+    return Model(robot.with_parameters(**drives), estimate.base.columns, links, offset=offset, delay=estimate.delay)
 
 
 def torques(model: Model, log: Log) -> tuple[Floats, Floats, Floats]:
@@ -121,8 +121,8 @@ def panda(report: Report, folder: Path) -> None:
     for model, name, log, motion in (
         (fitted(whole, robot), "fitted to 0 to 21 s", whole, "0 to 21 s"),
         (theirs, "the authors' links and friction", whole, "0 to 21 s"),
-        (one := fitted(begun, robot), "fitted to 0 to 9 s", begun, "0 to 9 s"),
-        (one, "fitted to 0 to 9 s", rest, "9 to 13.4 s, not fitted"),
+        (early := fitted(begun, robot), "fitted to 0 to 9 s", begun, "0 to 9 s"),
+        (early, "fitted to 0 to 9 s", rest, "9 to 13.4 s, not fitted"),
         (theirs, "the authors' links and friction", rest, "9 to 13.4 s"),
     ):
         measured, left, _ = torques(model, log)
@@ -146,13 +146,13 @@ def ur10e(report: Report, folder: Path) -> None:
     """UR10e of Mamedov and Mikhel 2020, with and without a load of 2.805 kg, currents times their drive gains."""
     text = (folder / "UR10E_parameters.txt").read_text(encoding="utf-8")
 
-    def given(name: str) -> Floats:
+    def read(name: str) -> Floats:
         return np.array(re.findall(rf"{name} = \[([^\]]*)\]", text)[0].split(), dtype=float)
 
     robot = vdfmu.robot_from_urdf(folder / "URe" / "urdf" / "ur10e.urdf", base="base_link", tip="wrist_3_link")
     effort = 0.03 * np.array([330.0, 330.0, 150.0, 54.0, 54.0, 54.0])
     robot = robot.with_parameters(f_c=effort, f_s=effort, f_v=effort, v_s=np.full(6, 0.1))  # 0 in the file
-    gains = given("drvGains")
+    gains = read("drvGains")
 
     def motion(name: str) -> Log:
         file, begin, end = UR10E[name]
@@ -161,11 +161,11 @@ def ur10e(report: Report, folder: Path) -> None:
         return as_log(robot, rows[:, 0], rows[:, 1:7], rows[:, 13:19], gains)
 
     logs = {name: motion(name) for name in UR10E}
-    model, theirs = fitted(logs["12 harmonics, 30 s"], robot), _authors(robot, given)
+    model, theirs = fitted(logs["12 harmonics, 30 s"], robot), _authors(robot, read)
     table = _table("ur10e", "UR10e", 6)
     for name in list(UR10E)[:4]:
-        for who, one in (("fitted to 12 harmonics", model), ("the authors' parameters", theirs)):
-            measured, left, _ = torques(one, logs[name])
+        for who, candidate in (("fitted to 12 harmonics", model), ("the authors' parameters", theirs)):
+            measured, left, _ = torques(candidate, logs[name])
             table.add(who, name, *percent(left, measured))
     report.show(table)
 
@@ -183,16 +183,16 @@ def ur10e(report: Report, folder: Path) -> None:
     report.show(table)
 
 
-def _authors(robot: Robot, given: Callable[[str], Floats]) -> Model:
+def _authors(robot: Robot, read: Callable[[str], Floats]) -> Model:
     """Model of the authors: inertias about the origins of the URDF's frames, whose axes are y where ours are z."""
-    bodies, friction = given("pi_rgd").reshape(6, 10), given("pi_frcn").reshape(6, 3)
+    bodies, friction = read("pi_rgd").reshape(6, 10), read("pi_frcn").reshape(6, 3)
     about_y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     centroids, inertias = np.zeros((6, 3)), np.zeros((6, 3, 3))
     for i, (xx, xy, xz, yy, yz, zz, *first, m) in enumerate(bodies):
         turn, c = np.eye(3) if i in (0, 4) else about_y, np.array(first) / m
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))
         centroids[i], inertias[i] = turn.T @ c, turn.T @ inertia @ turn
-    drives = {"I_m": given("pi_drvs") / robot.ell, "f_v": friction[:, 0], "f_c": friction[:, 1], "f_s": friction[:, 1]}
+    drives = {"I_m": read("pi_drvs") / robot.ell, "f_v": friction[:, 0], "f_c": friction[:, 1], "f_s": friction[:, 1]}
     links = {"mass": bodies[:, 9], "centroid": centroids, "inertia": inertias}
     arm = replace(robot, rotor_coupling=False).with_parameters(**links, **drives)
     return rigid(arm, offset=friction[:, 2])

@@ -64,20 +64,20 @@ def run(report: Report, quick: bool = False) -> None:
     """Measure and tabulate."""
     scenario = load_scenario("tracking")
     stop_python = 0.5 if quick else scenario.stop
-    found = study(
+    times = study(
         scenario,
         stop=2.0 if quick else scenario.stop,
         stop_python=stop_python,
         rounds=3 if quick else 5,
         say=report.say,
-        others=[importer for importer in PACKAGES if not missing(importer)],
+        importers=[importer for importer in PACKAGES if not missing(importer)],
     )
-    tabulate(found, report)
+    tabulate(times, report)
 
 
 def study(
     scenario: Scenario, *, stop: float, stop_python: float, rounds: int, say: Callable[[str], None],
-    others: Sequence[str] = (),
+    importers: Sequence[str] = (),
 ) -> Native:  # fmt: skip
     """Run the system in all forms, in turns.
 
@@ -85,13 +85,13 @@ def study(
     ----------
     stop, stop_python : float [s]
         Simulated time, and that of the Python FMUs, which are slower by orders.
-    others : sequence of str
-        Importers of `benchmarks.importers.PACKAGES`, which record nothing while they are timed.
+    importers : sequence of str
+        Those of `benchmarks.importers.PACKAGES`, which record nothing while they are timed.
     """
-    found = Native(scenario.step, stop, stop_python)
+    times = Native(scenario.step, stop, stop_python)
     step, n = scenario.step, round(stop / scenario.step)
     own_scenario = with_units(scenario, {"controller": Path(__file__).with_name("own_controller.py")})
-    with packed(scenario) as python, packed(scenario, "native") as package, packed(own_scenario, "native") as own:
+    with packed(scenario) as python, packed(scenario, "native") as package, packed(own_scenario, "native") as ours:
         folder = package.parent
         container = write_container(package, folder / "container.fmu", step=step)
         empty = write_emptied(package, folder / "empty.ssp")
@@ -105,25 +105,25 @@ def study(
                 package, step=step, stop=stop, algorithm=algorithm, progress=clock.progress, isolate=isolate,
                 compiled=compiled,
             )  # fmt: skip
-            _note(found, case, clock.wall, clock.processor)
+            _note(times, case, clock.wall, clock.processor)
 
         def in_container(case: str, fmu: Path) -> None:
             clock = Clock()
             last[case] = container_run(fmu, stop=stop, step=step, progress=clock.progress)
-            _note(found, case, clock.wall, clock.processor)
+            _note(times, case, clock.wall, clock.processor)
 
         def elsewhere(case: str, path: Path, importer: str) -> None:
             chosen = {"parameter_set": "scenario"} if importer == "ecos" else {}
             chosen["run"] = "fmpy-timed" if importer == "fmpy" else "timed"
             answer = ask({"importer": importer, "path": str(path), "step": step, "steps": n, **chosen})
-            _note(found, case, *(np.divide(answer[clock], n) for clock in ("wall", "processor")))
+            _note(times, case, *(np.divide(answer[clock], n) for clock in ("wall", "processor")))
 
         say(f"{rounds} rounds of all forms: {stop:g} s at {step * 1e3:g} ms, Python FMUs {stop_python:g} s")
         quiet_run(python, step=step, stop=20 * step)  # loads what is loaded once
         for _ in range(rounds):
             under_master(PYTHON, python, stop_python)
             under_master(NATIVE, package, stop)
-            under_master(OWN, own, stop)
+            under_master(OWN, ours, stop)
             under_master(ISOLATED, package, stop)
             under_master(JACOBI, package, stop, "jacobi")
             in_container(CONTAINER, container)
@@ -132,66 +132,66 @@ def study(
             under_master(EMPTY, empty, stop)
             under_master(EMPTY_INTERPRETED, empty, stop)
             in_container(EMPTY_CONTAINER, empty_container)
-            for importer in others:
+            for importer in importers:
                 elsewhere(importer, package, importer)
                 elsewhere(f"empty FMUs, {importer}", empty, importer)
 
     q = {case: results["plant.q"] for case, results in last.items()}
     shared = min(len(q[PYTHON]), len(q[NATIVE]))
-    found.differences = {
+    times.differences = {
         PYTHON: float(np.max(np.abs(q[PYTHON][:shared] - q[NATIVE][:shared]))),
         ISOLATED: float(np.max(np.abs(q[ISOLATED] - q[NATIVE]))),
         OWN: float(np.max(np.abs(q[OWN] - q[NATIVE]))),
         CONTAINER: float(np.max(np.abs(q[CONTAINER] - q[JACOBI]))),
         INTERPRETED: max(float(np.max(np.abs(last[INTERPRETED][x] - last[NATIVE][x]))) for x in last[NATIVE].names),
     }
-    return found
+    return times
 
 
-def _note(found: Native, case: str, wall: np.ndarray, processor: np.ndarray) -> None:
-    found.wall.setdefault(case, []).append(wall)
-    found.processor.setdefault(case, []).append(processor)
+def _note(times: Native, case: str, wall: np.ndarray, processor: np.ndarray) -> None:
+    times.wall.setdefault(case, []).append(wall)
+    times.processor.setdefault(case, []).append(processor)
 
 
 # ------------------------------------------------------------------ reporting
 
 
-def tabulate(found: Native, report: Report) -> None:
+def tabulate(times: Native, report: Report) -> None:
     """Show and keep the tables and facts."""
     us = 1e6
     table = Table(
         "native",
-        f"Tracking at {found.step * 1e3:g} ms in all forms, time of one step [us]",
+        f"Tracking at {times.step * 1e3:g} ms in all forms, time of one step [us]",
         [("form", ""), ("simulated [s]", "g"), ("least", ".2f"), ("median", ".2f"), ("processor", ".2f"),
          ("real-time factor", ".1f"), ("times as fast as Python FMUs", ".1f"), ("as native, gauss-seidel", ".2f")],
     )  # fmt: skip
-    for case in found.wall:
-        time = found.least(case)
+    for case in times.wall:
+        time = times.least(case)
         real = "empty" not in case
         table.add(
-            case, found.stop_python if case == PYTHON else found.stop, us * time, us * median(found.wall[case]),
-            us * least(found.processor[case]), found.step / time if real else None,
-            found.ratio(PYTHON, case) if real else None, found.ratio(NATIVE, case),
+            case, times.stop_python if case == PYTHON else times.stop, us * time, us * median(times.wall[case]),
+            us * least(times.processor[case]), times.step / time if real else None,
+            times.ratio(PYTHON, case) if real else None, times.ratio(NATIVE, case),
         )  # fmt: skip
     table.notes += [
-        f"Times of the steps alone, of {len(found.wall[NATIVE])} rounds in which all forms take turns. Least: the sum "
+        f"Times of the steps alone, of {len(times.wall[NATIVE])} rounds in which all forms take turns. Least: the sum "
         "over a hundred blocks of the run, of each its shortest wall time in any round; processor: the same of the "
         "processor's time; median: of the whole runs. Factor and ratios are of the least.",
         "Empty FMUs: the same interface with functions that return at once, what remains is the time of the master. "
-        f"The code of the units takes {us * found.in_units:.2f} us, and all else {us * found.least(EMPTY):.2f} us.",
-        f"Positions differ by at most {found.differences[PYTHON]:.1e} rad between Python and native FMUs, "
-        f"{found.differences[CONTAINER]:.1e} rad between container and jacobi; all signals by at most "
-        f"{found.differences[INTERPRETED]:.1e} between steps in C and in Python.",
+        f"The code of the units takes {us * times.in_units:.2f} us, and all else {us * times.least(EMPTY):.2f} us.",
+        f"Positions differ by at most {times.differences[PYTHON]:.1e} rad between Python and native FMUs, "
+        f"{times.differences[CONTAINER]:.1e} rad between container and jacobi; all signals by at most "
+        f"{times.differences[INTERPRETED]:.1e} between steps in C and in Python.",
     ]
     report.show(table)
 
     report.facts |= {
-        "us_per_step": {case: us * found.least(case) for case in found.wall},
-        "real_time_factor": {case: found.step / found.least(case) for case in (PYTHON, NATIVE, JACOBI, CONTAINER)},
-        "native_over_python": found.ratio(PYTHON, NATIVE),
-        "container_over_native": found.ratio(NATIVE, CONTAINER),
-        "compiled_over_interpreted": found.ratio(NATIVE, INTERPRETED),
-        "units_us": us * found.in_units,
-        "own_over_native": found.ratio(OWN, NATIVE),
-        "differences_rad": found.differences,
+        "us_per_step": {case: us * times.least(case) for case in times.wall},
+        "real_time_factor": {case: times.step / times.least(case) for case in (PYTHON, NATIVE, JACOBI, CONTAINER)},
+        "native_over_python": times.ratio(PYTHON, NATIVE),
+        "container_over_native": times.ratio(NATIVE, CONTAINER),
+        "compiled_over_interpreted": times.ratio(NATIVE, INTERPRETED),
+        "units_us": us * times.in_units,
+        "own_over_native": times.ratio(OWN, NATIVE),
+        "differences_rad": times.differences,
     }

@@ -90,13 +90,13 @@ def shortest_motion(rate: ca.Function, exact_hessian: bool = False) -> tuple[NDA
         options["hessian_approximation"] = "limited-memory"
     solver = ca.nlpsol("motion", "ipopt", problem, {"ipopt": options, "print_time": False})
     began = processor_time()
-    found = solver(
+    optimum = solver(
         x0=np.concatenate([guess.T.ravel(), np.zeros(2 * N), [1.0], np.zeros(4)]),
         lbx=np.concatenate([low.T.ravel(), -torques, [0.05], -free]),
         ubx=np.concatenate([high.T.ravel(), torques, [5.0], free]),
         lbg=0.0, ubg=0.0,
     )  # fmt: skip
-    return found["x"].full().ravel(), {**solver.stats(), "time": processor_time() - began}
+    return optimum["x"].full().ravel(), {**solver.stats(), "time": processor_time() - began}
 
 
 def run(report: Report, quick: bool = False) -> None:

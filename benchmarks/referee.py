@@ -40,7 +40,7 @@ class Coupled:
         n = int(rng.integers(2, 5))
         self.sizes = rng.integers(1, 5, n)
         self.stiff = bool(rng.random() < 0.3)
-        self.own = np.repeat(np.arange(n), self.sizes)
+        self.owner = np.repeat(np.arange(n), self.sizes)
         blocks: list[Any] = []
         for i, size in enumerate(self.sizes):
             matrix = rng.normal(size=(size, size))
@@ -51,12 +51,12 @@ class Coupled:
         self.source = rng.integers(0, n, k)
         self.target = np.array([(s + rng.integers(1, n)) % n for s in self.source])
         self.target[1], self.source[1] = self.source[0], self.target[0]  # a loop at least
-        rows = len(self.own)
+        rows = len(self.owner)
         self.A: Any = np.asarray(block_diag(*blocks))
         self.B, self.C, self.D = np.zeros((rows, k)), np.zeros((k, rows)), np.zeros((k, k))
         gain = 10 ** rng.uniform(-0.5, 0.7)
         for j in range(k):
-            into, out = self.own == self.target[j], self.own == self.source[j]
+            into, out = self.owner == self.target[j], self.owner == self.source[j]
             self.B[into, j] = rng.normal(size=into.sum()) * gain * np.abs(blocks[self.target[j]]).max() ** 0.5
             self.C[j, out] = rng.normal(size=out.sum())
         if rng.random() < 0.4:  # an output depends on an input of its component, without an algebraic loop
@@ -74,7 +74,7 @@ class Coupled:
         inputs = [np.flatnonzero(self.target == c) for c in range(len(self.sizes))]
         outputs = [np.flatnonzero(self.source == c) for c in range(len(self.sizes))]
         for c in range(len(self.sizes)):
-            mine, u, y = self.own == c, inputs[c], outputs[c]
+            mine, u, y = self.owner == c, inputs[c], outputs[c]
             # a component without inputs or outputs gets an idle one
             B = self.B[np.ix_(mine, u)] if len(u) else np.zeros((mine.sum(), 1))
             C = self.C[np.ix_(y, mine)] if len(y) else np.zeros((1, mine.sum()))

@@ -42,12 +42,12 @@ def _plan(n: int, stop: float, engine: str = "fmu") -> Plan:
 
 def _throughput(report: Report, folder: Path, stop: float, points: int, rounds: int) -> None:
     """Compare studies by one worker and two, in turns."""
-    given = {"fmu": (points, 1), "batch": (points * LANES, LANES)}  # points, those at a time
-    ways = [(engine, workers) for workers in (1, 2) for engine in given]
+    counts = {"fmu": (points, 1), "batch": (points * LANES, LANES)}  # points, those at a time
+    ways = [(engine, workers) for workers in (1, 2) for engine in counts]
     spent: dict[tuple[str, int], list[tuple[float, float]]] = {way: [] for way in ways}
     for _ in range(rounds):
         for engine, workers in ways:
-            count, together = given[engine]
+            count, together = counts[engine]
             processor = processor_time()
             marks = _study(folder / "study", count, engine, stop, workers)
             first = workers * together
@@ -61,7 +61,7 @@ def _throughput(report: Report, folder: Path, stop: float, points: int, rounds: 
                f"Best of {rounds} rounds, in which the ways take turns."],
     )  # fmt: skip
     for (way, workers), rounds_ in spent.items():
-        wall, processor = (min(one[k] for one in rounds_) for k in (0, 1))
+        wall, processor = (min(round_[k] for round_ in rounds_) for k in (0, 1))
         ratio = min(rate for rate, _ in spent[way, 1]) / wall
         table.add(way, workers, 1.0 / wall, ratio, 1e3 * processor)
         report.facts[f"{way}_{workers}"] = {"points_per_s": 1.0 / wall, "processor_s": processor}

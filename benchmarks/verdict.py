@@ -66,7 +66,7 @@ def count(name: str, master: str, motion: float, end: float, factors: tuple[floa
     scenario = load_scenario(name)
     n, generator = scenario.arm.n, np.random.default_rng(22)
     gains = {key: np.asarray(group_value(scenario, f"controller.{key}")) for key in ("K_p", "K_v")}
-    found = {"fails": 0, "grows": 0, "chatters": 0, "": 0}
+    truths = {"fails": 0, "grows": 0, "chatters": 0, "": 0}
     missed = false = 0
     with packaged(scenario) as (package, options):
         changed: dict[str, Any] = {**options, "algorithm": master, "log": lambda _: None}
@@ -78,7 +78,7 @@ def count(name: str, master: str, motion: float, end: float, factors: tuple[floa
                     scaled = values * np.exp(generator.uniform(low, high, n))
                     chosen |= {f"controller.{key}[{i + 1}]": float(scaled[i]) for i in range(n)}
                 truth = grows(simulator, n, end, chosen)
-                found[truth] += 1
+                truths[truth] += 1
 
                 try:
                     simulator.run(stop=motion, parameters=chosen, record=(), taps=[poses := Poses("tau", TIED)])
@@ -87,7 +87,7 @@ def count(name: str, master: str, motion: float, end: float, factors: tuple[floa
                     unstable = True
                 missed += bool(truth) and not unstable
                 false += unstable and not truth
-    return [f"{name}, {master}", sets, *found.values(), missed, false]
+    return [f"{name}, {master}", sets, *truths.values(), missed, false]
 
 
 def run(report: Report, quick: bool = False) -> None:

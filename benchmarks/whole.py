@@ -215,11 +215,11 @@ def _dynamics(report: Report, rounds: int) -> None:
     """Time inverse dynamics of one state and of a batch."""
     robot = vdfmu.load_robot("manipulator_6dof")
     many = np.random.default_rng(3).standard_normal((3, _LARGE, robot.n))
-    one, few = [array[0] for array in many], [array[: _LARGE // 100] for array in many]
+    single, few = [array[0] for array in many], [array[: _LARGE // 100] for array in many]
     vdfmu.inverse_dynamics(robot, *many)  # compiles
     plain = robot.with_parameters(gravity=robot.gravity)  # of which no batch is large
     cases = [
-        Case("one state", lambda: vdfmu.inverse_dynamics(robot, *one)),
+        Case("one state", lambda: vdfmu.inverse_dynamics(robot, *single)),
         Case("a state of a batch, compiled", lambda: vdfmu.inverse_dynamics(robot, *many)),
         Case("a state of a small batch", lambda: vdfmu.inverse_dynamics(plain, *few)),
     ]

@@ -88,10 +88,10 @@ def study(robot: Robot, stop: float, tolerances: Sequence[float], rounds: int) -
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
         fmu = build_fmus(robot, Path(name), units=["plant"], backend="native")["plant"]
         cosim, exchange = CoSimulation(fmu, times, robot.n), _ModelExchange(fmu, times, robot.n)
-        found = compare(robot, stop, {COSIM: (cosim, tolerances), CVODE: (exchange, tolerances)}, rounds)
+        precision = compare(robot, stop, {COSIM: (cosim, tolerances), CVODE: (exchange, tolerances)}, rounds)
         cosim.close()
         exchange.close()
-    return found
+    return precision
 
 
 def compare(
@@ -199,25 +199,25 @@ class _ModelExchange(_Unpacked[FMU2Model]):
 # ------------------------------------------------------------------ reporting
 
 
-def tabulate(found: WorkPrecision, report: Report, title: str = "free fall") -> None:
+def tabulate(precision: WorkPrecision, report: Report, title: str = "free fall") -> None:
     """Show and keep the tables and facts."""
     table = Table(
-        report.name, f"{found.robot}, {found.stop:g} s of {title}",
+        report.name, f"{precision.robot}, {precision.stop:g} s of {title}",
         [("method", ""), ("tolerance, accuracy or step [s]", ".1e"), ("error [rad]", ".1e"), ("time [ms]", ".2f")],
-        [[p.method, p.level, p.error, 1e3 * p.time] for p in found.points],
+        [[p.method, p.level, p.error, 1e3 * p.time] for p in precision.points],
         [f"Error: largest of all positions at times {INTERVAL * 1e3:g} ms apart, to the FMU's co-simulation at "
-         f"{_REFERENCE_TOLERANCE:g}, to which others come as close as {found.check:.1e} rad.",
+         f"{_REFERENCE_TOLERANCE:g}, to which others come as close as {precision.check:.1e} rad.",
          "Time: least processor time of the whole motion, all in turns, of steps in compiled code."],
     )  # fmt: skip
     report.show(table)
-    methods = list(dict.fromkeys(p.method for p in found.points))
+    methods = list(dict.fromkeys(p.method for p in precision.points))
     equal = Table(
         f"{report.name}_equal", "Time at equal error [ms], between the measured points",
         [("error [rad]", ".0e"), *[(m, ".2f") for m in methods], *[(f"{m} over FMU", ".1f") for m in methods[1:]]],
     )  # fmt: skip
     for error in _ERRORS:
-        ours, *others = times = [found.time_at(method, error) for method in methods]
-        ratios = [t / ours if t and ours else None for t in others]
+        ours, *rivals = times = [precision.time_at(method, error) for method in methods]
+        ratios = [t / ours if t and ours else None for t in rivals]
         equal.add(error, *[None if t is None else 1e3 * t for t in times], *ratios)
     report.show(equal)
-    report.facts |= {"points": [vars(p) for p in found.points], "closest_rad": found.check}
+    report.facts |= {"points": [vars(p) for p in precision.points], "closest_rad": precision.check}

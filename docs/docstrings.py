@@ -46,16 +46,11 @@ class PlainDocstrings(griffe.Extension):
 def _expand(function: griffe.Function) -> None:
     """Show each option of a function that takes them as ``**options``, in its signature and its docstring."""
     real = griffe.dynamic_import(function.path)
-    own = [one for one in function.parameters if one.name != "options"]
-    more = list(inspect.signature(real).parameters.values())[len(own) :]
+    named = [parameter for parameter in function.parameters if parameter.name != "options"]
+    more = list(inspect.signature(real).parameters.values())[len(named) :]
+    kind = griffe.ParameterKind.keyword_only
     function.parameters = griffe.Parameters(
-        *own,
-        *(
-            griffe.Parameter(
-                one.name, annotation=one.annotation, kind=griffe.ParameterKind.keyword_only, default=repr(one.default)
-            )
-            for one in more
-        ),
-    )  # fmt: skip
+        *named, *(griffe.Parameter(p.name, annotation=p.annotation, kind=kind, default=repr(p.default)) for p in more)
+    )
     if function.docstring is not None:
         function.docstring.value = inspect.getdoc(real) or ""

@@ -98,8 +98,8 @@ def _rows(
             unit += f", prismatic `{other}`"
         references = [position[v.name] for v in (first, last)]
         outputs = group if causality == "output" else []
-        known = (interface.memory[i] for v in outputs for i in interface.step_dependencies(position[v.name]))
-        used = {v.group: None for v in known if v.causality == "input"}
+        sources = (interface.memory[i] for v in outputs for i in interface.step_dependencies(position[v.name]))
+        used = {v.group: None for v in sources if v.causality == "input"}
         cells = {
             "name": f"`{first.name}`" + (f" .. `{last.name}`" if len(group) > 1 else ""),
             "value reference": str(references[0]) + (f" .. {references[1]}" if len(group) > 1 else ""),

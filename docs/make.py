@@ -78,7 +78,7 @@ def main() -> int:
         root = "../" * (len(built.relative_to(site).parts) - 1)
         text = _SHIM.sub(f'src="{root}js/iframe-worker.js"', built.read_text(encoding="utf-8"))
         if built.name == "404.html":  # the only one whose addresses start at the root of a server
-            text = _FROM_ROOT.sub(lambda found: f'{found[1]}{found[2] or "index.html"}"', text)
+            text = _FROM_ROOT.sub(lambda match: f'{match[1]}{match[2] or "index.html"}"', text)
             text = text.replace('"base":"/"', '"base":"."').replace('"search":"/', '"search":"')
         built.write_text(text, encoding="utf-8")
     for name in LIVE:

@@ -26,8 +26,8 @@ def _command(name: str, command: Any) -> Iterator[str]:
         if command.example:
             yield f"\n```sh\n{command.example}\n```"
     arguments = [p for p in command.params if p.param_type_name == "argument"]
-    known = {"--help"} if name == "vdfmu" else {"--help", "--quiet", "--verbose"}
-    options = [p for p in command.params if p.param_type_name == "option" and not known & {*p.opts}]
+    common = {"--help"} if name == "vdfmu" else {"--help", "--quiet", "--verbose"}
+    options = [p for p in command.params if p.param_type_name == "option" and not common & {*p.opts}]
     for kind, parameters in (("argument", arguments), ("option", options)):
         if parameters:
             yield f"\n| {kind} | default | what it is |\n| --- | --- | --- |"
@@ -90,9 +90,9 @@ def _keys(keys: Mapping[str, Any], required: list[str]) -> list[str]:
 
 def _value(schema: Mapping[str, Any]) -> str:
     if "anyOf" in schema:
-        found = " or ".join(dict.fromkeys(_value(each) for each in schema["anyOf"]))
-        one, _, many = found.partition(" or list: ")
-        return f"{one} or list" if one == many else found
+        kinds = " or ".join(dict.fromkeys(_value(each) for each in schema["anyOf"]))
+        single, _, many = kinds.partition(" or list: ")
+        return f"{single} or list" if single == many else kinds
     if "enum" in schema:
         return ", ".join(f"`{value}`" for value in schema["enum"])
     kind = schema.get("type", "")

@@ -32,7 +32,7 @@ def add_version(built: Path, folder: Path, name: str) -> Path:
     for page in pages_of(target):
         text = (target / page).read_text(encoding="utf-8")
         text = _TITLE.sub(rf"\g<1> {name}", text, count=1)
-        text = _NAME.sub(lambda found: found[1] + _HERE.format(name), text, count=1)
+        text = _NAME.sub(lambda match: match[1] + _HERE.format(name), text, count=1)
         (target / page).write_text(text, encoding="utf-8")
     list_versions(folder)
     return target
@@ -40,8 +40,8 @@ def add_version(built: Path, folder: Path, name: str) -> Path:
 
 def list_versions(folder: Path) -> None:
     """Write what leads to the versions of a folder: ``versions.js``, which their pages load, and ``index.html``."""
-    found = sorted((path.parent for path in folder.glob("*/index.html")), key=_age)
-    pages = {path.name: pages_of(path) for path in found}
+    versions = sorted((path.parent for path in folder.glob("*/index.html")), key=_age)
+    pages = {path.name: pages_of(path) for path in versions}
     write_whole(folder / "versions.js", [f"var vdfmuVersions = {json.dumps(pages)}\n".encode()])
     newest = next((name for name in pages if name != "dev"), "dev")
     write_whole(folder / "index.html", [_REDIRECT.format(newest).encode()])

@@ -75,6 +75,6 @@ if __name__ == "__main__":
     parser.add_argument("--stop", type=float, default=1.0)
     parser.add_argument("--step", type=float, default=1e-3)
     options = parser.parse_args()
-    found = simulate(options.folder, options.stop, options.step)
-    error = found["Trajectory.q_d[1]"] - found["Plant.q[1]"]
+    signals = simulate(options.folder, options.stop, options.step)
+    error = signals["Trajectory.q_d[1]"] - signals["Plant.q[1]"]
     print(f"largest position error of joint 1: {np.abs(error).max():.3g} rad")

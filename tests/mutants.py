@@ -35,7 +35,7 @@ class Fault(NamedTuple):
 
 
 def faults() -> list[Fault]:
-    found: list[Fault] = []
+    listed: list[Fault] = []
     for block in _LIST.read_text(encoding="utf-8").strip().split("\n\n"):
         head, line, changed = block.split("\n")
         file, _, same = head.partition(" ")
@@ -43,8 +43,8 @@ def faults() -> list[Fault]:
         count = [each.strip() for each in (ROOT / file).read_text(encoding="utf-8").splitlines()].count(fault.line)
         if count != 1:
             raise ValueError(f"{_LIST.name}: {file}: expected one line {fault.line!r}, got {count}")
-        found.append(fault)
-    return found
+        listed.append(fault)
+    return listed
 
 
 def first_failure(fault: Fault) -> str:

@@ -4,6 +4,6 @@ from tests.mutants import faults
 
 
 def test_each_fault_is_a_line_of_its_file():
-    found = faults()
-    assert len(found) >= 60
-    assert all(fault.line != fault.changed for fault in found)
+    listed = faults()
+    assert len(listed) >= 60
+    assert all(fault.line != fault.changed for fault in listed)

@@ -86,10 +86,10 @@ def test_a_log_is_identified(acme, tmp_path):
     table.tofile(tmp_path / "log.blog")
     names = "t [s],q[1] [rad],q[2] [rad],kappa[1] [rad],kappa[2] [rad],tau[1] [N.m],tau[2] [N.m]"
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="", fmt="%.17g")
-    own, csv = (command(tmp_path, acme, "identify", name, "--robot", "acme_2") for name in ("log.blog", "log.csv"))
-    assert own.returncode == 0, own.stderr
-    assert "I_m[1]" in own.stdout
-    assert own.stdout == csv.stdout  # the same numbers, to the bit, in another file
+    blog, csv = (command(tmp_path, acme, "identify", name, "--robot", "acme_2") for name in ("log.blog", "log.csv"))
+    assert blog.returncode == 0, blog.stderr
+    assert "I_m[1]" in blog.stdout
+    assert blog.stdout == csv.stdout  # the same numbers, to the bit, in another file
 
 
 def test_names_are_found_in_python(acme, added):
@@ -109,7 +109,7 @@ def broken(tmp_path: Path, added) -> Plugins:
     installed(tmp_path / "b", "two", {"vdfmu.toys": {"twice": "math:e"}})
     for name in ("a", "b"):
         added(tmp_path / name)
-    return Plugins("toys", "toy", "a number", lambda found: isinstance(found, float))
+    return Plugins("toys", "toy", "a number", lambda toy: isinstance(toy, float))
 
 
 def test_a_package_that_does_not_work_is_named_and_the_others_are_there(added, tmp_path, caplog):
@@ -171,7 +171,7 @@ def test_a_package_that_ends_python_is_named(added, tmp_path, caplog):
     (tmp_path / "ends_python.py").write_text("import sys\nsys.exit(5)\n")
     installed(tmp_path, "ends", {"vdfmu.toys": {"ends": "ends_python:it"}})
     added(tmp_path)
-    assert Plugins("toys", "toy", "a number", lambda found: True).all(()) == {}
+    assert Plugins("toys", "toy", "a number", lambda toy: True).all(()) == {}
     assert (
         "toy 'ends' of the package ends 1.0 cannot be used: expected a number, got ends_python:it: SystemExit: 5"
         in (caplog.text)

@@ -99,16 +99,16 @@ def _releases(tmp_path_factory):
 
 @pytest.mark.heavy
 def test_a_release_made_twice_has_the_same_bits(releases):
-    one, two = releases
-    sums = (one / "SHA256SUMS").read_text()
-    assert sums == (two / "SHA256SUMS").read_text()
+    first, second = releases
+    sums = (first / "SHA256SUMS").read_text()
+    assert sums == (second / "SHA256SUMS").read_text()
     digests = {name: digest for digest, name in (line.split("  ") for line in sums.splitlines())}
-    assert digests == {name: hashlib.sha256((one / name).read_bytes()).hexdigest() for name in digests}
+    assert digests == {name: hashlib.sha256((first / name).read_bytes()).hexdigest() for name in digests}
     assert len([name for name in digests if name.endswith(".fmu")]) == 10  # five units in two versions of FMI
     sdist = f"vdfmu-{__version__}.tar.gz"
     whole = {sdist, f"vdfmu-{__version__}-py3-none-any.whl", "LICENSE", "README.md", "recipe.yaml", "constraints.txt"}
     assert whole | {"planar_2dof/reference/planar_2dof_reach_2.0.ssp"} <= digests.keys()
-    recipe = (one / "recipe.yaml").read_text()
+    recipe = (first / "recipe.yaml").read_text()
     assert f"path: {sdist}\n  sha256: {digests[sdist]}\n" in recipe and "path: .." not in recipe
 
 

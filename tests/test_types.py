@@ -31,12 +31,12 @@ def test_types_of_the_api_reach_a_script_outside(tmp_path):
     path = os.pathsep.join(sys.path)
     command = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, "--outputjson", "script.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": path})
-    found = json.loads(done.stdout)["generalDiagnostics"]
-    types = [each["message"] for each in found if each["severity"] == "information"]
+    diagnostics = json.loads(done.stdout)["generalDiagnostics"]
+    types = [each["message"] for each in diagnostics if each["severity"] == "information"]
     assert len(types) == 6
     assert 'is "Results"' in types[0] and 'is "Robot"' in types[2] and "-> Motion" in types[4]
     assert not [each for each in types if "Unknown" in each or '"Any"' in each]
-    (wrong,) = (each["message"] for each in found if each["severity"] == "error")
+    (wrong,) = (each["message"] for each in diagnostics if each["severity"] == "error")
     assert "mastre" in wrong
     # without this file checkers guess types, or take none
     assert files(vdfmu).joinpath("py.typed").is_file()

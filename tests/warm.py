@@ -42,7 +42,7 @@ class Server:
         arguments: list[str],
         cwd: Path | str | None,
         env: Mapping[str, str] | None,
-        given: bytes | None,
+        stdin: bytes | None,
         timeout: float,
         merged: bool,
     ) -> tuple[int, bytes, bytes]:
@@ -52,7 +52,7 @@ class Server:
         }  # fmt: skip
         content = json.dumps(asked).encode()
         with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as failed, tempfile.TemporaryFile() as source:
-            source.write(given or b"")
+            source.write(stdin or b"")
             source.seek(0)
             files = [source.fileno(), said.fileno(), (said if merged else failed).fileno()]
             socket.send_fds(self._socket, [_HEAD.pack(len(content))], files)
@@ -96,8 +96,8 @@ def command(
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT if merged else subprocess.PIPE, encoding="utf-8",
             errors=errors,
         )  # fmt: skip
-    given = None if input is None else input.encode()
-    code, *said = _server().run(words, cwd, env, given, timeout, merged)
+    stdin = None if input is None else input.encode()
+    code, *said = _server().run(words, cwd, env, stdin, timeout, merged)
     out, error = (text.decode(errors=errors).replace("\r\n", "\n") for text in said)
     return subprocess.CompletedProcess(["vdfmu", *words], code, out, error)
 
@@ -108,13 +108,13 @@ def _environment(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def _received(stream: socket.socket, size: int) -> bytes:
-    found = b""
-    while len(found) < size:
-        part = stream.recv(size - len(found))
+    content = b""
+    while len(content) < size:
+        part = stream.recv(size - len(content))
         if not part:
             sys.exit(0)
-        found += part
-    return found
+        content += part
+    return content
 
 
 def serve() -> None:
@@ -138,8 +138,8 @@ def serve() -> None:
         stream.sendall(_HEAD.pack(os.waitstatus_to_exitcode(status)))
     os.setsid()
     stream.close()
-    for own, file in enumerate(files):
-        os.dup2(file, own)
+    for descriptor, file in enumerate(files):
+        os.dup2(file, descriptor)
         os.close(file)
     os.chdir(asked["folder"])
     os.environ.clear()

@@ -127,9 +127,9 @@ def ranked(rows: Sequence[Row], laws: Sequence[str], cells_of_a_law: int) -> lis
     return sorted(order, key=lambda each: (each[0], each[2] != first, each[1]))
 
 
-def words(rows: Sequence[Row], found: dict[tuple[str, str], Any], options: argparse.Namespace) -> Iterator[str]:
+def words(rows: Sequence[Row], searches: dict[tuple[str, str], Any], options: argparse.Namespace) -> Iterator[str]:
     """Yield the lines of the summary, in Markdown."""
-    laws = list(dict.fromkeys(law for _, law in found))
+    laws = list(dict.fromkeys(law for _, law in searches))
     number = len(options.arms) * len(options.motions)
     yield f"{len(rows)} cells, {options.evaluations} evaluations, seed {options.seed}, margin {options.margin:g}."
     yield from ("", "### RMS tool error, relative to the best law of the row [cells that are not stable]", "")
@@ -152,7 +152,7 @@ def words(rows: Sequence[Row], found: dict[tuple[str, str], Any], options: argpa
     yield f"| law | {' | '.join(options.arms)} |"
     yield f"| --- |{' --- |' * len(options.arms)}"
     for law in laws:
-        pairs = [found[arm, law] for arm in options.arms]
+        pairs = [searches[arm, law] for arm in options.arms]
         texts = [f"{1e3 * t.before.cost[0]:.3g} → {1e3 * t.after.cost[0]:.3g}" if t.after.feasible
                  else "no values keep the margin" for t in pairs]  # fmt: skip
         yield f"| `{law}` | {' | '.join(texts)} |"
@@ -161,31 +161,31 @@ def words(rows: Sequence[Row], found: dict[tuple[str, str], Any], options: argpa
 def main(arguments: Sequence[str] | None = None) -> list[Row]:
     """Run the comparison and return its rows."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name, known, text in (
+    for name, names, text in (
         ("laws", tuple(LAWS), "names, or Python files with a LAW"), ("arms", ARMS, "names or TOML files"),
         ("mismatch", tuple(MISMATCHES), "names"), ("motions", MOTIONS, "names"),
     ):  # fmt: skip
-        parser.add_argument(f"--{name}", default=known, type=lambda each: each.split(","), help=f"{text}; default all")
+        parser.add_argument(f"--{name}", default=names, type=lambda each: each.split(","), help=f"{text}; default all")
     parser.add_argument("--evaluations", type=int, default=24, help="of the search of each law on each arm")
     parser.add_argument("--margin", type=float, default=0.5, help="least modulus margin on the plant that a law knows")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int)
     parser.add_argument("--out", type=Path, default=Path("results/compare_laws"))
     options = parser.parse_args(arguments)
-    for name, known in (("mismatch", MISMATCHES), ("motions", MOTIONS)):
-        if unknown := [each for each in getattr(options, name) if each not in known]:
-            parser.error(f"--{name}: must be some of {', '.join(known)}, got {', '.join(unknown)}.")
+    for name, names in (("mismatch", MISMATCHES), ("motions", MOTIONS)):
+        if unknown := [each for each in getattr(options, name) if each not in names]:
+            parser.error(f"--{name}: must be some of {', '.join(names)}, got {', '.join(unknown)}.")
     laws = [load_law(name) for name in options.laws]
     arms = [Arm(name, options.out) for name in options.arms]
     rows: list[Row] = []
-    found: dict[tuple[str, str], Any] = {}
+    searches: dict[tuple[str, str], Any] = {}
     for name, arm in zip(options.arms, arms, strict=True):
         for law in laws:
-            found[name, law.name] = result = tuned(arm, law, options)
+            searches[name, law.name] = result = tuned(arm, law, options)
             if result.after.feasible:
                 values = {key.partition(".")[2]: np.asarray(x).tolist() for key, x in result.settings.items()}
                 rows += cells(arm, law, arm.start_of(law) | values, options)
-    text = "\n".join(words(rows, found, options)) + "\n"
+    text = "\n".join(words(rows, searches, options)) + "\n"
     (options.out / "summary.md").write_text(text)
     print(text)
     return rows

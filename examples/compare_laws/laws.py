@@ -71,6 +71,6 @@ def load_law(name: str) -> Law:
     law = runpy.run_path(name).get("LAW")
     if not isinstance(law, Mapping) or set(law) != set(Law._fields):
         raise SystemExit(f"{name}: LAW must be a dict with {', '.join(Law._fields)}, got {law!r}.")
-    found = Law(**law)
-    unit, _, cls = found.unit.partition(":")
-    return found._replace(unit=f"{Path(name).resolve().parent / unit}:{cls}") if cls else found
+    loaded = Law(**law)
+    unit, _, cls = loaded.unit.partition(":")
+    return loaded._replace(unit=f"{Path(name).resolve().parent / unit}:{cls}") if cls else loaded

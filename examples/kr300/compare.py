@@ -127,10 +127,10 @@ def draw(path, name, time, here, there):
     looks = {"measured": measured, "simulated": simulated}
     handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
     figure = style.new_figure(f"KUKA KR 300, record {name}", "", width=17.0, height=7.4, legend=handles)
-    for row, ((quantity, unit), (one, other)) in enumerate(zip(quantities, errors(here, there), strict=True)):
+    for row, ((quantity, unit), (run, record)) in enumerate(zip(quantities, errors(here, there), strict=True)):
         for i in range(3 if quantity == "Deflection" else 6):
             panel = figure.add_subplot(3, 6, 6 * row + i + 1)
-            for values, look in zip((other, one), looks.values(), strict=True):
+            for values, look in zip((record, run), looks.values(), strict=True):
                 style.curve(panel, time, values[:, i], **look)
             style.dress(panel, f"Axis {i + 1}", quantity if i == 0 else "", unit, time)
             if row == 2 or (i > 2 and row == 1):  # the last of its column
@@ -146,8 +146,8 @@ def main(folder, *changes):
     folder = Path(folder)
     for name in ("a", "b"):
         run = simulated(name, robot, out=folder / f"kr300_{name}", overwrite=True, settings=settings)
-        others = (wrong_arm(robot), settings), (robot, FILE_LAW)
-        runs = run, *(simulated(name, arm, out=False, settings=changed) for arm, changed in others)
+        variants = (wrong_arm(robot), settings), (robot, FILE_LAW)
+        runs = run, *(simulated(name, arm, out=False, settings=changed) for arm, changed in variants)
         compared = [measured(name, robot, each, constants, delays) for each in runs]
         table(name.upper(), *(each[1:] for each in compared))
         time, here, there = compared[0]

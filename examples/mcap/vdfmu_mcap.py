@@ -45,11 +45,11 @@ def topics(signals: Sequence[Signal]) -> Iterator[tuple[str, str, np.dtype, dict
         groups.setdefault((re.sub(r"\[[\d,]+\]$", "", signal.name), signal.kind), []).append(signal)
     components = list(dict.fromkeys(name.partition(".")[0] for name, _ in groups)) or ["time"]
     for component, topic in zip(components, ros_names(components), strict=True):
-        own = [key for key in groups if key[0].partition(".")[0] == component]
-        own.sort(key=lambda key: list(TYPES).index(key[1]))  # the largest first, so that no gaps align them
-        names = ros_names([name.partition(".")[2] or "value" for name, _ in own], taken=["time"])
+        keys = [key for key in groups if key[0].partition(".")[0] == component]
+        keys.sort(key=lambda key: list(TYPES).index(key[1]))  # the largest first, so that no gaps align them
+        names = ros_names([name.partition(".")[2] or "value" for name, _ in keys], taken=["time"])
         lines, layout, fields = ["float64 time  # s"], [("head", "V4"), ("time", "<f8")], {}
-        for name, key in zip(names, own, strict=True):
+        for name, key in zip(names, keys, strict=True):
             fields[name] = groups[key]
             units = ", ".join(dict.fromkeys(signal.unit for signal in groups[key]))
             lines.append(f"{TYPES[key[1]][0]}[{len(groups[key])}] {name}  # {units}")
@@ -132,13 +132,13 @@ def read(path: Path) -> Recorded:
         for topic, _, layout, fields in topics(signals):
             rows = np.frombuffer(b"".join(texts.get(f"/{topic}", [])), layout)
             time = rows["time"].copy()
-            columns |= {s.name: rows[name][:, i] for name, own in fields.items() for i, s in enumerate(own)}
+            columns |= {s.name: rows[name][:, i] for name, group in fields.items() for i, s in enumerate(group)}
         data = {}
         for kind in TYPES:
-            own = [signal for signal in signals if signal.kind == kind]
-            shape = len(time), max((signal.column + 1 for signal in own), default=0)
+            of_kind = [signal for signal in signals if signal.kind == kind]
+            shape = len(time), max((signal.column + 1 for signal in of_kind), default=0)
             data[kind] = np.zeros(shape, np.float64 if kind == "real" else np.int32)
-            for signal in own:
+            for signal in of_kind:
                 data[kind][:, signal.column] = columns[signal.name]
         return Recorded(time, signals, data, header["summary"])
     except VdfmuError:

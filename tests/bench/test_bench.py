@@ -102,36 +102,36 @@ def test_least_of_blocks_leaves_out_what_disturbed_a_round_and_the_clock_divides
 @needs_compiler
 @pytest.mark.heavy
 def test_native(report):
-    found = native.study(
+    timings = native.study(
         load_scenario("planar_tracking"), stop=0.2, stop_python=0.1, rounds=2, say=report.say,
-        others=[name for name in PACKAGES if not missing(name)],
+        importers=[name for name in PACKAGES if not missing(name)],
     )  # fmt: skip
-    assert found.differences[native.PYTHON] < 1e-9  # the bound of the project
-    assert found.differences[native.CONTAINER] < 1e-12  # the same calls in the same order
-    assert found.differences[native.ISOLATED] == 0.0  # the very calls, in another process
-    assert found.differences[native.INTERPRETED] == 0.0  # the same bits
-    assert found.differences[native.OWN] == 0.0  # the same operations in the same order
-    assert 0.0 < found.in_units < found.least(native.NATIVE)
-    native.tabulate(found, report)
+    assert timings.differences[native.PYTHON] < 1e-9  # the bound of the project
+    assert timings.differences[native.CONTAINER] < 1e-12  # the same calls in the same order
+    assert timings.differences[native.ISOLATED] == 0.0  # the very calls, in another process
+    assert timings.differences[native.INTERPRETED] == 0.0  # the same bits
+    assert timings.differences[native.OWN] == 0.0  # the same operations in the same order
+    assert 0.0 < timings.in_units < timings.least(native.NATIVE)
+    native.tabulate(timings, report)
     assert report.facts["compiled_over_interpreted"] < 1.0
 
 
 @needs_compiler
 @pytest.mark.heavy
 def test_work_precision_engines_and_the_whole(report):
-    found = work_precision.study(load_robot("planar_2dof"), 0.02, [1e-5, 1e-7], 1)
+    precision = work_precision.study(load_robot("planar_2dof"), 0.02, [1e-5, 1e-7], 1)
     for method in (work_precision.COSIM, work_precision.CVODE):
-        loose, tight = found.of(method)
+        loose, tight = precision.of(method)
         # a hundred times the tolerance: the local error is controlled, of all states
         assert tight.error < 1e-5
         assert tight.error < loose.error
-    work_precision.tabulate(found, report)
-    found = engines.study(load_robot("planar_2dof"), 0.02, 1, report.say)
+    work_precision.tabulate(precision, report)
+    precision = engines.study(load_robot("planar_2dof"), 0.02, 1, report.say)
     for integrator, order in (("RK4", 4), ("implicit", 1)):
-        first, *_, last = found.of(f"mujoco {integrator}")
+        first, *_, last = precision.of(f"mujoco {integrator}")
         # its own order between the steps: the models are the same, for the error of another one would stay
         assert last.error < 10.0 * first.error * (last.level / first.level) ** order + 1e-10
-    work_precision.tabulate(found, report)
+    work_precision.tabulate(precision, report)
     whole.run(report, quick=True)
     commands = report.facts["commands_s"]
     assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0
@@ -141,10 +141,10 @@ def test_work_precision_engines_and_the_whole(report):
 
 def test_time_at_an_error_is_interpolated():
     points = [work_precision.Point("A", 1e-4, 1.0, 1e-4), work_precision.Point("A", 1e-8, 100.0, 1e-8)]
-    found = work_precision.WorkPrecision("", 1.0, points)
-    assert found.time_at("A", 1e-6) == pytest.approx(10.0, rel=1e-12)
-    assert found.time_at("A", 1e-3) is None
-    assert found.time_at("B", 1e-6) is None
+    precision = work_precision.WorkPrecision("", 1.0, points)
+    assert precision.time_at("A", 1e-6) == pytest.approx(10.0, rel=1e-12)
+    assert precision.time_at("A", 1e-3) is None
+    assert precision.time_at("B", 1e-6) is None
 
 
 @pytest.mark.heavy

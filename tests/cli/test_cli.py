@@ -50,11 +50,11 @@ def test_build_efmus_of_a_scenario_and_of_a_unit_by_name(tmp_path):
         program = archive.read("eFMU/AlgorithmCode/PDController.alg").decode()
     assert "PDController_period = 0.0005;" in source
     assert "self.K_p := {1000.0, 1000.0}" not in program  # but the scenario's
-    one = vdfmu(
+    single = vdfmu(
         "build", "notch_filter", "--robot", "planar_2dof", "--set", "f=30", "--target", "efmi", "--precision",
         "float32", "--out", "one", cwd=tmp_path,
     )  # fmt: skip
-    assert one.returncode == 0, one.stderr
+    assert single.returncode == 0, single.stderr
     with zipfile.ZipFile(tmp_path / "one" / "NotchFilter.fmu") as archive:
         assert b"30.0f, 30.0f" in archive.read("eFMU/ProductionCode/NotchFilter.c")
 
@@ -288,7 +288,7 @@ def test_the_cache_is_shown_and_cleared(tmp_path):
     entries = [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
     size = f"{sum(path.stat().st_size for path in entries) / 2**20:.1f} MB"
     shown = output("doctor", "--cache")
-    assert f"Folder   {tmp_path / 'cache'}\n" in shown and f"Entries  {len(entries)}\n" in shown
+    assert f"Cache    {tmp_path / 'cache'}\n" in shown and f"Entries  {len(entries)}\n" in shown
     assert entries and f"Size     {size}, at most 300 MB\n" in shown
     assert output("doctor", "--clear-cache") == f"Removed {len(entries)} entries, {size}.\n"
     assert "Entries  0\n" in output("doctor", "--cache")

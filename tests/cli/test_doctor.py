@@ -28,7 +28,7 @@ def test_what_is_missing_is_said_with_its_price_and_the_way_to_it_for_every_extr
     whole = CliRunner().invoke(app, ["doctor"])
     assert whole.exit_code == 0
     assert "Extra    sweep: pyarrow " in whole.output
-    assert f"Folder   {tmp_path}" in whole.output
+    assert f"Cache    {tmp_path}" in whole.output
 
     def version(name: str) -> str:
         if name in ("pyarrow", "casadi"):

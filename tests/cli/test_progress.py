@@ -24,10 +24,10 @@ def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatc
     assert sorted(built) == ["controller", "plant"]
     stages = {stage: [report for report in reports if report[0] == stage] for stage, _, _ in reports}
     assert list(stages) == ["trace plant", "trace controller", "compile"]
-    for stage, found in stages.items():
-        total = found[0][2]
+    for stage, seen in stages.items():
+        total = seen[0][2]
         assert total > 0
-        assert found == [(stage, done, total) for done in range(total + 1)]
+        assert seen == [(stage, done, total) for done in range(total + 1)]
     count = len(reports)
     build_fmus(load_robot("planar_2dof"), tmp_path / "again", units=["plant"], backend="native")
     assert len(reports) == count  # nothing is shown after the block

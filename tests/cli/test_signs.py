@@ -105,15 +105,15 @@ def test_every_command_takes_quiet_and_verbose():
         return [leaf for below in inner.values() for leaf in leaves(below)] if inner else [command]
 
     top = app
-    found = leaves(top)
-    assert len(found) > 20
-    for command in (top, *found):
+    commands = leaves(top)
+    assert len(commands) > 20
+    for command in (top, *commands):
         options = {option for parameter in command.params for option in parameter.opts}
         assert {"--quiet", "-q", "--verbose", "-v"} <= options, command.name
 
 
 @pytest.fixture
-def told(tmp_path, monkeypatch):
+def invoked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def run(*words):
@@ -125,31 +125,31 @@ def told(tmp_path, monkeypatch):
 
 
 @pytest.mark.heavy
-def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(told):
+def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(invoked):
     words = ("run", "planar_tracking", "--stop", "0.01", "--no-reference")
-    quiet = told(*words, "--quiet")
+    quiet = invoked(*words, "--quiet")
     files = "report.html, results.csv, summary.json, system.ssp"
     assert quiet == ([f"Written to results/planar_tracking: {files}"], [])
-    output, said = told("--verbose", *words)
+    output, said = invoked("--verbose", *words)
     assert quiet[0][-1] in output[-3:] and output[-1] == "Open results/planar_tracking/report.html"
     assert len(output) > 10
-    for what in (r"vdfmu \S+, Python ", r"from the cache: \w", r"co-simulation, 10: \d", "figures: ", "written: "):
-        assert any(re.match(rf" +\d+\.\d\d s  {what}", line) for line in said), what
+    for pattern in (r"vdfmu \S+, Python ", r"from the cache: \w", r"co-simulation, 10: \d", "figures: ", "written: "):
+        assert any(re.match(rf" +\d+\.\d\d s  {pattern}", line) for line in said), pattern
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(
     "words", ["linear planar_2dof", "check robot.toml", "robot reach planar_2dof -o r.toml --overwrite"]
 )
-def test_quiet_leaves_the_result_of_a_command_that_prints_it(told, tmp_path, words):
+def test_quiet_leaves_the_result_of_a_command_that_prints_it(invoked, tmp_path, words):
     from vdfmu.base.files import data_path
 
     (tmp_path / "robot.toml").write_bytes((data_path("models") / "robots" / "planar_2dof.toml").read_bytes())
-    output, _ = told(*words.split(), "-v")
+    output, _ = invoked(*words.split(), "-v")
     assert output
-    assert told(*words.split())[0] == output
-    assert told("--quiet", *words.split()) == (output, [])
-    assert told(*words.split(), "-q") == (output, [])
+    assert invoked(*words.split())[0] == output
+    assert invoked("--quiet", *words.split()) == (output, [])
+    assert invoked(*words.split(), "-q") == (output, [])
 
 
 @pytest.mark.heavy

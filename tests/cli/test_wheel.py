@@ -24,10 +24,10 @@ def test_what_the_readme_installs_gives_the_same_tracking_run(tmp_path):
     done = run_process("sh", f"set -e\n{block}", clone, PYTHONPATH="", PIP_NO_COMPILE="1")
     assert done.returncode == 0, done.stdout
 
-    found = json.loads((clone / "results" / "tracking" / "summary.json").read_text())
+    summary = json.loads((clone / "results" / "tracking" / "summary.json").read_text())
     here = vdfmu.run("tracking", reference=False, out=False).summary
     for key in ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm"):
-        assert found[key] == here[key]  # the same arithmetic: equal to the last bit
+        assert summary[key] == here[key]  # the same arithmetic: equal to the last bit
 
     # the example units are in it
     empty = tmp_path / "empty"

@@ -17,11 +17,11 @@ from vdfmu.cli.commands import COMMANDS, FIRST, app
 from vdfmu.cli.parameters import parameter, rows_by_task
 
 
-def commands(name="", found=None):
-    found = found or app
-    inner = getattr(found, "commands", {})
+def commands(name="", node=None):
+    node = node or app
+    inner = getattr(node, "commands", {})
     if not inner:
-        yield name, found
+        yield name, node
     for word, below in inner.items():
         yield from commands(f"{name} {word}".strip(), below)
 
@@ -31,12 +31,12 @@ ROOT = Path(__file__).resolve().parents[2]
 ALL = dict(commands())
 
 
-def options(found):
-    return {word: one for one in found.params if one.param_type_name == "option" for word in one.opts}
+def options(node):
+    return {word: option for option in node.params if option.param_type_name == "option" for word in option.opts}
 
 
 def test_every_command_that_writes_takes_out_and_its_letter():
-    writes = {name for name, found in ALL.items() if "--out" in options(found)}
+    writes = {name for name, node in ALL.items() if "--out" in options(node)}
     assert {"run", "report", "ssp", "build", "sweep plot", "unit new", "tune"} <= writes
     assert all(options(ALL[name])["-o"] is options(ALL[name])["--out"] for name in writes)
 
@@ -61,9 +61,9 @@ def test_nouns_have_the_same_verbs(group):
 
 
 def test_every_option_has_help_and_values_that_there_are_can_be_completed():
-    for name, found in ALL.items():
-        for word, one in options(found).items():
-            assert one.help, (name, word)
+    for name, node in ALL.items():
+        for word, option in options(node).items():
+            assert option.help, (name, word)
     for name, word, values in (
         ("run", "--master", "gauss-seidel|jacobi|extrapolated|iterative"),
         ("run", "--backend", "python|native"),
@@ -82,6 +82,7 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
     ),
     ("run --mastre jacobi", "No such option '--mastre'. (Did you mean one of: '--master', '--step'?) See"),
     ("rum", "No such command 'rum'. Did you mean 'run'?"),
+    ("sweep a=A.fmu b=B.fmu", "Got unexpected extra argument (b=B.fmu). See"),
     ("run --step fast", "Invalid value for '--step'"),
     ("linear --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
     ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),
@@ -152,12 +153,12 @@ def test_an_option_that_no_task_names_has_a_place_and_other_packages_are_replace
 
 
 def test_margins_and_modes_as_json_and_the_motion_of_a_shipped_scenario_by_its_name(tmp_path):
-    found = json.loads(command("linear", "planar_tracking", "--at", "0.5", "--json", cwd=tmp_path).stdout)
-    assert [row["opened_at"] for row in found["margins"]] == ["plant.tau[1]", "plant.tau[2]"]
-    assert found["state"] == "good" and all(0.0 < row["modulus"] < 1.0 for row in found["margins"])
-    found = json.loads(command("linear", "planar_2dof", "--json", cwd=tmp_path).stdout)
-    assert found["pose"] == [0.0, 0.0]
-    assert len(found["motors_free"]["frequency"]) == len(found["motors_held"]["frequency"]) == 2
+    answer = json.loads(command("linear", "planar_tracking", "--at", "0.5", "--json", cwd=tmp_path).stdout)
+    assert [row["opened_at"] for row in answer["margins"]] == ["plant.tau[1]", "plant.tau[2]"]
+    assert answer["state"] == "good" and all(0.0 < row["modulus"] < 1.0 for row in answer["margins"])
+    answer = json.loads(command("linear", "planar_2dof", "--json", cwd=tmp_path).stdout)
+    assert answer["pose"] == [0.0, 0.0]
+    assert len(answer["motors_free"]["frequency"]) == len(answer["motors_held"]["frequency"]) == 2
     done = command("scenario", "motion", "planar_tracking", "--json", cwd=tmp_path)
     joint = json.loads(done.stdout)["joints"][1]
     # (57): the peak of the speed is 2 (q_end - q_start) / T, at T/2, which is a row; printed with 16 digits
@@ -169,8 +170,8 @@ LINES = re.findall(r"`vdfmu ([^`]+)`", (ROOT / "docs/index.md").read_text(encodi
 
 @pytest.mark.parametrize("line", LINES)
 def test_the_start_page_has_commands_that_there_are(line):
-    found, words, name = app, shlex.split(line), "vdfmu"
-    while inner := getattr(found, "commands", {}):
+    node, words, name = app, shlex.split(line), "vdfmu"
+    while inner := getattr(node, "commands", {}):
         name = words.pop(0)
-        found = inner[name]
-    found.make_context(name, words)  # raises for a word that the command does not take
+        node = inner[name]
+    node.make_context(name, words)  # raises for a word that the command does not take

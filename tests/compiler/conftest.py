@@ -79,9 +79,9 @@ class Unit:
 
     def variables(self, name: str) -> list[Any]:
         """Variables of a name, or of a group."""
-        found = [v for v in self.description.modelVariables if name in (v.name, v.name.split("[")[0])]
-        assert found, name
-        return found
+        members = [v for v in self.description.modelVariables if name in (v.name, v.name.split("[")[0])]
+        assert members, name
+        return members
 
     def references(self, name: str) -> list[int]:
         """Value references of a name, or of a group."""

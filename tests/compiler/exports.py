@@ -12,12 +12,12 @@ def elf_exports(data: bytes) -> set[str]:
     sections = [struct.unpack_from("<IIQQQQIIQQ", data, table + i * size) for i in range(count)]
     (dynamic,) = [s for s in sections if s[1] == 11]
     names = sections[dynamic[6]]
-    found: set[str] = set()
+    symbols: set[str] = set()
     for at in range(dynamic[4], dynamic[4] + dynamic[5], 24):
         name, _, _, section = struct.unpack_from("<IBBH", data, at)
         if section:
-            found.add(text_at(data, names[4] + name))
-    return found
+            symbols.add(text_at(data, names[4] + name))
+    return symbols
 
 
 def pe_exports(data: bytes) -> set[str]:
@@ -53,7 +53,7 @@ def macho_parts(data: bytes) -> dict[int, bytes]:
 def macho_exports(data: bytes) -> set[str]:
     magic, _, _, filetype, n_commands = struct.unpack_from("<5I", data, 0)
     assert (magic, filetype) == (0xFEEDFACF, 6)  # 64 bits, shared library
-    place, found = 32, set()
+    place, exported = 32, set()
     for _ in range(n_commands):
         command, size = struct.unpack_from("<2I", data, place)
         if command == 2:  # LC_SYMTAB
@@ -62,6 +62,6 @@ def macho_exports(data: bytes) -> set[str]:
                 name, kind, section, _, _ = struct.unpack_from("<IBBHQ", data, symbols + 16 * k)
                 if kind & 1 and not kind & 0x10 and section:  # external, not private, defined
                     end = data.index(b"\0", strings + name)
-                    found.add(data[strings + name : end].decode())
+                    exported.add(data[strings + name : end].decode())
         place += size
-    return found
+    return exported

@@ -62,20 +62,20 @@ class Claim:
             raise ValueError(f"{self.page}: expected one place with this text, got {len(places)}: {self.text}")
         return places[0]
 
-    def found(self) -> list[float]:
+    def computed(self) -> list[float]:
         """Return the numbers that the command or the expression gives."""
         if self.command:
             output = _output(self.command)
-            given = _search(self.find or self.pattern, output[output.index(self.after) :])
+            outcome = _search(self.find or self.pattern, output[output.index(self.after) :])
         else:
             names = {"np": np, "vdfmu": vdfmu, "ROOT": ROOT, "said": said, "numbers": numbers}
-            given = eval(self.python, names | vars(quantities))
-        found, figures = np.ravel(given).astype(float).tolist(), len(self.parts) // 2
-        if found and self.tolerance == "at most":
-            found = [max(found)] * figures
-        if len(found) != figures:
-            raise ValueError(f"expected {figures} numbers, got {found}")
-        return found
+            outcome = eval(self.python, names | vars(quantities))
+        result, figures = np.ravel(outcome).astype(float).tolist(), len(self.parts) // 2
+        if result and self.tolerance == "at most":
+            result = [max(result)] * figures
+        if len(result) != figures:
+            raise ValueError(f"expected {figures} numbers, got {result}")
+        return result
 
     def agrees(self, figure: str, number: float) -> bool:
         """Whether a number is within the tolerance of a figure."""
@@ -163,22 +163,22 @@ def main(arguments: list[str] | None = None) -> int:
     for claim in claims():
         if not all(word in f"{claim.page} {claim.text} {claim.command} {claim.python}" for word in options.words):
             continue
-        figures, sign, found = claim.parts[1::2], "seen", claim.seen
+        figures, sign, shown = claim.parts[1::2], "seen", claim.seen
         if not claim.seen:
             try:
-                given = claim.found()
-                agree, found = [*map(claim.agrees, figures, given)], ", ".join(f"{number:.4g}" for number in given)
+                values = claim.computed()
+                agree, shown = [*map(claim.agrees, figures, values)], ", ".join(f"{number:.4g}" for number in values)
                 if options.write:
-                    rows = zip(figures, agree, given, strict=True)
+                    rows = zip(figures, agree, values, strict=True)
                     written = [figure if agrees else rendered(figure, number) for figure, agrees, number in rows]
                     write(claim, written)
-                    agree = [*map(claim.agrees, written, given)]
+                    agree = [*map(claim.agrees, written, values)]
             except Exception as error:  # the next one may hold
-                agree, found = [False], f"{error} {getattr(error, 'output', '')[-500:]}"
+                agree, shown = [False], f"{error} {getattr(error, 'output', '')[-500:]}"
             sign = "pass" if all(agree) else "FAIL"
         differ += sign == "FAIL"
         claimed = f"claimed {', '.join(figures)} [{claim.unit}, {claim.tolerance}]"
-        print(f"{sign} {claim.page}: {claimed}, found {found}", flush=True)
+        print(f"{sign} {claim.page}: {claimed}, found {shown}", flush=True)
         if sign == "FAIL":
             print(f"     {claim.text!r}\n     {claim.command or claim.python}")
     return int(differ > 0)

@@ -47,11 +47,11 @@ def run_process(kind, body, cwd=None, **further):
 def readme_blocks():
     """Return kind, text and expected output, or None, of the blocks of the README that can be run."""
     blocks = read_blocks(README)
-    found = []
+    runnable = []
     for (kind, _, body, _, _), after in zip(blocks, [*blocks[1:], None], strict=True):
         if kind in ("python", "sh"):
-            found.append((kind, body, after[2] if after and after[0] == "text" and after[3] else None))
-    return found
+            runnable.append((kind, body, after[2] if after and after[0] == "text" and after[3] else None))
+    return runnable
 
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -33,7 +33,7 @@ def plant_jacobian(robot):
 def elastic_modes(gravity_holds, locked):
     """Return the lowest and highest elastic frequency [Hz] of the paper's arm over the poses of (57), at rest."""
     arm = vdfmu.load_robot("manipulator_6dof").with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
-    jacobian, found = plant_jacobian(arm), []
+    jacobian, frequencies = plant_jacobian(arm), []
     for s in np.linspace(0.0, 1.0, 101):
         tau_s = equilibrium_torque(arm, s * END) if gravity_holds else np.zeros(N)
         J = jacobian(np.concatenate([s * END, np.zeros(2 * N), tau_s]))
@@ -43,8 +43,8 @@ def elastic_modes(gravity_holds, locked):
         modes = np.sort(np.abs(np.linalg.eigvals(J).imag) / (2.0 * np.pi))
         modes = modes[modes > 2.0][::2]  # below is the pendulum, not the springs
         assert len(modes) == N  # one for each joint
-        found += [modes[0], modes[-1]]
-    return min(found), max(found)
+        frequencies += [modes[0], modes[-1]]
+    return min(frequencies), max(frequencies)
 
 
 def stability_numbers():

@@ -120,14 +120,14 @@ def growth(arm, jacobian, K_p, K_v, source):
     """Return the largest real part [1/s] of the closed loop at 0.5 rad/s along the poses of (57)."""
     velocity = slice(2 * N, 3 * N) if source == "kappa_dot" else slice(N, 2 * N)
     rotor = slice(2 * N, 3 * N)
-    found = []
+    rates = []
     for s in (0.0, 0.5, 1.0):
         q = s * END
         J = jacobian(np.concatenate([q, np.full(2 * N, 0.5), equilibrium_torque(arm, q)]))
         J[rotor, :N] -= np.diag(K_p / arm.ell / arm.I_m)
         J[rotor, velocity] -= np.diag(K_v / arm.ell / arm.I_m)
-        found.append(np.linalg.eigvals(J).real.max())
-    return found
+        rates.append(np.linalg.eigvals(J).real.max())
+    return rates
 
 
 def test_derivative_on_the_link_is_unstable_and_on_the_rotor_stable(arm):
@@ -209,16 +209,16 @@ def by_source():
     for claim in claims.claims():
         if not claim.seen:
             sources.setdefault(claim.command or claim.python, []).append(claim)
-    for source, those in sources.items():
-        heavy = those[0].command or "numbers(" in source
-        yield pytest.param(those, id=source, marks=[pytest.mark.heavy] if heavy else [])
+    for source, group in sources.items():
+        heavy = group[0].command or "numbers(" in source
+        yield pytest.param(group, id=source, marks=[pytest.mark.heavy] if heavy else [])
 
 
-@pytest.mark.parametrize("those", list(by_source()))
-def test_claims_hold(those):
-    for claim in those:
-        found = claim.found()
-        assert all(map(claim.agrees, claim.parts[1::2], found)), (claim.text, found)
+@pytest.mark.parametrize("group", list(by_source()))
+def test_claims_hold(group):
+    for claim in group:
+        numbers = claim.computed()
+        assert all(map(claim.agrees, claim.parts[1::2], numbers)), (claim.text, numbers)
 
 
 def test_a_wrong_figure_is_found_and_mended(tmp_path, monkeypatch, capsys):
@@ -227,8 +227,8 @@ def test_a_wrong_figure_is_found_and_mended(tmp_path, monkeypatch, capsys):
     page, table = tmp_path / "page.md", tmp_path / "docs" / "claims.toml"
     table.parent.mkdir()
     said = "x is {0.56}, y {4.6·10⁻¹⁰}, z {1.7e-09},\nn {eleven} of 12, v {-1,234} N.m, w {2.50}"
-    given = "[0.146, 4.5e-10, 2.345e-3, 12, -1999.6, 2.504]"
-    table.write_text(f"[[claim]]\npage = 'page.md'\ntext = '''{said}'''\nunit = ''\npython = '{given}'\n")
+    array = "[0.146, 4.5e-10, 2.345e-3, 12, -1999.6, 2.504]"
+    table.write_text(f"[[claim]]\npage = 'page.md'\ntext = '''{said}'''\nunit = ''\npython = '{array}'\n")
     page.write_text(re.sub("[{}]", "", said.replace(" ", "  ")) + "\n3.0 stays")
     assert claims.main([]) == 1
     assert "FAIL page.md: claimed 0.56," in capsys.readouterr().out

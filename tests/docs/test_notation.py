@@ -46,13 +46,13 @@ def with_everything(robot: Robot) -> Robot:
 
 @pytest.fixture(scope="module")
 def groups():
-    found = {}
+    variables = {}
     for k, name in enumerate(("manipulator_6dof", "slider_3dof")):
         robot = with_everything(load_robot(name))
         for unit in shipped_units().values():
             for variable in Interface(unit, robot):
-                found.setdefault(variable.group, ([], []))[k].append((robot, variable))
-    return found
+                variables.setdefault(variable.group, ([], []))[k].append((robot, variable))
+    return variables
 
 
 @pytest.fixture(scope="module")

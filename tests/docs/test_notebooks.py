@@ -19,8 +19,8 @@ def test_a_notebook_runs_and_prints_what_it_shows(monkeypatch, name):
     monkeypatch.syspath_prepend(DOCS)
     pages = importlib.import_module("notebook_pages")
     kept = pages.nbformat.read(DOCS / "notebooks" / f"{name}.ipynb", 4)
-    found = pages.executed(name)
-    assert printed(found) == printed(kept)
+    notebook = pages.executed(name)
+    assert printed(notebook) == printed(kept)
     assert any(printed(kept))
     text, pictures = pages.page(name)
     assert "<iframe" not in str(kept)  # its libraries are 0.3 MB; the page makes the arm again

@@ -39,7 +39,7 @@ def split(text):
 
 def measured(texts):
     parts = [split(text) for text in texts]
-    sentences = [sentence for found, _ in parts for sentence in found]
+    sentences = [sentence for prose, _ in parts for sentence in prose]
     counts = sorted(count for count, _ in sentences)
     words, inside = sum(counts), sum(len(cell.split()) for _, cells in parts for cell in cells)
     share = 100.0 / len(counts)
@@ -68,8 +68,8 @@ PHRASES = {
 def test_the_documentation_keeps_the_limits():
     groups = {"docs": PAGES} | {name: [ROOT / name] for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")}
     for name, pages in groups.items():
-        found = measured([page.read_text(encoding="utf-8") for page in pages])
-        assert {limit: value for limit, value in found.items() if value > LIMITS[limit]} == {}, name
+        values = measured([page.read_text(encoding="utf-8") for page in pages])
+        assert {limit: value for limit, value in values.items() if value > LIMITS[limit]} == {}, name
     assert len(PAGES) <= 32
 
 
@@ -99,6 +99,6 @@ def test_a_long_sentence_and_prose_in_a_table_are_seen():
     text = (
         f"One two three. {'Word ' * 31}end; it is. Four five six.\n\n| a | b |\n| --- | --- |\n| {'fact ' * 80} | x |\n"
     )
-    found = measured([text])
-    assert all(found[name] > LIMITS[name] for name in ("over 30, %", "semicolons, %", "in tables, %"))
-    assert found["mean"] == pytest.approx((3 + 34 + 3) / 3)
+    values = measured([text])
+    assert all(values[name] > LIMITS[name] for name in ("over 30, %", "semicolons, %", "in tables, %"))
+    assert values["mean"] == pytest.approx((3 + 34 + 3) / 3)

@@ -70,14 +70,14 @@ def words(text):
 
 def test_units_and_formulas_are_shown_as_the_docstrings_have_them(api):
     shown = words(re.sub(r"<[^>]+>", "", api))
-    found = 0
+    count = 0
     for documented in DOCUMENTED:
         for names, kind in re.findall(r"^ *(\w[\w, ]*) : (.*\[.*)$", inspect.getdoc(documented) or "", re.MULTILINE):
             for name in names.split(", "):
-                found += 1
-                what = words(kind).replace(", optional", "")
-                assert re.search(rf"{name} \( ?{re.escape(what)}", shown), (documented.__name__, name, what)
-    assert found > 40
+                count += 1
+                unit = words(kind).replace(", optional", "")
+                assert re.search(rf"{name} \( ?{re.escape(unit)}", shown), (documented.__name__, name, unit)
+    assert count > 40
     assert "<code>A*sin(2*ell*kappa + phase)</code>" in api
     assert re.findall(r"<em>.*?</em>", api) == []
     assert re.findall(r":(?:func|class|mod|meth|data):", api) == []
@@ -86,11 +86,11 @@ def test_units_and_formulas_are_shown_as_the_docstrings_have_them(api):
 def documented(function):
     text = (inspect.getdoc(function) or "").partition("Parameters\n---")[2]
     text = re.split(r"\n\w+\n---", text)[0]
-    found = {}
+    kinds = {}
     for line in re.findall(r"^[\w*, ]+(?: : .*)?$(?=\n +)?", text.replace(",\n", ", "), re.MULTILINE):
         names, _, kind = line.partition(" : ")
-        found |= {name.strip("* "): kind for name in names.split(",")}
-    return found
+        kinds |= {name.strip("* "): kind for name in names.split(",")}
+    return kinds
 
 
 @pytest.mark.parametrize("name", [name for name in vdfmu.__all__ if inspect.isfunction(getattr(vdfmu, name))])
@@ -152,8 +152,8 @@ def test_every_page_is_readable_on_a_phone(site, tmp_path):
     with Browser(tmp_path) as browser:
         for page in pages_of(site):
             browser.open(page, 390, 800)
-            found = browser.run(NARROW)
-            assert found == {"width": 390, "beyond": [], "broken": [], "shrunk": []}, page
+            widths = browser.run(NARROW)
+            assert widths == {"width": 390, "beyond": [], "broken": [], "shrunk": []}, page
             assert browser.run("document.styleSheets.length") > 2, page
         assert browser.problems == []
         assert [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []
@@ -230,7 +230,7 @@ def links_of(page):
 
 
 def test_ten_questions_are_answered_within_two_clicks_and_by_the_search(site, tmp_path):
-    near = links_of(site / "index.html") | {page for one in links_of(site / "index.html") for page in links_of(one)}
+    near = links_of(site / "index.html") | {page for url in links_of(site / "index.html") for page in links_of(url)}
     with Browser(tmp_path) as browser:
         for text, page in QUESTIONS.items():
             assert (site / page).resolve() in near, page
@@ -249,8 +249,8 @@ def test_the_search_of_a_page_from_disk_finds_other_pages(site, tmp_path):
             browser.run("document.querySelector('.md-search__button').click()")
             browser.settle()
             browser.call("Input.insertText", text=text)
-            found = browser.run(FOUND)
-            urls = [url for url, near in found if words_of_it in near]
-            assert any(url.startswith((site / page).as_uri()) for url in urls), (text, found)
+            results = browser.run(FOUND)
+            urls = [url for url, near in results if words_of_it in near]
+            assert any(url.startswith((site / page).as_uri()) for url in urls), (text, results)
         assert browser.problems == []
         assert [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []

@@ -44,11 +44,11 @@ def test_every_package_has_the_tested_version_and_hashes_and_no_place(name):
     constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:]
     marker = "[a-z_]+ [<>=!]+ '[A-Za-z0-9_.]+'"
     for line in locked(name):
-        found = re.fullmatch(
+        match = re.fullmatch(
             rf"(\S+==\S+)( ; [()]*{marker}[()]*( (and|or) [()]*{marker}[()]*)*)?( +--hash=sha256:[0-9a-f]{{64}})+", line
         )
-        assert found, line
-        assert found[1] in constraints
+        assert match, line
+        assert match[1] in constraints
 
 
 def test_the_files_have_all_that_the_project_names_and_the_backend_is_the_tested_one():
@@ -94,13 +94,13 @@ def built(target: str, folder: Path) -> Path:
 @pytest.mark.heavy
 def test_the_sdist_has_every_file_of_the_project(tmp_path):
     with tarfile.open(built("sdist", tmp_path)) as archive:
-        found = {each.name.partition("/")[2] for each in archive if each.isfile()} - {"PKG-INFO"}
+        packed = {each.name.partition("/")[2] for each in archive if each.isfile()} - {"PKG-INFO"}
     git = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     if (ROOT / "PKG-INFO").exists():  # unpacked from an sdist, where git knows no files
-        assert {"tests/docs/test_supply.py", "examples/units/wall.py", "hatch_build.py"} <= found
+        assert {"tests/docs/test_supply.py", "examples/units/wall.py", "hatch_build.py"} <= packed
         return
     listed = subprocess.run(git, cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()
-    assert found == {name for name in listed if (ROOT / name).is_file()}
+    assert packed == {name for name in listed if (ROOT / name).is_file()}
 
 
 def test_the_readme_of_an_index_has_no_link_that_leads_nowhere(tmp_path):

@@ -44,8 +44,8 @@ def run_shell(body, fails=False):
         done = [command(*words, env=environment(), merged=True) for words in plain]
     else:
         done = [run_process("sh", body if fails else f"set -e\n{body}")]
-    said = "".join(one.stdout for one in done)
-    failed = [one.returncode for one in (done[-1:] if fails else done) if one.returncode]
+    said = "".join(process.stdout for process in done)
+    failed = [process.returncode for process in (done[-1:] if fails else done) if process.returncode]
     assert not failed or (fails and failed[0] in (1, 2)), said
     assert "Traceback" not in said, said
     return said
@@ -96,7 +96,7 @@ def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("kind", "body", "output"),
     # .ci/run runs the block of `make`, in a clean checkout, and tests/cli/test_wheel.py that of pip
-    [pytest.param(*one, id=str(i)) for i, one in enumerate(readme_blocks()) if not INSTALLS.search(one[1])],
+    [pytest.param(*block, id=str(i)) for i, block in enumerate(readme_blocks()) if not INSTALLS.search(block[1])],
 )
 def test_block_of_the_readme_runs_by_itself_as_printed(tmp_path, kind, body, output):
     done = run_process(kind, f"set -e\n{body}" if kind == "sh" else body, tmp_path)

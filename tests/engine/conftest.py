@@ -325,13 +325,13 @@ def xml():
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory):
-    folder, known = tmp_path_factory.mktemp("reference"), {}
+    folder, archives = tmp_path_factory.mktemp("reference"), {}
 
     def once(model: models.Model, version: str = "3.0") -> bytes:
         key = model.name, version
-        if key not in known:
-            known[key] = models.build(model, version, folder).read_bytes()
-        return known[key]
+        if key not in archives:
+            archives[key] = models.build(model, version, folder).read_bytes()
+        return archives[key]
 
     return once
 

@@ -46,14 +46,14 @@ def hard_numbers(m: int, reals: int, integers: int) -> tuple[Floats, np.ndarray]
     return real, rng.integers(-(2**31), 2**31 - 1, (m, integers), dtype=np.int32)
 
 
-def assert_same_bits(some: Results, others: Results) -> None:
+def assert_same_bits(some: Results, expected: Results) -> None:
     """Assert that both have the same signals, units, kinds and numbers."""
-    assert set(some.names) == set(others.names)
-    assert (some.units, some.kinds) == (others.units, others.kinds)
-    assert some.time.tobytes() == others.time.tobytes()
+    assert set(some.names) == set(expected.names)
+    assert (some.units, some.kinds) == (expected.units, expected.kinds)
+    assert some.time.tobytes() == expected.time.tobytes()
     for name in some:
-        assert some[name].dtype == others[name].dtype
-        assert some[name].tobytes() == others[name].tobytes(), name
+        assert some[name].dtype == expected[name].dtype
+        assert some[name].tobytes() == expected[name].tobytes(), name
 
 
 def hard_results() -> Results:

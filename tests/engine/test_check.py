@@ -20,11 +20,11 @@ def problems(path, **options) -> list[str]:
     return info.value.problems
 
 
-def expect(found: list[str], *patterns: str) -> None:
+def expect(texts: list[str], *patterns: str) -> None:
     """Hold every pattern against one problem each, and the count."""
     for pattern in patterns:
-        assert any(re.search(pattern, text) for text in found), f"{pattern} not in {found}"
-    assert len(found) == len(patterns), found
+        assert any(re.search(pattern, text) for text in texts), f"{pattern} not in {texts}"
+    assert len(texts) == len(patterns), texts
 
 
 def test_several_faults_at_once(pack, xml):
@@ -145,7 +145,7 @@ def test_variables_of_one_dotted_name_are_set_together_and_units_that_hardly_dif
     outer = xml.component("B", "Gain").replace("Gain.fmu", "dotted.fmu")
     path = pack([outer, "B.C Gain"], extra={"resources/dotted.fmu": dotted})
     checked = check_system(load_ssp(path), {"B.C.k": 7.0})
-    assert {name: [(v.name, x) for v, x in found] for name, found in checked.starts.items()} == {
+    assert {name: [(v.name, x) for v, x in values] for name, values in checked.starts.items()} == {
         "B": [("C.k", 7.0)],
         "B.C": [("k", 7.0)],
     }
@@ -200,7 +200,7 @@ def test_a_package_that_changes_is_read_again_and_its_descriptions_once(pack):
         assert [c.name for c in load_ssp(first.path).components] == ["b", "c"]
     assert load_ssp(first.path) is not load_ssp(first.path)
     system = load_ssp(pack(["a Ramp y:output"]))
-    found = [check_system(system).descriptions["a"] for _ in range(2)]
-    assert found[0] is found[1]
+    descriptions = [check_system(system).descriptions["a"] for _ in range(2)]
+    assert descriptions[0] is descriptions[1]
     pack(["a Ramp y:output", "b Ramp y:output"])
-    assert check_system(system).descriptions["a"] is not found[0]
+    assert check_system(system).descriptions["a"] is not descriptions[0]

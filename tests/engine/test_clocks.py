@@ -23,15 +23,15 @@ WIRES = ["p.x -> c.e", "c.u -> p.u"]
 def sampled_loop(steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Return state and control of the loop at every tenth of a second, by hand: Euler steps of 10 ms."""
     x = i = u = 0.0
-    found = []
+    samples = []
     for k in range(steps + 1):
         if k % 10 == 0:
             u = 2.0 * (1.0 - x) + i
             i += 0.1 * 3.0 * (1.0 - x)
-            found.append((x, u))
+            samples.append((x, u))
         x += 0.01 * (u - x)
-    x_found, u_found = np.array(found).T
-    return x_found, u_found
+    sampled_x, sampled_u = np.array(samples).T
+    return sampled_x, sampled_u
 
 
 @pytest.mark.parametrize("isolate", [False, True])
@@ -60,9 +60,9 @@ def test_inputs_at_events_read_back_as_they_were(system, tmp_path):
     """An event brings the inputs up to date, so an input is no output of the row before."""
     path = system(LOOP, WIRES)
     simulate(path, stop=1.0, step=0.1, record=["*"], stream=tmp_path / "results.csv")
-    found = Results.read(tmp_path / "results.csv")
-    assert_same_bits(found, simulate(path, stop=1.0, step=0.1, record=["*"]))
-    np.testing.assert_array_equal(found["c.e"], found["p.x"])
+    results = Results.read(tmp_path / "results.csv")
+    assert_same_bits(results, simulate(path, stop=1.0, step=0.1, record=["*"]))
+    np.testing.assert_array_equal(results["c.e"], results["p.x"])
 
 
 def test_the_controller_in_plain_fmpy(built, tmp_path):
@@ -79,19 +79,19 @@ def test_the_controller_in_plain_fmpy(built, tmp_path):
     unit.enterInitializationMode()
     unit.exitInitializationMode()
     x, u = sampled_loop(200)
-    found = []
+    outputs = []
     for k in range(20):
         if k:
             unit.enterEventMode()
         unit.setClock([1], [True])
         unit.setFloat64([2], [x[k]])
-        found.append(unit.getFloat64([3])[0])
+        outputs.append(unit.getFloat64([3])[0])
         unit.updateDiscreteStates()
         unit.enterStepMode()
         unit.doStep(0.1 * k, 0.1)
     unit.terminate()
     unit.freeInstance()
-    np.testing.assert_allclose(found, u[:20], rtol=1e-14, atol=0)
+    np.testing.assert_allclose(outputs, u[:20], rtol=1e-14, atol=0)
 
 
 def test_periodic_countdown_and_triggered_clocks_tick_between_communication_points_too(system):

@@ -54,11 +54,11 @@ def packaged(system, pack, built, xml, arm_package, strict):
         return pack(lags, ["a.x -> b.u", link], extra={"resources/Lagging.fmu": built(models.LAG, version)})
 
     def rates(version):
-        own = {name: OWN_STEP.format(step) for name, step in {"slow": 0.3, "gain": 0.2}.items()}
+        hints = {name: OWN_STEP.format(step) for name, step in {"slow": 0.3, "gain": 0.2}.items()}
         units = {"fast": (models.VAN_DER_POL, version), "gain": (NUMBERS_2, version)}
         units |= dict.fromkeys(("slow", "after"), (models.LAG, version))
         links = ["fast.x0 -> gain.Float64_input", "gain.Float64_output -> slow.u", "slow.x -> after.u"]
-        return system(units, links, own)
+        return system(units, links, hints)
 
     def types():
         units = {"a": (NUMBERS, "3.0"), "two": (NUMBERS_2, "2.0"), "b": (NUMBERS, "3.0")}
@@ -79,8 +79,8 @@ def packaged(system, pack, built, xml, arm_package, strict):
     made["strict"] = lambda: pack(["unit Strict y:output"], extra={"resources/Strict.fmu": strict})
 
     def make(name):
-        given = made[name]()
-        return given if isinstance(given, tuple) else (given, {})
+        package = made[name]()
+        return package if isinstance(package, tuple) else (package, {})
 
     return make
 
@@ -106,12 +106,12 @@ def both(monkeypatch):
                 outcome, results = error, error.results
             assert results.summary["stepper"] == ("Python: switched off" if outcomes else "C")
             outcomes.append((outcome, results, said))
-        (one, some, first), (other, others, second) = outcomes
-        assert_same_bits(some, others)
+        (in_c, results_c, first), (in_py, results_python, second) = outcomes
+        assert_same_bits(results_c, results_python)
         assert first == second
-        assert (type(one), str(one)) == (type(other), str(other)) or isinstance(one, Results)
-        assert some.summary["notes"] == others.summary["notes"]
-        return one
+        assert (type(in_c), str(in_c)) == (type(in_py), str(in_py)) or isinstance(in_c, Results)
+        assert results_c.summary["notes"] == results_python.summary["notes"]
+        return in_c
 
     return run
 
@@ -128,8 +128,8 @@ def test_all_systems_have_the_same_bits(packaged, both, name, algorithm):
     )
 
 
-@pytest.mark.parametrize("others", [False, True])
-def test_rows_go_to_files_block_by_block(packaged, both, monkeypatch, tmp_path, others):
+@pytest.mark.parametrize("observed", [False, True])
+def test_rows_go_to_files_block_by_block(packaged, both, monkeypatch, tmp_path, observed):
     """Blocks of 7 rows, and slices of less than a step; an observer sees each row."""
     monkeypatch.setattr(session, "ROWS", 7)
     monkeypatch.setattr(compiled, "_SLICE", 0.0)
@@ -140,10 +140,10 @@ def test_rows_go_to_files_block_by_block(packaged, both, monkeypatch, tmp_path, 
             seen.append((time, values.tolist()))
 
     package, _ = packaged("van der pol 2.0")
-    results = both(package, step=0.01, stop=1.0, stream=tmp_path / "rows.csv", observer=Seeing() if others else None)
+    results = both(package, step=0.01, stop=1.0, stream=tmp_path / "rows.csv", observer=Seeing() if observed else None)
     assert np.array_equal(Results.read(tmp_path / "rows.csv")["m.x0"], results["m.x0"])
     assert seen[:101] == seen[101:]
-    assert len(seen) == 202 * others
+    assert len(seen) == 202 * observed
 
 
 class Looking(Tap):
@@ -203,8 +203,8 @@ def test_failures_and_ends_name_component_call_and_time(packaged, both, fault, s
 
 def test_a_unit_of_version_3_ends_the_simulation(system, both):
     """The stair ends it at 9 s. Components with their own steps have no events."""
-    own = {name: OWN_STEP.format(step) for name, step in {"m": 1.0, "n": 0.5}.items()}
-    results = both(system({"m": (models.STAIR, "3.0"), "n": (models.DAHLQUIST, "3.0")}, (), own), step=0.5, stop=12.0)
+    hints = {name: OWN_STEP.format(step) for name, step in {"m": 1.0, "n": 0.5}.items()}
+    results = both(system({"m": (models.STAIR, "3.0"), "n": (models.DAHLQUIST, "3.0")}, (), hints), step=0.5, stop=12.0)
     assert results.summary["ended"] == {"component": "m", "time": 9.0}
 
 

@@ -58,8 +58,8 @@ def test_iterative_is_the_trapezoidal_rule_and_units_outside_a_loop_step_once(lo
     x = np.empty(n + 1)
     x[0] = 0.1
     for k in range(n):  # x' = (G + K) r - K x, solved for the new x
-        known = x[k] + 0.5 * H * ((G + K) * (r[k] + r[k + 1]) - K * x[k])
-        x[k + 1] = known / (1 + 0.5 * H * K)
+        right_side = x[k] + 0.5 * H * ((G + K) * (r[k] + r[k + 1]) - K * x[k])
+        x[k + 1] = right_side / (1 + 0.5 * H * K)
     # a step leaves at most the last change, times the contraction K H / 2 < 0.1; 16 steps add up
     np.testing.assert_allclose(results["plant.y"], x, rtol=0, atol=16 * 0.1 * convergence + ROUNDING)
     feedback = (G + K) * r - K * results["plant.y"]
@@ -81,8 +81,8 @@ def test_two_states_that_read_each_other(pack):
     x = [np.array([1.0, 0.0])]
     for _ in range(4):
         x.append(np.linalg.solve(np.eye(2) - J, (np.eye(2) + J) @ x[-1]))
-    found = np.column_stack([results["a.y"], results["b.y"]])
-    np.testing.assert_allclose(found, x, rtol=0, atol=4 * 1e-13 + ROUNDING)
+    y = np.column_stack([results["a.y"], results["b.y"]])
+    np.testing.assert_allclose(y, x, rtol=0, atol=4 * 1e-13 + ROUNDING)
 
 
 @pytest.mark.heavy
@@ -200,8 +200,8 @@ def slider(pack, options, k=4.0):
         return np.cos(t) - 0.25 * force, v, force
 
     exact = solve_ivp(rates, (0.0, 4.0), np.zeros(3), "DOP853", results.time, rtol=1e-12, atol=1e-12).y
-    found = np.array([results["end.p"], results["mass.x"], results["mass.v"]])
-    return np.abs(found - exact).max(), results.summary
+    motion = np.array([results["end.p"], results["mass.x"], results["mass.v"]])
+    return np.abs(motion - exact).max(), results.summary
 
 
 @pytest.mark.heavy
@@ -287,20 +287,20 @@ def study(tmp_path_factory):
     """Return a function that runs a scenario for 0.256 s at solver tolerance 1e-10."""
     # It returns the largest error of q against the continuous solution and the relative energy residual.
     folder = tmp_path_factory.mktemp("study")
-    known = {}
+    references = {}
 
     def once(name, algorithm, step, backend="native", **options):
         scenario = load_scenario(name)
         values = system_values(scenario, {"plant.tolerance": "1e-10"})
-        if name not in known:
-            known[name] = reference("continuous", SystemDescription(scenario, values), step=4e-3, stop=0.256)
+        if name not in references:
+            references[name] = reference("continuous", SystemDescription(scenario, values), step=4e-3, stop=0.256)
         path = write_ssp(scenario, cached_fmus(scenario, folder, backend), folder / "arm.ssp", values)
         with Simulator(path, algorithm=algorithm, **options) as simulator:
             results = simulator.run(step=step, stop=0.256, taps=[tap := PowerBond(scenario.robot)])
         rows = slice(None, None, round(4e-3 / step))
         bond = tap.summary()["power_bond"]
         share = sum(bond["residual_energy_abs_j"]) / sum(bond["exchanged_energy_j"])
-        return np.abs(results["plant.q"][rows] - known[name]["plant.q"]).max(), share
+        return np.abs(results["plant.q"][rows] - references[name]["plant.q"]).max(), share
 
     return once
 
@@ -338,9 +338,9 @@ def test_the_energy_residual_has_the_order_of_the_coupling_and_is_the_integral_o
     torque = robot.ell * results["plant.tau"][1:]
     way = np.diff(results["plant.kappa"], axis=0)
     exact = (torque * (way - 1e-3 * results["controller.kappa_dot"][1:])).sum(axis=0)
-    found = tap.summary()["power_bond"]
-    np.testing.assert_allclose(found["residual_energy_j"], exact, rtol=0.02)
-    np.testing.assert_allclose(found["exchanged_energy_j"], np.abs(torque * way).sum(axis=0), rtol=0.02)
+    bond = tap.summary()["power_bond"]
+    np.testing.assert_allclose(bond["residual_energy_j"], exact, rtol=0.02)
+    np.testing.assert_allclose(bond["exchanged_energy_j"], np.abs(torque * way).sum(axis=0), rtol=0.02)
 
 
 @pytest.mark.heavy

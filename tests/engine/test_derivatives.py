@@ -51,20 +51,20 @@ STRONG = {"m": 1.0, "k": 4.0, "b": 0.1, "c": 90.0, "d": 5.0}
 
 def solution(values, t):
     A = np.zeros((4, 4))
-    for own, other, p in ((0, 2, values["a"]), (2, 0, values["b"])):
-        A[own, own + 1] = 1.0
-        A[own + 1, own] = -(p["k"] + p["c"]) / p["m"]
-        A[own + 1, own + 1] = -(p["b"] + p["d"]) / p["m"]
-        A[own + 1, other], A[own + 1, other + 1] = p["c"] / p["m"], p["d"] / p["m"]
+    for first, second, p in ((0, 2, values["a"]), (2, 0, values["b"])):
+        A[first, first + 1] = 1.0
+        A[first + 1, first] = -(p["k"] + p["c"]) / p["m"]
+        A[first + 1, first + 1] = -(p["b"] + p["d"]) / p["m"]
+        A[first + 1, second], A[first + 1, second + 1] = p["c"] / p["m"], p["d"] / p["m"]
     return np.array([expm(A * time) @ [1.0, 0.0, values["b"].get("x", 0.0), 0.0] for time in t])
 
 
 def run(system, model, version, values, **options):
-    parameters = {f"{name}.{p}": x for name, own in values.items() for p, x in own.items()} | {"a.x": 1.0}
+    parameters = {f"{name}.{p}": x for name, numbers in values.items() for p, x in numbers.items()} | {"a.x": 1.0}
     path = system({"a": (model, version), "b": (model, version)}, WIRES)
     results = simulate(path, parameters=parameters, **options)
-    found = np.column_stack([results[name] for name in ("a.x", "a.v", "b.x", "b.v")])
-    return np.abs(found - solution(values, results.time)).max(), results
+    motion = np.column_stack([results[name] for name in ("a.x", "a.v", "b.x", "b.v")])
+    return np.abs(motion - solution(values, results.time)).max(), results
 
 
 @pytest.mark.heavy
@@ -72,11 +72,11 @@ def run(system, model, version, values, **options):
 def test_derivatives_of_outputs_halve_the_error_of_the_prediction(system, version):
     """A line through the last two values of y is off by h^2 y'', one with the slope at the last by half of that."""
     for h in (0.04, 0.02, 0.01):
-        plain, given = (
+        plain, with_rates = (
             run(system, model, version, SOFT, stop=4.0, step=h, algorithm="extrapolated")[0] for model in (MASS, RATES)
         )
         # a part of the error comes from the inputs that hold, and a term of the next order is h of it: 0.52, 0.52, 0.51
-        assert 0.45 < given / plain < 0.55
+        assert 0.45 < with_rates / plain < 0.55
 
 
 @pytest.mark.parametrize("algorithm", ["extrapolated", *heavy("iterative")])
@@ -95,12 +95,12 @@ def test_the_coupling_is_of_second_order(system, model, version, algorithm):
 def test_directional_derivatives_save_repetitions(system, version):
     """With the exact Jacobian of a linear loop the first repetition solves it, where it is to be learnt else."""
     runs = [run(system, model, version, SOFT, stop=4.0, step=0.1, algorithm="iterative") for model in (MASS, JACOBIAN)]
-    (plain, _), (given, results) = runs
+    (plain, _), (exact, results) = runs
     plain_steps, steps = (r.summary["communication"]["unit_steps"] for _, r in runs)
     assert steps == 40 * 2 * 2  # two sweeps over two units
     assert plain_steps > 1.3 * steps
     # both are the solution of the same equations, to 1e-8 in each of 40 steps
-    np.testing.assert_allclose(given, plain, rtol=0, atol=40 * 1e-8)
+    np.testing.assert_allclose(exact, plain, rtol=0, atol=40 * 1e-8)
     assert results.summary["communication"]["convergence"] == 1e-8
 
 

@@ -152,19 +152,19 @@ def test_signals_too_small_for_the_allowed_error_are_noted(pack):
 def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(pack):
     """X' = -x / 2 with u = -x / 2; the unit also tells u, which would be right for its value at the end only."""
     # where it is read, it decides, and the unit steps in halves
-    for told, wire in (("", []), (" told:output", ["mass.told -> end.u"])):
+    for output, wire in (("", []), (" told:output", ["mass.told -> end.u"])):
         path = pack(
-            [f"mass Telling u:input y:output{told}", "spring Gain u:input y:output", "end Gain u:input"],
+            [f"mass Telling u:input y:output{output}", "spring Gain u:input y:output", "end Gain u:input"],
             ["mass.y -> spring.u", "spring.y -> mass.u", *wire],
         )
         errors, options = [], {"algorithm": "iterative", "parameters": {"mass.x0": 1.0, "spring.k": -0.5}}
         for step in (0.125, 0.0625):
             results = simulate(path, stop=2.0, step=step, record=["*"], **options)
-            if told:
+            if output:
                 np.testing.assert_array_equal(results["mass.told"], results["mass.u"])  # of the end of the step
             errors.append(np.abs(results["mass.y"] - np.exp(-0.5 * results.time)).max())
         assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)  # second order
-        assert told or not any("first order" in note for note in results.summary["notes"])
+        assert output or not any("first order" in note for note in results.summary["notes"])
 
 
 @pytest.mark.heavy

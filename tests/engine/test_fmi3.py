@@ -23,12 +23,12 @@ def test_all_scalar_types_pass_through(system, algorithm, isolate):
         {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0")},
         [f"a.{kind}_output -> b.{kind}_input" for kind in models.SCALARS],
     )
-    given = {"Float64": 0.1, "Float32": 0.1, "Boolean": True, "Enumeration": 2, **LARGEST}
+    values = {"Float64": 0.1, "Float32": 0.1, "Boolean": True, "Enumeration": 2, **LARGEST}
     results = simulate(
         path, stop=0.3, step=0.1, algorithm=algorithm, isolate=isolate,
-        parameters={f"a.{kind}_input": value for kind, value in given.items()},
+        parameters={f"a.{kind}_input": value for kind, value in values.items()},
     )  # fmt: skip
-    for kind, value in given.items():
+    for kind, value in values.items():
         # a Float32 is the nearest that there is
         expected = np.float32(value) if kind == "Float32" else value
         assert results[f"b.{kind}_output"].tolist() == [expected] * 4

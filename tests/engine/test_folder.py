@@ -98,13 +98,13 @@ def test_what_a_killed_run_left_is_removed_by_the_next_and_that_of_a_living_one_
     (killed, orphan), (living, rows) = running("0123456789abcdef.tmp"), running()
     killed.kill()
     killed.wait()
-    others = tmp_path / "partial_1_notes"
-    others.mkdir()
+    notes = tmp_path / "partial_1_notes"
+    notes.mkdir()
     assert orphan.exists() and rows.exists()
     with replacing_results(tmp_path, OUTPUTS, False) as partial:
         write(partial, "mine")
     assert not orphan.exists()
-    assert (rows / "results.csv").exists() and others.exists()
+    assert (rows / "results.csv").exists() and notes.exists()
     assert living.poll() is None
 
 

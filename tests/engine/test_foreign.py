@@ -136,17 +136,17 @@ def test_a_package_of_another_tool_runs_or_is_refused_by_a_rule(packages, name):
 
 def test_an_fmu_gets_the_tolerance_of_its_default_experiment(pack, xml, tmp_path):
     """As from FMPy; a tolerance of the user wins, and a parameter `tolerance` is left alone."""
-    told = {
+    code = {
         "calc": "pass", "step": "pass",
         "more": "def setup_experiment(self, start, stop, tolerance):\n    self._y = tolerance or -1.0\n",
     }  # fmt: skip
     experiment = [(rb"<ModelVariables>", b'<DefaultExperiment tolerance="1e-4"/><ModelVariables>')]
     extra = {}
     for name, variables in (("Told", "y:output"), ("Own", "y:output tolerance:parameter:Real:1e-4")):
-        extra[f"resources/{name}.fmu"] = edited(make_fmu(tmp_path, name, variables, **told), experiment)
+        extra[f"resources/{name}.fmu"] = edited(make_fmu(tmp_path, name, variables, **code), experiment)
     path = pack([xml.component("a", "Told"), xml.component("b", "Own")], extra=extra)
-    for given, sent in ((None, [1e-4, -1.0]), (1e-3, [1e-3, 1e-3])):
-        results = simulate(path, stop=1.0, step=0.5, tolerance=given, isolate=False)
+    for tolerance, sent in ((None, [1e-4, -1.0]), (1e-3, [1e-3, 1e-3])):
+        results = simulate(path, stop=1.0, step=0.5, tolerance=tolerance, isolate=False)
         assert [results["a.y"][0], results["b.y"][0]] == sent
 
 

@@ -89,8 +89,8 @@ def test_a_fed_input_is_fresh_for_its_readers_and_whole_numbers_and_booleans_are
     """As with a source in its place: gauss-seidel gives the plant the gain's output of the same step."""
     path = pack(["gain Gain u:input y:output", "plant Plant u:input y:output"], ["gain.y -> plant.u"])
     t = H * np.arange(9)
-    given = {"gain.u": (t, t)}
-    results = simulate(path, stop=1.0, step=H, algorithm="gauss-seidel", inputs=given, record=["*"])
+    inputs = {"gain.u": (t, t)}
+    results = simulate(path, stop=1.0, step=H, algorithm="gauss-seidel", inputs=inputs, record=["*"])
     np.testing.assert_array_equal(results["plant.u"][1:], 2.0 * t[:-1])
     path = pack(["logic Logic bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer"], [])
     signals = file("time,logic.bi,logic.ii\ns,boolean,integer\n0,0,3\n0.5,1,8\n")

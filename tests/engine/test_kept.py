@@ -76,8 +76,8 @@ def test_each_run_is_that_of_components_that_are_new(ours, case, made, name):
     for results, expected in kept:  # after all runs: none changes the results of another
         assert_same_bits(results, expected)
         assert results.messages == expected.messages
-        some, others = ({**r.summary, "wall_s": 0.0} for r in (results, expected))
-        assert some == others
+        summary, expected_summary = ({**r.summary, "wall_s": 0.0} for r in (results, expected))
+        assert summary == expected_summary
     assert sorted(made[0]) == sorted(set(made[0])) and made[1] == []
     del runs
     gc.collect()
@@ -212,11 +212,11 @@ def test_a_process_may_end_or_fork_between_runs(case, tmp_path, way, code):
 def test_runs_are_freed_with_their_owner(case):
     path, _ = case("arm native")
     runs = KeptRuns(path)
-    known = weakref.ref(runs)
+    reference = weakref.ref(runs)
     results = runs.run(**ARM)
     before = {name: results[name].copy() for name in results}
     del runs
     gc.collect()
-    assert known() is None
+    assert reference() is None
     for name, values in before.items():
         np.testing.assert_array_equal(results[name], values)

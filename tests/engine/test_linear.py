@@ -29,8 +29,8 @@ def test_the_exponential_of_a_matrix_is_that_of_scipy(norm):
 @pytest.mark.parametrize("at", [None, 1.0])
 def test_two_lags_that_follow_each_other_have_their_closed_form(system, at):
     path = system({"a": (LAG, "2.0"), "b": (LAG, "3.0")}, RING)
-    found = linear_system(path, at, step=STEP, algorithm="jacobi")
-    continuous, sampled = found.continuous(), found.sampled()
+    linear = linear_system(path, at, step=STEP, algorithm="jacobi")
+    continuous, sampled = linear.continuous(), linear.sampled()
     assert continuous.states == ("a.x", "b.x") and continuous.inputs == ("a.u", "b.u")
     # differences of a linear model: rounding, 1e-16 over 1e-6
     np.testing.assert_allclose(continuous.A, [[-1, 1], [1, -1]], atol=1e-9)
@@ -47,23 +47,23 @@ def test_two_lags_that_follow_each_other_have_their_closed_form(system, at):
 
 def test_an_opened_loop_is_what_comes_back_and_what_gives_no_derivatives_is_refused(system):
     """Through both lags, 1 / (s + 1)^2; opened at both, one each."""
-    found = linear_system(system({"a": (LAG, "2.0"), "b": (LAG, "2.0")}, RING), step=STEP)
+    linear = linear_system(system({"a": (LAG, "2.0"), "b": (LAG, "2.0")}, RING), step=STEP)
     w = np.array([0.1, 1.0, 10.0])
-    opened = found.continuous(["a.u"])
+    opened = linear.continuous(["a.u"])
     assert opened.outputs == ("a.x", "b.x", "a.u")
     # rounding of the differences
     np.testing.assert_allclose(opened.response(w)[:, 2, 0], 1 / (1j * w + 1) ** 2, atol=1e-9)
-    both = found.continuous(["a", "b.u"][1:] + ["a.u"]).response(w)
+    both = linear.continuous(["a", "b.u"][1:] + ["a.u"]).response(w)
     np.testing.assert_allclose(both[:, 2:, 0], np.array([1 / (1j * w + 1), 0 * w]).T, atol=1e-9)
     with pytest.raises(UsageError, match=r"a\.x: expected connected continuous inputs. There are: a\.u, b\.u"):
-        found.continuous(["a.x"])
+        linear.continuous(["a.x"])
     with pytest.raises(UsageError, match="b: expected FMUs with directional derivatives, or for model exchange"):
         linear_system(system({"a": (LAG, "2.0"), "b": (models.LAG, "2.0")}, RING), step=STEP)
     derives = models.CONTROLLER.simulation | {"providesDirectionalDerivatives": "true"}
     sampled = replace(models.CONTROLLER, name="SampledDerives", simulation=derives)
     path = system({"c": (sampled, "3.0"), "p": (LAG, "3.0")}, ["p.x -> c.e", "c.u -> p.u"])
-    found = linear_system(path, step=STEP)
-    notes = found.continuous().notes
+    linear = linear_system(path, step=STEP)
+    notes = linear.continuous().notes
     assert "taken as constant, for it changes at communication points only: c.u" in notes
     with pytest.raises(UsageError, match=r"c\.u: expected signals with derivatives, got changes"):
-        found.sampled()
+        linear.sampled()

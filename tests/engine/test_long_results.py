@@ -31,11 +31,11 @@ def long(monkeypatch):
 def test_rows_that_are_read_block_by_block_are_the_same(long, tmp_path, suffix):
     path = tmp_path / f"results.{suffix}"
     long.write(path)
-    found = Results.read(path)
-    assert all(isinstance(array, np.memmap) for array in found.data.values())
-    np.testing.assert_array_equal(found.time, long.time)
+    results = Results.read(path)
+    assert all(isinstance(array, np.memmap) for array in results.data.values())
+    np.testing.assert_array_equal(results.time, long.time)
     for name in long.names:
-        np.testing.assert_array_equal(found[name], long[name], strict=True)
+        np.testing.assert_array_equal(results[name], long[name], strict=True)
 
 
 def test_memory_does_not_grow_with_the_rows_and_that_of_a_fault_counts_from_the_first(tmp_path, monkeypatch):

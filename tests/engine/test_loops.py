@@ -97,12 +97,12 @@ def test_broyden_solves_linear_loops_of_any_size_and_gain(n, gain):
     for seed in range(3):
         A, b = draw(n, gain, seed)
         solver = Broyden()
-        found, count, solved = solve(solver, A, b)
+        solution, count, solved = solve(solver, A, b)
         assert solved
         exact = np.linalg.solve(np.eye(n) - A, b)
         # a residual of 1e-8 of the largest value, times what the loop makes of it
-        bound = 1e-8 * np.linalg.norm(np.linalg.inv(np.eye(n) - A), np.inf) * max(1.0, np.abs(found).max())
-        assert np.abs(found - exact).max() <= bound
+        bound = 1e-8 * np.linalg.norm(np.linalg.inv(np.eye(n) - A), np.inf) * max(1.0, np.abs(solution).max())
+        assert np.abs(solution - exact).max() <= bound
         assert count <= max(30, 3 * n)
         # what was learnt serves the next problem of the same loop
         _, again, solved = solve(solver, A, b + 0.1)
@@ -113,10 +113,10 @@ def test_what_was_learnt_of_another_loop_does_not_matter_and_one_without_solutio
     solver = Broyden()
     solve(solver, *draw(8, 40.0, 1))
     other, b = draw(8, 3.0, 2)
-    found, _, solved = solve(solver, -other, b)
+    solution, _, solved = solve(solver, -other, b)
     assert solved
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(8) + other, b), rtol=0, atol=1e-6)
-    found, count, solved = solve(Broyden(), np.eye(1), np.ones(1))
+    np.testing.assert_allclose(solution, np.linalg.solve(np.eye(8) + other, b), rtol=0, atol=1e-6)
+    solution, count, solved = solve(Broyden(), np.eye(1), np.ones(1))
     assert not solved and count <= 30
     _, _, solved = solve(Broyden(), np.array([[np.nan]]), np.ones(1))
     assert not solved

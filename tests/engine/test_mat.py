@@ -42,15 +42,15 @@ def test_a_run_writes_all_forms_alike(arm_package, tmp_path):
 
 def test_names_are_legal_in_matlab_and_units_are_kept(results, tmp_path):
     results.write(tmp_path / "r.mat")
-    found = scipy.io.loadmat(tmp_path / "r.mat", squeeze_me=True, struct_as_record=False)
-    names = [name for name in found if not name.startswith("__")]
+    content = scipy.io.loadmat(tmp_path / "r.mat", squeeze_me=True, struct_as_record=False)
+    names = [name for name in content if not name.startswith("__")]
     assert names == ["time", "units", "a_q", "a_q_2", "b____", "end_2", "a_K_p__", "a_on", "b_1_x", "b1_x", "vdfmu"]
     assert all(re.fullmatch(r"[A-Za-z]\w{0,62}", name, re.ASCII) for name in names)
-    np.testing.assert_array_equal(found["a_q"][:, 0], results["a.q[1]"])
-    np.testing.assert_array_equal(found["time"], results.time)
-    assert found["units"].a_q.tolist() == ["rad", "m"] and found["units"].end_2 == "N.m"
-    assert found["a_q_2"].dtype == np.int32
-    assert [each[:3:2] for each in json.loads(str(found["vdfmu"]))["signals"]][:2] == [
+    np.testing.assert_array_equal(content["a_q"][:, 0], results["a.q[1]"])
+    np.testing.assert_array_equal(content["time"], results.time)
+    assert content["units"].a_q.tolist() == ["rad", "m"] and content["units"].end_2 == "N.m"
+    assert content["a_q_2"].dtype == np.int32
+    assert [each[:3:2] for each in json.loads(str(content["vdfmu"]))["signals"]][:2] == [
         ["a.q[1]", "rad"],
         ["a.q[2]", "m"],
     ]

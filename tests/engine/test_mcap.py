@@ -75,9 +75,9 @@ def test_other_readers_have_the_numbers_of_the_file(results, tmp_path):
     assert [stamp for stamp, _ in decoded[:3]] == [0, 1_000_000, 2_000_000]
     with AnyReader([path]) as reader:
         assert {c.topic for c in reader.connections} == {"/a", "/b", "/end", "/b_1", "/b1"}
-        one = [c for c in reader.connections if c.topic == "/a"]
-        others = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(one)]
-    for mine in ([d for _, d in decoded], others):
+        connections = [c for c in reader.connections if c.topic == "/a"]
+        deserialized = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
+    for mine in ([d for _, d in decoded], deserialized):
         for name, column in (("q", [results["a.q[1]"], results["a.q[2]"]]), ("k_p", [results["a.K_p__"]])):
             np.testing.assert_array_equal(np.array([getattr(d, name) for d in mine]).T, column)
         np.testing.assert_array_equal([d.time for d in mine], results.time)
@@ -145,8 +145,8 @@ def bag(data, tmp_path_factory):
                 stamp = 1_700_000_000_000_000_000 + round(T[k] * 1e9) + late
                 header = Header(Time(*divmod(stamp, 10**9)), "")
                 names, none = [NAMES[i] for i in order], np.zeros(0)
-                given = effort[k, order] if topic == "/joint_states" else none
-                message = State(header, names, positions[k, order], none, given)
+                efforts = effort[k, order] if topic == "/joint_states" else none
+                message = State(header, names, positions[k, order], none, efforts)
                 writer.write(connection, stamp + 3_000_000, store.serialize_cdr(message, State.__msgtype__))
     return next(folder.glob("*.mcap"))
 

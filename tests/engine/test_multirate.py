@@ -23,9 +23,9 @@ def system(pack, xml):
 
     def write(slow="Gain", step=0.5, annotation=OWN_STEP, fast="Plant"):
         c = xml.component
-        own = annotation.format(step) if step else ""
+        own_step = annotation.format(step) if step else ""
         return pack(
-            ["r Ramp y:output", c("s", slow, "u:input y:output", own), c("p", fast, "u:input y:output")],
+            ["r Ramp y:output", c("s", slow, "u:input y:output", own_step), c("p", fast, "u:input y:output")],
             ["r.y -> s.u", "s.y -> p.u"],
         )
 

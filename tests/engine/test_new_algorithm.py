@@ -123,9 +123,9 @@ def test_the_loop_is_the_one_that_it_samples(toy, arm_package, ordered):
     if ordered:
         return
     modulus, poles = margins_by_hand(system, 5e-4)
-    found = np.sort_complex(np.linalg.eigvals(moving(system).A))
+    eigenvalues = np.sort_complex(np.linalg.eigvals(moving(system).A))
     # eigenvalues of 60 states whose zeros are multiple: rounding of 1e-16 to the power of a third
-    np.testing.assert_allclose(np.sort(np.abs(found))[-8:], np.sort(np.abs(poles))[-8:], rtol=1e-5)
+    np.testing.assert_allclose(np.sort(np.abs(eigenvalues))[-8:], np.sort(np.abs(poles))[-8:], rtol=1e-5)
     # the least distance is flat: 400 points over 4 decades meet it within (ln(1e4) / 400)^2 / 2
     np.testing.assert_allclose(mine.modulus, modulus, rtol=3e-4)
 
@@ -165,12 +165,12 @@ def test_a_run_is_judged_by_what_the_row_declares(toy):
 @pytest.mark.parametrize("row", [SILENT, HALVING])
 def test_what_steps_once_refuses_it(toy, chain, xml, pack, row):
     toy(row)
-    own = '<ssc:Annotation type="com.opensimulationplatform"><osp:StepSizeHint xmlns:osp='
-    own += '"http://opensimulationplatform.com/SSP/OSPAnnotations" value="0.2"/></ssc:Annotation>'
+    own_step = '<ssc:Annotation type="com.opensimulationplatform"><osp:StepSizeHint xmlns:osp='
+    own_step += '"http://opensimulationplatform.com/SSP/OSPAnnotations" value="0.2"/></ssc:Annotation>'
     scenario = replace(vdfmu.load_scenario("planar_tracking"), master="halving")
     with pytest.raises(UsageError, match="master: expected gauss-seidel or jacobi, got halving"):
         make_program(SystemDescription(scenario), [])
-    slow = xml.component("g", "Gain", "u:input y:output", f"<ssd:Annotations>{own}</ssd:Annotations>")
+    slow = xml.component("g", "Gain", "u:input y:output", f"<ssd:Annotations>{own_step}</ssd:Annotations>")
     path = pack(["r Ramp y:output", slow], ["r.y -> g.u"], name="slow.ssp")
     with pytest.raises(UsageError, match="halving takes one step for all; use gauss-seidel or jacobi"):
         simulate(path, step=0.1, stop=1.0, algorithm="halving", isolate=False)

@@ -14,11 +14,11 @@ from vdfmu.study import options as of_studies
 from vdfmu.study.sweeps.axes import read_axes
 
 DECLARED = {
-    (one.name, one.annotation): one
+    (row.name, row.annotation): row
     for module in (of_systems, of_studies)
     for name, kind in vars(module).items()
     if name.endswith("Options")
-    for one in declared(kind)
+    for row in declared(kind)
 }
 
 
@@ -74,8 +74,8 @@ def test_numbers_of_numpy_are_numbers_and_an_iterator_is_not_used_up():
 
 def test_defaults_have_their_types_and_most_options_are_held_against_theirs():
     unknown = set()
-    for (name, annotation), one in DECLARED.items():
-        assert type_problem(name, annotation, one.option.default) is None
+    for (name, annotation), row in DECLARED.items():
+        assert type_problem(name, annotation, row.option.default) is None
         if type_problem(name, annotation, SimpleNamespace()) is None:
             unknown.add(name)
     assert unknown == {"inputs", "observer", "progress", "federation"}

@@ -27,9 +27,9 @@ class _Clock:
 
 @pytest.fixture
 def clock(monkeypatch):
-    found = _Clock()
-    monkeypatch.setattr(observer, "clock", found)
-    return found
+    fake = _Clock()
+    monkeypatch.setattr(observer, "clock", fake)
+    return fake
 
 
 def test_rows_are_stored_and_left_when_they_are_due(clock):

@@ -108,10 +108,10 @@ def test_csv_needs_no_pyarrow(package, tmp_path):
     assert len(Results.read(tmp_path / "results.csv")) == 11
 
 
-@pytest.mark.parametrize("given", ["xls", "csv;parquet", "", "csv,"])
-def test_a_format_that_there_is_not(package, given):
+@pytest.mark.parametrize("formats", ["xls", "csv;parquet", "", "csv,"])
+def test_a_format_that_there_is_not(package, formats):
     with pytest.raises(UsageError, match="format: expected csv, parquet, mat, or csv,.* for all, got "):
-        run_system(package, formats=given.split(",") if given else ())
+        run_system(package, formats=formats.split(",") if formats else ())
 
 
 def test_a_full_disk_is_said_as_for_csv_and_leaves_the_file_before(tmp_path):

@@ -46,9 +46,9 @@ def loop(every: Mapping[str, int], *, fresh: bool, step: float = H, sets: bool =
     each = [[(name, "1", 0.0) for name in group] for group in (["p.x", "p.v"], inputs, outputs, sampled)]
     samples = Samples(each[3], np.zeros((2, 2 * k)), G, F)
     flags = np.array([fresh and name.startswith("p.") for name in inputs])
-    known = {name: n for name, n in every.items() if n > 1}
+    slower = {name: n for name, n in every.items() if n > 1}
     parts = StateSpace.of(whole, *each[:3])
-    return LinearSystem(parts, links, flags, step, "gauss-seidel" if fresh else "jacobi", samples, every=known)
+    return LinearSystem(parts, links, flags, step, "gauss-seidel" if fresh else "jacobi", samples, every=slower)
 
 
 def by_hand(every: Mapping[str, int], *, fresh: bool) -> np.ndarray:
@@ -59,16 +59,16 @@ def by_hand(every: Mapping[str, int], *, fresh: bool) -> np.ndarray:
     for start in np.eye(size):
         (x, v), rest = start[:2], {name: list(start[2 + 3 * i : 5 + 3 * i]) for i, name in enumerate(every)}
         for k in range(n):
-            waits = {name: own[2] for name, own in rest.items()}
-            for name, own in rest.items():
+            waits = {name: law[2] for name, law in rest.items()}
+            for name, law in rest.items():
                 K, D, I = LAWS[name]
                 if k % every[name] == 0:
-                    own[0] += every[name] * H * x
-                    own[1] = K * x + D * v + I * own[0]
-                own[2] = own[1]
-            force = sum(own[2] if fresh else waits[name] for name, own in rest.items())
+                    law[0] += every[name] * H * x
+                    law[1] = K * x + D * v + I * law[0]
+                law[2] = law[1]
+            force = sum(law[2] if fresh else waits[name] for name, law in rest.items())
             x, v, _ = move @ [x, v, force]
-        columns.append([x, v, *(each for own in rest.values() for each in own)])
+        columns.append([x, v, *(each for law in rest.values() for each in law)])
     return np.array(columns).T
 
 
@@ -76,15 +76,15 @@ def by_hand(every: Mapping[str, int], *, fresh: bool) -> np.ndarray:
 @pytest.mark.parametrize("every", [{"c": 1}, {"c": 2}, {"c": 7}, {"c": 2, "d": 3}, {"c": 1, "d": 4}])
 def test_the_system_over_the_common_period_is_the_loop_stepped_by_hand(every, fresh):
     system = loop(every, fresh=fresh)
-    found = system.sampled()
-    assert found.step == pytest.approx(H * math.lcm(*every.values()), rel=1e-15)
-    own = np.sort_complex(np.linalg.eigvals(found.A))
+    sampled = system.sampled()
+    assert sampled.step == pytest.approx(H * math.lcm(*every.values()), rel=1e-15)
+    computed = np.sort_complex(np.linalg.eigvals(sampled.A))
     hand = np.sort_complex(np.linalg.eigvals(by_hand(every, fresh=fresh)))
     # both have more states that keep nothing (what waits): eigenvalues of 0, many at one place
-    own, hand = (each[np.abs(each) > 1e-3] for each in (own, hand))
-    np.testing.assert_allclose(own, hand, rtol=0.0, atol=ROUNDING)
+    computed, hand = (each[np.abs(each) > 1e-3] for each in (computed, hand))
+    np.testing.assert_allclose(computed, hand, rtol=0.0, atol=ROUNDING)
     rate, _ = fastest_mode(system)
-    assert rate == pytest.approx(np.log(np.abs(hand).max()) / found.step, abs=ROUNDING / found.step)
+    assert rate == pytest.approx(np.log(np.abs(hand).max()) / sampled.step, abs=ROUNDING / sampled.step)
 
 
 def test_a_slow_sample_makes_a_stable_loop_grow():
@@ -97,8 +97,8 @@ def test_margins_of_a_slow_controller_are_those_at_its_period(n):
     """Under gauss-seidel nothing else is sampled, so a longer communication step gives the same loop."""
     slow = system_loop(loop({"c": n}, fresh=True), ["p.c"]).margins()
     long = system_loop(loop({"c": 1}, fresh=True, step=n * H), ["p.c"]).margins()
-    for one, other in zip(slow, long, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9)  # of the same matrices: rounding, as of eigenvalues
+    for margin, expected in zip(slow, long, strict=True):
+        np.testing.assert_allclose(margin, expected, rtol=1e-9)  # of the same matrices: rounding, as of eigenvalues
 
 
 def test_a_signal_that_acts_later_has_less_margin_and_one_that_changes_within_the_period_none():

@@ -72,10 +72,10 @@ def test_the_time_is_below_the_lowest_panel_of_every_column(count):
     figure.draw_without_rendering()
     axes = figure.axes
     assert len(axes) == count
-    for one in axes:
-        below = [a for a in axes if abs(a.get_position().x0 - one.get_position().x0) < 0.05
-                 and a.get_position().y1 < one.get_position().y0]  # fmt: skip
-        assert bool(one.get_xlabel()) == (not below)
+    for panel in axes:
+        below = [a for a in axes if abs(a.get_position().x0 - panel.get_position().x0) < 0.05
+                 and a.get_position().y1 < panel.get_position().y0]  # fmt: skip
+        assert bool(panel.get_xlabel()) == (not below)
 
 
 def test_panels_come_in_the_order_asked_for_hidden_signals_have_none_and_no_signals_no_picture(tmp_path):

@@ -143,8 +143,8 @@ def test_the_signals_that_are_named_are_written_and_inputs_can_be_replayed(packa
     for name in ("plant.tau[2]", "controller.kappa_dot[1]"):
         np.testing.assert_array_equal(table.values[:, table.names.index(name)], run[name])
         assert table.units[table.names.index(name)] == run.units[name]
-    given = {"plant.F_e[1]": (np.array([0.0, 0.05]), np.array([0.0, 5.0]))}
-    run = simulate(package, stop=0.05, inputs=given)
+    inputs = {"plant.F_e[1]": (np.array([0.0, 0.05]), np.array([0.0, 5.0]))}
+    run = simulate(package, stop=0.05, inputs=inputs)
     assert run["plant.F_e[1]"][-1] == pytest.approx(4.9, rel=1e-12) and "plant.F_e[2]" not in run
 
 

@@ -64,8 +64,8 @@ def test_the_published_inputs_of_feedthrough(system, tmp_path):
     results = simulate(system({"m": (models.FEEDTHROUGH, "3.0")}), stop=2.0, step=0.1, inputs=table)
     for name in types:
         if name != "Int64":  # of which a table of floats has 53 bits
-            found = results[f"m.{name}_output"]
-            assert found[1] == limits[name].min and found[-1] == limits[name].max
+            outputs = results[f"m.{name}_output"]
+            assert outputs[1] == limits[name].min and outputs[-1] == limits[name].max
 
 
 LAG, VECTOR = (

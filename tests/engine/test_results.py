@@ -168,44 +168,44 @@ def test_pandas_and_xarray_have_the_numbers_and_their_units(results):
 
 def test_differences_of_results_on_other_times():
     time = np.linspace(0.0, 1.0, 11)
-    one, other = made(time, q=time, w=time), made(time[::5] + 0.0, q=time[::5] + 0.25, p=0.0)
-    found = one.compare(other)
-    ((group, unit, largest, rms, name, _),) = found.rows  # what both have
+    mine, other = made(time, q=time, w=time), made(time[::5] + 0.0, q=time[::5] + 0.25, p=0.0)
+    differences = mine.compare(other)
+    ((group, unit, largest, rms, name, _),) = differences.rows  # what both have
     assert (group, unit, name) == ("a.q", "rad", "a.q[1]")
     # a straight line is interpolated to rounding
     np.testing.assert_allclose([largest, rms], 0.25, rtol=1e-14)
-    assert found.notes == ("only in the first: a.w[1]", "only in the other: a.p[1]")
-    assert one.compare(one).rows[0][2] == 0.0
+    assert differences.notes == ("only in the first: a.w[1]", "only in the other: a.p[1]")
+    assert mine.compare(mine).rows[0][2] == 0.0
     half = made([0.5, 0.75], q=[0.5, np.nan])
-    assert np.isnan(one.compare(half).rows[0][2])  # a number that is none is not passed over
+    assert np.isnan(mine.compare(half).rows[0][2])  # a number that is none is not passed over
     with pytest.raises(UsageError, match=r"results of a common time, got 0 to 1 s and 2 to 3 s"):
-        one.compare(made([2.0, 3.0], q=0.0))
+        mine.compare(made([2.0, 3.0], q=0.0))
     with pytest.raises(UsageError, match="results with signals of the same names"):
-        one.compare(made(time, other=0.0))
+        mine.compare(made(time, other=0.0))
 
 
 @pytest.mark.heavy
 def test_runs_over_each_other_in_one_picture(tmp_path):
     time = np.linspace(0.0, 1.0, 11)
-    one, other = made(time, q=time, w=time), made(time, q=2 * time)
-    figure = one.plot("a.q", over={"twice": other}, path=tmp_path / "q.svg")
+    mine, other = made(time, q=time, w=time), made(time, q=2 * time)
+    figure = mine.plot("a.q", over={"twice": other}, path=tmp_path / "q.svg")
     (axes,) = figure.axes
     assert [line.get_ydata()[-1] for line in axes.lines] == [1.0, 2.0]
     assert len({line.get_linestyle() for line in axes.lines}) == 2
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["mine", "twice"]
     assert (tmp_path / "q.svg").read_text().startswith("<?xml")
-    one.plot(path=tmp_path / "q.pdf")
+    mine.plot(path=tmp_path / "q.pdf")
     first = (tmp_path / "q.pdf").read_bytes()
-    one.plot(path=tmp_path / "q.pdf")
+    mine.plot(path=tmp_path / "q.pdf")
     assert (tmp_path / "q.pdf").read_bytes() == first  # no date, no random names
     assert first.startswith(b"%PDF")
     with pytest.raises(UsageError, match=r"expected a picture \.png, \.svg, \.pdf, got \.jpg"):
-        one.plot(path=tmp_path / "q.jpg")
-    for ask in (one.plot, one.members, one.__getitem__):
+        mine.plot(path=tmp_path / "q.jpg")
+    for ask in (mine.plot, mine.members, mine.__getitem__):
         with pytest.raises(UsageError, match=r"expected the name of a signal, got \['a\.p'\]\. Give several names one"):
             ask(["a.p"])
     with pytest.raises(UsageError, match=r"no signal 'a\.x'"):
-        one.plot("a.x")
+        mine.plot("a.x")
     for wrong in (other, {"twice": "q.csv"}):
         with pytest.raises(UsageError, match=r"expected results by label, over=\{'soft': other\}"):
-            one.plot("a.q", over=wrong)
+            mine.plot("a.q", over=wrong)

@@ -279,12 +279,12 @@ def test_rules_that_a_run_breaks(fmus, pack, xml, tmp_path):
         "RUN003": {f"{table}a_out.csv": "time,y\n0,7\n1,7\n"},
         "RUN004": {f"{table}a_out.csv": "time,w\n0,7\n1,7\n"},
     }
-    found = {"RUN001": numbers(fragile, True), "RUN005": numbers(fmus["Dividing"], True)}
+    broken = {"RUN001": numbers(fragile, True), "RUN005": numbers(fmus["Dividing"], True)}
     for rule, members in added.items():
         path = tmp_path / f"{rule}.fmu"
         path.write_bytes(edited(fmus["Gain"], add=members))
-        found[rule] = numbers(path, True)
-    assert {rule for rule, got in found.items() if rule in got} == set(RUN), found
+        broken[rule] = numbers(path, True)
+    assert {rule for rule, got in broken.items() if rule in got} == set(RUN), broken
 
 
 def test_the_run_apart_hands_its_findings_over_with_their_rules(fmus):

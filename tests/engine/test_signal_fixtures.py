@@ -95,7 +95,7 @@ def fixtures(xml) -> dict[str, Fixture]:
         mapping = " ".join(f"{name.replace('.', '_')}={name}" for name, _ in pairs)
         return {"bindings": bound(True), "extra": files(flat, mapping)}
 
-    s, own = step(0.25), "height=1 offset=0 startTime=0.25"
+    s, parameters = step(0.25), "height=1 offset=0 startTime=0.25"
     quarter = "step.height=1 step.offset=0 step.startTime=0.25"
     waves = "sine.amplitude={} sine.f={} sine.offset={} sine.phase=0 sine.startTime=0".format
     late = step(0.5, 2.0)
@@ -141,13 +141,13 @@ def fixtures(xml) -> dict[str, Fixture]:
             external(f"{waves(0.5, 2, 1)} gain_outer.k=0.25 gain_inner.k=0.5"),
         ),
         "signal_nested_external_bindings": Fixture(
-            [c("step", own), inner([c("sine")], ["sine.y -> y"], "y:output:Real", bound(True))], ["step.y -> y"],
+            [c("step", parameters), inner([c("sine")], ["sine.y -> y"], "y:output:Real", bound(True))], ["step.y -> y"],
             {"step.y": s, "inner.sine.y": loud},
             {"connectors": "y:output:Real", "extra": files(
                 "amplitude=2 f=5 offset=0.5", "amplitude=sine.amplitude f=sine.f offset=sine.offset")},
         ),
         "signal_nested_parameter_bindings": Fixture(
-            [c("step", own), c("add"), inner(
+            [c("step", parameters), c("add"), inner(
                 [c("sine"), c("gain", "k=0.5")], ["sine.y -> gain.u", "gain.y -> y"], "y:output:Real",
                 inline(waves(1, 2, 0)))],
             ["step.y -> add.u1", "inner.y -> add.u2", "add.y -> y"],

@@ -107,8 +107,8 @@ def test_external_values_and_a_mapping_that_drops_what_it_does_not_mention(pack,
 def test_two_components_of_one_dotted_name_both_run(pack, xml):
     """And a value goes to all variables of its name; it is enough that one exists."""
     inner = f'<ssd:System name="B"><ssd:Elements>{xml.component("C", "Gain")}</ssd:Elements></ssd:System>'
-    given = xml.values(xml.real("B.C.k", 3.0) + xml.real("B.C.u", 2.0) + xml.real("B.C.slope", 7.0))
-    path = pack([inner, "B.C Ramp y:output"], bindings=given)
+    bindings = xml.values(xml.real("B.C.k", 3.0) + xml.real("B.C.u", 2.0) + xml.real("B.C.slope", 7.0))
+    path = pack([inner, "B.C Ramp y:output"], bindings=bindings)
     results = simulate(path, stop=1.0, step=1.0)
     assert results["B.C.y"].tolist() == [6.0, 6.0]
     assert results["B.C#2.y"].tolist() == [0.0, 7.0]
@@ -277,6 +277,7 @@ def test_connectors_of_the_outermost_system_fit_what_they_join(pack):
     with pytest.raises(SspError) as info:
         check_system(load_ssp(path))
     assert info.value.problems == [
-        "connection M -> r.m: unit mismatch, 'kg' (kg) to 'm' (m)",
+        "connection M -> r.m: unit mismatch, 'kg' (kg) to 'm' (m). "
+        "Connect signals of one quantity, or put a component between them",
         "connection U -> r.u: type mismatch, Integer to Real",
     ]

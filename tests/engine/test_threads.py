@@ -29,9 +29,9 @@ def together(run):
 def test_eight_threads_compute_what_one_does(arm_package, backend, isolate):
     package, folder = arm_package(backend), os.getcwd()
     alone = simulate(package, stop=0.01)
-    found = together(lambda: simulate(package, stop=0.01, isolate=isolate))
-    assert len(found) == THREADS * RUNS
-    for results in found:
+    runs = together(lambda: simulate(package, stop=0.01, isolate=isolate))
+    assert len(runs) == THREADS * RUNS
+    for results in runs:
         for name in alone.names:
             np.testing.assert_array_equal(results[name], alone[name])
     assert os.getcwd() == folder

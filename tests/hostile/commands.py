@@ -83,14 +83,14 @@ class Process:
         return [*processes, *(str(path.relative_to(self.temporary)) for path in self.temporary.rglob("*"))]
 
     def _processes(self) -> list[str]:
-        mark, found = f"TMPDIR={self.temporary}\0".encode(), []
+        mark, commands = f"TMPDIR={self.temporary}\0".encode(), []
         for path in Path("/proc").glob("[0-9]*/environ"):
             try:
                 if mark in path.read_bytes() + b"\0":
-                    found.append(path.with_name("cmdline").read_bytes().replace(b"\0", b" ").decode())
+                    commands.append(path.with_name("cmdline").read_bytes().replace(b"\0", b" ").decode())
             except OSError:  # it has just ended
                 continue
-        return found
+        return commands
 
 
 def _default_signals() -> None:
@@ -106,15 +106,15 @@ def _ready() -> int:
 
 def results(folder: Path, out: str = "out") -> dict[str, object]:
     """Return the files of results in a folder, without those aside in ``partial``; of a summary what is no time."""
-    found: dict[str, object] = {}
+    content: dict[str, object] = {}
     for path in sorted((folder / out).rglob("*")):
         name = path.relative_to(folder / out)
         if path.is_file() and not name.parts[0].startswith("partial"):
-            found[str(name)] = path.read_bytes()
+            content[str(name)] = path.read_bytes()
             if name.name == "summary.json":
                 summary = json.loads(path.read_text())
-                found[str(name)] = [summary.get(key) for key in ("scenario", "stop", "files", "error")]
-    return found
+                content[str(name)] = [summary.get(key) for key in ("scenario", "stop", "files", "error")]
+    return content
 
 
 @cache

@@ -87,7 +87,7 @@ class Disk:
     def operations(self) -> list[tuple[int, str]]:
         """Return kinds and names of the operations of the last command."""
         lines = self._log.read_text(errors="replace").splitlines()
-        return [(int(kinds), what) for kinds, _, what in (line.partition(" ") for line in lines)]
+        return [(int(kinds), operation) for kinds, _, operation in (line.partition(" ") for line in lines)]
 
 
 @cache
@@ -97,7 +97,7 @@ def disk() -> Disk:
 
 
 @dataclass(frozen=True)
-class Known:
+class Prepared:
     """What is known of a job: what is there before and after it, and where it can fail: error, operation, its name."""
 
     folder: Path
@@ -106,7 +106,7 @@ class Known:
 
 
 @cache
-def known(name: str) -> Known:
+def prepared(name: str) -> Prepared:
     job, server = JOBS[name], disk()
     warm, folder, place = server.home / "warm", server.home / name, server.place
     shutil.rmtree(place, ignore_errors=True)
@@ -128,7 +128,7 @@ def known(name: str) -> Known:
     _begin_again(folder)
     _succeeds(job.words, logging=True)
     assert not (names := differing(files(place), after)), f"{name}: {names} are not the same twice"
-    return Known(folder, after, list(_faults(server.operations())))
+    return Prepared(folder, after, list(_faults(server.operations())))
 
 
 def _succeeds(words: tuple[str, ...], logging: bool = False) -> None:
@@ -147,42 +147,42 @@ def _faults(operations: list[tuple[int, str]]) -> Iterator[tuple[int, int, str]]
     # Of temporary files, and of those of the cache, all with the same suffix are alike.
     for error, kinds in ERRORS.items():
         ends: dict[str, list[int]] = {}
-        for number, what in enumerate((what for kind, what in operations if kind & kinds), 1):
-            operation, _, path = what.replace(f"{disk().place}/", "").partition(" ")
+        for number, text in enumerate((text for kind, text in operations if kind & kinds), 1):
+            call, _, path = text.replace(f"{disk().place}/", "").partition(" ")
             alike = re.sub(r"[0-9a-f]{8,}|\d+", "#", path)
             if path.startswith(("tmp", "cache")):
                 alike = f"{path[:3]} *{Path(path).suffix if Path(path).stem.isalpha() else ''}"
-            alike = f"{operation} {alike}"
+            alike = f"{call} {alike}"
             ends[alike] = [*ends.get(alike, [])[:1], number]
-        for what, numbers in ends.items():
-            yield from ((error, number, what) for number in numbers)
+        for operation, numbers in ends.items():
+            yield from ((error, number, operation) for number in numbers)
 
 
 def failed(name: str, fault: tuple[int, int, str]) -> None:
     """Let an operation of a job fail: nothing is lost, nothing half done, and the same command succeeds then."""
-    job, start, server = JOBS[name], known(name), disk()
+    job, start, server = JOBS[name], prepared(name), disk()
     before = _begin_again(start.folder)
-    error, number, what = fault
+    error, number, operation = fault
     code, said = server.command(job.words, (error, number))
-    told = f"{name}: {errno.errorcode[error]} at {number}, {what}: exit code {code}: {said[-1500:]}"
-    if not what.startswith("unlink tmp"):  # the file itself that cannot be removed
-        require_nothing_left(server.place, told)
-    assert "Traceback" not in said and "Exception ignored" not in said, told
-    require_whole(job, code, before, files(server.place), start.after, told)
+    report = f"{name}: {errno.errorcode[error]} at {number}, {operation}: exit code {code}: {said[-1500:]}"
+    if not operation.startswith("unlink tmp"):  # the file itself that cannot be removed
+        require_nothing_left(server.place, report)
+    assert "Traceback" not in said and "Exception ignored" not in said, report
+    require_whole(job, code, before, files(server.place), start.after, report)
     if code == 0:
         return
-    assert code in (1, 2) and "error" in said.lower(), told
+    assert code in (1, 2) and "error" in said.lower(), report
     again, words = server.command(job.words)
-    told = f"{told}; again: exit code {again}: {words[-1500:]}"
-    assert again == 0, told
-    require_whole(job, again, before, files(server.place), start.after, told)
+    report = f"{report}; again: exit code {again}: {words[-1500:]}"
+    assert again == 0, report
+    require_whole(job, again, before, files(server.place), start.after, report)
     raise VdfmuError(said)
 
 
 def tried(number: int, folder: Path) -> None:
     """Let an operation of a command fail, at random."""
     name = list(JOBS)[number % len(JOBS)]
-    failed(name, random.Random(f"disk {number}").choice(known(name).faults))
+    failed(name, random.Random(f"disk {number}").choice(prepared(name).faults))
 
 
 CORPORA = [Corpus("errors of single file operations of every command", 460, tried, quick=0, seconds=3 * PATIENCE)]

@@ -28,9 +28,9 @@ def _asked() -> None:
         if number == 0:
             os.setsid()
             said = os.open(asked["said"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-            nothing = os.open(os.devnull, os.O_RDONLY)
-            for descriptor, own in ((nothing, 0), (said, 1), (said, 2)):
-                os.dup2(descriptor, own)
+            null = os.open(os.devnull, os.O_RDONLY)
+            for descriptor, target in ((null, 0), (said, 1), (said, 2)):
+                os.dup2(descriptor, target)
             os.chdir(asked["folder"])
             os.environ.update(asked["environment"])
             sys.argv = ["vdfmu", *asked["words"]]

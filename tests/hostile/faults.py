@@ -134,16 +134,16 @@ def met(number: int, folder: Path) -> None:
     process = Process(place, fault.words, before=fault.before, **dict(fault.environment))
     process.end()
     code, said = process.process.returncode, process.said
-    told = f"{fault.name}, {' '.join(fault.words)}: exit code {code}: {said[-1500:]}"
-    assert "Traceback" not in said, told
-    assert process.left() == [], told
+    report = f"{fault.name}, {' '.join(fault.words)}: exit code {code}: {said[-1500:]}"
+    assert "Traceback" not in said, report
+    assert process.left() == [], report
     if fault.harmless:
-        assert code == 0, told
-        assert "results.csv" in results(place), told
+        assert code == 0, report
+        assert "results.csv" in results(place), report
         return
-    assert code in (1, 2) and "error" in said.lower() and fault.named in said, told
-    found = results(place, fault.results)
-    assert found == before, f"results are lost: {told}"
+    assert code in (1, 2) and "error" in said.lower() and fault.named in said, report
+    after = results(place, fault.results)
+    assert after == before, f"results are lost: {report}"
     raise VdfmuError(said)
 
 

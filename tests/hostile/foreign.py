@@ -84,11 +84,11 @@ def sources(place: Path) -> Look:
 def _studied(place: Path, *words: str, **facts: Any) -> Look:
     """Copy a study with other facts."""
     table = parquet.read_table(done_study() / "sweep.parquet")
-    known = json.loads(table.schema.metadata[b"vdfmu"]) | facts
+    metadata = json.loads(table.schema.metadata[b"vdfmu"]) | facts
     for name in facts.get("measures", ()):
         table = table.append_column(name, table["controller.K_p"])
     place.mkdir()
-    parquet.write_table(table.replace_schema_metadata({"vdfmu": json.dumps(known)}), place / "sweep.parquet")
+    parquet.write_table(table.replace_schema_metadata({"vdfmu": json.dumps(metadata)}), place / "sweep.parquet")
     return partial(_command, *words, place)
 
 
@@ -173,8 +173,8 @@ LOOKS = (
 
 
 def files(folder: Path) -> dict[Path, bytes]:
-    given = folder / "given"
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and given not in path.parents}
+    inputs = folder / "given"
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and inputs not in path.parents}
 
 
 def look(number: int, folder: Path) -> None:

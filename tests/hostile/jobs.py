@@ -103,31 +103,31 @@ JOBS = {
 
 
 def files(place: Path) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    contents: dict[str, Any] = {}
     for path in sorted(place.rglob("*")):
         name = str(path.relative_to(place))
         aside = name in ("said", "out/.lock") or name.startswith(("tmp/", "cache/", "out/partial"))
         if aside or not path.is_file():
             continue
         content = path.read_bytes()
-        found[name] = content
+        contents[name] = content
         if path.name == "summary.json":
             summary = json.loads(content)
-            found[name] = [summary.get(key) for key in ("scenario", "stop", "files", "error")]
+            contents[name] = [summary.get(key) for key in ("scenario", "stop", "files", "error")]
         elif path.suffix == ".html":
-            found[name] = content.rstrip().endswith(b"</html>")
+            contents[name] = content.rstrip().endswith(b"</html>")
         elif path.suffix == ".parquet":
             with pa.BufferReader(content) as stream:
-                found[name] = parquet.read_table(stream)
-    return found
+                contents[name] = parquet.read_table(stream)
+    return contents
 
 
-def differing(found: dict[str, Any], expected: dict[str, Any]) -> list[str]:
+def differing(actual: dict[str, Any], expected: dict[str, Any]) -> list[str]:
     """Return the names of files that are not the same: of tables and pages except for times."""
     return sorted(
         name
-        for name in {*found, *expected}
-        if not (name in found and name in expected and _alike(found[name], expected[name]))
+        for name in {*actual, *expected}
+        if not (name in actual and name in expected and _alike(actual[name], expected[name]))
     )
 
 
@@ -137,31 +137,31 @@ def _alike(a: Any, b: Any) -> bool:
     return a == b
 
 
-def _rows(found: dict[str, Any]) -> set[tuple[Any, ...]]:
+def _rows(contents: dict[str, Any]) -> set[tuple[Any, ...]]:
     """Return the points of studies with the time that each has taken: one that is run again has another."""
-    tables = [one for one in found.values() if isinstance(one, pa.Table) and "wall_s" in one.column_names]
-    return {pair for one in tables for pair in zip(one["point"].to_pylist(), one["wall_s"].to_pylist(), strict=True)}
+    tables = [rows for rows in contents.values() if isinstance(rows, pa.Table) and "wall_s" in rows.column_names]
+    return {pair for rows in tables for pair in zip(rows["point"].to_pylist(), rows["wall_s"].to_pylist(), strict=True)}
 
 
 def require_whole(
-    job: Job, code: int, before: dict[str, Any], found: dict[str, Any], after: dict[str, Any], told: str
+    job: Job, code: int, before: dict[str, Any], left: dict[str, Any], after: dict[str, Any], report: str
 ) -> None:
     """Raise AssertionError unless a job that ended with a code left all of its results, or lost none of the earlier."""
-    assert _rows(before) <= _rows(found), f"points are lost: {told}"
+    assert _rows(before) <= _rows(left), f"points are lost: {report}"
     if code == 0:
-        assert not (names := differing(found, after)), f"not complete: {names}: {told}"
+        assert not (names := differing(left, after)), f"not complete: {names}: {report}"
         return
-    for name in {*before, *found}:
+    for name in {*before, *left}:
         if not name.startswith("out/parts/"):
             kept = any(
-                name in one and not differing({name: found.get(name)}, {name: one[name]}) for one in (before, after)
+                name in side and not differing({name: left.get(name)}, {name: side[name]}) for side in (before, after)
             )
-            assert kept, f"{name} is {'changed' if name in found else 'lost'}: {told}"
+            assert kept, f"{name} is {'changed' if name in left else 'lost'}: {report}"
     if job.together:
-        assert not differing(found, before) or not differing(found, after), f"old and new together: {told}"
+        assert not differing(left, before) or not differing(left, after), f"old and new together: {report}"
 
 
-def require_nothing_left(place: Path, told: str) -> None:
+def require_nothing_left(place: Path, report: str) -> None:
     """Raise AssertionError for temporary files, and for files that were set aside as not whole."""
     left = [*(place / "tmp").iterdir(), *place.rglob("*.tmp"), *place.rglob("*.broken*")]
-    assert not left, f"{left} are left: {told}"
+    assert not left, f"{left} are left: {report}"

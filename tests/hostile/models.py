@@ -72,9 +72,9 @@ def _written(kind: str, number: int, folder: Path, names: tuple[str, ...], chang
     return path
 
 
-def _finite(what: str, *arrays: np.ndarray) -> None:
+def _finite(label: str, *arrays: np.ndarray) -> None:
     for array in arrays:
-        assert np.isfinite(array).all(), f"{what} is not finite"
+        assert np.isfinite(array).all(), f"{label} is not finite"
 
 
 def robot_file(number: int, folder: Path) -> Robot:

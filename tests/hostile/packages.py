@@ -149,8 +149,8 @@ def _mutate(text: str, dice: random.Random) -> str:
         place = dice.choice(tags)
         return text[: place.start()] + place[0] * dice.choice([0, 2, 50]) + text[place.end() :]
     if kind == 4 and len(values) > 1:  # two values change places
-        one, other = sorted(dice.sample(values, 2), key=lambda found: found.start())
-        return text[: one.start(1)] + other[1] + text[one.end(1) : other.start(1)] + one[1] + text[other.end(1) :]
+        a, b = sorted(dice.sample(values, 2), key=lambda match: match.start())
+        return text[: a.start(1)] + b[1] + text[a.end(1) : b.start(1)] + a[1] + text[b.end(1) :]
     if kind == 5:  # a name changes everywhere
         names = sorted(set(re.findall(r"[A-Za-z]{3,}", text)))
         return text.replace(dice.choice(names), dice.choice([*names, "x" * 300, "é", ""]))

@@ -28,10 +28,10 @@ def _package(folder: Path) -> Path:
     return write_ssp(scenario, cached_fmus(scenario, folder), folder / "arm.ssp")
 
 
-def _require_same(found: Results, expected: Results) -> None:
-    assert found.names == expected.names
+def _require_same(actual: Results, expected: Results) -> None:
+    assert actual.names == expected.names
     for name in expected.names:
-        np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
+        np.testing.assert_array_equal(actual[name], expected[name], err_msg=name)
 
 
 def threads(runs: int, number: int, folder: Path) -> None:

@@ -37,7 +37,7 @@ COMMANDS = (
 
 
 @dataclass(frozen=True)
-class Known:
+class Prepared:
     """What is known of a command: its folder before, how long it takes [s], and the files before and after it."""
 
     folder: Path
@@ -47,7 +47,7 @@ class Known:
 
 
 @cache
-def known(job: Job) -> Known:
+def prepared(job: Job) -> Prepared:
     folder = Path(tempfile.mkdtemp(dir=workshop()))
     begin(folder)
     for step in job.before:
@@ -58,7 +58,7 @@ def known(job: Job) -> Known:
     if not job.cold:  # so that all it needs is in the cache
         _again(folder, job)
     after, seconds = _again(folder, job)
-    return Known(folder, seconds, files(folder), after)
+    return Prepared(folder, seconds, files(folder), after)
 
 
 def _again(folder: Path, job: Job) -> tuple[dict[str, object], float]:
@@ -73,7 +73,7 @@ def stopped(number: int, folder: Path) -> None:
     """Send a signal at a random moment; the command ends at once, and what it leaves is whole."""
     dice = random.Random(f"signal {number}")
     job = COMMANDS[number % len(COMMANDS)]
-    start = known(job)
+    start = prepared(job)
     place = folder / "place"
     shutil.copytree(start.folder, place)
     which, moment = dice.choice(SIGNALS), dice.uniform(0.0, 1.0) * start.seconds
@@ -83,27 +83,27 @@ def stopped(number: int, folder: Path) -> None:
     process.process.send_signal(which)
     seconds, most = process.end()
     code, said = process.process.returncode, process.said
-    told = (
+    report = (
         f"{which.name} after {moment:.2f} s of {' '.join(job.words)}: exit code {code} after {seconds:.2f} s: "
         f"{said[-800:]}"
     )
-    assert seconds < most, f"expected at most {most:.1f} s: {told}"
-    assert process.left() == [], told
-    require_nothing_left(place, told)
-    require_whole(job, code, start.before, files(place), start.after, told)
+    assert seconds < most, f"expected at most {most:.1f} s: {report}"
+    assert process.left() == [], report
+    require_nothing_left(place, report)
+    require_whole(job, code, start.before, files(place), start.after, report)
     for lock in place.glob("out/.lock"):
         with lock.open() as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     loud = "Traceback" in said or "Exception ignored" in said
     # Python's own import of modules may drop Ctrl-C before this project listens
-    assert not loud or not (listened or (code == 0 and "vdfmu/" in said.partition("out/")[0])), told
+    assert not loud or not (listened or (code == 0 and "vdfmu/" in said.partition("out/")[0])), report
     if code == 0:
         return
     if listened:
-        assert code == 128 + which, told
+        assert code == 128 + which, report
         raise VdfmuError(said)
     # Python that has read nothing of this project yet ends with 1 and its own words where it imports its first modules
-    assert code in (-which, 128 + which) or (code == 1 and "vdfmu" not in said), told
+    assert code in (-which, 128 + which) or (code == 1 and "vdfmu" not in said), report
 
 
 CORPORA = [

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tests.hostile.commands import PATIENCE, Process
 from tests.hostile.jobs import JOBS, Job, files, require_nothing_left, require_whole
-from tests.hostile.signals import known
+from tests.hostile.signals import prepared
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import VdfmuError
 
@@ -22,31 +22,31 @@ Between 300 and 600 the libraries load, and then OpenBLAS waits for its buffer f
 """
 
 
-def _ended(process: Process, told: str) -> tuple[int, str]:
+def _ended(process: Process, report: str) -> tuple[int, str]:
     """Wait for a command, which says in words what is wrong, and return its exit code and output."""
     process.end()
     code, said = process.process.returncode, process.said
-    told = f"{told}: exit code {code}: {said[-1500:]}"
-    assert code in (0, 1, 2) and "Traceback" not in said and "Exception ignored" not in said, told
-    assert code == 0 or "error" in said.lower(), told
-    return code, told
+    report = f"{report}: exit code {code}: {said[-1500:]}"
+    assert code in (0, 1, 2) and "Traceback" not in said and "Exception ignored" not in said, report
+    assert code == 0 or "error" in said.lower(), report
+    return code, report
 
 
 def named(number: int, folder: Path) -> None:
     """Run a command in, and into, a folder whose name is not UTF-8."""
     name = _NAMES[number % len(_NAMES)]
     job = JOBS[name]
-    start = known(job)
+    start = prepared(job)
     place = folder / "at\udcff"
     shutil.copytree(start.folder, place)
     (place / "out").rename(place / _OUT)
     process = Process(place, [_renamed(word) for word in job.words])
-    code, told = _ended(process, f"{name} into a name that is not UTF-8")
+    code, report = _ended(process, f"{name} into a name that is not UTF-8")
     (place / _OUT).rename(place / "out")
-    require_nothing_left(place, told)
-    require_whole(job, code, start.before, files(place), start.after, told)
+    require_nothing_left(place, report)
+    require_whole(job, code, start.before, files(place), start.after, report)
     if code:
-        raise VdfmuError(told)
+        raise VdfmuError(report)
 
 
 def _renamed(word: str) -> str:
@@ -57,21 +57,21 @@ def short_of_memory(number: int, folder: Path) -> None:
     """Run a command in little memory: it is done, or it says so, and nothing is lost."""
     name = _NAMES[number % len(_NAMES)]
     job, limit = JOBS[name], random.Random(f"memory {number}").choice(_LIMITS)
-    start = known(job)
+    start = prepared(job)
     place = folder / "place"
     shutil.copytree(start.folder, place)
     process = Process(place, job.words, before=("prlimit", f"--as={limit * 2**20}"), OPENBLAS_NUM_THREADS="1")
     process.end()
     code, said = process.process.returncode, process.said
-    told = f"{name} in {limit} MB: exit code {code}: {said[-1500:]}"
-    require_whole(job, code, start.before, files(place), start.after, told)
+    report = f"{name} in {limit} MB: exit code {code}: {said[-1500:]}"
+    require_whole(job, code, start.before, files(place), start.after, report)
     if code >= 0:  # a library that crashes for want of memory leaves the temporary folder
-        require_nothing_left(place, told)
+        require_nothing_left(place, report)
     if code > 0 and "Traceback" not in said:
-        assert code in (1, 2) and "error" in said.lower(), told
+        assert code in (1, 2) and "error" in said.lower(), report
         raise VdfmuError(said)
     # Python cannot load its own modules there, or ends before a line of this project has run
-    assert code <= 0 or limit < 600, told
+    assert code <= 0 or limit < 600, report
 
 
 _FLED = """
@@ -98,7 +98,7 @@ def fled(number: int, folder: Path) -> None:
     """Simulate a component that leaves a process in a session of its own, and then ends, hangs, stops or goes on."""
     way = _WAYS[number % len(_WAYS)]
     job = Job(("run", "arm.ssp", "--out", "out", "--stop", "0.05", "--isolate"), JOBS["simulate"].before, True)
-    start = known(job)
+    start = prepared(job)
     place, site = folder / "place", folder / "site"
     shutil.copytree(start.folder, place)
     site.mkdir()
@@ -106,7 +106,7 @@ def fled(number: int, folder: Path) -> None:
     process = Process(place, (*job.words, "--wait-limit", "3"), PYTHONPATH=str(site))
     begin = time.monotonic()
     try:
-        code, told = _ended(process, f"a component that leaves a process and does: {way}")
+        code, report = _ended(process, f"a component that leaves a process and does: {way}")
         seconds = time.monotonic() - begin
     finally:
         for path in Path("/proc").glob("[0-9]*"):
@@ -115,12 +115,12 @@ def fled(number: int, folder: Path) -> None:
                     os.kill(int(path.name), signal.SIGKILL)
             except OSError:  # it has just ended
                 continue
-    require_nothing_left(place, told)
-    require_whole(job, code, start.before, files(place), start.after, told)
-    assert seconds < 60.0, f"held for {seconds:.0f} s: {told}"
-    assert code or way in ("pass", "os.close(1)"), told  # the others end the component, or never return
+    require_nothing_left(place, report)
+    require_whole(job, code, start.before, files(place), start.after, report)
+    assert seconds < 60.0, f"held for {seconds:.0f} s: {report}"
+    assert code or way in ("pass", "os.close(1)"), report  # the others end the component, or never return
     if code:
-        raise VdfmuError(told)
+        raise VdfmuError(report)
 
 
 CORPORA = [

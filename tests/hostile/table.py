@@ -96,6 +96,6 @@ def replaced(page: str, rows: Iterable[Row]) -> str:
     lines = page.split("\n")
     first = lines.index(table([]).split("\n")[1]) + 1
     last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))
-    known = {line.split(" | ")[0].removeprefix("| "): line for line in lines[first:last]}
-    known |= {row.name: _line(row) for row in rows}
-    return "\n".join([*lines[:first], *known.values(), *lines[last:]])
+    line_of = {line.split(" | ")[0].removeprefix("| "): line for line in lines[first:last]}
+    line_of |= {row.name: _line(row) for row in rows}
+    return "\n".join([*lines[:first], *line_of.values(), *lines[last:]])

@@ -13,7 +13,7 @@ def marked(corpus: Corpus):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("corpus", [marked(one) for one in CORPORA if one.quick])
+@pytest.mark.parametrize("corpus", [marked(corpus) for corpus in CORPORA if corpus.quick])
 def test_hostile_inputs_are_read_or_refused_in_words(corpus):
     row = tried(corpus, range(corpus.quick))
     assert (row.tries, row.examples) == (corpus.quick * corpus.each, [])

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.hostile.disk import failed as fail
-from tests.hostile.disk import known
+from tests.hostile.disk import prepared
 from vdfmu.base.errors import VdfmuError
 
 _QUICK = ("robot import",)
@@ -15,22 +15,22 @@ def failures(name: str, most: int) -> tuple[int, list[str]]:
 
     Returns how many stopped it, and all faults found.
     """
-    faults = known(name).faults
-    stopped, found = 0, []
+    faults = prepared(name).faults
+    stopped, problems = 0, []
     for i in range(most):
         try:
             fail(name, faults[i * (len(faults) - 1) // (most - 1)])
         except VdfmuError:
             stopped += 1
         except AssertionError as error:
-            found.append(str(error))
-    return stopped, found
+            problems.append(str(error))
+    return stopped, problems
 
 
 @pytest.mark.parametrize("name", _QUICK)
 def test_some_failures_of_the_disk_lose_nothing(name):
-    stopped, found = failures(name, 5)
-    assert stopped and not found
+    stopped, problems = failures(name, 5)
+    assert stopped and not problems
 
 
 @pytest.mark.heavy
@@ -39,5 +39,5 @@ def test_some_failures_of_the_disk_lose_nothing(name):
 )
 def test_failures_of_the_disk_lose_nothing(name, most):
     """Of one command for each way of writing results; `make hostile` has all of them."""
-    stopped, found = failures(name, most)
-    assert stopped and not found
+    stopped, problems = failures(name, most)
+    assert stopped and not problems

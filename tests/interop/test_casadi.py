@@ -50,30 +50,30 @@ def test_the_plant_and_its_jacobians_are_those_of_the_trace(rates):
         # the same operations, of which the compiler may join two, on numbers of up to 1e3
         np.testing.assert_allclose(imported(x, u).full(), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
         pairs = zip(imported.jacobian()(x, u, 0), traced.jacobian()(x, u, 0), strict=True)
-        for found, exact in pairs:
-            assert found.nnz() == exact.nnz()
+        for actual, exact in pairs:
+            assert actual.nnz() == exact.nnz()
             # directional derivatives add in another order than the columns of the trace
-            np.testing.assert_allclose(found.full(), exact.full(), rtol=0, atol=1e-13 * np.abs(exact.full()).max())
+            np.testing.assert_allclose(actual.full(), exact.full(), rtol=0, atol=1e-13 * np.abs(exact.full()).max())
 
 
 @pytest.mark.heavy
 def test_the_shortest_motion_is_that_of_the_trace(rates):
-    (expected, said), (found, also) = (shortest_motion(rate, exact_hessian=True) for rate in rates)
+    (expected, said), (solution, also) = (shortest_motion(rate, exact_hessian=True) for rate in rates)
     assert said["return_status"] == also["return_status"] == "Solve_Succeeded"
     # Both stop at a residual of 1e-10, the last step of a quadratic convergence: 1e-8 leaves the problem a condition of
     # 100 in its scaled variables. Second derivatives through the FMU are differences, which change the way alone.
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
-    assert 0.05 < found[-5] < 1.0  # the duration is at none of its limits
-    torques = found[-5 - 2 * 15 : -5]
+    np.testing.assert_allclose(solution, expected, rtol=0, atol=1e-8)
+    assert 0.05 < solution[-5] < 1.0  # the duration is at none of its limits
+    torques = solution[-5 - 2 * 15 : -5]
     assert np.abs(torques).max() == pytest.approx(MOST, abs=1e-6)  # a shortest motion uses the limit
-    np.testing.assert_array_equal(found[8 * 30 : 8 * 30 + 2], TO)
+    np.testing.assert_array_equal(solution[8 * 30 : 8 * 30 + 2], TO)
 
 
 @pytest.mark.parametrize("version", ["2.0", pytest.param("3.0", marks=SEEN)])
 def test_scalars_of_both_versions(tmp_path, version):
     """With FMI 3.0 there are adjoint derivatives."""
-    own = {"uses_adjoint_derivatives": True} if version == "3.0" else {}
-    imported = imported_rate(swing(tmp_path, version), **own)
+    options = {"uses_adjoint_derivatives": True} if version == "3.0" else {}
+    imported = imported_rate(swing(tmp_path, version), **options)
     x, F, seed = np.array([0.4, -0.3]), 0.7, np.array([0.6, -1.1])
     value = [x[1], F * np.cos(x[0]) - 3.0 * x[0] ** 3 - np.tanh(x[1])]
     J = np.array([[0.0, 1.0], [-F * np.sin(x[0]) - 9.0 * x[0] ** 2, -1.0 / np.cosh(x[1]) ** 2]])
@@ -92,10 +92,10 @@ def test_what_the_importer_does_not_do(tmp_path):
     with pytest.raises(RuntimeError, match="get_in failed"):  # arrays
         imported_rate(fmu)
     forward = imported_rate(swing(tmp_path, "2.0"), new_forward=True).forward(1)
-    x, one = np.array([0.4, -0.3]), np.ones(2)
-    last = forward(x, 0.7, 0, one, 1.0).full()
+    x, ones = np.array([0.4, -0.3]), np.ones(2)
+    last = forward(x, 0.7, 0, ones, 1.0).full()
     # a direction that is all zero repeats the last answer
-    np.testing.assert_array_equal(forward(x, 0.7, 0, 0.0 * one, 0.0).full(), last)
+    np.testing.assert_array_equal(forward(x, 0.7, 0, 0.0 * ones, 0.0).full(), last)
     reverse = imported_rate(swing(tmp_path, "3.0"), uses_adjoint_derivatives=True).reverse
     seeds = np.array([[0.6, 0.2], [-1.1, 0.5]])
     # of several adjoint directions the first column has the last one

@@ -92,7 +92,8 @@ def test_all_faults_of_names_come_at_once_and_misfits_name_both_ends():
         vdfmu.connect({})
     with pytest.raises(UsageError, match=r"f.y -> arm.tau: lengths must be equal, got 1 and 2\. Connect elements"):
         vdfmu.connect({"f": Lag, "arm": "plant"}, {"f.y": "arm.tau"}, robot="planar_2dof")
-    with pytest.raises(SspError, match=r"arm\.q\[1\] -> arm\.tau\[1\]: unit mismatch, 'rad'"):
+    mismatch = r"arm\.q\[1\] -> arm\.tau\[1\]: unit mismatch, 'rad' .*\. Connect signals of one quantity, or put"
+    with pytest.raises(SspError, match=mismatch):
         vdfmu.connect({"arm": "plant"}, {"arm.q": "arm.tau"}, robot="planar_2dof")
 
 
@@ -103,10 +104,25 @@ def test_one_fmu_is_a_system_whose_instance_keeps_its_components(fmus):
     assert ends == pytest.approx([2.0 * (1.0 - math.exp(-0.2 / T)) for T in (0.1, 0.2)], abs=2e-6)  # 1e-6 of a solver
 
 
-def test_a_written_system_is_replaced_by_the_next(fmus, tmp_path):
-    system = vdfmu.load(fmus["2.0"])
-    first = system.write(tmp_path / "x.ssp").read_bytes()
-    assert system.write(tmp_path / "x.ssp").read_bytes() == first
+def test_a_state_that_is_set_names_its_start_value(fmus):
+    system = vdfmu.connect({"a": fmus["2.0"]})
+    with pytest.raises(UsageError, match=r"'a\.y': is not settable: .*\. Set its start value, y_0$"):
+        system.run(values={"a.y": 1.0})
+    with pytest.raises(UsageError, match=r"'arm\.q': is not settable: .*\. Set its start value, q_0\[1\]$"):
+        vdfmu.connect({"arm": "plant"}, robot="planar_2dof").run(values={"arm.q": 0.5})
+
+
+def test_a_package_is_replaced_by_the_same_call(fmus, tmp_path):
+    system = vdfmu.connect({"a": fmus["2.0"]})
+    assert system.write(tmp_path / "a.ssp").read_bytes() == system.write(tmp_path / "a.ssp").read_bytes()
+
+
+def test_a_sweep_takes_the_values_and_options_of_the_system(fmus, tmp_path):
+    system = vdfmu.connect({"a": fmus["2.0"]}, stop=0.2, step=0.01)
+    swept = system.sweep({"a.T": [0.1, 0.2]}, values={"a.u": 2.0}, measure=["end=final(a.y)"], out=tmp_path)
+    # the step response of a lag to 1e-6 of its solver
+    assert swept["end"] == pytest.approx([2.0 * (1.0 - math.exp(-0.2 / T)) for T in (0.1, 0.2)], abs=2e-6)
+    assert repr(swept) == f"Study {tmp_path}: 2 points; axes a.T; measures end"
 
 
 def test_a_scenario_is_a_system(tmp_path):

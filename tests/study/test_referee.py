@@ -125,11 +125,11 @@ def test_a_run_says_what_the_referee_says(tmp_path, lags):
     """Summary, verdict and page of a scenario; summary and exit code of a package."""
     results = vdfmu.run("planar_tracking", stop=0.1, judge=0.02, meant="continuous", reference=False, out=tmp_path)
     judgement = read_summary(tmp_path / "summary.json")["judgement"]
-    own = vdfmu.load("planar_tracking").judge(0.02, stop=0.1, meant="continuous")
-    assert (judgement["verdict"], judgement["text"]) == (own.verdict, own.text)
-    state = {RIGHT: "good", WRONG: "failed", OPEN: "doubtful"}[own.verdict]
-    assert ("Error by communication", state, own.text) in [each[:3] for each in checks_of(results.summary)]
-    assert own.text in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
+    expected = vdfmu.load("planar_tracking").judge(0.02, stop=0.1, meant="continuous")
+    assert (judgement["verdict"], judgement["text"]) == (expected.verdict, expected.text)
+    state = {RIGHT: "good", WRONG: "failed", OPEN: "doubtful"}[expected.verdict]
+    assert ("Error by communication", state, expected.text) in [each[:3] for each in checks_of(results.summary)]
+    assert expected.text in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
     package = str(lags.write(tmp_path / "lags.ssp"))
     for wanted, code, said in (("1%", 0, RIGHT), ("1e-4", 1, WRONG)):
         result = CliRunner().invoke(app, ["run", package, "--judge", wanted, "--out", str(tmp_path / "out")])

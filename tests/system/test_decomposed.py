@@ -103,9 +103,9 @@ def test_the_feedforward_of_joints_and_links_is_that_of_the_arm(name, mode):
         else feedforward_vdc(robot, gains, desired, q, q_dot, kappa_dot, F_e)
     )
     for name, numbers in expected._asdict().items():
-        found = [getattr(system.parts[f"feedforward_joint_{i + 1}"], name) for i in range(robot.n)]
+        computed = [getattr(system.parts[f"feedforward_joint_{i + 1}"], name) for i in range(robot.n)]
         # the same lines in the same order; a matrix product may sum in another
-        np.testing.assert_allclose(found, numbers, rtol=1e-12, atol=1e-12 * np.abs(numbers).max(), err_msg=name)
+        np.testing.assert_allclose(computed, numbers, rtol=1e-12, atol=1e-12 * np.abs(numbers).max(), err_msg=name)
 
 
 @ARMS
@@ -127,9 +127,9 @@ def test_the_plant_of_joints_and_links_is_the_arm(name, draw):
         x = np.concatenate([state.q, state.q_dot, state.kappa_dot, state.tau_s])
         expected = np.split(plant_derivative(robot, x, tau, F_e), 4)
         for name, numbers in zip(("q", "q_dot", "kappa_dot", "tau_s"), expected, strict=True):
-            found = [getattr(joint, f"der_{name}") for joint in joints]
+            computed = [getattr(joint, f"der_{name}") for joint in joints]
             # elimination along the chain multiplies rounding errors by ratios of masses, up to 1e3 here
-            np.testing.assert_allclose(found, numbers, rtol=1e-11, atol=1e-12 * np.abs(numbers).max(), err_msg=name)
+            np.testing.assert_allclose(computed, numbers, rtol=1e-11, atol=1e-12 * np.abs(numbers).max(), err_msg=name)
         # virtual power flows: what a joint adds is the power of its motion and of its rotor, what a link takes that of
         # its net force; what is left at the tip goes to the surroundings
         tool = system.parts["plant_tool"]
@@ -172,18 +172,18 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
     states = draw(robot, 2, seed=11)
     for side, state in zip("CD", states, strict=True):
         for i in range(2):
-            own = {name: getattr(state, name)[i] for name in ("q", "q_dot", "kappa_dot", "tau_s")}
-            system.parts[f"{side}_joint_{i + 1}"].store |= own
+            start = {name: getattr(state, name)[i] for name in ("q", "q_dot", "kappa_dot", "tau_s")}
+            system.parts[f"{side}_joint_{i + 1}"].store |= start
     system.settle(list(parts))
     base = moving_base(np.eye(3), body.V_C[3:], np.zeros(6))
     g = body.g_C
     # arms that know that their base moves, as in the second-arm interface; friction is lumped, on the rotors
     turned = replace(robot, gravity=g)
     loads = [articulated(turned, s.q, s.q_dot, s.tau_s, np.zeros(6), None, base, None).arm for s in states]
-    own = body.robot_of_joint().body(0)
+    inertia = body.robot_of_joint().body(0)
     np.testing.assert_array_equal(body.V_C[:3], 0.0)  # its joint's axis passes through its origin
-    M = mass_matrix(*own) + sum(M_S for M_S, _ in loads)
-    p = bias_force(*own, g, body.V_B) + sum(F_S0 for _, F_S0 in loads)
+    M = mass_matrix(*inertia) + sum(M_S for M_S, _ in loads)
+    p = bias_force(*inertia, g, body.V_B) + sum(F_S0 for _, F_S0 in loads)
     np.testing.assert_allclose(body.M_B, M, rtol=0, atol=1e-12 * np.abs(M).max())
     np.testing.assert_allclose(body.p_B, p, rtol=0, atol=1e-11 * np.abs(p).max())
 

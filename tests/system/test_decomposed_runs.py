@@ -44,21 +44,21 @@ def test_nothing_is_wrong_with_the_fmus(unit, version, tmp_path):
     assert check_file(path) == []
 
 
-def compare(found: Any, whole: Any, n: int, tolerance: float) -> None:
+def compare(pieces: Any, whole: Any, n: int, tolerance: float) -> None:
     for i in range(1, n + 1):
         for name in ("tau_m", "tau_s", "kappa_dot_d"):
-            both = found[f"feedforward_joint_{i}.{name}"], whole[f"feedforward.{name}[{i}]"]
+            both = pieces[f"feedforward_joint_{i}.{name}"], whole[f"feedforward.{name}[{i}]"]
             np.testing.assert_allclose(*both, rtol=0, atol=1e-12, err_msg=name)  # N.m: the same lines in the same order
-        both = found[f"plant_joint_{i}.q"], whole[f"plant.q[{i}]"]
+        both = pieces[f"plant_joint_{i}.q"], whole[f"plant.q[{i}]"]
         np.testing.assert_allclose(*both, rtol=0, atol=tolerance)
 
 
 def test_the_papers_arm_runs_as_in_one_piece(tmp_path):
     """It is integrated as one, by another solver: errors of both, at tolerances of 1e-10 and 1e-11, in 500 steps."""
-    found = vdfmu.simulate(package(load_scenario("tracking"), tmp_path), stop=0.5, tolerance=1e-10)
+    pieces = vdfmu.simulate(package(load_scenario("tracking"), tmp_path), stop=0.5, tolerance=1e-10)
     whole = vdfmu.run("tracking", stop=0.5, settings={"plant.tolerance": 1e-11}, reference=False, out=False)
-    compare(found, whole, 6, 1e-9)
-    order = found.summary["order"]
+    compare(pieces, whole, 6, 1e-9)
+    order = pieces.summary["order"]
     assert order.index("feedforward_joint_6") < order.index("controller") < order.index("plant_joint_1")
     with zipfile.ZipFile(tmp_path / "apart.ssp") as archive:
         fmus = {Path(name).stem for name in archive.namelist() if name.endswith(".fmu")}
@@ -76,10 +76,10 @@ def test_the_papers_arm_runs_as_in_one_piece(tmp_path):
 def test_other_arms_run_as_in_one_piece(tmp_path, robot, settings):
     scenario = replace(load_scenario("tracking"), robot=load_robot(robot), sections={})
     moved = {f"trajectory.q_end[{i + 1}]": 0.02 for i in range(scenario.arm.n)} | settings
-    found = vdfmu.simulate(package(scenario, tmp_path, moved), stop=0.05, tolerance=1e-10)
+    pieces = vdfmu.simulate(package(scenario, tmp_path, moved), stop=0.05, tolerance=1e-10)
     exact = {**moved, "plant.tolerance": 1e-11}
     whole = vdfmu.run(scenario, stop=0.05, settings=exact, reference=False, out=False)
-    compare(found, whole, scenario.arm.n, 1e-9)
+    compare(pieces, whole, scenario.arm.n, 1e-9)
 
 
 def test_a_body_with_two_arms_runs(tmp_path):
@@ -101,22 +101,22 @@ def test_a_body_with_two_arms_runs(tmp_path):
     # what enters the torso is its net force's power, and what both arms take; m and I are the unit's start values
     V, V_dot = (np.stack([run[f"torso.{name}[{k}]"] for k in range(1, 7)], axis=1) for name in ("V_C", "V_C_dot"))
     g = np.stack([run[f"torso.g_C[{k}]"] for k in range(1, 4)], axis=1)
-    own = 1.0 * np.sum(V[:, :3] * (V_dot[:, :3] + g), axis=1) + 0.1 * np.sum(V[:, 3:] * V_dot[:, 3:], axis=1)
-    flows = run["torso_joint.P_B"] - run[f"{arms[0]}.P_A"] - run[f"{arms[2]}.P_A"] - own
+    taken = 1.0 * np.sum(V[:, :3] * (V_dot[:, :3] + g), axis=1) + 0.1 * np.sum(V[:, 3:] * V_dot[:, 3:], axis=1)
+    flows = run["torso_joint.P_B"] - run[f"{arms[0]}.P_A"] - run[f"{arms[2]}.P_A"] - taken
     assert np.abs(flows).max() < 1e-12 * max(1.0, np.abs(run["torso_joint.F_B[6]"]).max())  # rounding
 
 
 def as_co_simulation(path: Path) -> Path:
     """Return the package with the components of the plant for co-simulation."""
-    found = path.with_name("co_simulation.ssp")
-    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(found, "w") as changed:
+    changed_path = path.with_name("co_simulation.ssp")
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(changed_path, "w") as changed:
         for name in archive.namelist():
             content = archive.read(name)
             if name == "SystemStructure.ssd":
                 text = re.sub(r'(name="plant_[^>]*?)"ModelExchange"', r'\1"CoSimulation"', content.decode())
                 content = text.encode()
             changed.writestr(name, content)
-    return found
+    return changed_path
 
 
 @pytest.mark.parametrize(("name", "steps"), [("tracking", (1e-3,)), ("planar_tracking", (1e-3, 5e-4, 2.5e-4))])
@@ -132,10 +132,10 @@ def test_as_co_simulation_it_takes_the_master_that_repeats_steps(tmp_path, name,
     errors: list[float] = []
     joints = range(1, scenario.arm.n + 1)
     for step in steps:
-        given: dict[str, Any] = {"step": step, "stop": 0.1, "algorithm": "iterative", "convergence": 1e-12}
-        found = vdfmu.simulate(path, parameters={f"plant_joint_{i}.tolerance": 1e-12 for i in joints}, **given)
-        expected = vdfmu.simulate(whole, parameters={"plant.tolerance": 1e-12}, **given)
-        errors.append(max(np.abs(found[f"plant_joint_{i}.q"] - expected[f"plant.q[{i}]"]).max() for i in joints))
+        options: dict[str, Any] = {"step": step, "stop": 0.1, "algorithm": "iterative", "convergence": 1e-12}
+        pieces = vdfmu.simulate(path, parameters={f"plant_joint_{i}.tolerance": 1e-12 for i in joints}, **options)
+        expected = vdfmu.simulate(whole, parameters={"plant.tolerance": 1e-12}, **options)
+        errors.append(max(np.abs(pieces[f"plant_joint_{i}.q"] - expected[f"plant.q[{i}]"]).max() for i in joints))
     # the jerk of the start is some 1e3 rad/s3: of the line h^2/8 times its rate is left, over a tenth of a second
     assert errors[0] < 3e-8
     for coarse, fine in pairwise(errors):

@@ -73,7 +73,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         byte = f"byte 0x{error.object[error.start]:02x} at offset {error.start}"
         problem = f"expected UTF-8 text, got {byte}. Save the file as UTF-8."
     except tomllib.TOMLDecodeError as error:
-        problem = f"expected TOML, got a syntax error: {error}. Correct that place; strings need quotes."
+        way_out = "Correct that place. Strings need quotes, numbers a digit before the point."
+        problem = f"expected TOML, got a syntax error: {error}. {way_out}"
     except ValueError as error:  # a number with more digits than Python reads
         problem = f"expected TOML, got unreadable content: {error}. Correct it."
     raise ModelError(f"{path}: {problem}")

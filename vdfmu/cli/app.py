@@ -167,7 +167,7 @@ def _usage(error: Any, words: Sequence[str]) -> str:
     message = error.format_message().rstrip(".")
     # an option without its value has no context of its command
     path = error.ctx.command_path if error.ctx else " ".join(["vdfmu", *words[:1]])
-    return f"{message}{'' if message[-1:] in '?)' else '.'} See '{path} --help'."
+    return f"{message}{'' if message.endswith(('?', '?)')) else '.'} See '{path} --help'."
 
 
 def set_verbosity(quiet: bool = False, verbose: bool = False) -> None:

@@ -74,7 +74,7 @@ def _say_cache() -> None:
 
     folder = cache_folder()
     listed = entries(folder)
-    say(f"Folder   {folder}")
+    say(f"Cache    {folder}")
     say(f"Entries  {len(listed)}")
     say(f"Size     {_size(entry.size for entry in listed)}, at most {limit() / 2**20:g} MB")
     say(f"The cache of the compiler, {folder / COMPILER}, is not counted.")

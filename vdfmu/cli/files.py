@@ -44,14 +44,14 @@ _SCHEMAS = ("robot", "scenario", "system")
 
 
 def build(
-    scenario: Annotated[str, Positional("Unit, or a scenario.", metavar="[UNIT|SCENARIO]",
-        more="A unit is plant, my_unit.py or my_units.py:Name. Default: tracking, or reach with --robot. With "
-        "--container also a system package.")] = "",
+    scenario: Annotated[str, Positional("Unit, scenario or package [tracking].",
+        metavar="[UNIT|SCENARIO|FILE.ssp]", more="A unit is plant, my_unit.py or my_units.py:Name. With --robot the "
+        "default is reach. A package, .ssp, needs --container.")] = "",
     robot: RobotOption = None,
     container: Annotated[bool, Option("Write one FMU of the whole system.", group="Output",
         more="It steps native FMUs without a master.")] = False,
-    out: Annotated[Path | None, Option("Folder of the FMUs (default fmus).",
-        more="With --container the file, by default SCENARIO.fmu.")] = None,
+    out: Annotated[Path | None, Option("Folder (default fmus), or the file of --container.",
+        more="The file is by default SCENARIO.fmu.")] = None,
     backend: BackendOption = None,
     fmi: FmiOption = PYTHON_FMI.name,
     platform: Annotated[list[str] | None, Option("x86_64-windows, .. or all. Repeatable.", metavar="NAME",

@@ -147,9 +147,15 @@ class System:
 
         return Environment(self, actions, observations, reward, **options)
 
-    def sweep(self, vary: Mapping[str, Any] | Sequence[str], **options: Any) -> Sweep:
-        """Run the system at many points, see :func:`vdfmu.sweep`."""
-        return sweep(self.path, vary, **options)
+    def sweep(
+        self, vary: Mapping[str, Any] | Sequence[str], *, values: Mapping[str, Any] | None = None, **options: Any
+    ) -> Sweep:
+        """Run the system at many points, see :func:`vdfmu.sweep`. `values` are the same at all points."""
+        chosen = {name: value for name, value in self._options.items() if value} | options
+        settings = {**chosen.pop("parameters", {}), **(values or {}), **chosen.pop("settings", {})}
+        if "algorithm" in chosen:
+            chosen.setdefault("master", chosen.pop("algorithm"))
+        return sweep(self.path, vary, settings=settings, **chosen)
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the system as a package (SSP); return its path."""

@@ -108,8 +108,9 @@ class ScenarioRunOptions(
     """Options of `vdfmu.run`."""
 
     out: Annotated["str | os.PathLike[str] | Literal[False] | None", Option(
-        "Folder of the results (default results/SCENARIO).", "path or False", "Files of an earlier run in it are "
-        "replaced at the end of this run. False writes nothing: the returned object has results and summary.",
+        "Folder of the results (default results/SCENARIO).", "path or False", "Of the scenario "
+        "reach it is results/ROBOT_reach. Files of an earlier run in it are replaced at the end of this run. False "
+        "writes nothing: the returned object has results and summary.",
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare.",
         more="That takes longer than the run.", default=True, flag="--reference/--no-reference")]

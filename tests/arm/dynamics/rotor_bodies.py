@@ -29,7 +29,7 @@ class RotorBodies:
             )
             self.model.appendBodyToJoint(parent, load, pin.SE3(robot.tool_rotation, robot.tool_offset))
         self.data = self.model.createData()
-        self.links, self.rotors = ([self.model.joints[j].idx_v for j in found] for found in (links, rotors))
+        self.links, self.rotors = ([self.model.joints[j].idx_v for j in numbers] for numbers in (links, rotors))
         self.tool = parent
 
     def vector(self, of_links, of_rotors):

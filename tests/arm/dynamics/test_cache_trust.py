@@ -80,10 +80,10 @@ def test_what_is_made_is_for_the_user_alone(tmp_path):
 
 
 def test_no_entry_stands_for_another(tmp_path):
-    one, other = (tmp_path / "native" / name for name in ("one", "other"))
-    cache.store(one, b"code")
-    shutil.copy(one, other)
-    assert cache.load(one) == b"code"
+    entry, other = (tmp_path / "native" / name for name in ("one", "other"))
+    cache.store(entry, b"code")
+    shutil.copy(entry, other)
+    assert cache.load(entry) == b"code"
     assert cache.load(other) is None
 
 

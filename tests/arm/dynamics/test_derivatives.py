@@ -27,14 +27,14 @@ NAMES = (
 
 
 def nominal(function, p, rng):
-    found = {name: rng.uniform(0.2, 0.9, function.size1_in(name)) for name in function.name_in()}
-    if "T" in found:
-        found |= {"t": np.array([3.0]), "T": np.array([10.0]), "t_start": np.array([0.0])}
-    if "tau_max" in found:
-        found["tau_max"] += 1e6
-    if "p" in found:
-        found["p"] = p
-    return list(found.values())
+    arguments = {name: rng.uniform(0.2, 0.9, function.size1_in(name)) for name in function.name_in()}
+    if "T" in arguments:
+        arguments |= {"t": np.array([3.0]), "T": np.array([10.0]), "t_start": np.array([0.0])}
+    if "tau_max" in arguments:
+        arguments["tau_max"] += 1e6
+    if "p" in arguments:
+        arguments["p"] = p
+    return list(arguments.values())
 
 
 def flat(columns):
@@ -56,9 +56,9 @@ def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
         return (flat(function(*ahead)) - flat(function(*behind))) / (2 * step)
 
     # Richardson's extrapolation of central differences: error of order step^4 + rounding / step.
-    found = (4.0 * slope(5e-5) - slope(1e-4)) / 3.0
+    difference = (4.0 * slope(5e-5) - slope(1e-4)) / 3.0
     scale = np.abs(flat(function(*start))).max() + np.abs(tangent).max()
-    np.testing.assert_allclose(tangent, found, rtol=0, atol=1e-9 * scale)
+    np.testing.assert_allclose(tangent, difference, rtol=0, atol=1e-9 * scale)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -139,8 +139,8 @@ def test_c_text_looks_rows_up(ending, tmp_path):
     assert ca.OP_CALL in {function.instruction_id(k) for k in range(function.n_instructions())}
     for place in (0.4, 1.3):
         arguments = [np.array([place, 1.1]), np.array([0.3, 0.7])][: function.n_in()]
-        found = results_of("\n".join(c_texts(function)), function, arguments, tmp_path, f"at_{place:.0f}{ending}")
-        np.testing.assert_array_equal(found, flat(function(*arguments)))
+        actual = results_of("\n".join(c_texts(function)), function, arguments, tmp_path, f"at_{place:.0f}{ending}")
+        np.testing.assert_array_equal(actual, flat(function(*arguments)))
 
 
 def test_an_operation_without_c_text_is_refused():
@@ -163,8 +163,8 @@ def test_margins_accept_what_the_robot_check_accepts(arm, seed, kind):
         if q.field in ("f_s", "f_c") and kind & 2:
             p[k] *= rng.uniform(0.5, 2.0)
     changed = arm.with_values(p)
-    found = requirements(arm)
-    broken = {r.expected for r, m in zip(found, margins(changed, found), strict=True) if not m >= 0}
+    conditions = requirements(arm)
+    broken = {r.expected for r, m in zip(conditions, margins(changed, conditions), strict=True) if not m >= 0}
     try:
         check_robot(changed)
         problems = ""

@@ -48,14 +48,14 @@ def test_one_state_is_that_of_the_equations_and_a_row_of_the_batch(chain, draw):
     p_O, R_O = end_effector_pose(chain, q[0])
     expected = (equilibrium_torque(chain, q[0]), joint_space_mass_matrix(chain, q[0]), jacobian(chain, q[0]))
     p, R = vdfmu.forward_kinematics(chain, q[0])
-    found = [function(chain, q[0]) for function in FUNCTIONS[:3]]
-    for a, b in zip([*found, p, R], [*expected, p_O, R_O], strict=True):
+    actual = [function(chain, q[0]) for function in FUNCTIONS[:3]]
+    for a, b in zip([*actual, p, R], [*expected, p_O, R_O], strict=True):
         assert a.shape == b.shape
         # The same operations in an order that CasADi may change: as in test_trace.
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * max(np.abs(b).max(), 1.0))
-    for function, one in zip(FUNCTIONS, [*found, (p, R)], strict=True):
+    for function, single in zip(FUNCTIONS, [*actual, (p, R)], strict=True):
         batch = function(chain, q)
-        pairs = zip(batch, one, strict=True) if isinstance(one, tuple) else [(batch, one)]
+        pairs = zip(batch, single, strict=True) if isinstance(single, tuple) else [(batch, single)]
         for rows, row in pairs:
             assert rows.shape == (len(q), *row.shape)
             np.testing.assert_array_equal(rows[0], row)

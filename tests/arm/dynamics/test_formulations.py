@@ -43,9 +43,9 @@ def test_dynamics_agree_with_pinocchio(
     F_e = [state.F_e if wrench else np.zeros(6) for state in states]
     columns = [[getattr(s, key) for s in states] for key in ("q", "q_dot", last)]
     ours = kernel_of(chain).rows(name, [*columns, F_e], [chain.n] * 3 + [6])
-    for state, force, found in zip(states, F_e, ours, strict=True):
+    for state, force, actual in zip(states, F_e, ours, strict=True):
         wanted = theirs(model, data, state.q, state.q_dot, getattr(state, last), pinocchio_force(chain, force))
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=bound * np.abs(wanted).max())
+        np.testing.assert_allclose(actual, wanted, rtol=0, atol=bound * np.abs(wanted).max())
 
 
 @pytest.mark.parametrize("name", [*robot_names(), "general"])
@@ -123,6 +123,6 @@ def test_a_payload_counts_in_every_term(general):
     """The tests of this file, of energy and of momentum run on a chain with a payload: without it they differ."""
     bare = dataclasses.replace(general, payload=False)
     q = np.linspace(-1.0, 1.0, general.n)
-    zero, one = np.zeros(general.n), np.ones(general.n)
-    for motion in ((q, zero, zero), (q, one, zero), (q, zero, one)):
+    zeros, ones = np.zeros(general.n), np.ones(general.n)
+    for motion in ((q, zeros, zeros), (q, ones, zeros), (q, zeros, ones)):
         assert np.abs(inverse_dynamics(general, *motion) - inverse_dynamics(bare, *motion)).max() > 0.1

@@ -163,10 +163,10 @@ def test_a_folder_that_holds_other_files_too_keeps_them(tmp_path, monkeypatch):
     assert stored(tmp_path) == ["letters/long"]
 
 
-@pytest.mark.parametrize("given", ["much", "-1", "nan"])
-def test_a_limit_that_is_not_a_size_is_refused(tmp_path, monkeypatch, given):
-    monkeypatch.setenv("VDFMU_CACHE_MB", given)
-    with pytest.raises(UsageError, match=f"VDFMU_CACHE_MB: expected .* a number >= 0 in MB, got '{given}'"):
+@pytest.mark.parametrize("limit", ["much", "-1", "nan"])
+def test_a_limit_that_is_not_a_size_is_refused(tmp_path, monkeypatch, limit):
+    monkeypatch.setenv("VDFMU_CACHE_MB", limit)
+    with pytest.raises(UsageError, match=f"VDFMU_CACHE_MB: expected .* a number >= 0 in MB, got '{limit}'"):
         cache.store(tmp_path / "a" / "1", b"")
     with pytest.raises(UsageError, match="VDFMU_CACHE_MB"):  # before any work that would then be lost
         cache_folder()
@@ -188,9 +188,9 @@ folder, seed = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(300):
     name = f"{(seed * k) % 3}/{(7 * k + seed) % 40}"
     expected = name.encode().ljust(1_000)
-    found = cache.load(folder / name)
-    assert found in (None, expected), name
-    if found is None:
+    stored = cache.load(folder / name)
+    assert stored in (None, expected), name
+    if stored is None:
         cache.store(folder / name, expected)
 """
 
@@ -241,12 +241,12 @@ def test_call_checks_name_count_and_sizes_and_each_function_has_buffers_of_its_o
 def test_rows_take_single_arrays_and_batches(planar, kernel_of):
     kernel = kernel_of(planar)
     q, q_dot, q_ddot, F_e = arguments()
-    one = torque(kernel)
-    assert one.shape == (2,)
+    single = torque(kernel)
+    assert single.shape == (2,)
     batch = kernel.rows("inverse_dynamics", [np.stack([q, 2 * q, q]), q_dot, np.stack([q_ddot] * 3), F_e], SIZES)
     assert batch.shape == (3, 2)
-    np.testing.assert_array_equal(batch[[0, 2]], [one, one])
-    assert (batch[1] != one).all()
+    np.testing.assert_array_equal(batch[[0, 2]], [single, single])
+    assert (batch[1] != single).all()
     assert kernel.rows("inverse_dynamics", [np.empty((0, 2)), q_dot, q_ddot, F_e], SIZES).shape == (0, 2)
 
 

@@ -27,7 +27,7 @@ def alternating(n):
 def check_files(unit, robot):
     interface = Interface(find_unit(unit), robot)
     assert len(interface.shorter) == 2
-    assert grown({one.joints: traced_files(one) for one in interface.shorter}, robot.n) == traced_files(interface)
+    assert grown({arm.joints: traced_files(arm) for arm in interface.shorter}, robot.n) == traced_files(interface)
 
 
 @pytest.mark.parametrize(
@@ -46,21 +46,21 @@ def test_the_c_of_the_equations_of_a_long_arm_is_that_of_their_trace(unit):
 
 @pytest.mark.parametrize("unit", ["controller", pytest.param("plant", marks=pytest.mark.heavy)])
 def test_the_dependencies_of_a_long_arm_are_those_of_its_trace(unit, monkeypatch):
-    told = Interface(find_unit(unit), repeated_link(26))
+    interface = Interface(find_unit(unit), repeated_link(26))
     traced = Interface(find_unit(unit), repeated_link(26))
     monkeypatch.setattr(type(repeated_link(26)), "shorter", lambda self: [])
     assert not traced.shorter
     expected = traced.patterns
     monkeypatch.undo()
-    assert told.shorter
-    assert not isinstance(told.patterns[0], np.ndarray)
-    for pattern, other in zip(told.patterns, expected, strict=True):
-        assert all((pattern[row] == other[row]).all() for row in range(told.size))
+    assert interface.shorter
+    assert not isinstance(interface.patterns[0], np.ndarray)
+    for pattern, other in zip(interface.patterns, expected, strict=True):
+        assert all((pattern[row] == other[row]).all() for row in range(interface.size))
 
 
 def test_arms_with_an_unlike_joint_or_of_less_time_have_no_shorter_ones(monkeypatch):
     robot = repeated_link(40)
-    assert [one.n for one in robot.shorter()] == [14, 16]
+    assert [arm.n for arm in robot.shorter()] == [14, 16]
     types = list(robot.joint_types)
     types[20] = "prismatic"
     assert dataclasses.replace(robot, joint_types=tuple(types)).shorter() == []
@@ -69,7 +69,7 @@ def test_arms_with_an_unlike_joint_or_of_less_time_have_no_shorter_ones(monkeypa
     assert dataclasses.replace(robot, inertia=inertia).shorter() == []
     types = ["prismatic", *robot.joint_types[1:-1], "prismatic"]  # the ends may be unlike
     ends = dataclasses.replace(robot, joint_types=tuple(types)).shorter()
-    assert [one.joint_types.count("prismatic") for one in ends] == [2, 2]
+    assert [arm.joint_types.count("prismatic") for arm in ends] == [2, 2]
     assert repeated_link(20).shorter() == []  # not much longer than they are
     monkeypatch.setattr("vdfmu.arm.robot.robot._MANY", 1.0)
     assert [len(repeated_link(n).shorter()) for n in (28, 30, 31, 32, 33)] == [0, 2, 0, 2, 2]  # 14 + 16, 15 + 17

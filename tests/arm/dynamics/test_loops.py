@@ -15,11 +15,11 @@ STEP = ("plant_step_start", "plant_step_solve", "plant_step_balance")
 
 def functions_of(robot):
     plant, feedforward = (UnitFunctions(find_unit(unit), robot, cache=None) for unit in ("plant", "feedforward"))
-    called = {one.name(): one for one in plant.casadi_function("plant_step").find_functions()}
-    found = {name: called[name] for name in STEP}
-    found |= {name: plant.casadi_function(name) for name in ("plant_derivatives", "plant_outputs")}
+    called = {function.name(): function for function in plant.casadi_function("plant_step").find_functions()}
+    functions = {name: called[name] for name in STEP}
+    functions |= {name: plant.casadi_function(name) for name in ("plant_derivatives", "plant_outputs")}
     modes = ("feedforward_outputs_inverse", "feedforward_outputs_vdc")
-    return found | {name: feedforward.casadi_function(name) for name in modes}
+    return functions | {name: feedforward.casadi_function(name) for name in modes}
 
 
 @pytest.mark.heavy

@@ -48,8 +48,8 @@ def rides(count, seed):
     return [Ride(random_rotation(random), random.normal(size=6), 3.0 * random.normal(size=6)) for _ in range(count)]
 
 
-def close(found, expected, share=CLOSE):
-    np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
+def close(actual, expected, share=CLOSE):
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=share * np.abs(expected).max())
 
 
 class Flying:
@@ -141,9 +141,9 @@ def test_gravity_is_an_acceleration_of_the_base_and_a_base_that_turns_about_the_
     for state in draw(chain, 5, seed=20):
         posed, ride = turned(chain, 0.7, 1.3, -2.1)
         first = np.eye(chain.n)[0]
-        found = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot, state.F_e, base=ride.base(chain))
+        torque = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot, state.F_e, base=ride.base(chain))
         moved = state.q + 0.7 * first, state.q_dot + 1.3 * first, state.q_ddot - 2.1 * first
-        close(found, inverse_dynamics(chain, *moved, state.F_e), 1e-12)
+        close(torque, inverse_dynamics(chain, *moved, state.F_e), 1e-12)
         shown = plant_outputs(dataclasses.replace(chain, rotor_coupling=False), state.x, *posed)
         other = np.concatenate([moved[0], moved[1], state.kappa_dot, state.tau_s])
         expected = plant_outputs(dataclasses.replace(chain, rotor_coupling=False), other)
@@ -196,22 +196,22 @@ def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled
     R = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
     offset, rotation = whole.offset[1:].copy(), whole.rotation[1:].copy()
     offset[0], rotation[0] = R.T @ (offset[0] - tool), R.T @ rotation[0]
-    one = part(whole, slice(0, 1), tool_offset=tool, tool_rotation=R, payload=False)
-    two = part(whole, slice(1, n), offset=offset, rotation=rotation)
+    first = part(whole, slice(0, 1), tool_offset=tool, tool_rotation=R, payload=False)
+    second = part(whole, slice(1, n), offset=offset, rotation=rotation)
     for state, ride in zip(draw(whole, 10, seed=24), rides(10, 25), strict=True):
         x, base = split_state(whole, state.x)[:4], ride.base(whole)
         x_1, x_2 = (np.concatenate([s[joints] for s in x]) for joints in (slice(0, 1), slice(1, n)))
-        R_O = ride.R_S @ plant_outputs(one, x_1).R_O
-        V_O, _ = tool_motion(one, x_1, state.tau[:1], np.zeros(6), base)
+        R_O = ride.R_S @ plant_outputs(first, x_1).R_O
+        V_O, _ = tool_motion(first, x_1, state.tau[:1], np.zeros(6), base)
         carried = moving_base(R_O, V_O[3:], np.zeros(6))
-        M_S, F_S0 = base_load(two, x_2, state.tau[1:], state.F_e, carried, None)
+        M_S, F_S0 = base_load(second, x_2, state.tau[1:], state.F_e, carried, None)
         loaded = base, Load(M_S)
-        found_1 = plant_derivative(one, x_1, state.tau[:1], F_S0, *loaded)
-        _, A_O = tool_motion(one, x_1, state.tau[:1], F_S0, *loaded)
-        found_2 = plant_derivative(two, x_2, state.tau[1:], state.F_e, moving_base(R_O, V_O[3:], A_O))
-        found = [np.concatenate(pair) for pair in zip(np.split(found_1, 4), np.split(found_2, 4), strict=True)]
+        rates_1 = plant_derivative(first, x_1, state.tau[:1], F_S0, *loaded)
+        _, A_O = tool_motion(first, x_1, state.tau[:1], F_S0, *loaded)
+        rates_2 = plant_derivative(second, x_2, state.tau[1:], state.F_e, moving_base(R_O, V_O[3:], A_O))
+        rates = [np.concatenate(pair) for pair in zip(np.split(rates_1, 4), np.split(rates_2, 4), strict=True)]
         expected = np.split(plant_derivative(whole, state.x, state.tau, state.F_e, base), 4)
-        for a, b in zip(found, expected, strict=True):
+        for a, b in zip(rates, expected, strict=True):
             close(a, b)
 
 
@@ -256,11 +256,11 @@ def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chai
         return desired_drive_motion(chain, desired(t), np.zeros(6), base(t))
 
     t, h = 0.83, 1e-4
-    found = drives(t)
-    for rate, values in ((found.kappa_dot, "kappa"), (found.kappa_ddot, "kappa_dot")):
-        one, two = ((getattr(drives(t + k * h), values) - getattr(drives(t - k * h), values)) / (2 * k * h)
+    drive = drives(t)
+    for rate, values in ((drive.kappa_dot, "kappa"), (drive.kappa_ddot, "kappa_dot")):
+        narrow, wide = ((getattr(drives(t + k * h), values) - getattr(drives(t - k * h), values)) / (2 * k * h)
                     for k in (1, 2))  # fmt: skip
-        difference = (4.0 * one - two) / 3.0
+        difference = (4.0 * narrow - wide) / 3.0
         # of order 4 in h: 1e-16 of derivatives below 1e4, and rounding, 1e-16 / h of values near 1
         np.testing.assert_allclose(rate, difference, rtol=0, atol=1e-10 * max(1.0, np.abs(rate).max()))
     torques = feedforward_inverse(chain, desired(t), np.zeros(6), base(t))

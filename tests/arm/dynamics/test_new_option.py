@@ -116,8 +116,8 @@ def test_an_option_with_a_state_is_one_file_and_its_place_in_the_list(tmp_path):
         env=os.environ | {"PYTHONPATH": str(tmp_path), "VDFMU_CACHE_DIR": str(tmp_path / "cache")}, cwd=tmp_path,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
-    found = json.loads(run.stdout)
-    assert found["names"] == ["K_x", "T_x", "tau_x", "tau_x_0"]
+    answer = json.loads(run.stdout)
+    assert answer["names"] == ["K_x", "T_x", "tau_x", "tau_x_0"]
     # some thousand steps with a local error of 1e-9 (1 + |x|) each; torques reach 1
-    np.testing.assert_allclose(found["x"], exact(data, 0.05), rtol=0, atol=1e-6)
-    assert abs(found["x"][4]) > 1e-3
+    np.testing.assert_allclose(answer["x"], exact(data, 0.05), rtol=0, atol=1e-6)
+    assert abs(answer["x"][4]) > 1e-3

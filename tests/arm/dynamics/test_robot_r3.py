@@ -35,10 +35,10 @@ def scenario():
 
 def test_positions_are_the_published_ones(scenario):
     step = 1e-3
-    found = reference(
+    results = reference(
         "continuous", SystemDescription(scenario, system_values(scenario, {})), step=step, stop=scenario.stop
     )
-    q = found["plant.q"]
+    q = results["plant.q"]
     for t, published in PUBLISHED.items():
         error = np.abs(q[round(t / step)] - published)
         # Dassl's relative tolerance of 1e-6 at positions of up to 2 rad; without the dampers of the gears 2e-4.
@@ -70,11 +70,11 @@ def test_the_script_finds_no_difference_to_what_was_simulated(tmp_path, monkeypa
 def test_the_currents_at_the_start_are_the_published_ones_and_hold_the_arm(scenario):
     robot, values = scenario.robot, scenario.sections
     q_0 = values["path"]["q_start"]
-    given = values["axis"]
+    parameters = values["axis"]
     plant = Plant(robot, q_0=q_0)
     plant.start()
     plant.outputs()
-    axis = find_unit(FOLDER / "axis.py")(robot, q_0=q_0, q_d=q_0, kappa=plant.kappa, **given)
+    axis = find_unit(FOLDER / "axis.py")(robot, q_0=q_0, q_d=q_0, kappa=plant.kappa, **parameters)
     axis.start()
     axis.outputs()
     axis.derivatives()
@@ -91,12 +91,12 @@ def test_the_currents_at_the_start_are_the_published_ones_and_hold_the_arm(scena
 def test_the_motion_keeps_its_limits_and_reaches_one_of_each(scenario):
     values = scenario.sections["path"]
     path = find_unit(FOLDER / "path.py")(scenario.robot, **values)
-    h, found = 1e-3, []
+    h, samples = 1e-3, []
     for t in np.arange(0.0, 1.5, h):
         path.t = t
         path.outputs()
-        found.append((path.q_d.copy(), path.q_d_dot.copy()))
-    q, q_dot = (np.array(one) for one in zip(*found, strict=True))
+        samples.append((path.q_d.copy(), path.q_d_dot.copy()))
+    q, q_dot = (np.array(column) for column in zip(*samples, strict=True))
     np.testing.assert_allclose(q[[0, -1]], [values["q_start"], values["q_end"]], rtol=0, atol=1e-12)  # rounding
     # A quadratic's central difference is exact except for rounding of 1e-16 / h, and jumps of 60 rad/s2 times h / 2.
     np.testing.assert_allclose((q[2:] - q[:-2]) / (2 * h), q_dot[1:-1], rtol=0, atol=60.0 * h / 2)
@@ -118,18 +118,18 @@ def test_dampers_take_what_the_plant_loses(scenario):
         names = ("q_0", "q_dot_0", "kappa_dot_0", "tau_s_0")
 
         def at(state):
-            one = unit(robot, equilibrium=False, **dict(zip(names, state, strict=True)), **more)
-            one.start()
-            one.outputs()
-            return one
+            plant = unit(robot, equilibrium=False, **dict(zip(names, state, strict=True)), **more)
+            plant.start()
+            plant.outputs()
+            return plant
 
         here = at(x)
         here.derivatives()
         rates = (here.der_q, here.der_q_dot, here.der_kappa_dot, here.der_tau_s)
         h = 1e-7
         E = [
-            float(one.E_kin + one.E_pot + one.E_spring)
-            for one in (at([v + s * h * r for v, r in zip(x, rates, strict=True)]) for s in (1, -1))
+            float(plant.E_kin + plant.E_pot + plant.E_spring)
+            for plant in (at([v + s * h * r for v, r in zip(x, rates, strict=True)]) for s in (1, -1))
         ]
         return (E[0] - E[1]) / (2 * h)
 

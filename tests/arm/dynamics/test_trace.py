@@ -232,11 +232,13 @@ def test_traced_trajectory_holds_before_and_after(planar, function_of, t):
 def test_traced_limit_of_the_motor_torque(planar, function_of, infinite):
     function = function_of(planar, "controller_outputs_kappa_dot")
     limit = np.inf if infinite else 0.5
-    zero, one = np.zeros(2), np.ones(2)
-    inputs = dict(K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, kappa_dot_d=zero, q=zero, kappa_dot=zero)
+    zero, ones = np.zeros(2), np.ones(2)
+    inputs = dict(
+        K_p=zero, K_v=zero, ell=ones, tau_max=limit * ones, q_d=zero, kappa_dot_d=zero, q=zero, kappa_dot=zero
+    )
     for torque in (-3.0, -0.4, 0.0, 0.4, 3.0):
         results = call(function, inputs | dict(tau_m=torque), None)
-        np.testing.assert_array_equal(results["tau"], np.clip(torque, -limit, limit) * one)
+        np.testing.assert_array_equal(results["tau"], np.clip(torque, -limit, limit) * ones)
 
 
 def test_every_number_is_a_parameter_or_a_structural_constant(traced_robot):
@@ -259,14 +261,14 @@ def test_structure_decides_the_key_and_values_do_not(arm):
     assert arm.with_parameters(mass=9.0, ell=50.0).key() == key
     turned = arm.rotation.copy()
     turned[1] = np.eye(3)
-    others = [
+    changed = [
         arm.with_parameters(tool_offset=[0.1, 0.0, 0.0]),
         arm.with_parameters(theta_err_amplitude=1e-4),
         arm.with_parameters(rotation=turned),
         dataclasses.replace(arm, friction="split"),
         dataclasses.replace(arm, joint_types=("prismatic", *arm.joint_types[1:])),
     ]
-    assert len({key, *(other.key() for other in others)}) == 6
+    assert len({key, *(other.key() for other in changed)}) == 6
 
 
 @pytest.mark.parametrize("row", PARAMETERS.values(), ids=PARAMETERS)

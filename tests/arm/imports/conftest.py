@@ -96,8 +96,8 @@ def largest_difference(path: Path, robot: vdfmu.Robot, joints: list[str], states
     """Return the largest relative difference of inverse dynamics to those of MuJoCo, all other joints at 0."""
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
-    for own in (model.dof_damping, model.dof_armature, model.dof_frictionloss, model.jnt_stiffness):
-        own[:] = 0  # of the drives, which a robot of vdfmu has beside its links
+    for parameters in (model.dof_damping, model.dof_armature, model.dof_frictionloss, model.jnt_stiffness):
+        parameters[:] = 0  # of the drives, which a robot of vdfmu has beside its links
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     places = [model.joint(name) for name in joints]
     worst, random = 0.0, np.random.default_rng(2)

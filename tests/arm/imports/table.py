@@ -45,7 +45,7 @@ def rows() -> Iterator[Row]:
         ends = [tip for _, tip in tips(tree, root)] if root else []
         for tip in ends or [None]:
             try:
-                found = import_robot(path, tip=tip)
+                imported = import_robot(path, tip=tip)
             except vdfmu.VdfmuError as error:
                 problems = error.problems  # type: ignore[attr-defined]
                 first = problems[0].removeprefix(f"{path}: ").partition(". ")[0]
@@ -54,23 +54,23 @@ def rows() -> Iterator[Row]:
                 continue
             joints = [
                 line.partition(": ")[2].partition(", ")[0]
-                for line in found.text.splitlines()
+                for line in imported.text.splitlines()
                 if line.startswith("# Joint ")
             ]
-            inverse, forward = differences(found.robot, pinocchio_arm(path, joints), 5)
+            inverse, forward = differences(imported.robot, pinocchio_arm(path, joints), 5)
             assert max(inverse, forward) < BOUND, (path.name, tip, inverse, forward)
-            row.arms.append((tip or "", found.robot.n))
+            row.arms.append((tip or "", imported.robot.n))
         yield row
 
 
 def table() -> str:
-    found = list(rows())
-    arms, refused = sum(len(row.arms) for row in found), sum(len(row.refused) for row in found)
+    all_rows = list(rows())
+    arms, refused = sum(len(row.arms) for row in all_rows), sum(len(row.refused) for row in all_rows)
     lines = [
-        f"{len(found)} files, {arms} arms imported, {refused} refused.", "",
+        f"{len(all_rows)} files, {arms} arms imported, {refused} refused.", "",
         "| file | arms: tip and joints | refused |", "| --- | --- | --- |",
     ]  # fmt: skip
-    for row in found:
+    for row in all_rows:
         imported = ", ".join(f"{tip} {n}" for tip, n in row.arms)
         reasons = "; ".join(f"{tip}: {reason}" if tip else reason for tip, reason in row.refused)
         lines.append(f"| {row.file} | {imported} | {reasons.replace('<', '&lt;')} |")

@@ -57,8 +57,8 @@ def test_a_first_motion_is_written_with_its_margins_and_runs_by_its_name_too(tmp
     assert "Written to planar_2dof_reach.toml. Run it with 'vdfmu run planar_2dof_reach.toml'" in written.stdout
     again = vdfmu(tmp_path, "robot", "reach", "planar_2dof")
     assert (again.returncode, again.stderr[:50]) == (2, "error: planar_2dof_reach.toml: expected no file of")
-    for what in (("planar_2dof_reach.toml",), ("reach", "--robot", "planar_2dof")):
-        done = vdfmu(tmp_path, "run", *what, "--no-reference", "--overwrite")
+    for words in (("planar_2dof_reach.toml",), ("reach", "--robot", "planar_2dof")):
+        done = vdfmu(tmp_path, "run", *words, "--no-reference", "--overwrite")
         assert done.returncode == 0, done.stderr
         summary = json.loads((tmp_path / "results" / "planar_2dof_reach" / "summary.json").read_text())
         assert max(summary["max_position_error_deg"]) < 0.01  # as in tests/study/analysis/test_gains.py

@@ -32,9 +32,9 @@ def test_the_same_robots_as_mjcf_agree_with_mujoco(tmp_path, file, tip):
     etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", options)
     path = tmp_path / "robot.xml"
     mujoco.mj_saveLastXML(str(path), mujoco.MjModel.from_xml_string(etree.tostring(root).decode()))
-    found = import_robot(path, tip=tip)
+    imported = import_robot(path, tip=tip)
     joints = [
-        line.partition(": ")[2].partition(", ")[0] for line in found.text.splitlines() if line.startswith("# Joint ")
+        line.partition(": ")[2].partition(", ")[0] for line in imported.text.splitlines() if line.startswith("# Joint ")
     ]
     assert len(joints) >= 6
-    assert largest_difference(path, found.robot, joints) < 1e-12  # some 100 n roundings
+    assert largest_difference(path, imported.robot, joints) < 1e-12  # some 100 n roundings

@@ -80,9 +80,9 @@ def test_a_rigid_robot_comes_back(tmp_path, name):
 def test_rotors_and_springs_come_back(tmp_path, name):
     robot, path = vdfmu.load_robot(name), tmp_path / "arm.xml"
     vdfmu.export_robot(robot, path)
-    found = import_robot(path)
-    assert found.notes == ["the arm ends at tool", f"joint joint_{robot.n}: the file gives no mass to tool."]
-    back = found.robot
+    imported = import_robot(path)
+    assert imported.notes == ["the arm ends at tool", f"joint joint_{robot.n}: the file gives no mass to tool."]
+    back = imported.robot
     for field in ("mass", "centroid", "inertia", "offset", "rotation", "tool_offset", "tool_rotation", "gravity"):
         # the files' rotations are orthogonal to 1e-10; a rotor of 1e-6 kg is split off and joined again
         np.testing.assert_allclose(getattr(back, field), getattr(robot, field), rtol=1e-9, atol=1e-9, err_msg=field)

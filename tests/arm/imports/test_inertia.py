@@ -27,43 +27,43 @@ def mass_of(robot: vdfmu.Robot, i: int = 0) -> dict[str, object]:
 def test_shapes_have_the_inertia_that_mujoco_gives_them(urdf):
     """In a frame of its own, z along the joint's axis: joint a turns about y of the link."""
     robot = vdfmu.robot_from_urdf(urdf(with_one(SHAPED)), density=2700.0)
-    found = mass_of(robot)
+    link_1 = mass_of(robot)
     body = mujoco.MjModel.from_xml_string(
         """<mujoco><compiler angle="radian" eulerseq="XYZ"/><worldbody><body>
         <geom type="box" density="2700" size="0.05 0.1 0.15" pos="0.1 0 0.2" euler="0.3 -0.2 0.5"/>
         <geom type="cylinder" density="2700" size="0.05 0.2" pos="0 0.05 -0.1" euler="0 1 0"/>
         <geom type="sphere" density="2700" size="0.08" pos="0.3 0 0"/><joint/></body></worldbody></mujoco>"""
     )
-    assert found["mass"] == pytest.approx(float(body.body_mass[1]), rel=1e-12)  # sums of three products
+    assert link_1["mass"] == pytest.approx(float(body.body_mass[1]), rel=1e-12)  # sums of three products
     R = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # z turned onto y by the shortest turn
-    np.testing.assert_allclose(found["centroid"], R.T @ body.body_ipos[1], rtol=0, atol=1e-13)
-    moments = np.linalg.eigvalsh(found["inertia"])
+    np.testing.assert_allclose(link_1["centroid"], R.T @ body.body_ipos[1], rtol=0, atol=1e-13)
+    moments = np.linalg.eigvalsh(link_1["inertia"])
     np.testing.assert_allclose(moments, np.sort(body.body_inertia[1]), rtol=1e-10)  # of its diagonalisation
     axes = np.zeros(9)
     mujoco.mju_quat2Mat(axes, body.body_iquat[1])
     turned = R.T @ axes.reshape(3, 3)
     expected = turned @ np.diag(body.body_inertia[1]) @ turned.T
     # MuJoCo before 3.14 ends its turns at a cosine of 1 - 1e-12, which leaves the axes off by up to 1.4e-6 rad
-    np.testing.assert_allclose(found["inertia"], expected, rtol=0, atol=1.5e-6 * moments[-1])
+    np.testing.assert_allclose(link_1["inertia"], expected, rtol=0, atol=1.5e-6 * moments[-1])
 
 
 def test_what_is_made_of_shapes_is_said(urdf, tmp_path):
     path = urdf(with_one(SHAPED))
-    found = import_robot(path, density=1000.0)
+    imported = import_robot(path, density=1000.0)
     for key in ("mass", "centroid", "inertia"):
-        assert found.robot.source_of(f"joints[1].link.{key}") == "Assumed: shapes of one in arm.urdf, 1000 kg/m3"
-        assert found.robot.source_of(f"joints[2].link.{key}").startswith("arm.urdf: the links")
-    assert any(note.startswith("joint a: 11.29 kg, with the inertia of the shapes of one") for note in found.notes)
+        assert imported.robot.source_of(f"joints[1].link.{key}") == "Assumed: shapes of one in arm.urdf, 1000 kg/m3"
+        assert imported.robot.source_of(f"joints[2].link.{key}").startswith("arm.urdf: the links")
+    assert any(note.startswith("joint a: 11.29 kg, with the inertia of the shapes of one") for note in imported.notes)
     # a known mass alone: the same shape
     drives = tmp_path / "drives.toml"
     drives.write_text("[a]\nlink.mass = 5.0\n", encoding="utf-8")
     weighed = vdfmu.robot_from_urdf(path, drives=drives)
     assert weighed.mass[0] == 5.0 and weighed.source_of("joints[1].link.mass") == "drives.toml: a"
-    ratio = 5.0 / found.robot.mass[0]
-    np.testing.assert_allclose(weighed.inertia[0], ratio * found.robot.inertia[0], rtol=1e-14)
-    np.testing.assert_allclose(weighed.centroid[0], found.robot.centroid[0], rtol=1e-14)
+    ratio = 5.0 / imported.robot.mass[0]
+    np.testing.assert_allclose(weighed.inertia[0], ratio * imported.robot.inertia[0], rtol=1e-14)
+    np.testing.assert_allclose(weighed.centroid[0], imported.robot.centroid[0], rtol=1e-14)
     # a density does nothing for links that have an inertia
-    np.testing.assert_array_equal(found.robot.mass[1:], vdfmu.robot_from_urdf(urdf(ARM)).mass[1:])
+    np.testing.assert_array_equal(imported.robot.mass[1:], vdfmu.robot_from_urdf(urdf(ARM)).mass[1:])
 
 
 def test_an_inertia_of_zero_is_completed_by_collisions_before_visuals_and_the_mass_stays(urdf):
@@ -111,9 +111,9 @@ def test_a_file_of_drives_gives_what_meshes_do_not(urdf, tmp_path):
 
 
 def test_joints_keep_their_names(urdf, tmp_path):
-    found = import_robot(urdf(ARM))
+    imported = import_robot(urdf(ARM))
     file = tmp_path / "arm.toml"
-    file.write_text(found.text, encoding="utf-8")
+    file.write_text(imported.text, encoding="utf-8")
     robot = vdfmu.load_robot(file)
     assert robot.joint_names == ("a", "b", "c") and robot.joint_labels == ["1 a", "2 b", "3 c"]
     assert robot_from_dict(robot.to_dict()).joint_names == robot.joint_names

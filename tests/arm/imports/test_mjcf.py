@@ -42,9 +42,9 @@ def test_inverse_dynamics_are_those_of_mujoco_from_a_base_to_a_tip(mjcf):
     assert robot.joint_types == ("revolute", "prismatic", "revolute")
     assert largest_difference(path, robot, ["turn", "slide", "last"]) < 1e-12  # some 100 n roundings
     path = mjcf(ARM)
-    found = import_robot(path, tip="two")
-    assert largest_difference(path, found.robot, ["turn", "slide"]) < 1e-12  # as above
-    assert "held at 0, beside the arm: last." in found.notes
+    imported = import_robot(path, tip="two")
+    assert largest_difference(path, imported.robot, ["turn", "slide"]) < 1e-12  # as above
+    assert "held at 0, beside the arm: last." in imported.notes
 
 
 def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):

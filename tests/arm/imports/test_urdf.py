@@ -55,9 +55,9 @@ def test_axes_along_frames_give_rotations_of_ones_and_zeros_and_another_base_kee
 
 def test_what_moves_beside_the_arm_is_held_and_carried(urdf):
     path = urdf(ARM + link("flap") + joint("d", "one", "flap"))
-    found = import_robot(path, tip="tool")
-    assert "held at 0, beside the arm: d." in found.notes
-    inverse, _ = differences(found.robot, pinocchio_arm(path, ["a", "b", "c"]), 5)
+    imported = import_robot(path, tip="tool")
+    assert "held at 0, beside the arm: d." in imported.notes
+    inverse, _ = differences(imported.robot, pinocchio_arm(path, ["a", "b", "c"]), 5)
     assert inverse < 1e-13  # as above
 
 
@@ -68,9 +68,9 @@ def test_joints_that_are_coupled_and_links_without_mass_are_named(urdf):
         + joint("left", "tool", "left")
         + joint("right", "tool", "right", inside=LIMIT + '<mimic joint="left"/>')
     )
-    found = import_robot(urdf(ARM + fingers))
-    assert found.robot.n == 3
-    assert "held at 0, beside the arm: left, right." in found.notes
+    imported = import_robot(urdf(ARM + fingers))
+    assert imported.robot.n == 3
+    assert "held at 0, beside the arm: left, right." in imported.notes
     assert "joint c: the file gives no mass to tool." in import_robot(urdf(ARM)).notes
 
 
@@ -80,23 +80,23 @@ def test_limits_damping_and_friction_are_taken_over(urdf):
         + joint("a", "ground", "one", inside=LIMIT + '<dynamics damping="0.7" friction="0.2"/>')
         + joint("b", "one", "two", "continuous", inside='<limit effort="20" velocity="5"/>')
     )  # fmt: skip
-    found = import_robot(path)
-    joints = found.robot.to_dict()["joints"]
+    imported = import_robot(path)
+    joints = imported.robot.to_dict()["joints"]
     limits, friction = joints[0]["limits"], joints[0]["friction"]
     assert [limits[key] for key in ("q_min", "q_max", "tau_stall")] == [-2.0, 1.5, 0.5]
     # effort and velocity are limits each by itself: the whole torque up to the speed
     speed = limits["full_speed"] * limits["kappa_dot_max"]
     assert speed == pytest.approx(3.0, rel=1e-15)
-    given = motor_torque(found.robot, np.array([9.0, 9.0]), np.array([0.999 * speed, 1.06 * speed]))
+    torque = motor_torque(imported.robot, np.array([9.0, 9.0]), np.array([0.999 * speed, 1.06 * speed]))
     assert (
-        given == pytest.approx([0.5, found.robot.tau_stall[1]])
-        and motor_torque(found.robot, np.full(2, 9.0), np.full(2, 1.06 * speed))[0] == 0.0
+        torque == pytest.approx([0.5, imported.robot.tau_stall[1]])
+        and motor_torque(imported.robot, np.full(2, 9.0), np.full(2, 1.06 * speed))[0] == 0.0
     )
-    assert found.robot.joint_names == ("a", "b") and found.robot.joint_labels == ["1 a", "2 b"]
+    assert imported.robot.joint_names == ("a", "b") and imported.robot.joint_labels == ["1 a", "2 b"]
     assert [friction[key] for key in ("f_v", "f_c", "f_s")] == [0.7, 0.2, 0.2]  # no Stribeck effect
     assert joints[1]["limits"]["q_max"] == 1e6  # turns without end
     assert joints[1]["friction"]["f_c"] > 0  # assumed
-    sources = found.robot.source_of
+    sources = imported.robot.source_of
     assert sources("joints[1].friction.f_v") == "arm.urdf: damping of the joint"
     assert str(sources("joints[2].friction.f_v")).startswith("Assumed: ")
     assert sources("joints[1].limits.q_max") == "arm.urdf: upper of the joint"
@@ -117,11 +117,11 @@ def test_a_range_that_is_none_is_no_end_stop(urdf):
 
 
 def test_the_robot_file_is_what_load_robot_reads_and_every_number_has_a_source(urdf, tmp_path):
-    found = import_robot(urdf(ARM))
-    (tmp_path / "arm.toml").write_text(found.text, encoding="utf-8")
+    imported = import_robot(urdf(ARM))
+    (tmp_path / "arm.toml").write_text(imported.text, encoding="utf-8")
     read = vdfmu.load_robot(tmp_path / "arm.toml")
-    assert read.to_dict() == found.robot.to_dict()
-    data = tomllib.loads(found.text)
+    assert read.to_dict() == imported.robot.to_dict()
+    data = tomllib.loads(imported.text)
     keys = {
         f"joints[{i}].{part}.{key}"
         for i, entry in enumerate(data["joints"], 1)
@@ -129,7 +129,7 @@ def test_the_robot_file_is_what_load_robot_reads_and_every_number_has_a_source(u
         for key in entry[part]
     } | {"gravity", "tool_offset", "tool_rotation", "joints[1].rotation", "joints[1].offset"}
     assert [key for key in keys if read.source_of(key) is None] == []
-    assert "# Joint 2: b, revolute, moves two, cap, joined to one body" in found.text
+    assert "# Joint 2: b, revolute, moves two, cap, joined to one body" in imported.text
 
 
 def test_visuals_follow_their_links(urdf, tmp_path):
@@ -144,8 +144,8 @@ def test_visuals_follow_their_links(urdf, tmp_path):
         + link("one", INERTIAL + looks + lost)
         + joint("a", "ground", "one", axis="0 1 0", origin="")
     )
-    found = import_robot(urdf(content), out=tmp_path / "robots" / "arm.toml")
-    ground, mesh, box, gone = found.robot.visuals
+    imported = import_robot(urdf(content), out=tmp_path / "robots" / "arm.toml")
+    ground, mesh, box, gone = imported.robot.visuals
     assert (ground.joint, ground.shape, ground.size.tolist()) == (0, "cylinder", [0.1, 0.4])
     assert (mesh.joint, mesh.file, mesh.size.tolist()) == (1, "../shapes/one.stl", [2.0, 2.0, 2.0])
     assert mesh.color.tolist() == [1.0, 0.0, 0.0, 1.0]
@@ -154,7 +154,7 @@ def test_visuals_follow_their_links(urdf, tmp_path):
     np.testing.assert_allclose(mesh.rotation[:, 1], [0.0, 0.0, 1.0], rtol=0, atol=1e-15)
     assert box.shape == "box"
     assert gone.file == "package://gone/two.stl"
-    assert any(note.startswith("meshes not found") for note in found.notes)
+    assert any(note.startswith("meshes not found") for note in imported.notes)
 
 
 def test_a_file_of_xacro_and_a_ratio_that_is_left_out_are_named(urdf):

@@ -45,11 +45,11 @@ def test_the_law_is_that_of_a_public_robot():
     )
     assert robot.F_cb[0] == pytest.approx(27.2e3, rel=1e-3) and robot.L_cb[0] == pytest.approx(0.575, rel=1e-3)
     axis_2 = np.deg2rad(np.linspace(-140.0, -5.0, 28))
-    found = counterbalance_torque(robot, axis_2[None])[0]
+    torque = counterbalance_torque(robot, axis_2[None])[0]
     # dl is a difference of lengths of 1 m that stand for 0.4 m and less; 20 roundings of a torque of 14 kN m
-    np.testing.assert_allclose(found, -public_torque(axis_2), rtol=0, atol=100 * EPS * 14e3)
+    np.testing.assert_allclose(torque, -public_torque(axis_2), rtol=0, atol=100 * EPS * 14e3)
     lean = axis_2 > np.deg2rad(-95.0)
-    assert (found[lean] < 0.0).all() and (found[~lean][:-1] > 0.0).all()  # back to where it is neutral
+    assert (torque[lean] < 0.0).all() and (torque[~lean][:-1] > 0.0).all()  # back to where it is neutral
 
 
 def test_torque_is_minus_the_slope_of_the_energy_and_an_upright_arm_needs_less():
@@ -138,6 +138,6 @@ def test_a_prismatic_joint_has_none_and_what_is_set_at_run_time_meets_the_same_c
         memory[interface.reference[name]] = value
         assert [f"expected {words}, got " in problem for problem in unmet(interface, memory)] == [True]
     short = dataclasses.replace(ONE, r_cb=np.array([0.0, 0.0, 0.0]))
-    found = requirements(ONE)
-    broken = {each.expected for each, margin in zip(found, margins(short, found), strict=True) if margin < 0.0}
+    checks = requirements(ONE)
+    broken = {each.expected for each, margin in zip(checks, margins(short, checks), strict=True) if margin < 0.0}
     assert broken == {"r_cb > 0"}

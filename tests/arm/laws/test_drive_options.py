@@ -194,7 +194,7 @@ def test_without_an_option_nothing_is_traced_of_it(planar, with_options, functio
         planar.with_parameters(**{min(names): 1.0})
     state = DRIVE_OPTIONS[option].state
     assert state_names(robot) == [*state_names(planar), *([state.name] if state else [])]
-    bare, longer = (functions_of("plant", one).made("plant_derivatives") for one in (planar, robot))
+    bare, longer = (functions_of("plant", arm).made("plant_derivatives") for arm in (planar, robot))
     assert len("".join(c_texts(bare))) < len("".join(c_texts(longer)))
 
 

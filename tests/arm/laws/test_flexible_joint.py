@@ -68,9 +68,9 @@ def test_spring_energy_is_the_work_done_on_the_spring(chain, torque):
 
 def test_slope_of_the_kinematic_error_is_its_derivative(general, draw):
     for state in draw(general, 10, seed=23):
-        found = derivative(kinematic_error(general, jets(state.q, np.ones(general.n), 0.0)), 1)
+        slope = derivative(kinematic_error(general, jets(state.q, np.ones(general.n), 0.0)), 1)
         # the same product in another order: 4 roundings of 2 ell A, below 1
-        np.testing.assert_allclose(kinematic_error_slope(general, state.q), found, rtol=0, atol=4 * EPS)
+        np.testing.assert_allclose(kinematic_error_slope(general, state.q), slope, rtol=0, atol=4 * EPS)
 
 
 def test_rotor_position_solves_the_spring_equation_whose_rate_is_its_derivative(chain, draw):

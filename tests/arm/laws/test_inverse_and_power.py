@@ -81,12 +81,12 @@ def changed(robot, of: Row):
 def inverse_at(robot, t):
     """Return state and torques of the inverse at a time, with states of options, and the rates that it means."""
     h = 1e-3
-    found = [feedforward_inverse(robot, desired_at(robot.n, t + k * h), F_E) for k in range(-4, 5)]
+    inverses = [feedforward_inverse(robot, desired_at(robot.n, t + k * h), F_E) for k in range(-4, 5)]
     kappa_ddot, tau_s_dot = (
-        sum(w * getattr(each, name) for w, each in zip(WEIGHTS, found, strict=True)) / h
+        sum(w * getattr(each, name) for w, each in zip(WEIGHTS, inverses, strict=True)) / h
         for name in ("kappa_dot_d", "tau_s")
     )
-    desired, now = desired_at(robot.n, t), found[4]
+    desired, now = desired_at(robot.n, t), inverses[4]
     x = np.concatenate([desired.q_d, desired.q_d_dot, now.kappa_dot_d, now.tau_s, *states_of(robot)])
     return x, now.tau_m, np.concatenate([desired.q_d_dot, desired.q_d_ddot, kappa_ddot, tau_s_dot])
 
@@ -114,8 +114,8 @@ def imbalance(robot):
         parts, x_dot = split_state(robot, x), plant_derivative(robot, x, tau, F_e)
         outputs = plant_outputs(robot, jets(x, x_dot, 0.0))
         rates = [float(np.ravel(derivative(getattr(outputs, e), 1))[0]) for e in ("E_kin", "E_pot", "E_spring")]
-        for option, own in options_of(robot, parts.options):
-            tau = option.motor(tau, robot, parts.kappa_dot, own)
+        for option, option_state in options_of(robot, parts.options):
+            tau = option.motor(tau, robot, parts.kappa_dot, option_state)
         motors, losses = tau * (robot.ell * parts.kappa_dot), drive_losses(robot, parts)
         assert (losses >= 0.0).all()
         flow = motors.sum() - losses.sum() - F_e @ (jacobian(robot, parts.q) @ parts.q_dot)
@@ -132,16 +132,16 @@ def check(robot, of: Row):
     before, after = (plant_derivative(each, x, tau, F_E) for each in (robot, other))
     assert sized(after - before, before) > VISIBLE, f"{of.name} moves no rate of the plant"
     reason = NOT_INVERTED.get(of.section) or NOT_INVERTED.get(of.name)
-    found = deviation(other)
+    error = deviation(other)
     if reason:
-        assert found > VISIBLE, f"{of.name}: declared, though the exact inverse knows it: {reason}"
+        assert error > VISIBLE, f"{of.name}: declared, though the exact inverse knows it: {reason}"
     else:
-        assert found < WITHIN, f"{of.name}: the exact inverse does not know it, by {found:.2g}. {WAY_OUT}"
-    reason, found = NOT_BALANCED.get(of.name), imbalance(other)
+        assert error < WITHIN, f"{of.name}: the exact inverse does not know it, by {error:.2g}. {WAY_OUT}"
+    reason, error = NOT_BALANCED.get(of.name), imbalance(other)
     if reason:
-        assert found > 1e3, f"{of.name}: declared, though the power is balanced: {reason}"
+        assert error > 1e3, f"{of.name}: declared, though the power is balanced: {reason}"
     else:
-        assert found < 1.0, f"{of.name}: power is in no account, {found:.2g} of rounding. {WAY_OUT}"
+        assert error < 1.0, f"{of.name}: power is in no account, {error:.2g} of rounding. {WAY_OUT}"
 
 
 WAY_OUT = "Give torque, losses, energy and inverse what it does, or declare it beside the table."

@@ -59,8 +59,8 @@ def test_stops_push_without_jumps_and_a_bounce_loses_two_thirds_of_damping_times
     (0.5, 3.5, 0.0), (-0.5, -3.5, 0.0), (-0.5, 3.5, -0.5),  # beyond it
 ])  # fmt: skip
 def test_motor_torque_ends_at_the_torque_speed_line(tau, speed, expected):
-    given = motor_torque(ROBOT, np.full(2, tau), np.full(2, speed))
-    np.testing.assert_allclose(given, expected, rtol=0, atol=2 * EPS)
+    torque = motor_torque(ROBOT, np.full(2, tau), np.full(2, speed))
+    np.testing.assert_allclose(torque, expected, rtol=0, atol=2 * EPS)
 
 
 def test_a_drive_may_have_its_full_torque_up_to_a_speed():
@@ -88,12 +88,12 @@ def test_power_balance_beyond_stops_and_torque_line(draw):
         depth = np.maximum(q - robot.q_max, 0.0) - np.maximum(robot.q_min - q, 0.0)
         dissipated = -(stops + robot.stop_stiffness * depth) @ q_dot
         assert dissipated >= 0.0
-        given = motor_torque(robot, state.tau, kappa_dot)
-        flow = (given - xi_m) @ (robot.ell * kappa_dot) - xi_l @ q_dot - dissipated
+        torque = motor_torque(robot, state.tau, kappa_dot)
+        flow = (torque - xi_m) @ (robot.ell * kappa_dot) - xi_l @ q_dot - dissipated
         size = sum(map(abs, rates)) + np.abs(stops) @ np.abs(q_dot) + 10.0 * np.abs(x_dot).max()
         # as the test of the plant without limits: some 1000 roundings of the powers that flow
         assert sum(rates) == pytest.approx(flow, abs=1000 * EPS * size)
-        active += bool(dissipated > 0.0) and bool((given != state.tau).any())
+        active += bool(dissipated > 0.0) and bool((torque != state.tau).any())
     assert active > 3
 
 

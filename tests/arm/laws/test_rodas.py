@@ -22,9 +22,9 @@ def tableau(rows):
 def stability(z):
     """Return R(z) of the method and of its embedded one, straight from the coefficients."""
     # On x_dot = lambda x, with z = h lambda, the stages are (1/gamma - z) u_i = z (x + sum a_ij u_j) + sum c_ij u_j.
-    one = np.ones(STAGES)
+    ones = np.ones(STAGES)
     W = (1.0 / GAMMA - z) * np.eye(STAGES) - z * tableau(A) - tableau(C)
-    u = np.linalg.solve(W, z * one)
+    u = np.linalg.solve(W, z * ones)
     embedded = 1.0 + tableau(A)[-1] @ u
     return embedded + u[-1], embedded
 

@@ -135,11 +135,11 @@ def test_the_cost_stays_linear_in_the_number_of_joints():
         def equations(counter):
             drives = {"ell": counter.array(n), "I_m": counter.array(n)}
             robot = dataclasses.replace(counting_chain(n, counter), **drives)
-            one = counter.array(n)
-            F_Dk = driven_rotor_forces(robot, link_velocities(robot, one, one), one, one)
-            q_ddot = forward_dynamics(robot, one, one, one, np.zeros(6), F_Dk)
-            rotor_acceleration(robot, one, link_motion(robot, one, one, q_ddot))
-            inverse_dynamics(robot, one, one, one, rotors=(one, one))
+            x = counter.array(n)
+            F_Dk = driven_rotor_forces(robot, link_velocities(robot, x, x), x, x)
+            q_ddot = forward_dynamics(robot, x, x, x, np.zeros(6), F_Dk)
+            rotor_acceleration(robot, x, link_motion(robot, x, x, q_ddot))
+            inverse_dynamics(robot, x, x, x, rotors=(x, x))
 
         return np.array(count_operations(equations))
 

@@ -24,7 +24,7 @@ def test_a_line_is_straight_and_a_circle_round(arm):
     # the tolerance, which holds at five points a knot, and is looked at at some forty here
     assert np.linalg.norm(off, axis=1).max() < 2e-7
     assert np.linalg.norm(p[-1] - target) < 1e-10 and np.abs(R[-1] - R_1).max() < 1e-10  # Newton's 1e-11
-    turned = np.array([Rotation.from_matrix(R_0.T @ one).as_rotvec() for one in R])
+    turned = np.array([Rotation.from_matrix(R_0.T @ rotation).as_rotvec() for rotation in R])
     axis = turned[-1] / np.linalg.norm(turned[-1])
     assert np.abs(turned - (turned @ axis)[:, None] * axis).max() < 2e-7  # about one axis: slerp
     share = ((p - p_0) @ along) / np.linalg.norm(target - p_0)
@@ -107,15 +107,15 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
     p, R = vdfmu.forward_kinematics(arm, q)
     s = np.linspace(0.0, 1.0, 201)
     poses = [(p + x * np.array([0.1, 0.0, -0.1]), R) for x in s]
-    found = follow(arm, q, poses, 3, "line", 100.0 * s)
-    assert np.abs(vdfmu.forward_kinematics(arm, found)[0] - [one for one, _ in poses]).max() < 1e-10
-    for here, step in zip(found[:-1:20], np.diff(found, axis=0)[::20], strict=True):
+    positions = follow(arm, q, poses, 3, "line", 100.0 * s)
+    assert np.abs(vdfmu.forward_kinematics(arm, positions)[0] - [point for point, _ in poses]).max() < 1e-10
+    for here, step in zip(positions[:-1:20], np.diff(positions, axis=0)[::20], strict=True):
         J = vdfmu.jacobian(arm, here)[:3]
         # of a step of 5e-4 m the part that moves nothing is of second order: the change of J over it
         assert np.linalg.norm(step - np.linalg.pinv(J) @ J @ step) < 0.01 * np.linalg.norm(step)
     limited = dataclasses.replace(arm, limits=True).with_parameters(q_min=-3.0, q_max=3.0)
     drawn = follow(limited, q, poses, 3, "line", 100.0 * s)
-    assert np.linalg.norm(drawn[-1]) < np.linalg.norm(found[-1])  # 0 is the middle
+    assert np.linalg.norm(drawn[-1]) < np.linalg.norm(positions[-1])  # 0 is the middle
 
 
 @pytest.mark.parametrize(("keys", "words"), [

@@ -115,9 +115,9 @@ def shortest_along(points, velocity, acceleration, robot=None, torque=None):
             b += [most[:, j] - constant[:, j], most[:, j] + constant[:, j]]
     most = ((velocity / np.maximum(np.abs(path(places, 1)), 1e-12)) ** 2).min(axis=1)
     most[[0, -1]] = 0.0
-    found = linprog(-np.ones(1001), vstack(A), np.concatenate(b), bounds=[(0.0, one) for one in most])
-    assert found.status == 0
-    speed = np.sqrt(found.x)
+    optimum = linprog(-np.ones(1001), vstack(A), np.concatenate(b), bounds=[(0.0, bound) for bound in most])
+    assert optimum.status == 0
+    speed = np.sqrt(optimum.x)
     return float((2.0 * step / (speed[1:] + speed[:-1])).sum())
 
 
@@ -161,9 +161,9 @@ def test_the_shortest_motion_takes_the_limits_of_the_motors(planar):
         assert np.all(motion.peaks[0] <= 3.0 * share * (1.0 + 1e-9))
         q, q_dot, q_ddot = motion.at(np.linspace(0.0, motion.duration, 20_001))[:3]
         tau = vdfmu.inverse_dynamics(limited, q, q_dot, q_ddot) / limited.ell + limited.I_m * q_ddot
-        given = limited.tau_stall * min(1.0, (1.0 - share) / (1.0 - full))
+        limits = limited.tau_stall * min(1.0, (1.0 - share) / (1.0 - full))
         # torques are looked at at 1001 times, between which they change by less than a percent
-        assert 0.8 < (np.abs(tau) / given).max() < 1.01
+        assert 0.8 < (np.abs(tau) / limits).max() < 1.01
         assert "by the robot's motors: speeds up to" in motion.notes[1]
     slow = motions.fastest([[0.0, 0.0], [0.5, 0.3]], 0.3, robot=limited)
     assert slow.peaks[0].max() == pytest.approx(0.3, rel=1e-9)  # scaled to it

@@ -113,8 +113,8 @@ def test_problems_of_a_csv_file_are_named_at_once_with_their_rows(robot, written
     with pytest.raises(ModelError) as caught:
         vdfmu.load_motion(written(text, "bad.csv"), robot)
     problems = "\n".join(caught.value.problems)
-    for one in words:
-        assert one in problems
+    for word in words:
+        assert word in problems
     assert problems.count("\n") + 1 == len(words)
 
 
@@ -143,8 +143,8 @@ def test_problems_of_a_csv_file_are_named_at_once_with_their_rows(robot, written
 def test_problems_of_a_table_are_named(robot, written, text, words):
     with pytest.raises(ModelError) as caught:
         vdfmu.load_motion(written(text), robot)
-    for one in words:
-        assert one in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
 
 
 def test_a_motion_beyond_the_robot_is_refused(robot):
@@ -174,9 +174,9 @@ def test_a_scenario_may_name_the_file_of_its_motion_whose_keys_are_in_the_schema
     assert scenario.system.parts["trajectory"].unit.__name__ == "Motion"
     assert scenario.sections["plant"]["q_0"] == [0.0, 0.0]
     kinds = scenario_schema()["properties"]["motion"]["anyOf"][1:]
-    found = {one["properties"]["kind"]["const"]: set(one["properties"]) for one in kinds}
-    assert {"file", "points", "times", "dwell"} <= found["waypoints"]
-    assert {"start", "centre", "angle"} <= found["circle"] and "robot" not in found["circle"]
+    keys = {kind["properties"]["kind"]["const"]: set(kind["properties"]) for kind in kinds}
+    assert {"file", "points", "times", "dwell"} <= keys["waypoints"]
+    assert {"start", "centre", "angle"} <= keys["circle"] and "robot" not in keys["circle"]
 
 
 @pytest.mark.heavy

@@ -103,13 +103,13 @@ def test_a_multisine_has_the_lines_asked_for_and_no_others(phases):
     motion = motions.multisine([0.1, -0.2, 0.3], [0.2, 0.1, 0.0], lines, period, periods=2, phases=phases)
     assert motion.duration == 16.0 and motion.closed
     t = period + period * np.arange(n) / n
-    found = 2.0 / n * np.abs(np.fft.rfft(motion.at(t)[0], axis=0))
-    amplitudes = found[lines]
+    spectrum = 2.0 / n * np.abs(np.fft.rfft(motion.at(t)[0], axis=0))
+    amplitudes = spectrum[lines]
     # Knots 1/24 of the shortest period apart: the error of a spline of degree 5 is some h^6/30000 of the sixth
     # derivative, (2 pi / 24)^6 / 30000 = 1e-8 of an amplitude, and its ends add as much.
     assert np.abs(amplitudes - amplitudes[0]).max() < 1e-6 * amplitudes.max()
-    assert np.delete(found, [0, *lines], axis=0).max() < 1e-6 * amplitudes.max()
-    assert found[1:, 2].max() < 1e-15  # of a joint without amplitude: the rounding of the transform
+    assert np.delete(spectrum, [0, *lines], axis=0).max() < 1e-6 * amplitudes.max()
+    assert spectrum[1:, 2].max() < 1e-15  # of a joint without amplitude: the rounding of the transform
     deviation = np.abs(motion.at(np.linspace(period, 3.0 * period, 40_001))[0] - [0.1, -0.2, 0.3]).max(axis=0)
     # the peak is found at 24 points of the shortest period: (pi / 24)^2 / 2 = 0.9 % of the fastest line at most
     assert deviation == pytest.approx([0.2, 0.1, 0.0], rel=0.01)
@@ -162,14 +162,14 @@ def test_motions_that_meet_can_be_joined_without_the_jumps_of_a_cubic_spline():
     # twice as slow: the same positions, 1/2, 1/4 .. of the derivatives
     scale = 0.5 ** np.arange(5.0)[:, None]
     assert both.at(2.5 + 2.0 * 0.8) == pytest.approx(scale * motion.at(0.8), rel=1e-11)
-    one, other = motions.waypoints(POINTS, TIMES), motions.waypoints(POINTS[1:], TIMES[1:])
-    for parts in ([one, other], [one, motions.rest(np.zeros(3), 1.0)]):
+    first, second = motions.waypoints(POINTS, TIMES), motions.waypoints(POINTS[1:], TIMES[1:])
+    for parts in ([first, second], [first, motions.rest(np.zeros(3), 1.0)]):
         with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, the end of motion 1, got"):
             motions.joined(parts)
     with pytest.raises(UsageError, match="joined: expected motions, got none"):
         motions.joined([])
     with pytest.raises(UsageError, match="factor: expected a number above 0"):
-        one.slower(-1.0)
+        first.slower(-1.0)
     cubic = CubicSpline(TIMES, POINTS, bc_type="clamped")
     coefficients = np.zeros((4, 6, 2))
     coefficients[:, :4] = np.moveaxis(cubic.c[::-1], 0, 1)

@@ -151,8 +151,8 @@ def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
         engine="batch",
     )  # fmt: skip
     differences = [value for name in swept.columns if name.startswith("to_fmu[rad]") for value in swept[name]]
-    found = [value for value in differences if value is not None and np.isfinite(value)]
-    assert found and max(found) < 1e-12  # docs/sweeps.md: 2e-15 rad where nothing sticks
+    finite = [value for value in differences if value is not None and np.isfinite(value)]
+    assert finite and max(finite) < 1e-12  # docs/sweeps.md: 2e-15 rad where nothing sticks
 
 
 @pytest.mark.heavy

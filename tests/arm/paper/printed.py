@@ -79,12 +79,12 @@ class Subsystems:
             self.F_T_star.append((1 - PART) * whole)  # (8)
             self.F_B_star.append(PART * whole)  # (6), of the base of joint i + 1
             self.F_D_star.append(body_force(0.0, np.zeros(3), rotor, np.zeros(3), V_D[3:], V_D_r_dot, V_D_r))  # (7)
-            for found, value in zip(
+            for values, value in zip(
                 (self.U, self.V, self.V_r, self.V_r_dot, self.V_D, self.V_D_r),
                 (U, V, V_r, V_r_dot, V_D, V_D_r),
                 strict=True,
             ):
-                found.append(value)
+                values.append(value)
             base = (V, V_r, V_r_dot, g)
         self.U_D = [transform(printed_rotation(i, 0.0), ORIGINS[i]) for i in range(N)]
 

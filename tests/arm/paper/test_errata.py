@@ -229,5 +229,5 @@ def test_split_friction_self_excites_and_lumped_does_not(arm, plant_function):
 def test_lumped_friction_leaves_out_the_rotors_own(arm):
     assert "lumped" == arm.friction
     strong = arm.with_parameters(f_ck=1e3)
-    one, other = (joint_friction(r, np.ones(6), np.ones(6)) for r in (arm, strong))
-    np.testing.assert_array_equal(one, other)
+    friction, expected = (joint_friction(r, np.ones(6), np.ones(6)) for r in (arm, strong))
+    np.testing.assert_array_equal(friction, expected)

@@ -147,9 +147,9 @@ def velocity_of_rotors(path):
     now = Subsystems(
         path.robot, path.q, (path.q_dot, path.kappa_dot), (path.q_dot, path.kappa_dot, path.q_ddot, path.kappa_ddot)
     )
-    found = [V for arguments, V in path.plant["rotor_velocity"] if arguments["kappa_dot"] in path.kappa_dot]
+    velocities = [V for arguments, V in path.plant["rotor_velocity"] if arguments["kappa_dot"] in path.kappa_dot]
     for i in range(1, N):
-        assert any(np.allclose(V, now.V_D[i], rtol=0, atol=1e-11) for V in found)
+        assert any(np.allclose(V, now.V_D[i], rtol=0, atol=1e-11) for V in velocities)
 
 
 @equations(5, 29, 30, 31)
@@ -196,8 +196,8 @@ def virtual_decomposition_control(path):
     kappa_dot_r = q_dot_r + drive.kappa_dot - desired.q_d_dot
     kappa_ddot_r = q_ddot_r + drive.kappa_ddot - desired.q_d_ddot
     _, required = path.vdc["required_motion"][0]
-    for found, wanted in zip(required, (q_dot_r, q_ddot_r, kappa_dot_r, kappa_ddot_r), strict=True):
-        close(found, wanted, 10.0)
+    for actual, wanted in zip(required, (q_dot_r, q_ddot_r, kappa_dot_r, kappa_ddot_r), strict=True):
+        close(actual, wanted, 10.0)
     parts = Subsystems(robot, path.q, (path.q_dot, path.kappa_dot), (q_dot_r, kappa_dot_r, q_ddot_r, kappa_ddot_r))
     parts.add_gains(gains.K_V)  # (15), (17), (50)
     F_qr, F_kr = parts.forces(path.F_e)  # (18)-(20), (23)-(25); F_l of (51)
@@ -219,9 +219,9 @@ def transforms(path):
 
 @equations(34, 35, 36)
 def rotations(path):
-    found = {arguments["i"]: R for arguments, R in path.plant["joint_rotation"]}
+    matrices = {arguments["i"]: R for arguments, R in path.plant["joint_rotation"]}
     for i in range(N):
-        close(found[i], printed_rotation(i, path.q[i]))
+        close(matrices[i], printed_rotation(i, path.q[i]))
 
 
 @equations(37, 38, 39, 40, 41, 42, 43)

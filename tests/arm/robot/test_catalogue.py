@@ -112,11 +112,11 @@ def test_a_joint_takes_from_the_catalogue_what_it_does_not_say_and_a_ratio_leave
     assert source == "models/drives/catalogue.toml: gear CSG-25-100; assumed there: hysteresis_loss"
     assert robot.source_of("joints[1].drive.I_m").endswith("inertia of gear CSG-25-100 and motor TBM-6025-B, times ell")
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
-    printed, own = (robot_from_dict(of_catalogue(**tables)) for tables in ({}, {"drive": {"ell": 101.0}}))
-    assert own.ell[0] == 101.0
+    printed, changed = (robot_from_dict(of_catalogue(**tables)) for tables in ({}, {"drive": {"ell": 101.0}}))
+    assert changed.ell[0] == 101.0
     torque = np.linspace(-90.0, 90.0, 7)[:, None]
     # four roundings of K_w0, c_w and what they are multiplied by
-    np.testing.assert_allclose(deformation(own, torque), deformation(printed, torque), rtol=1e-14)
+    np.testing.assert_allclose(deformation(changed, torque), deformation(printed, torque), rtol=1e-14)
     stops = {"q_min": -1.0, "q_max": 1.0, "stop_stiffness": 1e4, "stop_damping": 0.5}
     robot = robot_from_dict(of_catalogue(limits=stops))
     np.testing.assert_allclose(robot.kappa_dot_max, 48.0 / 0.078 / 100.0, rtol=1e-4)  # five digits

@@ -59,28 +59,28 @@ def test_the_plant_is_the_arm_on_cubic_springs_with_hysteresis_and_warm_friction
     """Links by the mass matrix, springs in the form that is explicit in the torsion, which the file never writes."""
     x, tau = draw_state(robot, seed)
     q, q_dot, kappa_dot, tau_s, tau_c, T_f = np.split(x, 6)
-    found = split_state(robot, plant_derivative(robot, x, tau, FREE))
+    rates = split_state(robot, plant_derivative(robot, x, tau, FREE))
     torsion = plant_outputs(robot, x).kappa - q
     np.testing.assert_allclose(
         robot.K_1 * (torsion + torsion**3 / robot.x_1**2), tau_s, rtol=1e-12
     )  # some 50 roundings
     stretch = kappa_dot - q_dot
     stiffness = robot.K_1 * (1.0 + 3.0 * (torsion / robot.x_1) ** 2)
-    np.testing.assert_allclose(found.tau_s, stiffness * stretch, rtol=1e-12)
+    np.testing.assert_allclose(rates.tau_s, stiffness * stretch, rtol=1e-12)
     load = tau_s + tau_c
     slip = robot.K_c * (stretch - np.abs(stretch) * tau_c / robot.f_h3)
-    np.testing.assert_allclose(found.options["tau_c"], slip, rtol=1e-12)
+    np.testing.assert_allclose(rates.options["tau_c"], slip, rtol=1e-12)
     level = robot.f_c + (robot.f_s - robot.f_c) * np.exp(-((kappa_dot / robot.v_s) ** 2))
     xi = level * np.exp((robot.T_0 - T_f) / robot.T_s) * np.tanh(kappa_dot / robot.eps) + robot.f_v * kappa_dot
     links = load - inverse_dynamics(robot, q, q_dot, np.zeros(2))
     M = joint_space_mass_matrix(robot, q)
     # the condition of M, some 50, times some 100 roundings of 100 N m
-    np.testing.assert_allclose(M @ found.q_dot, links, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(found.kappa_dot, (tau - (load + xi) / robot.ell) / robot.I_m, rtol=1e-12, atol=1e-10)
+    np.testing.assert_allclose(M @ rates.q_dot, links, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(rates.kappa_dot, (tau - (load + xi) / robot.ell) / robot.I_m, rtol=1e-12, atol=1e-10)
     heat = xi * kappa_dot + np.abs(stretch) * tau_c**2 / robot.f_h3
     np.testing.assert_allclose(drive_losses(robot, split_state(robot, x)), heat, rtol=1e-12)
     rate = (heat - robot.G_f * (T_f - robot.T_0)) / robot.C_f
-    np.testing.assert_allclose(found.options["T_f"], rate, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(rates.options["T_f"], rate, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -101,9 +101,9 @@ def test_the_inverse_knows_the_spring_and_the_energy_is_the_work_on_it(robot):
     desired = desired_motion(0.4, np.array([-0.2, 0.1]), np.array([1.0, 1.4]), 2.0)
     torques = feedforward_inverse(robot, desired)
     x = np.concatenate([desired.q_d, desired.q_d_dot, torques.kappa_dot_d, torques.tau_s, np.zeros(2), robot.T_0])
-    found = split_state(robot, plant_derivative(robot, x, torques.tau_m, FREE))
+    rates = split_state(robot, plant_derivative(robot, x, torques.tau_m, FREE))
     # 1e-16 of torques of 100 N m over masses of 1e-2 kg m2
-    np.testing.assert_allclose(found.q_dot, desired.q_d_ddot, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(rates.q_dot, desired.q_d_ddot, rtol=0, atol=1e-11)
     h, t = 1e-4, 0.4
     ahead, behind = (
         feedforward_inverse(robot, desired_motion(t + s * h, np.array([-0.2, 0.1]), np.array([1.0, 1.4]), 2.0))
@@ -111,7 +111,7 @@ def test_the_inverse_knows_the_spring_and_the_energy_is_the_work_on_it(robot):
     )
     # h^2 / 6 of fourth derivatives of kappa_d_dot, some 1e3; 1e-16 / h of speeds near 1
     rate = (ahead.kappa_dot_d - behind.kappa_dot_d) / (2 * h)
-    np.testing.assert_allclose(found.kappa_dot, rate, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(rates.kappa_dot, rate, rtol=0, atol=1e-5)
     torque = np.linspace(0.0, 40.0, 20001)[:, None] * np.ones(2)
     work = np.trapezoid(torque, spring(robot, torque).deformation, axis=0)
     # trapezoids of 2e-3 N m: their square over 12, times the curvature
@@ -183,5 +183,5 @@ def test_a_number_that_is_missing_has_its_place_and_no_drive_is_run_where_files_
     with reading_only(), pytest.raises(CodeNotRunError):
         robot_from_dict(data_of(TEXT + "# another\n"))
     speed = np.array([0.3, -0.4])
-    warm, cold = (joint_friction(one, speed, speed)[1] for one in (robot, planar))
+    warm, cold = (joint_friction(arm, speed, speed)[1] for arm in (robot, planar))
     np.testing.assert_array_equal(warm, cold)

@@ -74,12 +74,12 @@ def test_plant_factors_reach_a_plant_of_any_name_or_are_noted(mine):
     assert values["mass[1]"] == 2.0 * load_robot("planar_2dof").mass[0]
     assert values["payload_mass"] == 0.5
     assert not model_notes(scenario)
-    own = SYSTEM.replace('arm = "plant"', 'arm = { unit = "plant", robot = "planar_2dof" }')
-    scenario = mine("[plant_factors]\nmass = 2.0\n", own)
+    own_robot = SYSTEM.replace('arm = "plant"', 'arm = { unit = "plant", robot = "planar_2dof" }')
+    scenario = mine("[plant_factors]\nmass = 2.0\n", own_robot)
     (note,) = model_notes(scenario)
     assert re.match(r"plant_factors: no component takes it: .* Write numbers of the plant in its own section", note)
-    two = own.replace("pd = ", 'other = "plant"\npd = ')
-    (note,) = model_notes(mine("[plant_factors]\nmass = 2.0\n", two))
+    two_plants = own_robot.replace("pd = ", 'other = "plant"\npd = ')
+    (note,) = model_notes(mine("[plant_factors]\nmass = 2.0\n", two_plants))
     assert note == "plant_factors: arm has its own robot, so this does not reach it."
 
 
@@ -142,11 +142,11 @@ def test_the_numbers_of_the_paper_are_those_of_its_robot(factor, kept):
 @pytest.mark.heavy
 def test_another_start_than_that_of_the_motion_is_noted(mine, tmp_path):
     def notes(more):
-        found = vdfmu.run(
+        results = vdfmu.run(
             mine(f"[way]\nbegin = [0.5, 0.25]\n{more}", SYSTEM.replace('"trajectory"', '"own.py"'), ""),
             out=tmp_path / "run", reference=False,
         )  # fmt: skip
-        return [note for note in found.summary["notes"] if "starts" in note]
+        return [note for note in results.summary["notes"] if "starts" in note]
 
     (note,) = notes("[arm]\nq_0 = [0.5, 0.0]\n")
     assert "arm starts 0.25 rad from the position that way wants of joint 2: set arm.q_0, or share" in note

@@ -149,10 +149,10 @@ def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name):
         "arm/equations/", "arm/drive/", "arm/world/", "arm/units/devices/", "arm/robot/plausible.py", "study/identify/",
         "study/run/accuracy.py", "arm/export.py", "arm/robot/plain.py",
     )  # fmt: skip
-    others = {path for path in files if not path.startswith(named)}
+    elsewhere = {path for path in files if not path.startswith(named)}
     if row.section in JOINT_OPTIONS and name in {**NOT_INVERTED, **NOT_BALANCED}:
-        others.discard("arm/robot/parameters.py")  # which declares what inverse and balance do not know
-    assert others == {table} - {f"arm/drive/{row.section}.py"}
+        elsewhere.discard("arm/robot/parameters.py")  # which declares what inverse and balance do not know
+    assert elsewhere == {table} - {f"arm/drive/{row.section}.py"}
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

@@ -90,9 +90,9 @@ def test_groups_of_a_shared_value_have_it_unless_they_have_their_own(write, scen
     shared = load_scenario(write("own.toml", scenario_data))
     assert group_value(shared, "plant.q_0").tolist() == [0.1, 0.2]
     scenario_data["plant"] = {"q_0": 0.3}
-    own = load_scenario(write("own.toml", scenario_data))
-    assert group_value(own, "plant.q_0").tolist() == [0.3, 0.3]
-    assert group_value(own, "trajectory.q_start").tolist() == [0.1, 0.2]
+    separate = load_scenario(write("own.toml", scenario_data))
+    assert group_value(separate, "plant.q_0").tolist() == [0.3, 0.3]
+    assert group_value(separate, "trajectory.q_start").tolist() == [0.1, 0.2]
 
 
 def test_defaults(write, scenario_data):
@@ -131,9 +131,9 @@ def test_friction_of_a_scenario_goes_first_and_variants_differ_by_what_they_are_
     assert split.pop("friction") == "split"
     assert split == content("tracking")
     nominal, implied = content("two_joint"), content("two_joint_table5")
-    gains, others = implied.pop("controller"), nominal.pop("controller")
+    gains, nominal_gains = implied.pop("controller"), nominal.pop("controller")
     assert implied == nominal
-    assert [gains[key][2:] for key in ("K_p", "K_v")] == [others[key][2:] for key in ("K_p", "K_v")]
+    assert [gains[key][2:] for key in ("K_p", "K_v")] == [nominal_gains[key][2:] for key in ("K_p", "K_v")]
 
 
 def test_gains_of_the_variant_of_two_joint_are_those_of_table_5():

@@ -61,8 +61,8 @@ def test_every_shipped_file_fits_and_what_a_scenario_can_set_has_its_unit_of_mea
 def test_wrong_values_of_a_robot_are_marked(key, value, where):
     data = copy.deepcopy(content(data_path("models") / "robots" / "planar_2dof.toml"))
     data["joints"][0]["link"][key] = value
-    (found,) = problems(robot_schema(), data)
-    assert found.startswith(where)
+    (problem,) = problems(robot_schema(), data)
+    assert problem.startswith(where)
 
 
 def test_wrong_values_of_a_scenario_are_marked_and_a_robot_has_every_row_of_the_table():

@@ -26,9 +26,9 @@ def test_visuals_are_kept_and_change_no_fmu(robot_data):
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
     plain, shown = robot_from_dict(robot_data), robot_from_dict(with_visuals(robot_data, MESH, BALL))
     assert "visuals" not in plain.to_dict()
-    one, other = (Content(Plant, robot, {}, "native") for robot in (plain, shown))
-    assert one.to_json() == other.to_json()
-    assert one.model_key == other.model_key
+    plain_content, shown_content = (Content(Plant, robot, {}, "native") for robot in (plain, shown))
+    assert plain_content.to_json() == shown_content.to_json()
+    assert plain_content.model_key == shown_content.model_key
 
 
 @pytest.mark.parametrize(("change", "problem"), [

@@ -39,15 +39,15 @@ def of_seed(seed):
 
 def test_random_numbers_are_those_that_the_author_of_the_generator_prints():
     """The first of the state 12345, 12345, .. in the package RngStreams."""
-    found, _ = uniform(np.full(6, 12345.0), 5)
-    np.testing.assert_allclose(found, [0.127011, 0.318528, 0.309186, 0.825847, 0.221630], rtol=0, atol=5e-7)
+    numbers, _ = uniform(np.full(6, 12345.0), 5)
+    np.testing.assert_allclose(numbers, [0.127011, 0.318528, 0.309186, 0.825847, 0.221630], rtol=0, atol=5e-7)
 
 
 @pytest.mark.parametrize("seed", [0, 7, 2147483645])
 def test_random_numbers_are_exact(seed):
-    found, state = uniform(seeded(float(seed)), 1000)
+    numbers, state = uniform(seeded(float(seed)), 1000)
     again, _ = uniform(state, 1000)
-    assert [*found, *again] == list(islice(of_seed(seed), 2000))
+    assert [*numbers, *again] == list(islice(of_seed(seed), 2000))
 
 
 def test_neighbouring_seeds_give_independent_numbers_and_noise_has_its_statistics(planar):
@@ -58,8 +58,8 @@ def test_neighbouring_seeds_give_independent_numbers_and_noise_has_its_statistic
     np.testing.assert_allclose(matrix, np.eye(8), rtol=0, atol=5.0 / np.sqrt(n))
     n, sigma, offset = 3000, np.array([0.1, 0.5]), np.array([0.3, -0.2])
     unit = find_unit("torque_sensor")(planar, tau_s=[7.0, 3.0], sigma=sigma, offset=offset)
-    found = sampled(unit, n)["tau_s_m"]
-    noise = (found - [7.3, 2.8]) / sigma
+    measured = sampled(unit, n)["tau_s_m"]
+    noise = (measured - [7.3, 2.8]) / sigma
     numbers = np.array(list(islice(of_seed(1), 24 * n))).reshape(n, 2, 12).sum(axis=2) - 6.0
     # rounded to 1e-9, over 0.1
     np.testing.assert_allclose(noise, numbers, rtol=0, atol=0.51e-9 / 0.1)
@@ -86,47 +86,47 @@ def test_noise_has_the_same_bits_in_every_fmu(planar, tmp_path, form):
     rows = fmpy.simulate_fmu(str(path), stop_time=0.5, output_interval=H, output=names)
     unit = find_unit("torque_sensor")(planar, seed=11.0, sigma=[0.25, 2.0], resolution=[0.125, 2.0**-20])
     expected = sampled(unit, 500)["tau_s_m"]
-    found = np.array([np.ravel(list(row)[1:]) for row in rows])
+    measured = np.array([np.ravel(list(row)[1:]) for row in rows])
     # a row is at the end of a step, whose sample is that of its begin
-    assert np.array_equal(found[1:], expected)
+    assert np.array_equal(measured[1:], expected)
 
 
 def test_an_encoder_reads_in_steps_and_late_and_with_whole_samples_of_delay_has_the_samples(planar):
     w, late, span = 7.0, 2.25e-3, [2.0 * np.pi, 0.5]
     q = lambda t: np.array([np.sin(w * t), 0.3 * np.cos(w * t)])  # noqa: E731
     unit = find_unit("encoder")(planar, q=q(0.0), bits=14.0, T_d=late, span=span, T_v=[0.0, 4e-3])
-    found = sampled(unit, 600, q=q)
+    rows = sampled(unit, 600, q=q)
     r, t = np.array([2.0 * np.pi, 0.5]) / 2**14, H * np.arange(600)
     true = np.array([q(max(x - late, 0.0)) for x in t])
-    error = found["q_m"] - true
+    error = rows["q_m"] - true
     # half a step, and the chord of a second derivative of w^2
     assert (np.abs(error) < r / 2.0 + w**2 * H**2 / 8.0 + 1e-12).all()
     assert (np.abs(error).max(axis=0) > 0.4 * r).all()
-    counts = found["q_m"] / r
+    counts = rows["q_m"] / r
     np.testing.assert_allclose(counts, np.rint(counts), rtol=0, atol=1e-9)  # up to 1e4 steps, of rounding
     # the witness: each joint by itself, from the samples two and three before
     for i, (T_v, r_i) in enumerate(zip([0.0, 4e-3], r, strict=True)):
         x = np.array([q(max(s, 0.0))[i] for s in H * np.arange(-3, 600)])
         read = r_i * np.floor((0.75 * x[1:-2] + 0.25 * x[:-3]) / r_i + 0.5)
-        same = read == found["q_m"][:, i]
+        same = read == rows["q_m"][:, i]
         assert same.mean() > 0.99  # but for a value within rounding of half a step
         v, velocity = 0.0, []
-        for before, now in zip([found["q_m"][0, i], *found["q_m"][:-1, i]], found["q_m"][:, i], strict=True):
+        for before, now in zip([rows["q_m"][0, i], *rows["q_m"][:-1, i]], rows["q_m"][:, i], strict=True):
             a = np.exp(-H / T_v) if T_v else 0.0
             v = a * v + (1.0 - a) * (now - before) / H
             velocity.append(v)
-        np.testing.assert_allclose(found["q_dot_m"][1:, i], velocity[1:], rtol=0, atol=1e-11)  # 1 / h of 1, rounded
+        np.testing.assert_allclose(rows["q_dot_m"][1:, i], velocity[1:], rtol=0, atol=1e-11)  # 1 / h of 1, rounded
     x = np.random.default_rng(0).normal(size=(50, 2))
     unit = find_unit("encoder")(planar, T_d=3e-3, bits=48.0)
-    found = sampled(unit, 50, q=lambda t: x[round(t / H)])["q_m"]
-    np.testing.assert_allclose(found[3:], x[:-3], rtol=0, atol=2.0 * np.pi / 2**49 + 4.0 * EPS)  # half a step
+    rows = sampled(unit, 50, q=lambda t: x[round(t / H)])["q_m"]
+    np.testing.assert_allclose(rows[3:], x[:-3], rtol=0, atol=2.0 * np.pi / 2**49 + 4.0 * EPS)  # half a step
 
 
 @pytest.mark.parametrize(("delay", "jitter", "loss"), [(2e-3, 0.0, 0.0), (1.5e-3, 6e-3, 0.2), (0.0, 0.0, 0.3)])
 def test_communication_gives_the_newest_of_what_has_arrived(planar, delay, jitter, loss):
     n = 1000
     unit = find_unit("communication")(planar, T_d=delay, T_j=jitter, loss=loss, seed=5.0)
-    found = sampled(unit, n, tau_c=lambda t: [t, -t])
+    rows = sampled(unit, n, tau_c=lambda t: [t, -t])
     numbers, packets, newest, expected = of_seed(5), [], -1, []
     for k in range(n):
         late, luck = next(numbers), next(numbers)
@@ -137,29 +137,29 @@ def test_communication_gives_the_newest_of_what_has_arrived(planar, delay, jitte
         expected.append(newest)
     expected = np.array(expected)
     begun = expected >= 0
-    np.testing.assert_allclose(found["tau"][begun, 0], H * expected[begun], rtol=0, atol=4.0 * n * H * EPS)
-    np.testing.assert_allclose(found["age"][begun], H * (np.arange(n) - expected)[begun], rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(found["tau"][:, 1], -found["tau"][:, 0])
-    lost = np.mean(found["way"][:, 0] > 1e5)
+    np.testing.assert_allclose(rows["tau"][begun, 0], H * expected[begun], rtol=0, atol=4.0 * n * H * EPS)
+    np.testing.assert_allclose(rows["age"][begun], H * (np.arange(n) - expected)[begun], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(rows["tau"][:, 1], -rows["tau"][:, 0])
+    lost = np.mean(rows["way"][:, 0] > 1e5)
     assert abs(lost - loss) <= 5.0 * np.sqrt(loss * (1.0 - loss) / n)  # 5 standard deviations of a share
 
 
 def test_an_actuator_keeps_within_its_rate_torque_and_current(planar):
     unit = find_unit("actuator")(planar, tau_max=[2.0, 9.0], tau_dot_max=500.0, k_t=[0.5, 0.1], i_max=[9.0, 6.0])
-    found = sampled(unit, 40, tau_c=lambda t: [0.0, 0.0] if t < 5e-3 else [3.0, -3.0])
-    tau = found["tau"]
+    rows = sampled(unit, 40, tau_c=lambda t: [0.0, 0.0] if t < 5e-3 else [3.0, -3.0])
+    tau = rows["tau"]
     expected = np.clip(500.0 * H * np.arange(-4, 36), 0.0, None)
     # sums of ten steps of 0.5
     np.testing.assert_allclose(tau[:, 0], np.minimum(expected, 2.0), rtol=0, atol=1e-14)
     np.testing.assert_allclose(tau[:, 1], -np.minimum(expected, 0.6), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(found["i"] * [0.5, 0.1], tau, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(rows["i"] * [0.5, 0.1], tau, rtol=0, atol=1e-15)
 
 
 def test_a_motor_gives_its_peak_until_it_is_warm_and_then_what_it_bears(planar):
     i_max, i_rms, T = 6.0, 2.0, 0.5
     unit = find_unit("actuator")(planar, i_max=i_max, i_rms=i_rms, T_i=T, k_t=0.1)
-    found = sampled(unit, 3000, tau_c=lambda t: [5.0, -0.15])
-    i, h = found["i"], found["h"]
+    rows = sampled(unit, 3000, tau_c=lambda t: [5.0, -0.15])
+    i, h = rows["i"], rows["h"]
     until = -T * np.log(1.0 - i_rms**2 / i_max**2)
     assert np.flatnonzero(i[:, 0] < i_max)[0] * H == pytest.approx(until, abs=H)
     assert (h <= i_rms**2 * (1.0 + 8.0 * EPS)).all()
@@ -206,11 +206,11 @@ def test_an_overloaded_brake_slips_and_a_stop_is_remembered(planar):
     rows, inertia = braked(planar, np.array([0.5, 0.0]), [0.0, 0.0], 0.3)
     np.testing.assert_allclose(np.diff(rows[-3:, 2]) / H, 0.2 / inertia[0], rtol=1e-8)
     unit = find_unit("emergency_stop")(planar, T_b=3e-3)
-    found = sampled(unit, 12, tau_c=lambda t: [1.0, 1.0], stop=lambda t: float(round(t / H) == 4))
-    assert found["phase"].tolist() == [0.0] * 4 + [1.0] * 3 + [2.0] * 5
-    assert found["tau"][:, 0].tolist() == [1.0] * 4 + [0.0] * 8  # nothing moves
+    signals = sampled(unit, 12, tau_c=lambda t: [1.0, 1.0], stop=lambda t: float(round(t / H) == 4))
+    assert signals["phase"].tolist() == [0.0] * 4 + [1.0] * 3 + [2.0] * 5
+    assert signals["tau"][:, 0].tolist() == [1.0] * 4 + [0.0] * 8  # nothing moves
     timed = sampled(find_unit("emergency_stop")(planar, T_b=3e-3, t_stop=4e-3), 12, tau_c=lambda t: [1.0, 1.0])
-    assert np.array_equal(timed["phase"], found["phase"])
+    assert np.array_equal(timed["phase"], signals["phase"])
 
 
 @pytest.mark.parametrize(("unit", "values", "message"), [
@@ -281,5 +281,5 @@ def test_a_loop_that_a_stop_has_opened_has_the_margins_of_no_loop(tmp_path):
     )
     for stop, modulus in ((0.2, 1.0), (100.0, None)):  # between stop and brakes no torque depends on anything
         system = linear_system(package, 0.22, parameters={"brake.t_stop": stop})
-        found = system_loop(system, ["plant.tau"]).modulus
-        assert (found == modulus).all() if modulus else (found < 0.9).all()
+        margin = system_loop(system, ["plant.tau"]).modulus
+        assert (margin == modulus).all() if modulus else (margin < 0.9).all()

@@ -83,16 +83,16 @@ def test_directional_derivatives_are_slopes(unit, version, planar, tmp_path):
 
     def sampled(values):
         saved, time = instance.save(), instance.time
-        found = instance.write(inputs, values).step(1e-3).read(samples)
+        values_after = instance.write(inputs, values).step(1e-3).read(samples)
         instance.restore(saved).forget(saved)
         instance.time = time
-        return found
+        return values_after
 
     def compare(evaluate, unknowns):
         value = evaluate(point)
-        found = directional(instance.write(inputs, point), unknowns, inputs)
-        assert_slopes(found, slopes(evaluate, point, steps), value, steps)
-        return found.any()
+        matrix = directional(instance.write(inputs, point), unknowns, inputs)
+        assert_slopes(matrix, slopes(evaluate, point, steps), value, steps)
+        return matrix.any()
 
     any_found = not rounds and compare(at_start, instance.model.of("output"))
     names = {name for name, d in find_unit(unit).declared.items() if isinstance(d, Sampled)}
@@ -112,14 +112,14 @@ def test_the_natural_law_is_the_same_in_c(planar, tmp_path):
     inputs = np.zeros(200, dtype=[("time", float), ("q_d[1]", float), ("q_dot[2]", float), ("q[2]", float)])
     inputs["time"], inputs["q_d[1]"] = times, np.sin(5.0 * times)
     inputs["q[2]"], inputs["q_dot[2]"] = np.sin(3.0 * times), 3.0 * np.cos(3.0 * times)
-    found = []
+    runs = []
     for backend in ("native", "python"):
         out = tmp_path / backend
         (path,) = build_fmus(planar, out, units=["virtual_decomposition"], backend=backend).values()
         rows = fmpy.simulate_fmu(
             str(path), stop_time=0.2, output_interval=1e-3, start_values={"adaptation": 1}, output=names, input=inputs
         )
-        found.append(np.array([list(row)[1:] for row in rows]))
-    assert np.ptp(found[0][:, 0]) > 1e-3  # it adapts
+        runs.append(np.array([list(row)[1:] for row in rows]))
+    assert np.ptp(runs[0][:, 0]) > 1e-3  # it adapts
     # 200 steps of rounding of numbers of order 1 to 10
-    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=1e-11)

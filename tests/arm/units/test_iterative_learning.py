@@ -42,10 +42,10 @@ def test_the_torque_of_a_cycle_is_that_of_the_one_before_without_high_harmonics(
     """The update again, by FFT of what the motors gave in whole cycles."""
     share, harmonics = 0.7, 6
     load = lambda t: 0.2 * np.sign(np.sin(2.0 * np.pi * t)) + 0.1  # noqa: E731
-    _, _, (given, u) = run_rotor(load, 4, K_p=4000.0, K_v=40.0, L=share, harmonics=harmonics)
+    _, _, (torque, u) = run_rotor(load, 4, K_p=4000.0, K_v=40.0, L=share, harmonics=harmonics)
     assert not u[0].any()
     for k in range(3):
-        spectrum = np.fft.rfft(u[k] + share * (given[k] - u[k]))
+        spectrum = np.fft.rfft(u[k] + share * (torque[k] - u[k]))
         spectrum[harmonics + 1 :] = 0.0
         # sums of 1000 samples of up to 1 N.m
         np.testing.assert_allclose(u[k + 1], np.fft.irfft(spectrum, N), rtol=0, atol=N * EPS)
@@ -71,7 +71,7 @@ def test_it_converges_where_the_linear_loop_says_and_not_elsewhere(share):
     """A loop that is hardly damped, with a load near its 100 rad/s: a smaller share converges where 1 does not."""
     K_p, K_v, h = 1000.0, 6.0, 15
     w = 2.0 * np.pi * h / T
-    robot, _, (given, u) = run_rotor(lambda t: 0.1 * np.cos(w * t), 5, K_p=K_p, K_v=K_v, L=share, harmonics=h)
+    robot, _, (torque, u) = run_rotor(lambda t: 0.1 * np.cos(w * t), 5, K_p=K_p, K_v=K_v, L=share, harmonics=h)
     factor = abs(1.0 - share * complementary(robot, K_p, K_v, w))
     assert factor > 1.4 if share == 1.0 else factor < 0.9
     lacks = np.abs(0.1 - 2.0 * np.mean(u * np.exp(-1j * w * PERIOD * np.arange(N)), axis=1))

@@ -105,9 +105,9 @@ def test_errors_fade_by_the_poles_of_the_filter_and_have_the_variance_of_the_ric
     P = solve_discrete_are(A.T, C.T, G @ G.T, np.array([[SIGMAS["sigma_kappa"] ** 2]]))
     # Of m samples that are alike by l^k, l the slowest pole, a variance is known to sqrt(2 / m (1 + l^2) / (1 - l^2))
     slowest = np.abs(np.linalg.eigvals(A - np.outer(unit.L[0], C))).max()
-    known = np.sqrt(2.0 / len(errors) * (1.0 + slowest**2) / (1.0 - slowest**2))
-    assert known < 0.15
-    np.testing.assert_allclose(np.var(errors, axis=0), np.diag(P), rtol=3.0 * known)
+    deviation = np.sqrt(2.0 / len(errors) * (1.0 + slowest**2) / (1.0 - slowest**2))
+    assert deviation < 0.15
+    np.testing.assert_allclose(np.var(errors, axis=0), np.diag(P), rtol=3.0 * deviation)
 
 
 SYSTEM = """name = "filtered"

@@ -144,7 +144,7 @@ def test_poles_of_one_joint_are_those_of_the_closed_form(law):
     M, J = vdfmu.mass_matrix(robot, np.zeros(1))[0, 0], (robot.ell * robot.I_m)[0]
     share, k_p, k_v = 0.3, 90.0, 15.0
     # gains of ell tau on q, q_dot, kappa, kappa_dot, and what is left of the rotor's inertia
-    gains, left, given = {
+    gains, left, parameters = {
         "pd_gravity": ((0.0, 0.0, K_P, K_V), 1.0, {"K_p": K_P, "K_v": K_V}),
         "joint_torque": ((0.0, 0.0, K_P, K_V), share, {"K_p": K_P, "K_v": K_V, "share": share}),
         "state_feedback": (
@@ -158,7 +158,7 @@ def test_poles_of_one_joint_are_those_of_the_closed_form(law):
     a, b, c, d = gains
     links, rotors = np.array([M, 0.0, K]), np.array([left * J, d, c + K])
     expected = np.polysub(np.polymul(links, rotors), np.polymul([K], [-b, K - a]))
-    feedback = find_unit(law)(robot, **given).linearize()
+    feedback = find_unit(law)(robot, **parameters).linearize()
     arm = vdfmu.linearize(robot, at=[0.0])
     D = {name.partition("[")[0]: feedback.D[-1, i] for i, name in enumerate(feedback.inputs)}
     D |= {"kappa": D.get("kappa", 0.0)}

@@ -35,20 +35,20 @@ def test_the_momentum_observer_of_one_joint_is_a_lag_of_first_order(one_joint):
     tau_s, tau_ext, K_o = 7.0, 3.0, 100.0
     a = (tau_s - tau_ext) / vdfmu.mass_matrix(one_joint, [0.0])[0, 0]
     observer = find_unit("momentum_observer")(one_joint, K_o=K_o)
-    found = sampled(
+    rows = sampled(
         observer, 101, q=lambda t: [0.5 * a * t * t], q_dot=lambda t: [a * t], kappa_dot=lambda t: [a * t],
         tau_s=lambda t: [tau_s],
     )  # fmt: skip
     t = 1e-3 * np.arange(101)
     # a momentum of 0.4 kg m2/s, rounded, over 1e-3 s, and the sum of 100 samples that forgets
-    np.testing.assert_allclose(found["r"][:, 0], tau_ext * (1.0 - np.exp(-K_o * t)), rtol=0, atol=1e4 * EPS)
+    np.testing.assert_allclose(rows["r"][:, 0], tau_ext * (1.0 - np.exp(-K_o * t)), rtol=0, atol=1e4 * EPS)
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("name", ["manipulator_6dof", "slider_3dof", "general", "counterbalance"])
 def test_the_momentum_observer_sees_nothing_in_free_motion_and_the_wrench_else(name, general, with_options):
-    others = {"general": general, "counterbalance": with_options("counterbalance")}
-    robot = others.get(name) or vdfmu.load_robot(name)
+    robots = {"general": general, "counterbalance": with_options("counterbalance")}
+    robot = robots.get(name) or vdfmu.load_robot(name)
     n, F_e, w = robot.n, np.array([5.0, -3.0, 4.0, 0.3, -0.2, 0.1]), 2.0
 
     phase, middle = 0.7 * np.arange(n), 0.4 + 0.1 * np.arange(n)
@@ -68,12 +68,12 @@ def test_the_momentum_observer_sees_nothing_in_free_motion_and_the_wrench_else(n
     for period in (2e-3, 1e-3):
         for wrench in (np.zeros(6), F_e):
             observer = find_unit("momentum_observer")(robot, K_o=200.0, period=period)
-            found = sampled(
+            rows = sampled(
                 observer, round(0.1 / period), q=q, q_dot=q_dot, kappa_dot=kappa_dot,
                 tau_s=lambda t, wrench=wrench: tau_s(t, wrench),
             )  # fmt: skip
             t = period * (round(0.1 / period) - 1)
-            errors.append(np.abs(found["r"][-1] - (vdfmu.jacobian(robot, q(t)).T @ wrench)).max())
+            errors.append(np.abs(rows["r"][-1] - (vdfmu.jacobian(robot, q(t)).T @ wrench)).max())
     free, pressed = errors[::2], errors[1::2]
     scale = np.abs(tau_s(0.1, F_e)).max()
     # Trapezoids, h^2 / 12 of the second derivative of torques that change with some 5 rad/s: 1e-5 of them at 2 ms,
@@ -116,15 +116,15 @@ def test_the_wall_is_felt_within_two_percent_50_ms_after_the_touch(tmp_path, pla
     results = vdfmu.run(tmp_path / "scenario.toml", settings={"observer.K_o": 500.0}, out=False)
     J = vdfmu.jacobian(planar, results["plant.q"])
     true = np.einsum("kij,ki->kj", J, results["wall.F_e"])
-    found = results["observer.r"]
+    residual = results["observer.r"]
     touch = int(np.argmax(results["wall.N"] > 0.0))
     assert 1000 < touch < 2000
     # in free motion the solver's tolerance: 1e-7 of velocities and torques of order 1 to 10, over a period of 1e-3 s
-    assert np.abs(found[:touch]).max() < 1e-3
+    assert np.abs(residual[:touch]).max() < 1e-3
     late = slice(touch + 50, None)
     # The lag of 1 / 500 s and the sample: 3 ms of a force that still grows by some 0.3 % in 1 ms
-    assert np.abs(found[late] - true[late]).max() < 0.02 * np.abs(true[late]).max()
-    assert np.linalg.norm(found[-1] - true[-1]) < 2e-3 * np.linalg.norm(true[-1])  # at rest all but the creep
+    assert np.abs(residual[late] - true[late]).max() < 0.02 * np.abs(true[late]).max()
+    assert np.linalg.norm(residual[-1] - true[-1]) < 2e-3 * np.linalg.norm(true[-1])  # at rest all but the creep
 
 
 PRESSED = """name = "pressed"
@@ -160,17 +160,17 @@ def test_the_force_of_the_wall_on_an_arm_of_six_joints_is_known_within_two_perce
         )  # fmt: skip
     )
     results = vdfmu.run(tmp_path / "pressed.toml", settings={"observer.K_o": 1000.0}, reference=False, out=False)
-    true, found = results["wall.F_e"], results["observer.F_e_hat"]
+    true, estimated = results["wall.F_e"], results["observer.F_e_hat"]
     touch = int(np.argmax(results["wall.N"] > 0.0))
     assert 2000 < touch < 4000
     late, largest = slice(touch + 50, None), np.linalg.norm(true, axis=1).max()
     assert largest > 20.0
     # the lag of 1 ms, and at most a sample more, of a force that still swings by up to 0.2 N in 1 ms: 2 % are 0.4 N
     assert np.linalg.norm(np.diff(true[late, :3], axis=0), axis=1).max() < 0.2
-    assert np.linalg.norm((found - true)[late, :3], axis=1).max() < 0.02 * largest
+    assert np.linalg.norm((estimated - true)[late, :3], axis=1).max() < 0.02 * largest
     # its moment about the tool is 0: a lever of 1 mm, beside an arm of 1 m
-    assert np.linalg.norm(found[late, 3:], axis=1).max() < 1e-3 * largest
-    assert np.linalg.norm(found[-1] - true[-1]) < 1e-4 * largest
+    assert np.linalg.norm(estimated[late, 3:], axis=1).max() < 1e-3 * largest
+    assert np.linalg.norm(estimated[-1] - true[-1]) < 1e-4 * largest
 
 
 def test_the_notch_filter_has_the_gain_of_its_closed_form_below_half_of_the_sampling_frequency(one_joint, tmp_path):
@@ -238,8 +238,8 @@ def test_a_notch_at_the_first_mode_raises_the_margin_of_torque_feedback(tmp_path
 
     def margin(share, zeta_n, f=55.0, **options):
         settings = {"controller.share": share, "notch.zeta_n": zeta_n, "notch.f": f}
-        found = margins_along(tmp_path / "scenario.toml", settings=settings, **options)
-        return min(m.modulus.min() for m in found.margins)
+        study = margins_along(tmp_path / "scenario.toml", settings=settings, **options)
+        return min(m.modulus.min() for m in study.margins)
 
     without = margin(0.5, 0.7)
     assert without > 0.5

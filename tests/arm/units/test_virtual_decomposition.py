@@ -95,7 +95,7 @@ def test_the_natural_law_keeps_bodies_bodies(general):
         small, P = 1e-6, pseudo_inertia(phi)
         change = (pseudo_inertia(natural(phi, s, small)) - P) / small
         S = np.linalg.solve(P, np.linalg.solve(P, change).T)
-        np.testing.assert_allclose([np.sum(one * S) for one in basis], s, rtol=0, atol=1e-3 * np.abs(s).max())
+        np.testing.assert_allclose([np.sum(matrix * S) for matrix in basis], s, rtol=0, atol=1e-3 * np.abs(s).max())
 
 
 def test_projection_ends_at_the_limits(arm):
@@ -183,11 +183,11 @@ def test_nothing_adapts_while_a_motor_is_at_its_limit(planar, adaptation):
 @pytest.mark.parametrize("adaptation", NAMES)
 def test_the_lyapunov_function_falls_from_sample_to_sample(planar, adaptation):
     """The true arm has 20 % more mass than the law starts with, and starts off its motion."""
-    known, true = stiff(planar, 1.2)
+    nominal, true = stiff(planar, 1.2)
     rises = []
     for period in (1e-3, 5e-4):
         law = find_unit("virtual_decomposition")(
-            known, adaptation=adaptation, period=period, gamma=1.0, gamma_j=0.1, k_vkappa=0.1
+            nominal, adaptation=adaptation, period=period, gamma=1.0, gamma_j=0.1, k_vkappa=0.1
         )
         rows = follow(law, true, waves, 2.0, (waves(0.0)[0] + 0.1, waves(0.0)[1]))
         V = np.array([lyapunov(law, true, *row, k * period) for k, row in enumerate(zip(*rows, strict=True))])
@@ -206,8 +206,8 @@ def test_what_the_motion_shows_of_the_parameters_is_found(planar, adaptation, le
 
     The gradient law forgets such directions slowly: `left` is what was seen, with a half more.
     """
-    known, true = stiff(planar, 1.2)
-    law = find_unit("virtual_decomposition")(known, adaptation=adaptation, gamma=10.0, gamma_j=1.0, k_vkappa=0.1)
+    nominal, true = stiff(planar, 1.2)
+    law = find_unit("virtual_decomposition")(nominal, adaptation=adaptation, gamma=10.0, gamma_j=1.0, k_vkappa=0.1)
     q, _, phi, theta = follow(law, true, waves, 4.0, waves(0.0)[:2])
     random, errors = np.random.default_rng(6), []
     for _ in range(50):

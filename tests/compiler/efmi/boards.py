@@ -105,8 +105,8 @@ def _kept(elf: Path) -> int:
     (at,) = struct.unpack_from("<I", content, 0x20)
     size, count = struct.unpack_from("<2H", content, 0x2E)
     sections = (struct.unpack_from("<10I", content, at + k * size) for k in range(count))
-    loaded, exception, nothing = 2, 0x70000001, 8  # SHF_ALLOC, SHT_ARM_EXIDX, SHT_NOBITS
-    return sum(s[5] for s in sections if s[2] & loaded and s[1] not in (nothing, exception))
+    loaded, exception, nobits = 2, 0x70000001, 8  # SHF_ALLOC, SHT_ARM_EXIDX, SHT_NOBITS
+    return sum(s[5] for s in sections if s[2] & loaded and s[1] not in (nobits, exception))
 
 
 COLUMNS = (
@@ -129,7 +129,7 @@ def row(path: Path, precision: str, board: Board, inputs: Rows, expected: Rows) 
 
 def table() -> str:
     head = [f"| {' | '.join(COLUMNS)} |", f"|{' --- |' * len(COLUMNS)}"]
-    rows, others = [*head], ["", *head]
+    rows, motion_rows = [*head], ["", *head]
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         whole = ScenarioRun("tracking", folder)
@@ -144,8 +144,8 @@ def table() -> str:
                 path = build(name, "manipulator_6dof", precision, folder / f"{name}_{precision}")
                 inputs = experiment(Efmu(path), 1000)
                 if inputs and name not in ("controller", "feedforward"):
-                    others.append(row(path, precision, board, inputs, of_fmu(path, inputs, 1000)))
-    return "\n".join(rows + others)
+                    motion_rows.append(row(path, precision, board, inputs, of_fmu(path, inputs, 1000)))
+    return "\n".join(rows + motion_rows)
 
 
 if __name__ == "__main__":

@@ -77,6 +77,9 @@ class Production:
         self.efmu = efmu
         library = folder / f"{efmu.name}.so"
         flags = ("-std=c99", "-pedantic", "-Wconversion", "-Werror", "-fvisibility=default")
+        if b"typedef double" in efmu.code[f"{efmu.name}.h"]:  # with the functions of the FMU it has its bits
+            functions = Path(__file__).parents[3] / "fmu_src/functions"
+            flags = (*flags, "-isystem", str(functions), "-include", "elementary.h")
         if gcc:
             for name, text in efmu.code.items():
                 (folder / name).write_bytes(text)
@@ -127,11 +130,11 @@ class Production:
         assert self.call("Startup") == 0
         assert self.call("Recalibrate") == 0
         outputs = self.efmu.names("output")
-        found: dict[str, list[np.ndarray]] = {name: [] for name in outputs}
+        series: dict[str, list[np.ndarray]] = {name: [] for name in outputs}
         for k in range(steps):
             for name, values in inputs.items():
                 self.set(name, values[k])
             assert self.call("DoStep") == 0, k
             for name in outputs:
-                found[name].append(self.get(name))
-        return {name: np.array(values) for name, values in found.items()}
+                series[name].append(self.get(name))
+        return {name: np.array(values) for name, values in series.items()}

@@ -66,15 +66,15 @@ class Program:
         """Return the outputs of each step, for the inputs of each."""
         self.call("Startup")
         outputs = self.efmu.names("output")
-        found: dict[str, list[Any]] = {name: [] for name in outputs}
+        series: dict[str, list[Any]] = {name: [] for name in outputs}
         for k in range(steps):
             for name, values in inputs.items():
                 numbers = np.ravel(values[k]).tolist()
                 self.variables[name] = Vector(numbers) if self.efmu.is_array(name) else numbers[0]
             assert not self.call("DoStep")
             for name in outputs:
-                found[name].append(np.array(self.variables[name], dtype=float, ndmin=1))
-        return {name: np.array(values) for name, values in found.items()}
+                series[name].append(np.array(self.variables[name], dtype=float, ndmin=1))
+        return {name: np.array(values) for name, values in series.items()}
 
 
 def python_of(text: str) -> str:

@@ -31,10 +31,10 @@ def experiment(efmu: Efmu, steps: int) -> Rows:
 
 
 def grouped(columns: Mapping[str, np.ndarray], names: list[str]) -> Rows:
-    found: dict[str, list[np.ndarray]] = {}
+    elements: dict[str, list[np.ndarray]] = {}
     for name, values in columns.items():
-        found.setdefault(name.split("[")[0], []).append(values)
-    return {name: np.stack(found[name], axis=1) for name in names if name in found}
+        elements.setdefault(name.split("[")[0], []).append(values)
+    return {name: np.stack(elements[name], axis=1) for name in names if name in elements}
 
 
 def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
@@ -53,7 +53,7 @@ def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
         outputs = list(
             dict.fromkeys(v.name.split("[")[0] for v in description.modelVariables if v.causality == "output")
         )
-        found: dict[str, list[list[float]]] = {name: [] for name in outputs}
+        series: dict[str, list[list[float]]] = {name: [] for name in outputs}
         has_inputs = any(v.causality == "input" for v in description.modelVariables)
         unit.instantiate()
         unit.setupExperiment(startTime=0.0)
@@ -66,11 +66,11 @@ def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
             if has_inputs:
                 unit.doStep(k * STEP, STEP)
             for name in outputs:
-                found[name].append(unit.getReal(places[name]))
+                series[name].append(unit.getReal(places[name]))
             if not has_inputs:
                 unit.doStep(k * STEP, (k + 1) * STEP - k * STEP)  # exact, and so is its end (k + 1) STEP: Sterbenz
         unit.freeInstance()
-    return {argument_name(name): np.array(values) for name, values in found.items()}
+    return {argument_name(name): np.array(values) for name, values in series.items()}
 
 
 class ScenarioRun:

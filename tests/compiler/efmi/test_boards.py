@@ -26,9 +26,9 @@ def tracking(tmp_path_factory, kernel_cache):
 def test_production_code_gives_the_bits_of_the_run(tracking, unit, tmp_path):
     efmu = Efmu(tracking.efmus(tmp_path / "efmus", "double")[unit])
     inputs, expected = tracking.inputs(unit, efmu), tracking.outputs(unit, efmu)
-    found = Production(efmu, tmp_path).run(inputs, 10_000)
+    series = Production(efmu, tmp_path).run(inputs, 10_000)
     for name, values in expected.items():
-        np.testing.assert_array_equal(found[name], values, err_msg=name)
+        np.testing.assert_array_equal(series[name], values, err_msg=name)
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda board: board.name)

@@ -19,10 +19,10 @@ QUICK = ["controller", "disturbance_observer", "trajectory"]
 USERS = [f"examples/units/{name}.py" for name in ("spline", "encoder", "wall", "friction_torque")]
 
 
-def assert_same(found: Rows, expected: Rows) -> None:
-    assert found.keys() == expected.keys()
+def assert_same(actual: Rows, expected: Rows) -> None:
+    assert actual.keys() == expected.keys()
     for name, values in expected.items():
-        np.testing.assert_array_equal(found[name], values, err_msg=name)
+        np.testing.assert_array_equal(actual[name], values, err_msg=name)
 
 
 @pytest.mark.parametrize("unit", [*QUICK, *(pytest.param(unit, marks=pytest.mark.heavy) for unit in USERS)])
@@ -48,13 +48,13 @@ def test_production_code_of_the_papers_arm(efmu, unit, tmp_path):
 def test_production_code_in_single_precision(efmu, unit, tmp_path):
     path = efmu(unit, "manipulator_6dof", "float32")
     inputs = experiment(Efmu(path), STEPS)
-    found = Production(Efmu(path), tmp_path, program("gcc", "gcc")).run(inputs, STEPS)
+    series = Production(Efmu(path), tmp_path, program("gcc", "gcc")).run(inputs, STEPS)
     for name, values in of_fmu(path, inputs, STEPS).items():
         # A number is rounded by 2^-24 = 6e-8. Differences of 1e-4 between desired and measured positions of 0.1, which
         # the experiments have, and a notch of 1 / 14 of what goes in, lose three digits of it. Least squares damped by
         # 0.01 have a condition of 1e4 at a singular pose, and some tens of operations: 1e4 * 6e-8 * 10.
         tolerance = (1e-2 if name == "F_e_hat" else 1e-4) * np.abs(values).max()
-        np.testing.assert_allclose(found[name], values, rtol=0.0, atol=tolerance, err_msg=name)
+        np.testing.assert_allclose(series[name], values, rtol=0.0, atol=tolerance, err_msg=name)
 
 
 @pytest.mark.parametrize("unit", QUICK)
@@ -86,20 +86,20 @@ def test_an_operation_in_galec_has_the_value_of_the_trace(operation):
 
 def _compare_algorithm(path: Path, steps: int) -> None:
     inputs = experiment(Efmu(path), steps)
-    found = Program(Efmu(path)).run(inputs, steps)
+    series = Program(Efmu(path)).run(inputs, steps)
     for name, values in of_fmu(path, inputs, steps).items():
         # GALEC has no expm1, log1p and the like: what stands for them loses the digits by which 1 is larger, some 1e-16
         # of the largest value a step
         tolerance = steps * 1e-15 * max(1.0, np.abs(values).max())
-        np.testing.assert_allclose(found[name], values, rtol=0.0, atol=tolerance, err_msg=name)
+        np.testing.assert_allclose(series[name], values, rtol=0.0, atol=tolerance, err_msg=name)
 
 
 def test_first_step_is_of_time_0(efmu, tmp_path):
     whole = Efmu(efmu("trajectory"))
     start = np.array(whole.variable("q_start").attrib["start"].split(), dtype=float)
-    found = Production(whole, tmp_path).run({}, 2)["q_d"]
-    np.testing.assert_array_equal(found[0], np.broadcast_to(start, 2))  # the motion is at rest at its start
-    assert (found[1] != found[0]).all()
+    q_d = Production(whole, tmp_path).run({}, 2)["q_d"]
+    np.testing.assert_array_equal(q_d[0], np.broadcast_to(start, 2))  # the motion is at rest at its start
+    assert (q_d[1] != q_d[0]).all()
 
 
 class Both:
@@ -123,10 +123,10 @@ class Both:
 
     def kept(self) -> Rows:
         """Return outputs and states."""
-        found = {name: self._production.get(name) for name in self._names}
-        for name, values in found.items():
+        outputs = {name: self._production.get(name) for name in self._names}
+        for name, values in outputs.items():
             np.testing.assert_array_equal(np.ravel(self._algorithm.variables[name]), values, err_msg=name)
-        return found
+        return outputs
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

@@ -39,8 +39,8 @@ def findings(efmu: Path, folder: Path) -> list[str]:
     command = [sys.executable, str(CHECKER), str(efmu)]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=900, check=False)
     assert "The DoStep function" in done.stdout, done.stdout + done.stderr  # it came to the end of the program
-    found = [line for line in done.stdout.splitlines() if "\033[91m" in line]
-    return found or [f"exit code {done.returncode}"] * (done.returncode != 0)
+    errors = [line for line in done.stdout.splitlines() if "\033[91m" in line]
+    return errors or [f"exit code {done.returncode}"] * (done.returncode != 0)
 
 
 @pytest.mark.parametrize("unit", ["controller", "notch_filter"])

@@ -26,8 +26,8 @@ def test_every_finding_is_explained(short_efmu, unit, precision, tmp_path):
     command = [cppcheck, "--std=c99", "--enable=all", "--addon=misra", "--suppress=missingIncludeSystem", "--quiet",
                "--template={id} {file}:{line} {message}", "--output-file=found.txt", f"{whole.name}.c"]  # fmt: skip
     run(command, cwd=tmp_path, seconds=600)
-    found = (tmp_path / "found.txt").read_text().splitlines()
-    assert unit != "controller" or any(line.startswith("misra-c2012-8.9") for line in found)  # the addon ran
-    assert not [line for line in found if line.split()[0] not in EXPLAINED]
+    findings = (tmp_path / "found.txt").read_text().splitlines()
+    assert unit != "controller" or any(line.startswith("misra-c2012-8.9") for line in findings)  # the addon ran
+    assert not [line for line in findings if line.split()[0] not in EXPLAINED]
     page = (Path(__file__).parents[3] / "docs" / "efmi.md").read_text(encoding="utf-8")
     assert all(f"`{kind}`" in page for kind in EXPLAINED)

@@ -48,8 +48,8 @@ def folder(tmp_path):
 def test_a_unit_has_the_author_and_the_licence_of_its_project_or_none(folder, backend, version):
     assert built(folder, backend, version)[0] == {}
     (folder.parent / "pyproject.toml").write_text(PROJECT)
-    found, texts = built(folder, backend, version)  # of the same unit: another FMU
-    assert found == OF_PROJECT
+    about, texts = built(folder, backend, version)  # of the same unit: another FMU
+    assert about == OF_PROJECT
     if backend == "native":
         licence, page = texts
         assert licence.startswith("The unit Gain (sources/unit.c and sources/kernel_*.c): Ada, bob@example.org, BSD-3")
@@ -59,10 +59,10 @@ def test_a_unit_has_the_author_and_the_licence_of_its_project_or_none(folder, ba
 
 def test_what_the_class_says_counts(folder):
     (folder.parent / "pyproject.toml").write_text(PROJECT)
-    own = 'author, copyright = "Eve", "(c) 2026 Eve"; license = "proprietary"'
-    (folder / "gain.py").write_text(UNIT.replace("# here", own))
-    found, (licence, _) = built(folder)
-    assert found == {**OF_PROJECT, "author": "Eve", "copyright": "(c) 2026 Eve", "license": "proprietary"}
+    attributes = 'author, copyright = "Eve", "(c) 2026 Eve"; license = "proprietary"'
+    (folder / "gain.py").write_text(UNIT.replace("# here", attributes))
+    about, (licence, _) = built(folder)
+    assert about == {**OF_PROJECT, "author": "Eve", "copyright": "(c) 2026 Eve", "license": "proprietary"}
     assert "(c) 2026 Eve, proprietary." in licence
     (folder / "gain.py").write_text(UNIT.replace("# here", "author = 3"))
     with pytest.raises(UnitError, match=r"gain\.py, line 6: Gain: author: expected a text, got 3"):

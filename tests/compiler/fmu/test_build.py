@@ -64,12 +64,12 @@ def test_a_change_gives_another_guid_and_a_new_file(planar, tmp_path, change):
 
 
 def test_guids_tell_apart_what_differs_and_nothing_else(planar):
-    def guid(*form: str, unit: str = "plant", values: Mapping[str, float] | None = None, **others: str) -> str:
-        return Content(shipped_units()[unit], planar, values or {}, *form, **others).guid
+    def guid(*form: str, unit: str = "plant", values: Mapping[str, float] | None = None, **content: str) -> str:
+        return Content(shipped_units()[unit], planar, values or {}, *form, **content).guid
 
     forms: list[tuple[str, ...]] = [(), ("native",), ("native", "3.0")]
-    others = [{"digest": "another"}, {"version": "9.9.9"}, {"tool": "pythonfmu 9.9.9"}, {"unit": "controller"}]
-    guids = [guid(*form, **other) for form in forms for other in ({}, *others)]
+    changes = [{"digest": "another"}, {"version": "9.9.9"}, {"tool": "pythonfmu 9.9.9"}, {"unit": "controller"}]
+    guids = [guid(*form, **other) for form in forms for other in ({}, *changes)]
     guids += [guid(*form, values={"q_0[1]": 0.1}) for form in forms]
     assert len(set(guids)) == len(guids) == 18
     assert guid("native") == guid("native")
@@ -142,8 +142,8 @@ def test_the_page_inside_describes_every_variable(planar, fmus, unit_name):
         assert {v.unit or "" for v in members} == {unit}
         shown, starts = start.split(", "), [v.start for v in members]
         if kind != "input" and members[0].type == "Real" and start:
-            found = np.array(shown * (len(starts) if len(shown) == 1 else 1), dtype=float)
-            np.testing.assert_allclose(found, starts, rtol=1e-8, atol=0)
+            numbers = np.array(shown * (len(starts) if len(shown) == 1 else 1), dtype=float)
+            np.testing.assert_allclose(numbers, starts, rtol=1e-8, atol=0)
         alike = {general_description(v.description) if last else v.description for v in members}
         assert alike == {text}
         described += members

@@ -33,13 +33,13 @@ def without_zig(monkeypatch):
 def test_a_compiler_of_the_machine_builds_without_ziglang(without_zig, monkeypatch, tmp_path):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     here = platforms.this_platform()
-    own = platforms.compiler(here)
-    assert platforms.native_available() and not own.is_zig
+    machine_compiler = platforms.compiler(here)
+    assert platforms.native_available() and not machine_compiler.is_zig
     assert re.search(r"\d+\.\d+", platforms.compiler_version())
     robot = load_robot("planar_2dof")
     build_fmus(robot, tmp_path, units=["controller"], backend="native")
     made = tmp_path / "PDController.fmu"
-    assert own.name in fmpy.read_model_description(made).generationTool
+    assert machine_compiler.name in fmpy.read_model_description(made).generationTool
     with pytest.raises(FmuError, match=r"for other platforms need .* ziglang.*pip install .vdfmu\[native\]"):
         build_fmus(robot, tmp_path / "all", units=["controller"], backend="native", platforms="all")
 

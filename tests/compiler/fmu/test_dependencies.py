@@ -78,27 +78,27 @@ def declared(table: Interface, dependencies: Callable[[int], list[int]]) -> Pair
     }
 
 
-def cancels(robot: str, unit: str, output: str, known: str) -> bool:
+def cancels(robot: str, unit: str, output: str, source: str) -> bool:
     """Whether a dependency cancels exactly: the equations have it, the physics of this geometry has not."""
-    group = known.split("[")[0]
-    if output.startswith("kappa_dot_d[") and known == "mode":
+    group = source.split("[")[0]
+    if output.startswith("kappa_dot_d[") and source == "mode":
         return True  # both modes take it from the desired motion
     if robot == "slider_3dof" and unit == "feedforward":
         # Axis 3 is horizontal: the inertia about it, and what its rotor does as its spring winds up, have no torque
         # about axis 1, which is vertical.
         of_axis_3 = ("inertia[3,3,3]", "F_e_d[6]", "I_m[3]", "ell[3]", "K_f0[3]", "K_w0[3]", "c_f[3]", "c_w[3]")
-        return output[-3:] == "[1]" and known in of_axis_3
+        return output[-3:] == "[1]" and source in of_axis_3
     if robot == "slider_3dof":
         # Axis 1 is vertical: heights do not depend on q_1, nor on the arm's length.
-        return (output, known) in {("E_pot", "q_0[1]"), ("E_pot", "offset[2,1]")}
+        return (output, source) in {("E_pot", "q_0[1]"), ("E_pot", "offset[2,1]")}
     if robot == "manipulator_6dof":
         # Axis 1 is vertical: gravity exerts no torque about it. Axes 2 and 3 stay horizontal: inertias about them
         # do not load it. The centre of mass of link 6 lies on axis 6: its height does not depend on q_6.
         if unit == "feedforward":
-            return output[-3:] == "[1]" and known in ("inertia[2,3,3]", "inertia[3,3,3]", "gravity[3]")
+            return output[-3:] == "[1]" and source in ("inertia[2,3,3]", "inertia[3,3,3]", "gravity[3]")
         if output in ("tau_s[1]", "kappa[1]"):
             return group in ("gravity", "centroid", "mass")
-        return (output, known) == ("E_pot", "q_0[6]")
+        return (output, source) == ("E_pot", "q_0[6]")
     return False
 
 
@@ -110,20 +110,20 @@ def test_initial_dependencies_are_exactly_what_outputs_change_with(open_unit, ta
     for probe in probes(open_unit, table):
         for reference in probe.point:
             before, after = probe.move(reference)
-            known = table.variables[reference].name
+            source = table.variables[reference].name
             # Between rounding, seen up to 9e-16 of the output, and the least effect of 1 %, seen as 3e-12.
             for k, old, new in zip(probe.outputs, before, after, strict=True):
                 if new != old:
-                    changed.add((table.variables[k].name, known))
+                    changed.add((table.variables[k].name, source))
                 if abs(new - old) > 4e-14 * (1.0 + abs(old)):
-                    moved.add((table.variables[k].name, known))
+                    moved.add((table.variables[k].name, source))
     for name, settings in SWITCHES[table.name].items():
         probe = next(probes(open_unit, table))
         before, after = (probe.unit.set(**{name: s}) and probe.values() for s in settings)
         moved |= {(table.variables[probe.outputs[k]].name, name) for k in np.flatnonzero(before != after)}
     expected = declared(table, table.start_dependencies)
     assert changed <= expected
-    hidden = {(output, known) for output, known in expected if cancels(table.robot.name, table.name, output, known)}
+    hidden = {(output, source) for output, source in expected if cancels(table.robot.name, table.name, output, source)}
     assert sorted(expected - hidden - moved) == []
     assert sorted(moved & hidden) == []
 
@@ -199,8 +199,8 @@ def test_the_controller_keeps_its_joints_apart(robots, robot_name):
     for i in range(robots[robot_name].n):
         for group in ("tau", "tau_e"):
             output = table.reference[f"{group}[{i + 1}]"]
-            found = {table.variables[k] for k in table.step_dependencies(output)}
-            assert {v.index for v in found} == {(i,)}
-            assert {v.group for v in found} == {"q_d", "q_d_dot", "kappa_dot_d", "q", "q_dot", "kappa_dot"} | (
+            sources = {table.variables[k] for k in table.step_dependencies(output)}
+            assert {v.index for v in sources} == {(i,)}
+            assert {v.group for v in sources} == {"q_d", "q_d_dot", "kappa_dot_d", "q", "q_dot", "kappa_dot"} | (
                 {"tau_m"} if group == "tau" else set()
             )

@@ -125,8 +125,8 @@ def test_capabilities_are_declared_and_the_default_experiment_has_the_tolerance_
     solver = {"tolerance"} if unit_name == "plant" else set()
     assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize"} | solver
     if solver:
-        own = root.find("ModelVariables/ScalarVariable[@name='tolerance']/Real")
-        assert experiment.get("tolerance") == own.get("start") == "1e-07"
+        variable = root.find("ModelVariables/ScalarVariable[@name='tolerance']/Real")
+        assert experiment.get("tolerance") == variable.get("start") == "1e-07"
     assert float(experiment.get("startTime")) == 0.0
     stop, step = float(experiment.get("stopTime")), float(experiment.get("stepSize"))
     assert stop / step == pytest.approx(round(stop / step), rel=1e-12)
@@ -141,8 +141,8 @@ def test_model_structure_lists_each_output_twice_and_nothing_else(root, robots, 
         assert [int(u.get("index")) - 1 for u in unknowns] == outputs
         for unknown, output in zip(unknowns, outputs, strict=True):
             dependencies = [int(k) - 1 for k in unknown.get("dependencies").split()]
-            known = [i for i in declared(output) if table.memory[i].causality in ("input", "parameter")]
-            assert dependencies == known
+            sources = [i for i in declared(output) if table.memory[i].causality in ("input", "parameter")]
+            assert dependencies == sources
 
 
 def test_names_count_from_one_in_one_group_and_no_limit_is_far_above_any_motor(robots, robot_name, unit_name):

@@ -21,9 +21,9 @@ from vdfmu.arm.robot.parameters import SPRING_KEYS
 ROUNDING = 1e-12
 
 
-def same(found: np.ndarray, expected: Any, scale: float = 1.0) -> None:
+def same(actual: np.ndarray, expected: Any, scale: float = 1.0) -> None:
     expected = np.asarray(expected, dtype=float)
-    np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=ROUNDING * scale)
+    np.testing.assert_allclose(actual, expected, rtol=ROUNDING, atol=ROUNDING * scale)
 
 
 def another(robot: Robot, rng: np.random.Generator) -> Robot:
@@ -34,9 +34,9 @@ def another(robot: Robot, rng: np.random.Generator) -> Robot:
 
 
 def set_robot(unit: Any, robot: Robot) -> None:
-    known = {v.name: v.valueReference for v in unit.description.modelVariables}
-    found = {p.name: value for p, value in zip(robot.entries(), robot.values(), strict=True) if p.name in known}
-    unit.fmu.setReal([known[name] for name in found], [float(value) for value in found.values()])
+    references = {v.name: v.valueReference for v in unit.description.modelVariables}
+    values = {p.name: value for p, value in zip(robot.entries(), robot.values(), strict=True) if p.name in references}
+    unit.fmu.setReal([references[name] for name in values], [float(value) for value in values.values()])
 
 
 @BOTH

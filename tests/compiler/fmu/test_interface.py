@@ -69,28 +69,28 @@ def test_arrays_fill_the_memory_row_by_row(interface):
 
 
 def test_what_is_whole_and_of_one_unit_is_an_array(planar, general, robots):
-    found = shapes("plant", planar)
+    shape_by_name = shapes("plant", planar)
     expected = {
         "tau": (2,), "q": (2,), "p_O": (3,), "R_O": (3, 3), "E_kin": (), "mass": (2,), "equilibrium": (),
         "der(q)": (2,), "der(tau_s)": (2,), "time": (), "F_e[1]": (), "F_e[6]": (),
     }  # fmt: skip
-    assert {name: found.get(name) for name in expected} == expected
+    assert {name: shape_by_name.get(name) for name in expected} == expected
     # ``tool_offset[1]`` alone would look like a whole vector of one element.
-    found = shapes("plant", planar)
-    assert found["tool_offset[1]"] == found["gravity[3]"] == found["offset[2,1]"] == ()
-    assert not {"tool_offset", "gravity", "offset"} & set(found)
-    found = shapes("plant", general)
+    shape_by_name = shapes("plant", planar)
+    assert shape_by_name["tool_offset[1]"] == shape_by_name["gravity[3]"] == shape_by_name["offset[2,1]"] == ()
+    assert not {"tool_offset", "gravity", "offset"} & set(shape_by_name)
+    shape_by_name = shapes("plant", general)
     n = general.n
-    assert (found["gravity"], found["offset"], found["centroid"]) == ((3,), (n, 3), (n, 3))
-    assert "inertia[1,1,2]" in found  # the lower triangle is folded
-    found = shapes("plant", robots["slider_3dof"])
-    assert found["tau"] == found["mass"] == (3,)
-    assert not {"q", "q_0", "der(q)", "ell", "F_e"} & set(found)
-    assert found["q[3]"] == found["der(q_dot[2])"] == found["ell[1]"] == ()
-    one = first_joint(planar)
-    found = shapes("plant", one)
-    assert found["q"] == found["der(q)"] == found["mass"] == (1,)
-    assert shapes("controller", one)["K_p"] == (1,)
+    assert (shape_by_name["gravity"], shape_by_name["offset"], shape_by_name["centroid"]) == ((3,), (n, 3), (n, 3))
+    assert "inertia[1,1,2]" in shape_by_name  # the lower triangle is folded
+    shape_by_name = shapes("plant", robots["slider_3dof"])
+    assert shape_by_name["tau"] == shape_by_name["mass"] == (3,)
+    assert not {"q", "q_0", "der(q)", "ell", "F_e"} & set(shape_by_name)
+    assert shape_by_name["q[3]"] == shape_by_name["der(q_dot[2])"] == shape_by_name["ell[1]"] == ()
+    one_joint = first_joint(planar)
+    shape_by_name = shapes("plant", one_joint)
+    assert shape_by_name["q"] == shape_by_name["der(q)"] == shape_by_name["mass"] == (1,)
+    assert shapes("controller", one_joint)["K_p"] == (1,)
 
 
 def test_the_description_of_an_array_names_no_element(interface):
@@ -126,8 +126,8 @@ def test_states_and_derivatives_depend_on_what_their_equations_hold(robots):
     interface = Interface(shipped_units()["plant"], robots["manipulator_6dof"])
     position = {v.name: i for i, v in enumerate(interface.memory)}
 
-    def groups(found: list[int]) -> set[str]:
-        return {interface.memory[i].group for i in found}
+    def groups(indices: list[int]) -> set[str]:
+        return {interface.memory[i].group for i in indices}
 
     for i in range(1, 7):
         assert interface.step_dependencies(position[f"q[{i}]"]) == [position[f"q[{i}]"]]

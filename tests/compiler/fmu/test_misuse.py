@@ -216,8 +216,8 @@ def test_references_in_any_order_twice_or_none_are_what_they_name_and_their_type
 def test_outputs_have_no_value_before_the_initialization(open_unit, unit_name):
     """Anything returned would be wrong; inputs and parameters have their start values."""
     unit = open_unit(unit_name)
-    known = [v for v in unit.description.modelVariables if v.causality != "output" and v.type == "Real"]
-    assert unit.fmu.getReal([v.valueReference for v in known]) == [float(v.start) for v in known]
+    with_start = [v for v in unit.description.modelVariables if v.causality != "output" and v.type == "Real"]
+    assert unit.fmu.getReal([v.valueReference for v in with_start]) == [float(v.start) for v in with_start]
     output = next(v for v in unit.description.modelVariables if v.causality == "output")
     with unit.refuses(r"unit: getReal failed: \w+\[1\] is an output: it has no value before enterInitializationMode\."):
         unit.fmu.getReal([output.valueReference])

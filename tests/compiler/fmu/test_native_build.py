@@ -82,8 +82,8 @@ def test_a_library_depends_on_its_sources_alone(platform, cold, tmp_path):
         file.unlink()
     while int(time.time()) == int(begin):
         time.sleep(0.05)
-    others = {**SMALL, "other.c": b"double other(double x) { return x; }\n"}
-    jobs = [Compilation("Other", others, platform), Compilation("Small", SMALL, platform)]
+    two_files = {**SMALL, "other.c": b"double other(double x) { return x; }\n"}
+    jobs = [Compilation("Other", two_files, platform), Compilation("Small", SMALL, platform)]
     assert compile.compile_libraries(jobs)[1] == first
     assert str(tmp_path).encode() not in first
     assert b"vdfmu_native_" not in first
@@ -99,10 +99,10 @@ def test_a_library_is_the_one_that_zigs_own_c_library_gives(platform, cold, monk
     places = ", ".join(f"at_{name}" for name in names)
     source = f'{declared}__attribute__((visibility("default"))) const char *const all[] = {{{places}}};\n'
     sources = {"unit.c": source.encode()}
-    found = compile_library(sources, platform, name="All")
+    library = compile_library(sources, platform, name="All")
     monkeypatch.setitem(PLATFORMS, platform, replace(PLATFORMS[platform], libraries={}))
-    assert compile_library(sources, platform, name="All", flags=("-lm",)) == found
-    assert all(name.encode() in found for name in (*names, *libraries))
+    assert compile_library(sources, platform, name="All", flags=("-lm",)) == library
+    assert all(name.encode() in library for name in (*names, *libraries))
 
 
 @pytest.mark.heavy
@@ -230,7 +230,7 @@ def test_what_runs_rarely_is_not_optimised_and_nothing_has_debug_information(col
     compile_library(SMALL, "x86_64-linux", name="Small")
     stored = [file.read_bytes() for file in (cold / "native").iterdir()]
     assert stored
-    assert not [one for one in stored if b".debug_info" in one]
+    assert not [code for code in stored if b".debug_info" in code]
 
 
 @pytest.mark.heavy

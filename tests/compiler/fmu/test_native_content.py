@@ -88,9 +88,9 @@ def test_the_libraries_of_macos_know_their_name_and_one_file_serves_both_process
     magic, count = struct.unpack_from(">II", both)
     assert (magic, count) == (0xCAFEBABE, 2)
     for i, cpu in enumerate((0x01000007, 0x0100000C)):
-        found, _, offset, size, align = struct.unpack_from(">IIIII", both, 8 + 20 * i)
+        cpu_type, _, offset, size, align = struct.unpack_from(">IIIII", both, 8 + 20 * i)
         part = both[offset : offset + size]
-        assert (found, offset % 2**align, align) == (cpu, 0, 14)
+        assert (cpu_type, offset % 2**align, align) == (cpu, 0, 14)
         assert struct.unpack_from("<II", part) == (0xFEEDFACF, cpu)
         assert b"@rpath/Trajectory.dylib" in part
     assert both.endswith(two["binaries/aarch64-darwin/Trajectory.dylib"])

@@ -58,9 +58,9 @@ def root3(interface):
 
 
 def structure(root: Element, tag: str) -> list[Element]:
-    found = root.find("ModelStructure")
-    assert found is not None
-    return found.findall(tag)
+    element = root.find("ModelStructure")
+    assert element is not None
+    return element.findall(tag)
 
 
 def numbers(text: str | None) -> list[int]:
@@ -86,14 +86,14 @@ def test_fmpy_finds_no_problem_and_the_plant_has_model_exchange(interface, versi
 def test_capabilities_of_fmi_2(root2, unit_name):
     flags = {"canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative"}
     flags |= {"canNotUseMemoryManagementFunctions"}
-    own = {
+    kind_flags = {
         "ModelExchange": {"completedIntegratorStepNotNeeded"},
         "CoSimulation": {"canHandleVariableCommunicationStepSize", "canInterpolateInputs"},
     }
     for tag in ("ModelExchange", "CoSimulation") if unit_name == "plant" else ("CoSimulation",):
         element = root2.find(tag)
         assert element is not None
-        assert {k for k, v in element.attrib.items() if v == "true"} == flags | own[tag]
+        assert {k for k, v in element.attrib.items() if v == "true"} == flags | kind_flags[tag]
         assert [file.get("name") for file in element.iterfind("SourceFiles/File")] == list(SOURCES)
 
 
@@ -127,11 +127,11 @@ def test_variables_of_fmi_2_are_those_of_the_python_fmu_and_structure_that_of_th
         ("Derivatives", derivatives, interface.step_dependencies),
         ("InitialUnknowns", outputs + derivatives, interface.start_dependencies),
     ):
-        found = structure(root2, f"{tag}/Unknown")
-        assert [int(u.get("index", "")) - 1 for u in found] == unknowns
-        for element, unknown in zip(found, unknowns, strict=True):
-            known = [i for i in dependencies(unknown) if i != interface.time]
-            assert [i - 1 for i in numbers(element.get("dependencies"))] == known
+        elements = structure(root2, f"{tag}/Unknown")
+        assert [int(u.get("index", "")) - 1 for u in elements] == unknowns
+        for element, unknown in zip(elements, unknowns, strict=True):
+            sources = [i for i in dependencies(unknown) if i != interface.time]
+            assert [i - 1 for i in numbers(element.get("dependencies"))] == sources
 
 
 def test_arrays_of_fmi_3_are_those_of_the_layout(interface, root3):
@@ -177,23 +177,23 @@ def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements_and_derivativ
         expected: dict[int, set[int]] = {}
         for i in sorted(calculated):
             if interface.memory[i].causality in kinds:
-                known = {of_position[k] for k in dependencies(i)}
-                expected[of_position[i]] = expected.get(of_position[i], set()) | known
-        found = structure(root3, tag)
-        assert [numbers(u.get("valueReference")) for u in found] == [[first] for first in expected]
-        assert [numbers(u.get("dependencies")) for u in found] == [sorted(k) for k in expected.values()]
+                sources = {of_position[k] for k in dependencies(i)}
+                expected[of_position[i]] = expected.get(of_position[i], set()) | sources
+        elements = structure(root3, tag)
+        assert [numbers(u.get("valueReference")) for u in elements] == [[first] for first in expected]
+        assert [numbers(u.get("dependencies")) for u in elements] == [sorted(k) for k in expected.values()]
     (time,) = (v for v in read(root3).modelVariables if v.causality == "independent")
     assert (time.name, time.valueReference, time.unit, time.start) == ("time", interface.time, "s", None)
 
 
 def test_start_values_of_arrays_are_the_robots_row_by_row(general):
-    found = {v.name: v for v in read(root_of(Interface(shipped_units()["plant"], general), 3)).modelVariables}
+    variables = {v.name: v for v in read(root_of(Interface(shipped_units()["plant"], general), 3)).modelVariables}
 
     def start(variable: ModelVariable) -> np.ndarray:
         return np.array(variable.start.split(), dtype=float).reshape(variable.shape)
 
     for field in ("gravity", "offset", "centroid", "mass", "f_ck"):
-        assert np.array_equal(start(found[field]), getattr(general, field)), field
+        assert np.array_equal(start(variables[field]), getattr(general, field)), field
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -215,9 +215,9 @@ def test_log_categories_and_experiment(interface, version):
     assert all(f"fmi{5 - version}" not in text for text in categories.values())
     experiment = root.find("DefaultExperiment")
     assert experiment is not None
-    own = [str(v.start) for v in interface if v.name == "tolerance"]
-    assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize", *(["tolerance"] if own else [])}
-    assert [experiment.get("tolerance")] == (own or [None])
+    tolerances = [str(v.start) for v in interface if v.name == "tolerance"]
+    assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize", *(["tolerance"] if tolerances else [])}
+    assert [experiment.get("tolerance")] == (tolerances or [None])
 
 
 def test_fmpy_compiles_what_is_listed(interfaces):

@@ -43,7 +43,7 @@ def own_fmu(robots, tmp_path_factory):
 
 
 @pytest.fixture
-def own(own_fmu, tmp_path_factory):
+def instance(own_fmu, tmp_path_factory):
     opened: list[Any] = []
 
     def instantiate(name: str, form: str, **options: Any) -> Any:
@@ -70,21 +70,21 @@ def test_nothing_is_wrong_with_the_fmu(own_fmu, name, form):
 
 
 @pytest.mark.heavy
-def test_what_cannot_be_traced_becomes_a_python_fmu(own_fmu, own):
+def test_what_cannot_be_traced_becomes_a_python_fmu(own_fmu, instance):
     """Whatever backend is asked for. The same numpy calls on the same numbers give the same bits."""
     path = own_fmu("Equations", "native 2.0")
     assert validate_fmu(str(path)) == []
     assert check_file(path) == []
-    unit = own("Equations", "python 2.0").start(a=0.25)
+    unit = instance("Equations", "python 2.0").start(a=0.25)
     for b in ([0.1, -0.2], [10.0, 3.0]):  # below and above the limit
         y = np.linalg.solve(np.array([[2.0, 0.25], [0.25, 1.0]]), b)
         expected = y / np.abs(y).max() if np.abs(y).max() > 1.0 else y
         assert np.array_equal(unit.step(b=b).get("y"), expected)
 
 
-def test_a_filter_follows_its_closed_form(own, form):
+def test_a_filter_follows_its_closed_form(instance, form):
     """Local errors of 1e-10 decay with the solution: below 100 steps add less than 1e-8."""
-    unit = own("LowPass", form).start(tolerance=1e-10, y_0=0.5, T=0.02)
+    unit = instance("LowPass", form).start(tolerance=1e-10, y_0=0.5, T=0.02)
     for size in (1e-3, 7e-3, 0.05):
         unit.step(size, u=2.0)
         assert np.ravel(unit.get("y")) == pytest.approx(2.0 - 1.5 * np.exp(-unit.time / 0.02), abs=1e-8)
@@ -92,12 +92,12 @@ def test_a_filter_follows_its_closed_form(own, form):
 
 @pytest.mark.parametrize("size", [1e-3, 3e-4, 2.5e-3, 7e-3 / 3.0])
 @pytest.mark.parametrize("start", [0.0, 0.4137])
-def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(own, form, size, start):
+def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(instance, form, size, start):
     """A sample sees the inputs of the step that it lies in, one at the end of a step those of the next."""
     # The rounding, halves to even too, product and quotient are alike in numpy and C: the numbers are the same bits.
     period, increment = 1e-3, 0.01
     inputs = [np.array([np.cos(0.3 * k), 0.005 * k + 0.02]) for k in range(12)]
-    unit = own("Encoder", form).start(start, q=inputs[0])
+    unit = instance("Encoder", form).start(start, q=inputs[0])
     newest = late = increment * np.round(inputs[0] / increment)
     taken = 0  # samples so far
     for k, q in enumerate(inputs):
@@ -110,42 +110,42 @@ def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(own
 
 @pytest.mark.parametrize("way", [0, 1, 2])
 @pytest.mark.parametrize("inverted", [False, True])
-def test_choices_and_switches_decide_what_runs(own, form, way, inverted):
-    unit = own("Mixer", form).start(way=way, inverted=inverted)
+def test_choices_and_switches_decide_what_runs(instance, form, way, inverted):
+    unit = instance("Mixer", form).start(way=way, inverted=inverted)
     for u in ([0.3, 0.7], [2.0, -1.5]):
         expected = (sum(u), u[0] * u[1], max(u))[way]
         assert unit.step(u=u).get("y") == (-expected if inverted else expected)
 
 
-def test_an_input_is_held_to_its_limits_and_a_unit_without_is_a_function_of_time(own, form):
-    unit = own("Mixer", form).start(u=[1e3, -1e3])
+def test_an_input_is_held_to_its_limits_and_a_unit_without_is_a_function_of_time(instance, form):
+    unit = instance("Mixer", form).start(u=[1e3, -1e3])
     with pytest.raises((AssertionError, FMICallException)):
         unit.set(u=[0.0, 2e3])
     assert "u[2]: expected at most 1000, got 2000." in str(unit.messages[-1])
     assert np.ravel(unit.step().get("y")) == [0.0]
     # The C library's sine and numpy's differ by rounding, 2e-16.
-    unit = own("Clock", form).start(0.5)
+    unit = instance("Clock", form).start(0.5)
     for size in (0.1, 0.25, 1.0):
         assert np.ravel(unit.step(size).get("y")) == pytest.approx(np.sin(2.0 * unit.time), abs=4e-16)
 
 
-def test_a_unit_has_the_parameters_of_the_robot_that_it_declares(own, own_fmu, robots, form):
+def test_a_unit_has_the_parameters_of_the_robot_that_it_declares(instance, own_fmu, robots, form):
     """Three roundings, and the cosine's: 1e-15 of the result."""
     robot = robots["slider_3dof"]
     names = {v.name.split("[")[0] for v in fmpy.read_model_description(own_fmu("Weights", form)).modelVariables}
     assert names - {"time"} == {"q", "y", "g", "ell", "mass"}
     q, mass = [0.1, 0.2, 0.3], [1.0, 2.0, 3.0]
-    given, changed = own("Weights", form).start(), own("Weights", form).start(mass=mass)
-    for unit, m in ((given, robot.mass), (changed, mass)):
+    unchanged, changed = instance("Weights", form).start(), instance("Weights", form).start(mass=mass)
+    for unit, m in ((unchanged, robot.mass), (changed, mass)):
         expected = 9.81 * np.array(m) / robot.ell * np.cos(q)
         np.testing.assert_allclose(unit.step(q=q).get("y"), expected, rtol=1e-15)
 
 
 @pytest.mark.heavy
-def test_any_name_will_do_for_a_variable(own, form):
+def test_any_name_will_do_for_a_variable(instance, form):
     """Against scipy on the unit in numpy; both solve to 1e-10 or better, over less than 1000 steps of damped motion."""
     values = {"x_0": 0.3, "h_0": -0.1, "w1": 0.2, "y_new": 0.1, "d_x": -0.5}
-    unit = own("Words", form).start(tolerance=1e-10, **values)
+    unit = instance("Words", form).start(tolerance=1e-10, **values)
     plain = Plain(Interface(find_unit(f"{FILE}:Words"), None, {name: values[name] for name in ("x_0", "h_0")}))
     for name in ("w1", "y_new", "d_x"):
         plain.memory[plain.interface.groups[name]] = values[name]
@@ -162,14 +162,14 @@ def test_any_name_will_do_for_a_variable(own, form):
 
 
 @pytest.mark.parametrize("name", ["Encoder", "Words"])
-def test_a_state_saved_within_a_period_repeats_the_run_to_the_bit(own, form, name):
+def test_a_state_saved_within_a_period_repeats_the_run_to_the_bit(instance, form, name):
     """In the instance, and as bytes in another one, which never started."""
 
     def go_on(unit: Any) -> list[np.ndarray]:
         return [unit.step(size, **{last: 0.01 * k}).outputs() for k, size in enumerate((3e-4, 4e-3, 1e-2))]
 
     last = "q" if name == "Encoder" else "y_new"
-    unit, other = own(name, form), own(name, form)
+    unit, other = instance(name, form), instance(name, form)
     unit.start(0.0123, **{last: 0.5}).step(3.3e-4, **{last: 0.7})
     time = unit.time
     if form == "python 2.0":
@@ -177,25 +177,25 @@ def test_a_state_saved_within_a_period_repeats_the_run_to_the_bit(own, form, nam
         expected = go_on(unit)
         unit.fmu.setFMUstate(state)
         unit.time = time
-        found = go_on(unit)
+        repeated = go_on(unit)
         other.fmu.setFMUstate(other.fmu.deSerializeFMUstate(unit.fmu.serializeFMUstate(state)))
     else:
         state = unit.save()
         expected = go_on(unit)
         unit.restore(state).time = time
-        found = go_on(unit)
+        repeated = go_on(unit)
         other.restore(other.deserialize(unit.serialize(state)))
     other.time = time
     assert not np.array_equal(expected[0], expected[-1])
     for k, rows in enumerate(expected):
-        assert np.array_equal(found[k], rows)
+        assert np.array_equal(repeated[k], rows)
     assert np.array_equal(go_on(other), expected)
 
 
 @pytest.mark.heavy
-def test_a_step_that_fails_at_a_later_sample_changes_nothing(own, form):
+def test_a_step_that_fails_at_a_later_sample_changes_nothing(instance, form):
     """The count is that before the step, and the step of half the length does what it would have done."""
-    unit = own("Burst", form).start().step(4e-4)
+    unit = instance("Burst", form).start().step(4e-4)
     before = unit.outputs()
     if form == "python 2.0":
         with unit.refuses("the internal step reached its minimum|is not finite"):
@@ -211,28 +211,28 @@ def test_a_step_that_fails_at_a_later_sample_changes_nothing(own, form):
 
 
 @pytest.mark.parametrize("form", NATIVE)
-@pytest.mark.parametrize(("name", "values", "unknown", "known"), [
+@pytest.mark.parametrize(("name", "values", "unknown", "source"), [
     ("LowPass", {"u": 0.3, "T": 0.2}, "der(y)", "u"),
     ("Mixer", {"u": [0.3, 0.7], "way": 1}, "y", "u"),
     ("Weights", {"q": [0.4, -0.3, 0.8]}, "y", "q"),
     ("Words", {"w1": 0.3}, "der(h)", "d_x"),
 ])  # fmt: skip
-def test_directional_derivatives_are_the_limits_of_differences(own, form, name, values, unknown, known):
+def test_directional_derivatives_are_the_limits_of_differences(instance, form, name, values, unknown, source):
     """Differences over 2e-4: their error is 1e-8 / 6 of a third derivative, and 1e-12 of rounding."""
-    unit = own(name, form)
+    unit = instance(name, form)
     unit.setup().set(**values).enter()
-    given = unit.model.group(known)
+    sources = unit.model.group(source)
     unknowns = [v for v in unit.model.variables if v.name.split("[")[0] in (unknown, unknown[:-1])]
-    at = unit.read(given)
+    at = unit.read(sources)
     for k in range(len(at)):
         seed = np.eye(len(at))[k]
-        after, before = (unit.write(given, at + s * 1e-4 * seed).read(unknowns) for s in (1.0, -1.0))
-        unit.write(given, at)
+        after, before = (unit.write(sources, at + s * 1e-4 * seed).read(unknowns) for s in (1.0, -1.0))
+        unit.write(sources, at)
         difference = (after - before) / 2e-4
-        np.testing.assert_allclose(unit.directional(unknowns, given, seed), difference, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(unit.directional(unknowns, sources, seed), difference, rtol=1e-6, atol=1e-9)
         assert np.abs(difference).max() > 0.0 or (name, k) == ("Weights", 1)
         if form == "native 3.0":
-            rows = [unit.adjoint(unknowns, given, row)[k] for row in np.eye(len(difference))]
+            rows = [unit.adjoint(unknowns, sources, row)[k] for row in np.eye(len(difference))]
             np.testing.assert_allclose(rows, difference, rtol=1e-6, atol=1e-9)
 
 

@@ -58,14 +58,14 @@ def test_instances_in_threads_compute_what_they_compute_in_turn(open_unit):
     seeds = range(4)
     expected = {seed: stepped(open_unit("plant").start(), seed, 40) for seed in seeds}
     units = {seed: open_unit("plant").start() for seed in seeds}
-    found: dict[int, list[np.ndarray]] = {}
-    threads = [threading.Thread(target=lambda s=seed: found.update({s: stepped(units[s], s, 40)})) for seed in seeds]
+    results: dict[int, list[np.ndarray]] = {}
+    threads = [threading.Thread(target=lambda s=seed: results.update({s: stepped(units[s], s, 40)})) for seed in seeds]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join(60.0)
     for seed in seeds:
-        assert np.array_equal(found[seed], expected[seed])
+        assert np.array_equal(results[seed], expected[seed])
 
 
 @BOTH

@@ -67,7 +67,7 @@ def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(robot
         for name in (v.name, v.group)
     }
     terminals = {unit: members(interface, fmi) for unit, interface in interfaces.items()}
-    found = {
+    connections = {
         (f"{source}.{out.split('[')[0]}", f"{target}.{into.split('[')[0]}")
         for source in shipped_units()
         for target in shipped_units()
@@ -80,7 +80,7 @@ def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(robot
     }
     system = load_system("estimator")  # has all units
     expected = {(start, end) for start, ends in system.connections.items() for end in ends}
-    assert found == expected
+    assert connections == expected
 
 
 def test_all_pictures_are_there_and_small(interface, fmi):

@@ -39,20 +39,20 @@ _TYPES = {"Float64": "Real", "Int32": "Integer", "Real": "Real", "Integer": "Int
 
 
 def read_variables(root: ET.Element) -> list[Variable]:
-    found: list[Variable] = []
+    variables: list[Variable] = []
     for element in root.iterfind("ModelVariables/*"):
         kind = element[0].tag if element.tag == "ScalarVariable" else element.tag
         name = element.attrib["name"]
         shape = [int(d.attrib["start"]) for d in element.findall("Dimension")]
         indices = product(*(range(1, length + 1) for length in shape))
         names = tuple(f"{name}[{','.join(map(str, i))}]" if i else name for i in indices)
-        found.append(
+        variables.append(
             Variable(
                 name, int(element.attrib["valueReference"]), _TYPES[kind], element.attrib["causality"],
                 element.get("variability", "continuous"), names,
             )  # fmt: skip
         )  # fmt: skip
-    return found
+    return variables
 
 
 class Model:
@@ -85,9 +85,9 @@ class Model:
 
     def group(self, name: str) -> list[Variable]:
         """Variables of a name, or of a group that has no array."""
-        found = [v for v in self.variables if name in (v.name, v.group)]
-        assert found, name
-        return found
+        members = [v for v in self.variables if name in (v.name, v.group)]
+        assert members, name
+        return members
 
     @property
     def n_states(self) -> int:

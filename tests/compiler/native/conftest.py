@@ -55,9 +55,9 @@ def version(request):
 
 def program(name: str, package: str, *places: str) -> str:
     for place in (name, *places):
-        found = shutil.which(place)
-        if found:
-            return found
+        path = shutil.which(place)
+        if path:
+            return path
     pytest.skip(f"needs {name}: apt install {package}")
 
 
@@ -85,10 +85,10 @@ def bits(text: str) -> dict[str, list[bytes]]:
     """Rows that driver.c prints, by their first word; each number as 8 bytes."""
     lines = [line.split() for line in text.splitlines()]
     assert lines[-1] == ["done"]
-    found: dict[str, list[bytes]] = {}
+    rows: dict[str, list[bytes]] = {}
     for name, *words in lines[:-1]:
-        found.setdefault(name, []).append(b"".join(int(word, 16).to_bytes(8, "little") for word in words))
-    return found
+        rows.setdefault(name, []).append(b"".join(int(word, 16).to_bytes(8, "little") for word in words))
+    return rows
 
 
 @pytest.fixture(scope="session")

@@ -47,12 +47,12 @@ def signatures(version: str) -> dict[str, tuple[Any, tuple[Any, ...]]]:
     text = (HEADERS / f"fmi{major}FunctionTypes.h").read_text(encoding="utf-8", errors="replace")
     text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
     pattern = rf"typedef\s+([\w\s*]+?)\s*\(?\*?\s*fmi{major}(\w+)TYPE\)?\s*\(([^;]*)\)\s*;"
-    found: dict[str, tuple[Any, tuple[Any, ...]]] = {}
+    prototypes: dict[str, tuple[Any, tuple[Any, ...]]] = {}
     for result, name, arguments in re.findall(pattern, text):
         listed = [] if arguments.strip() in ("", "void") else arguments.split(",")
         types = tuple(_ctype(argument, major) for argument in listed)
-        found[name] = (None if result.strip() == "void" else _ctype(result, major), types)
-    return found
+        prototypes[name] = (None if result.strip() == "void" else _ctype(result, major), types)
+    return prototypes
 
 
 def _ctype(text: str, major: str) -> Any:

@@ -14,7 +14,7 @@ from vdfmu.compiler.c.text import c_prototype, elementary_files
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
 
-def results_of(text, function, given, tmp_path, name="kernel", level="-O1"):
+def results_of(text, function, inputs, tmp_path, name="kernel", level="-O1"):
     """Compile the C text of a function, without a warning, and return its results for given arguments."""
     # It is called twice: the second time has what the first has left in memory.
     source, library = tmp_path / f"{name}.c", tmp_path / f"{name}.so"
@@ -25,7 +25,7 @@ def results_of(text, function, given, tmp_path, name="kernel", level="-O1"):
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", level, "-ffp-contract=off", "-shared", "-fPIC"]
     subprocess.run([*CC, *flags, "-o", library, *sources], check=True)
     made = [np.full(function.numel_out(i), np.nan) for i in range(function.n_out())]
-    arguments = [a.ctypes.data_as(ctypes.c_void_p) for a in (*given, *made)]
+    arguments = [a.ctypes.data_as(ctypes.c_void_p) for a in (*inputs, *made)]
     called = ctypes.CDLL(str(library))[function.name()]
     called(*arguments)
     first = np.concatenate(made)
@@ -38,24 +38,24 @@ def check_bits(function, loops, tmp_path):
     assert loops is not None
     text = c_loops(loops)
     rng = np.random.default_rng(1)
-    given = [rng.uniform(0.5, 1.5, function.numel_in(i)) for i in range(function.n_in())]
-    expected = results_of("\n".join(c_texts(function)), function, given, tmp_path, "line", "-O0")
-    np.testing.assert_array_equal(results_of(text, function, given, tmp_path, "loops"), expected)
+    inputs = [rng.uniform(0.5, 1.5, function.numel_in(i)) for i in range(function.n_in())]
+    expected = results_of("\n".join(c_texts(function)), function, inputs, tmp_path, "line", "-O0")
+    np.testing.assert_array_equal(results_of(text, function, inputs, tmp_path, "loops"), expected)
     return text
 
 
 def derivatives(function, loops, direction, random, tmp_path):
     """Return the results of a derivative at random arguments, of the table and by CasADi."""
     traced = derivative(function, direction)
-    given = [random(traced.numel_in(i)) for i in range(traced.n_in())]
+    inputs = [random(traced.numel_in(i)) for i in range(traced.n_in())]
     text = f'#include "operations.h"\n{c_derivatives(loops)}'
-    found = results_of(text, traced, given, tmp_path, direction)
-    return found, np.concatenate([each.full().ravel() for each in traced.call(given)])
+    actual = results_of(text, traced, inputs, tmp_path, direction)
+    return actual, np.concatenate([each.full().ravel() for each in traced.call(inputs)])
 
 
 def check_derivatives(function, loops, tmp_path):
     """Compare the derivatives of the table with CasADi's, which add the same terms in another order."""
     rng = np.random.default_rng(2)
     for direction in DIRECTIONS:
-        found, expected = derivatives(function, loops, direction, partial(rng.uniform, 0.5, 1.5), tmp_path)
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(found).max())
+        actual, expected = derivatives(function, loops, direction, partial(rng.uniform, 0.5, 1.5), tmp_path)
+        np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-12 * np.abs(actual).max())

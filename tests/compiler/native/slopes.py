@@ -24,14 +24,14 @@ def slopes(evaluate: Evaluate, point: np.ndarray, steps: np.ndarray) -> np.ndarr
     return np.array(columns).T
 
 
-def assert_slopes(found: np.ndarray, expected: np.ndarray, values: np.ndarray, steps: np.ndarray) -> None:
+def assert_slopes(actual: np.ndarray, expected: np.ndarray, values: np.ndarray, steps: np.ndarray) -> None:
     """Hold derivatives against slopes."""
     # Truncation is h^4 times the fifth derivative, some (h/l)^4 = 1e-12 of the slope at h = 1e-3 l; l is the length
     # over which a function bends: 1e-7 of the row's largest slope leaves l room to be small. Rounding is a few hundred
     # times 1e-16 of the value, over h.
     row = np.abs(expected).max(axis=1, keepdims=True)
     rounding = 1e-13 * (1.0 + np.abs(values))[:, None] / steps[None, :]
-    assert np.all(np.abs(found - expected) <= 1e-7 * row + rounding)
+    assert np.all(np.abs(actual - expected) <= 1e-7 * row + rounding)
 
 
 def elements(variables: Sequence[Variable]) -> list[str]:

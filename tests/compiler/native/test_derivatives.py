@@ -62,11 +62,11 @@ def test_during_initialization_they_are_slopes_in_inputs_and_parameters(native, 
     for choices in POINTS[unit_name]:
         unit = native(unit_name, version, robot_name)
         knowns, unknowns, point, evaluate = initial_case(unit, choices)
-        found = directional(unit, unknowns, knowns)
+        matrix = directional(unit, unknowns, knowns)
         h = step_sizes(point, elements(knowns))
         expected = slopes(evaluate, point, h)
-        assert_slopes(found, expected, evaluate(point), h)
-        assert np.any(found != 0.0)
+        assert_slopes(matrix, expected, evaluate(point), h)
+        assert np.any(matrix != 0.0)
 
 
 def exchange_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
@@ -107,14 +107,14 @@ def stepping_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
 def test_in_continuous_time_they_are_slopes_in_inputs_and_states(native, version, robot_name):
     unit = native("plant", version, robot_name, kind="ModelExchange")
     knowns, unknowns, point, evaluate = exchange_case(unit, {})
-    found = directional(unit, unknowns, knowns)
+    matrix = directional(unit, unknowns, knowns)
     h = np.full(len(point), 1e-3)
-    assert_slopes(found, slopes(evaluate, point, h), evaluate(point), h)
+    assert_slopes(matrix, slopes(evaluate, point, h), evaluate(point), h)
     names, rows = elements(knowns), elements(unknowns)
     for i in range(unit.model.n_states // 4):  # a state that is an output depends on itself
-        assert found[rows.index(f"q[{i + 1}]"), names.index(f"q[{i + 1}]")] == 1.0
+        assert matrix[rows.index(f"q[{i + 1}]"), names.index(f"q[{i + 1}]")] == 1.0
         (row,) = (k for k, name in enumerate(rows) if name in (f"der(q[{i + 1}])", f"der(q)[{i + 1}]"))
-        assert found[row, names.index(f"q_dot[{i + 1}]")] == 1.0
+        assert matrix[row, names.index(f"q_dot[{i + 1}]")] == 1.0
 
 
 @pytest.mark.parametrize("unit_name", ["feedforward", "controller"])
@@ -122,9 +122,9 @@ def test_in_step_mode_they_are_slopes_in_inputs(native, version, unit_name, robo
     for choices in POINTS[unit_name]:
         unit = native(unit_name, version, robot_name)
         knowns, unknowns, point, evaluate = stepping_case(unit, choices)
-        found = directional(unit, unknowns, knowns)
+        matrix = directional(unit, unknowns, knowns)
         h = np.full(len(point), 1e-3)
-        assert_slopes(found, slopes(evaluate, point, h), evaluate(point), h)
+        assert_slopes(matrix, slopes(evaluate, point, h), evaluate(point), h)
 
 
 def test_the_plant_in_step_mode_gives_those_of_its_state_and_the_trajectory_those_in_time(native, version):
@@ -138,9 +138,9 @@ def test_the_plant_in_step_mode_gives_those_of_its_state_and_the_trajectory_thos
     # FMI 3 offers time as a known. The five groups are derivatives of one another.
     unit = native("trajectory", "3.0").start(0.7, q_end=[1.0, -2.0], T=3.0).step(0.25)
     (time,) = unit.model.of("independent")
-    found = unit.directional(unit.model.of("output"), [time], [1.0]).reshape(5, 2)
+    rates = unit.directional(unit.model.of("output"), [time], [1.0]).reshape(5, 2)
     values = unit.outputs().reshape(5, 2)
-    np.testing.assert_allclose(found[:4], values[1:], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(rates[:4], values[1:], rtol=1e-12, atol=1e-12)
     plant = native("plant", "3.0").start().step(0.01)
     assert not plant.directional(plant.model.of("output"), plant.model.of("independent"), [1.0]).any()
 
@@ -190,29 +190,29 @@ def test_adjoint_derivatives_are_the_transpose(native, unit_name, robot_name):
 def structure(unit: Instance, tag: str) -> dict[str, set[str]]:
     """Element to elements it is declared to depend on, from the ModelStructure of FMI 2."""
     names = [v.name for v in unit.model.variables]
-    found: dict[str, set[str]] = {}
+    sources: dict[str, set[str]] = {}
     tags = (tag,) if tag == "InitialUnknowns" else ("Outputs", "Derivatives")
     for part in tags:
         for unknown in unit.model.root.findall(f"ModelStructure/{part}/Unknown"):
             listed = unknown.attrib["dependencies"].split()
-            found[names[int(unknown.attrib["index"]) - 1]] = {names[int(i) - 1] for i in listed}
-    return found
+            sources[names[int(unknown.attrib["index"]) - 1]] = {names[int(i) - 1] for i in listed}
+    return sources
 
 
 def per_element(unit: Instance, positions: Sequence[str]) -> dict[str, set[str]]:
-    found: dict[str, set[str]] = {}
+    sources: dict[str, set[str]] = {}
     for v in unit.model.of("output", "local"):
         n = ct.c_size_t()
         unit.do("GetNumberOfVariableDependencies", v.reference, ct.byref(n))
-        own, others = (ct.c_size_t * n.value)(), (ct.c_size_t * n.value)()
+        own_elements, source_elements = (ct.c_size_t * n.value)(), (ct.c_size_t * n.value)()
         refs, kinds = (ct.c_uint32 * n.value)(), (ct.c_int * n.value)()
-        unit.do("GetVariableDependencies", v.reference, own, refs, others, kinds, n.value)
+        unit.do("GetVariableDependencies", v.reference, own_elements, refs, source_elements, kinds, n.value)
         assert set(kinds) <= {5}  # fmi3Dependent
         for i in range(len(v.names)):
-            found[positions[v.reference + i]] = set()
-        for i, ref, j in zip(own, refs, others, strict=True):
-            found[positions[v.reference + i - 1]].add(positions[ref + j - 1])
-    return found
+            sources[positions[v.reference + i]] = set()
+        for i, ref, j in zip(own_elements, refs, source_elements, strict=True):
+            sources[positions[v.reference + i - 1]].add(positions[ref + j - 1])
+    return sources
 
 
 def nonzero(jacobian: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -> set[tuple[str, str]]:
@@ -220,12 +220,12 @@ def nonzero(jacobian: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -
 
 
 def pairs(listed: dict[str, set[str]]) -> set[tuple[str, str]]:
-    return {(unknown, known) for unknown, knowns in listed.items() for known in knowns}
+    return {(unknown, source) for unknown, knowns in listed.items() for source in knowns}
 
 
-def without_choices(unit: Instance, found: set[tuple[str, str]]) -> set[tuple[str, str]]:
+def without_choices(unit: Instance, dependencies: set[tuple[str, str]]) -> set[tuple[str, str]]:
     """Dependencies on reals: a derivative in an integer is none."""
-    return {(a, b) for a, b in found if unit.model.references[b][0].type == "Real"}
+    return {(a, b) for a, b in dependencies if unit.model.references[b][0].type == "Real"}
 
 
 def test_dependencies_of_elements_and_arrays_are_those_of_the_model_structure(native, unit_name, robot_name):
@@ -237,10 +237,10 @@ def test_dependencies_of_elements_and_arrays_are_those_of_the_model_structure(na
             three.setup().enter()
         elif phase == "step":
             three.do("ExitInitializationMode")
-        found = per_element(three, positions)
-        timed = {name for name, knowns in found.items() if "time" in knowns}
-        assert timed == (set(found) if unit_name == "trajectory" else set())
-        assert {name: knowns - {"time"} for name, knowns in found.items()} == structure(two, tag), phase
+        sources = per_element(three, positions)
+        timed = {name for name, knowns in sources.items() if "time" in knowns}
+        assert timed == (set(sources) if unit_name == "trajectory" else set())
+        assert {name: knowns - {"time"} for name, knowns in sources.items()} == structure(two, tag), phase
     # The ModelStructure of FMI 3 names whole arrays.
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
@@ -251,7 +251,7 @@ def test_dependencies_of_elements_and_arrays_are_those_of_the_model_structure(na
         for unknown in three.model.root.findall(f"ModelStructure/{tag}"):
             reference = int(unknown.attrib["valueReference"])
             members = [name for name in listed if owner[name] == reference]
-            expected = {owner[known] for name in members for known in listed[name]}
+            expected = {owner[source] for name in members for source in listed[name]}
             assert {int(word) for word in unknown.attrib["dependencies"].split()} == expected
 
 
@@ -270,19 +270,19 @@ def test_nothing_depends_on_what_is_not_declared_and_declared_dependencies_are_s
         if knowns:
             later |= nonzero(directional(unit, unknowns, knowns), elements(unknowns), elements(knowns))
     unit = native(unit_name)
-    for found, tag in ((initial, "InitialUnknowns"), (later, "Outputs")):
+    for observed, tag in ((initial, "InitialUnknowns"), (later, "Outputs")):
         declared = without_choices(unit, pairs(structure(unit, tag)))
-        assert sorted(found - declared) == []
-        unseen = sorted(declared - found)
+        assert sorted(observed - declared) == []
+        unseen = sorted(declared - observed)
         assert all(hidden(*pair) for pair in unseen), unseen
 
 
-def hidden(unknown: str, known: str) -> bool:
+def hidden(unknown: str, source: str) -> bool:
     """Whether the equations have a dependency and the start has not."""
     # In equilibrium the rotors move with their links: der(tau_s) is the stiffness times zero, and what changes the
     # stiffness, the torque that holds the arm, has no effect.
     holds = ("F_e", "centroid", "gravity", "mass", "offset", "q_0", "tool_offset")
-    return unknown.startswith("der(tau_s") and known.split("[")[0] in holds
+    return unknown.startswith("der(tau_s") and source.split("[")[0] in holds
 
 
 @pytest.mark.parametrize("name", ["GetDirectionalDerivative", "GetAdjointDerivative"])

@@ -29,8 +29,8 @@ def finish(instance, phase):
 
 
 def functions(version):
-    others = ("GetTypesPlatform", "GetVersion", "FreeInstance", "Instantiate")
-    return {name: types[1:] for name, (_, types) in signatures(version).items() if not name.startswith(others)}
+    excluded = ("GetTypesPlatform", "GetVersion", "FreeInstance", "Instantiate")
+    return {name: types[1:] for name, (_, types) in signatures(version).items() if not name.startswith(excluded)}
 
 
 class Calls:
@@ -134,8 +134,8 @@ def test_every_function_in_every_phase_is_done_or_refused_without_a_trace(native
     for name in sorted(calls.all):
         if allowed(name, kind, phase, version):
             other = bring(native("plant", version, kind=kind), phase)
-            own = Calls(other)  # holds what the arguments point to
-            arguments = own.all[name]
+            arguments_of = Calls(other)  # holds what the arguments point to
+            arguments = arguments_of.all[name]
             if name.startswith("Free"):
                 other.do(f"Get{other._state}", *arguments)
             assert other.call(name, *arguments) == OK, (name, other.messages)

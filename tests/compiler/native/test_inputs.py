@@ -265,15 +265,15 @@ def test_a_step_that_fails_after_intermediate_updates_is_as_if_it_had_not_been(n
 
 def test_within_a_step_nothing_else_is_allowed(native):
     """Reading all and setting inputs is; every other call is refused and changes nothing."""
-    found: list[Any] = []
+    outcomes: list[Any] = []
 
     def misuse(unit: Instance, time: float, requested: bool, early: bool) -> None:
-        if found:
+        if outcomes:
             return
         pointer, room, size = ct.c_void_p(), (ct.c_double * 64)(), ct.c_size_t(8)
         flags = (ct.c_bool * 6)()
         mass, q = unit.model.group("mass"), unit.model.group("q")
-        one = references([q[0].reference])
+        q_1 = references([q[0].reference])
         calls: list[tuple[Any, ...]] = [
             ("DoStep", *unit.step_arguments(time, H)),
             ("Reset",), ("Terminate",), ("EnterInitializationMode", False, 0.0, 0.0, False, 0.0),
@@ -285,20 +285,20 @@ def test_within_a_step_nothing_else_is_allowed(native):
             ("SerializedFMUStateSize", saved, ct.byref(size)),
             ("SetFloat64", *unit.write_arguments(mass, [2.0, 1.0])),
             ("SetFloat64", *unit.write_arguments(q, [2.0, 1.0])),
-            ("GetDirectionalDerivative", one, 1, one, 1, room, 2, room, 2),
-            ("GetAdjointDerivative", one, 1, one, 1, room, 2, room, 2),
+            ("GetDirectionalDerivative", q_1, 1, q_1, 1, room, 2, room, 2),
+            ("GetAdjointDerivative", q_1, 1, q_1, 1, room, 2, room, 2),
             ("CompletedIntegratorStep", True, flags, ct.addressof(flags) + 1),
         ]  # fmt: skip
         unit.do("GetNumberOfVariableDependencies", q[0].reference, ct.byref(size))  # allowed there
         for name, *arguments in calls:
             count = len(unit.messages)
-            found.append((name, unit.call(name, *arguments), [m.text for m in unit.messages[count:]]))
+            outcomes.append((name, unit.call(name, *arguments), [m.text for m in unit.messages[count:]]))
 
     unit = with_updates(native, misuse, early=True).start(q_0=[0.4, -0.3])
     saved = unit.save()
     unit.step(0.01)
-    assert len(found) > 20
-    for name, status, texts in found:
+    assert len(outcomes) > 20
+    for name, status, texts in outcomes:
         assert status == 3, name
         assert len(texts) == 1, name
         assert texts[0].startswith("unit: " + name[0].lower() + name[1:] + " at t = "), texts

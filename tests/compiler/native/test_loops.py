@@ -74,8 +74,8 @@ def test_slopes_are_those_of_the_operation(operation, tmp_path):
     for direction in DIRECTIONS:
         low = 1.1 if operation == ca.OP_ACOSH else 0.05
         random = partial(np.random.default_rng(operation).uniform, low, low + 0.4)
-        found, expected = derivatives(function, loops, direction, random, tmp_path)
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
+        actual, expected = derivatives(function, loops, direction, random, tmp_path)
+        np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-14)
 
 
 def test_a_recursion_whose_end_alone_is_a_result_is_one_loop(tmp_path):
@@ -99,7 +99,7 @@ def test_every_operation_is_in_one_series_and_joints_with_nothing_in_common_have
     trace = Trace(recursion(seed=3))
     layout = find_series(trace, N, 1, trace.digests(0))
     assert layout is not None
-    members = [operation for one in layout.series for operation in one.members]
+    members = [operation for series in layout.series for operation in series.members]
     assert sorted(members) == [k for k in range(len(trace.operations)) if not trace.is_leaf(k)]
     chain = recursion(9, seed=1)
     check_derivatives(chain, straight(chain), tmp_path)
@@ -115,5 +115,5 @@ def test_a_branch_that_is_not_taken_has_no_slope_where_its_own_is_infinite(tmp_p
     root = ca.Function("root", [x], [ca.if_else(x > 0.0, ca.sqrt(x), 3.0 * x)], ["x"], ["y"])
     text = f'#include "operations.h"\n{c_derivatives(straight(root))}'
     for direction in DIRECTIONS:
-        given = [np.array([0.0]), np.array([2.0])]
-        assert results_of(text, derivative(root, direction), given, tmp_path, direction) == 6.0
+        inputs = [np.array([0.0]), np.array([2.0])]
+        assert results_of(text, derivative(root, direction), inputs, tmp_path, direction) == 6.0

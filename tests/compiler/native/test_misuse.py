@@ -169,14 +169,14 @@ def test_a_step_of_too_many_internal_steps_ends_with_an_error(native, version):
 
 @pytest.mark.parametrize("guid", ["", "{0}", "{" + "a" * 5000, "%s%n%d"])
 def test_another_guid_is_refused_with_both(model, version, guid):
-    found = model("plant", version)
-    instance = Instance(found, guid=guid)
+    fmu = model("plant", version)
+    instance = Instance(fmu, guid=guid)
     assert instance.pointer is None
     (message,) = instance.messages
     assert message.status == ERROR
     call = "instantiate" if version == "2.0" else "instantiateCoSimulation"
     shown = guid[:100] if version == "3.0" else guid[:100].replace("%", "%%")
-    assert message.text == f"unit: {call} failed: expected the GUID or instantiation token {found.guid}, got {shown}."
+    assert message.text == f"unit: {call} failed: expected the GUID or instantiation token {fmu.guid}, got {shown}."
 
 
 @pytest.mark.parametrize(("unit_name", "options", "words"), [
@@ -246,7 +246,7 @@ def test_a_percent_sign_does_not_reach_printf_and_events_are_told_with_logging_o
 
 def test_categories_are_switched_one_by_one(native, version):
     unit = native("controller", version)
-    for on, category, told in (
+    for on, category, logged in (
         (True, b"logAll", True),
         (False, b"logEvents", True),
         (False, b"logStatusError", False),
@@ -256,4 +256,4 @@ def test_categories_are_switched_one_by_one(native, version):
         unit.do("SetDebugLogging", on, 1, (ct.c_char_p * 1)(category))
         count = len(unit.messages)
         assert unit.call("ExitInitializationMode") == ERROR
-        assert (len(unit.messages) > count) == told
+        assert (len(unit.messages) > count) == logged

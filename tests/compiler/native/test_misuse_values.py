@@ -26,20 +26,20 @@ def test_value_references_that_do_not_exist_are_refused_everywhere(native, versi
     seed = (room, room) if two else (room, 2, room, 2)
     good, state = references([tau.reference]), references([q.reference])
     for reference in wrong:
-        one, both = references([reference]), references([tau.reference, reference])
+        bad, both = references([reference]), references([tau.reference, reference])
         calls = [
-            (verb + name, one, 1, room, *(() if two else (1,))) for name in TYPES[version] for verb in ("Get", "Set")
+            (verb + name, bad, 1, room, *(() if two else (1,))) for name in TYPES[version] for verb in ("Get", "Set")
         ]
         calls += [
             (f"Set{unit._type('Real')}", both, 2, room, *(() if two else (3,))),
-            ("GetDirectionalDerivative", one, 1, good, 1, *seed),
-            ("GetDirectionalDerivative", state, 1, one, 1, *seed),
+            ("GetDirectionalDerivative", bad, 1, good, 1, *seed),
+            ("GetDirectionalDerivative", state, 1, bad, 1, *seed),
         ]
         calls += [("SetRealInputDerivatives", both, 2, (ct.c_int * 2)(1, 1), room)] if two else [
-            ("GetAdjointDerivative", one, 1, good, 1, *seed),
+            ("GetAdjointDerivative", bad, 1, good, 1, *seed),
             ("GetNumberOfVariableDependencies", reference, ct.byref(size)),
-            ("GetClock", one, 1, room), ("SetClock", one, 1, room), ("GetIntervalDecimal", one, 1, room, room),
-            ("GetBinary", one, 1, room, room, 1),
+            ("GetClock", bad, 1, room), ("SetClock", bad, 1, room), ("GetIntervalDecimal", bad, 1, room, room),
+            ("GetBinary", bad, 1, room, room, 1),
         ]  # fmt: skip
         with unit.refuses(rf"there is no value reference {reference}[;,]?") as no:
             for name, *arguments in calls:
@@ -51,9 +51,9 @@ def test_value_references_that_do_not_exist_are_refused_everywhere(native, versi
 def test_a_function_of_another_type_is_refused(native, version, name, kind):
     unit = native("feedforward", version).start()
     before = unit.complete()
-    room, v, own = (ct.c_double * 64)(), unit.model.group(name)[0], unit._type(kind)
-    for other in (other for other in TYPES[version] if other != own):
-        with unit.refuses(rf"expected variables of type {other}, got {re.escape(v.name)} .*of type {own}\.") as no:
+    room, v, own_type = (ct.c_double * 64)(), unit.model.group(name)[0], unit._type(kind)
+    for other in (other for other in TYPES[version] if other != own_type):
+        with unit.refuses(rf"expected variables of type {other}, got {re.escape(v.name)} .*of type {own_type}\.") as no:
             for verb in ("Get", "Set"):
                 no(verb + other, references([v.reference]), 1, room, *(() if version == "2.0" else (len(v.names),)))
     assert unit.complete() == before

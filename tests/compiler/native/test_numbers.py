@@ -70,9 +70,9 @@ def test_the_python_unit_gives_the_same_numbers(native, python_folders, unit_nam
             expected.append(other.step(H).outputs())
     finally:
         other.fmu.freeInstance()
-    found = run(native(unit_name, "2.0", robot).start(), 25)
+    actual = run(native(unit_name, "2.0", robot).start(), 25)
     scale = 1.0 + np.abs(expected).max(axis=0)
-    assert np.all(np.abs(found - expected) <= 1e-12 * scale)
+    assert np.all(np.abs(actual - expected) <= 1e-12 * scale)
 
 
 @pytest.mark.parametrize("robot", ["planar_2dof", "manipulator_6dof"])
@@ -85,15 +85,15 @@ def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(native
     step, stop = 1e-3, 0.1  # CVODE may make 500 steps of its own between two outputs
     n = 2 if robot == "planar_2dof" else 6
     names = [f"q[{i + 1}]" for i in range(n)]
-    given: dict[str, Any] = dict(start)
+    start_values: dict[str, Any] = dict(start)
     output: list[str] = names
     if version == "3.0":  # arrays have one start value, and one column
         q_0 = np.zeros(n)
         q_0[:2] = 0.3, -0.2
-        given, output = {"q_0": q_0}, ["q"]
+        start_values, output = {"q_0": q_0}, ["q"]
     result = fmpy.simulate_fmu(
         str(fmu), fmi_type="ModelExchange", stop_time=stop, output_interval=step, relative_tolerance=1e-10,
-        start_values=given, output=output, solver="CVode",
+        start_values=start_values, output=output, solver="CVode",
     )  # fmt: skip
     exchange = np.column_stack([result[name].reshape(len(result), -1) for name in output])
     unit = native("plant", version, robot).start(tolerance=1e-10, q_0=[0.3, -0.2] + [0.0] * (n - 2))
@@ -121,6 +121,6 @@ def test_the_derivatives_are_those_of_the_outputs_of_co_simulation(native, versi
     for _ in range(2):
         unit.step(h)
         rows.append(np.concatenate([unit.get(g) for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
-    found = (-3.0 * rows[0] + 4.0 * rows[1] - rows[2]) / (2.0 * h)
+    difference = (-3.0 * rows[0] + 4.0 * rows[1] - rows[2]) / (2.0 * h)
     # rounding of tau_s of 20 N.m: 4e-15 / 1e-6 s = 1e-8, far below
-    assert np.all(np.abs(found - slope) <= 1e-4 * (1.0 + np.abs(slope)))
+    assert np.all(np.abs(difference - slope) <= 1e-4 * (1.0 + np.abs(slope)))

@@ -21,16 +21,16 @@ UNITS = [("plant", "2.0"), ("feedforward", "2.0"), ("plant", "3.0")]
 
 @pytest.fixture(scope="module")
 def everywhere(planar, tmp_path_factory, kernel_cache):
-    found: dict[str, dict[str, Path]] = {}
+    folders: dict[str, dict[str, Path]] = {}
 
     def build(version: str) -> dict[str, Path]:
-        if version not in found:
+        if version not in folders:
             out = tmp_path_factory.mktemp(f"all_{version[0]}")
             units = [unit for unit, v in UNITS if v == version]
             with alone(kernel_cache):
                 fmus = build_fmus(planar, out, units=units, backend="native", fmi_version=version, platforms="all")
-            found[version] = {unit: Path(fmpy.extract(fmu, out / unit)) for unit, fmu in fmus.items()}
-        return found[version]
+            folders[version] = {unit: Path(fmpy.extract(fmu, out / unit)) for unit, fmu in fmus.items()}
+        return folders[version]
 
     return build
 
@@ -44,10 +44,10 @@ def library(folder: Path, version: str, platform: str) -> Path:
 
 @pytest.fixture(scope="module")
 def cross_driver(tmp_path_factory):
-    found: dict[tuple[str, str], Path] = {}
+    drivers: dict[tuple[str, str], Path] = {}
 
     def make(platform: str, version: str) -> Path:
-        if (platform, version) not in found:
+        if (platform, version) not in drivers:
             windows = platform.endswith("windows")
             path = tmp_path_factory.mktemp("cross") / ("driver.exe" if windows else "driver")
             libraries = [] if windows else ["-ldl", "-lm"]
@@ -55,8 +55,8 @@ def cross_driver(tmp_path_factory):
             run([sys.executable, "-m", "ziglang", "cc", "-target", PLATFORMS[platform].target, "-std=c11", "-O3", "-s",
                  f"-I{HEADERS}", *version_flags(version), HERE / "driver.c", "-o", path, *libraries],
                 seconds=900)  # fmt: skip
-            found[platform, version] = path
-        return found[platform, version]
+            drivers[platform, version] = path
+        return drivers[platform, version]
 
     return make
 
@@ -71,15 +71,15 @@ def test_the_library_for_linux_on_arm_computes_the_same(everywhere, cross_driver
     model = Model(folder)
     arguments = driver_arguments(model)
     command = [emulator, "-L", root, cross_driver("aarch64-linux", version), library(folder, version, "aarch64-linux")]
-    found = run([*command, *arguments], seconds=300)
-    assert bits(found) == bits(run([driver(version), model.library._name, *arguments]))
+    output = run([*command, *arguments], seconds=300)
+    assert bits(output) == bits(run([driver(version), model.library._name, *arguments]))
 
 
 @pytest.fixture(scope="module")
 def wine(tmp_path_factory):
-    found = program("wine64", "wine64", "/usr/lib/wine/wine64", "wine")
+    path = program("wine64", "wine64", "/usr/lib/wine/wine64", "wine")
     environment = {"WINEPREFIX": str(tmp_path_factory.mktemp("wine")), "WINEDEBUG": "-all", "DISPLAY": ""}
-    yield found, environment
+    yield path, environment
 
 
 @pytest.mark.parametrize(("unit", "version"), UNITS)
@@ -90,8 +90,8 @@ def test_the_library_for_windows_computes_the_same(everywhere, cross_driver, dri
     program_path, environment = wine
     windows = library(folder, version, "x86_64-windows")
     command = [program_path, cross_driver("x86_64-windows", version), "Z:" + str(windows).replace("/", "\\")]
-    found = run([*command, *arguments], seconds=300, **environment)
-    assert bits(found) == bits(run([driver(version), model.library._name, *arguments]))
+    output = run([*command, *arguments], seconds=300, **environment)
+    assert bits(output) == bits(run([driver(version), model.library._name, *arguments]))
 
 
 _CPU = {"x86_64-darwin": 0x01000007, "aarch64-darwin": 0x0100000C}
@@ -101,9 +101,9 @@ _CPU = {"x86_64-darwin": 0x01000007, "aarch64-darwin": 0x0100000C}
 @pytest.mark.parametrize("platform", _CPU)
 def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(everywhere, unit, version, platform):
     folder = everywhere(version)[unit]
-    found = macho_parts(library(folder, version, platform).read_bytes())
+    parts = macho_parts(library(folder, version, platform).read_bytes())
     if version == "3.0" or platform == "aarch64-darwin":
-        assert set(found) == {_CPU[platform]}
-    names = macho_exports(found[_CPU[platform]])
+        assert set(parts) == {_CPU[platform]}
+    names = macho_exports(parts[_CPU[platform]])
     names -= {"__mh_dylib_header", "___dso_handle"}  # the linker's own, of every library
     assert names == {f"_fmi{version[0]}{name}" for name in signatures(version)}

@@ -30,11 +30,11 @@ def library(model: Model, folder: Path, *flags: str, **replaced: bytes) -> Path:
 @pytest.mark.heavy
 @pytest.mark.skipif(not this_platform().startswith("x86_64"), reason="the copy is for x86-64")
 def test_the_copy_for_avx2_gives_the_same_bits(model, driver, tmp_path):
-    found = model("plant", "2.0", "manipulator_6dof")
-    arguments = driver_arguments(found)
-    shipped = run([driver("2.0"), found.library._name, *arguments])
-    plain = library(found, tmp_path, "-DPLAIN_STEP")
-    assert plain.read_bytes() != Path(found.library._name).read_bytes()
+    fmu = model("plant", "2.0", "manipulator_6dof")
+    arguments = driver_arguments(fmu)
+    shipped = run([driver("2.0"), fmu.library._name, *arguments])
+    plain = library(fmu, tmp_path, "-DPLAIN_STEP")
+    assert plain.read_bytes() != Path(fmu.library._name).read_bytes()
     assert bits(run([driver("2.0"), plain, *arguments])) == bits(shipped)
     states = np.frombuffer(b"".join(bits(shipped)["step"]), dtype="<f8")
     assert np.isfinite(states).all()
@@ -45,9 +45,9 @@ def test_the_copy_for_avx2_gives_the_same_bits(model, driver, tmp_path):
 def test_an_instance_takes_the_copy_where_the_processor_has_avx2_alone(model, driver, tmp_path):
     """Processors of an emulator, and a copy that ends the program."""
     emulator = program("qemu-x86_64", "qemu-user", "qemu-x86_64-static")
-    found = model("plant", "2.0")
-    broken = library(found, tmp_path, kernel_plant_step_avx2=BROKEN)
-    command = [driver("2.0"), broken, *driver_arguments(found)]
+    fmu = model("plant", "2.0")
+    broken = library(fmu, tmp_path, kernel_plant_step_avx2=BROKEN)
+    command = [driver("2.0"), broken, *driver_arguments(fmu)]
     for cpu in ("Nehalem", "max,-avx2", "max,-xsave"):
         run([emulator, "-cpu", cpu, *command], seconds=300)
     with pytest.raises(AssertionError, match="exit code -"):

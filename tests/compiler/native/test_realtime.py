@@ -44,8 +44,8 @@ def test_native_and_python_units_take_the_same_steps(native, planar):
     for k in range(20):
         solver.advance(k * H, H)
         unit.step(H)
-    found = np.concatenate([unit.get(name) for name in ("q", "q_dot", "kappa_dot", "tau_s")])
-    np.testing.assert_allclose(found, solver.x, rtol=1e-11, atol=1e-11)
+    state = np.concatenate([unit.get(name) for name in ("q", "q_dot", "kappa_dot", "tau_s")])
+    np.testing.assert_allclose(state, solver.x, rtol=1e-11, atol=1e-11)
 
 
 def test_intermediate_updates_may_end_steps_and_states_that_are_not_finite_are_an_error(native, version):
@@ -75,13 +75,13 @@ def stepping(model, tmp_path):
     run([program("gcc", "gcc"), *GCC, HERE / "realtime.c", "-rdynamic", "-o", binary, "-ldl"])
 
     def command(kind: str, steps: int, *more: str, robot: str = "manipulator_6dof") -> list[object]:
-        found = model("plant", "2.0", robot)
+        fmu = model("plant", "2.0", robot)
         ranges = [
             f"{min(refs)}:{max(refs) + 1}"
-            for refs in ([v.reference for v in found.of(causality)] for causality in ("input", "output"))
+            for refs in ([v.reference for v in fmu.of(causality)] for causality in ("input", "output"))
         ]
-        solver = f"{found.group('solver')[0].reference}:{SOLVERS.index(kind)}"
-        return [binary, found.library._name, found.guid, *ranges, solver, steps, *more]
+        solver = f"{fmu.group('solver')[0].reference}:{SOLVERS.index(kind)}"
+        return [binary, fmu.library._name, fmu.guid, *ranges, solver, steps, *more]
 
     return command
 
@@ -118,9 +118,9 @@ def test_each_step_has_the_same_instructions(stepping, tmp_path):
     emulator = [program("qemu-x86_64", "qemu-user"), "-plugin", plugin, "-d", "plugin", "-D", counts]
     for kind in ("fixed_1", "fixed_4"):
         run([*emulator, *stepping(kind, 3000, "count")], seconds=600)
-        (_, median, worst, n), own = (list(map(int, line.split())) for line in counts.read_text().splitlines())
+        (_, median, worst, n), unit_counts = (list(map(int, line.split())) for line in counts.read_text().splitlines())
         assert n == 2999
-        assert own[0] == own[2] > 10_000
+        assert unit_counts[0] == unit_counts[2] > 10_000
         assert worst / median < 1.1  # of 10,000 steps 1.06; one internal step more or less is 1.25
 
 

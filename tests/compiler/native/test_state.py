@@ -131,10 +131,10 @@ def test_a_damaged_state_is_refused_and_changes_nothing(native, version, kind):
     unit = started(native, kind, version)
     data = unit.complete()
     pointer = ct.c_void_p()
-    for what, damaged in variants(data):
+    for damage, damaged in variants(data):
         count = len(unit.messages)
         status = unit.call(unit.deserialize_name, damaged, len(damaged), ct.byref(pointer))
-        assert (status, pointer.value) == (ERROR, None), what
+        assert (status, pointer.value) == (ERROR, None), damage
         assert len(unit.messages) == count + 1
         assert "failed: " in unit.messages[-1].text
     assert unit.complete() == data
@@ -316,11 +316,11 @@ def test_instances_in_threads_compute_what_they_compute_in_turn(native, version)
 
     expected = [work(pair(seed), seed) for seed in range(8)]
     pairs = [pair(seed) for seed in range(8)]
-    found: dict[int, bytes] = {}
-    threads = [threading.Thread(target=lambda s=s: found.update({s: work(pairs[s], s)})) for s in range(8)]
+    results: dict[int, bytes] = {}
+    threads = [threading.Thread(target=lambda s=s: results.update({s: work(pairs[s], s)})) for s in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join(60.0)
-    assert [found.get(seed) for seed in range(8)] == expected
+    assert [results.get(seed) for seed in range(8)] == expected
     assert len(set(expected)) == 8

@@ -32,8 +32,8 @@ def test_the_validator_of_fmpy_has_nothing_to_say_and_an_fmu_holds_what_the_stan
     assert f"sources/fmi{5 - int(version[0])}.c" not in names
     assert any(name.startswith("extra/org.fmi-standard.fmi-ls-ref/") for name in names)
     assert not any(name.startswith("resources/") for name in names)
-    known = {"binaries", "documentation", "extra", "modelDescription.xml", "sources", "terminalsAndIcons"}
-    assert {name.split("/")[0] for name in names} - known <= {"icon.png", "icon.svg", "model.png"}
+    standard = {"binaries", "documentation", "extra", "modelDescription.xml", "sources", "terminalsAndIcons"}
+    assert {name.split("/")[0] for name in names} - standard <= {"icon.png", "icon.svg", "model.png"}
 
 
 @pytest.mark.skipif(fmpy.system != "linux", reason="reads ELF, the format of Linux libraries")
@@ -43,11 +43,11 @@ def test_only_the_functions_of_fmi_are_exported(model, unit_name, version):
 
 
 def test_the_library_says_its_version(model, unit_name, version):
-    found = model(unit_name, version)
-    said = found.function("GetVersion")
+    fmu = model(unit_name, version)
+    said = fmu.function("GetVersion")
     assert ctypes.string_at(said()).decode() == version
     if version == "2.0":
-        assert ctypes.string_at(found.function("GetTypesPlatform")()) == b"default"
+        assert ctypes.string_at(fmu.function("GetTypesPlatform")()) == b"default"
 
 
 @pytest.mark.heavy
@@ -77,13 +77,13 @@ def test_the_sources_link_with_prefixes_into_one_program(model, tmp_path, versio
         (tmp_path / header.name).write_text(text.replace("#define fmi2FullName(name) name", pasting), encoding="utf-8")
     names: list[str] = []
     for unit in ("trajectory", "controller"):
-        found = model(unit, version)
-        folder, out = found.folder / "sources", tmp_path / unit
+        fmu = model(unit, version)
+        folder, out = fmu.folder / "sources", tmp_path / unit
         out.mkdir()
         run([gcc, "-std=c11", "-c", f"-I{tmp_path}", f"-I{folder}", *sorted(folder.glob("*.c"))], cwd=out)
         run([program("ld", "binutils"), "-r", *sorted(out.glob("*.o")), "-o", tmp_path / f"{unit}.o"])
-        run([program("objcopy", "binutils"), "-w", f"--keep-global-symbol={found.name}_fmi*", tmp_path / f"{unit}.o"])
-        names.append(f"{found.name}_fmi{major}GetVersion")
+        run([program("objcopy", "binutils"), "-w", f"--keep-global-symbol={fmu.name}_fmi*", tmp_path / f"{unit}.o"])
+        names.append(f"{fmu.name}_fmi{major}GetVersion")
     declared = "".join(f"const char *{name}(void);\n" for name in names)
     body = "".join(f"    puts({name}());\n" for name in names)
     (tmp_path / "main.c").write_text(f"#include <stdio.h>\n{declared}int main(void)\n{{\n{body}    return 0;\n}}\n")
@@ -115,9 +115,9 @@ def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, 
     for binary in (folder / "binaries").rglob("*.*"):
         binary.unlink()
     build_platform_binary(folder, build_dir=_made(tmp_path / "build"))
-    found = steps(Instance(Model(folder)))
+    actual = steps(Instance(Model(folder)))
     expected = steps(Instance(model(unit, version)))
-    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(actual, expected, rtol=1e-11, atol=1e-11)
 
 
 def _made(folder: Path) -> Path:
@@ -132,10 +132,10 @@ BOUND = {"trajectory": 1e-11, "feedforward": 1e-11, "controller": 1e-11, "estima
 
 @pytest.mark.parametrize("robot", ["planar_2dof", *heavy("slider_3dof")])
 def test_the_unit_makes_the_reference_results(native_fmu, model, robot, unit_name):
-    found = model(unit_name, "2.0", robot)
-    folder = found.folder / REFERENCE
-    expected = read_csv(folder / f"{found.name}_out.csv")
-    inputs = folder / f"{found.name}_in.csv"
+    fmu = model(unit_name, "2.0", robot)
+    folder = fmu.folder / REFERENCE
+    expected = read_csv(folder / f"{fmu.name}_out.csv")
+    inputs = folder / f"{fmu.name}_in.csv"
     names = expected.dtype.names[1:]
     for kind in ("CoSimulation", "ModelExchange")[: 1 + (unit_name == "plant")]:
         result = fmpy.simulate_fmu(

@@ -75,8 +75,8 @@ class Module:
         more = () if self.model.major == "2" else (len(numbers),)
         kind = "Real" if self.model.major == "2" else "Float64"
         status = self.call(f"{verb}{kind}", references, len(chosen), place, *more)
-        found = self.exports["memory"].read(self.store, place, place + 8 * len(numbers))
-        return status, np.frombuffer(bytes(found), "<f8")
+        content = self.exports["memory"].read(self.store, place, place + 8 * len(numbers))
+        return status, np.frombuffer(bytes(content), "<f8")
 
     def start(self, **values: Any) -> Module:
         """Set values and take the unit through initialization."""
@@ -120,10 +120,10 @@ def wasm(request, planar, tmp_path_factory, kernel_cache):
 def test_a_module_has_the_functions_of_fmi_and_asks_for_nothing(wasm, unit):
     model, path = wasm[unit]
     module = Module(model, path).module
-    assert [(one.module, one.name) for one in module.imports] == []
-    own = {"memory", "malloc", "free", "_initialize", "__indirect_function_table", "__stack_pointer"}
+    assert [(entry.module, entry.name) for entry in module.imports] == []
+    support = {"memory", "malloc", "free", "_initialize", "__indirect_function_table", "__stack_pointer"}
     functions = {f"fmi{model.major}{name}" for name in signatures(model.version)}
-    assert {one.name for one in module.exports} - own == functions
+    assert {entry.name for entry in module.exports} - support == functions
 
 
 def test_the_plant_moves_as_the_library_of_this_machine_does(wasm):
@@ -136,8 +136,8 @@ def test_the_plant_moves_as_the_library_of_this_machine_does(wasm):
         module.step(1e-3, tau=tau)
         native.step(1e-3, tau=tau)
         for group in ("q", "kappa_dot", "tau_s", "E_kin"):
-            found, expected = module.values("Get", group)[1], native.get(group)
-            np.testing.assert_array_equal(found, expected, err_msg=f"{group}, step {k}")
+            actual, expected = module.values("Get", group)[1], native.get(group)
+            np.testing.assert_array_equal(actual, expected, err_msg=f"{group}, step {k}")
     assert np.ptp([*native.get("q"), 0.3]) > 1e-3  # it has moved
     native.free()
 

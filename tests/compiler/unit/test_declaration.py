@@ -104,10 +104,10 @@ def test_descriptions_name_the_joint_or_the_indices_and_start_values_are_broadca
     assert (starts["mode"], starts["on"], starts["y[1]"], starts["q[1]"]) == (0, True, None, None)
     assert starts["ell[1]"] == many.robot.ell[0]
     assert many.start_values()[many.groups["g"]].tolist() == [2.0] * 3
-    found = {v.group: (v.type, v.variability) for v in many}
-    assert found["k"] == ("Real", "fixed") and found["g"] == ("Real", "tunable")
-    assert found["q"] == ("Real", "continuous") and found["s"] == ("Real", "discrete")
-    assert found["mode"] == ("Integer", "fixed") and found["on"] == ("Boolean", "fixed")
+    kinds = {v.group: (v.type, v.variability) for v in many}
+    assert kinds["k"] == ("Real", "fixed") and kinds["g"] == ("Real", "tunable")
+    assert kinds["q"] == ("Real", "continuous") and kinds["s"] == ("Real", "discrete")
+    assert kinds["mode"] == ("Integer", "fixed") and kinds["on"] == ("Boolean", "fixed")
     mode = many.find("mode")
     assert mode.choices == ("slow", "fast") and (mode.minimum, mode.maximum) == (0, 1)
     assert (many.find("k").minimum, many.find("k").maximum) == (1.0, 5.0)
@@ -138,9 +138,9 @@ def test_a_unit_without_start_gets_a_parameter_for_each_state_and_a_tolerance(ma
 
 def test_declared_start_parameters_keep_their_start_and_a_subclass_has_those_of_its_base():
     x_0 = Parameter("m", text="of my own", start=7.0)
-    own = type("Own", (Unit,), {"x": (x := State("m", start=1.0)), "x_dot": Derivative(x), "x_0": x_0})
-    assert own.declared["x_0"].text == "of my own"
-    assert Interface(type("Moving", (own,), {"derivatives": lambda self: None}), None).find("x_0").start == 7.0
+    parent = type("Own", (Unit,), {"x": (x := State("m", start=1.0)), "x_dot": Derivative(x), "x_0": x_0})
+    assert parent.declared["x_0"].text == "of my own"
+    assert Interface(type("Moving", (parent,), {"derivatives": lambda self: None}), None).find("x_0").start == 7.0
     base = type("Base", (Unit,), {"u": Input("1")})
     more = type("More", (base,), {"y": Output("1")})
     assert list(more.declared) == ["u", "y"] and list(base.declared) == ["u"]

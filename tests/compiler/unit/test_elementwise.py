@@ -117,9 +117,9 @@ def test_functions_of_numpy_run_in_c(function, tmp_path):
     start = {f"u[{i + 1}]": value for i, value in enumerate(u)}
     row = fmpy.simulate_fmu(str(path), stop_time=0.01, output_interval=0.01, start_values=start)[0]
     expected = {v.name: evaluated.memory[i] for i, v in enumerate(evaluated.interface)}
-    found = {name: row[name] for name in row.dtype.names if name != "time"}
+    outputs = {name: row[name] for name in row.dtype.names if name != "time"}
     # as above: the functions of C are those of another library
-    assert found == pytest.approx({name: expected[name] for name in found}, rel=50 * EPS, abs=50 * EPS)
+    assert outputs == pytest.approx({name: expected[name] for name in outputs}, rel=50 * EPS, abs=50 * EPS)
 
 
 @pytest.mark.parametrize("base", [10.0, 2.0])

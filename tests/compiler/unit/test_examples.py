@@ -92,7 +92,7 @@ def test_derivatives_of_the_spline_are_those_of_its_position(example, planar):
     for t in (0.07, 0.2, 0.41, 0.55, 0.72, 0.93):
         here, near = at(t), [at(t + k * h) for k in (-2, -1, 1, 2)]
         for order, derivative in zip(orders, orders[1:], strict=False):
-            values = [one[order] for one in near]
+            values = [sample[order] for sample in near]
             slope = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h)
             # fourth order: h^4 / 30 of the fifth derivative of each, which grows by 10 / 0.3 s with each order
             scale = np.abs(here[derivative]).max() + np.abs(here[order]).max()

@@ -62,10 +62,10 @@ def test_exponentials_are_those_of_scipy(n, norm):
     for M in RNG.normal(size=(20, n, n)):
         M -= np.eye(n) * (0.1 + max(0.0, np.linalg.eigvals(M).real.max()))  # of a stable system
         M *= norm / np.linalg.norm(M, 1)
-        found, expected = np.array(traced(M.ravel())).reshape(n, n), linalg.expm(M)
+        actual, expected = np.array(traced(M.ravel())).reshape(n, n), linalg.expm(M)
         # the condition of an exponential of a normal matrix is its norm; those at hand are not far from normal
         bound = 1e3 * n * EPS * max(norm, 1.0) * np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=0, atol=bound)
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=bound)
 
 
 def test_an_exponential_beyond_its_squarings_is_refused_and_derivatives_are_those_at_hand():

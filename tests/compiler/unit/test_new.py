@@ -24,11 +24,11 @@ def test_a_new_unit_builds_and_passes_its_own_test(tmp_path, monkeypatch, name, 
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"{stem}.py", f"test_{stem}.py"]
     built = command("build", f"{stem}.py", "--fmi", "3.0")
     assert built.exit_code == 0 and (tmp_path / "fmus" / f"{model}.fmu").is_file(), built.output
-    own = subprocess.run(
+    tested = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"test_{stem}.py"],
         capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
-    assert own.returncode == 0 and "2 passed" in own.stdout, own.stdout + own.stderr
+    assert tested.returncode == 0 and "2 passed" in tested.stdout, tested.stdout + tested.stderr
 
 
 def test_out_names_the_file(tmp_path):

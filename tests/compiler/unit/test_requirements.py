@@ -31,8 +31,8 @@ def test_fmus_of_both_kinds_refuse_the_initialization(backend, tmp_path, caplog)
     path = build_fmus(None, tmp_path, units=[find_unit("wall")], backend=backend)["wall"]
     said: list[str] = []
 
-    def log(*given):
-        said.append(given[-1] if isinstance(given[-1], str) else given[-1].decode())
+    def log(*arguments):
+        said.append(arguments[-1] if isinstance(arguments[-1], str) else arguments[-1].decode())
 
     with pytest.raises(Exception, match="nitializ"):
         fmpy.simulate_fmu(str(path), stop_time=0.01, start_values={"normal[1]": 0.0}, logger=log)

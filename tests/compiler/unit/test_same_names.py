@@ -128,9 +128,9 @@ from vdfmu.compiler.scalar.symbol import Symbol
 from vdfmu.unit import Input, Output, Parameter, Unit
 
 
-def note(what):
+def note(word):
     with Path(__file__).with_name("log.txt").open("a") as log:
-        log.write(what + " ")
+        log.write(word + " ")
 
 
 note("run")

@@ -209,8 +209,8 @@ def test_the_fmu_declares_that_samples_depend_on_inputs_and_names_its_period(sce
     file = scenario("plain").parent / "loop.py"
     (path,) = vdfmu.build_fmus(None, tmp_path, units=[f"{file}:Control"], fmi_version=version).values()
     description = fmpy.read_model_description(str(path), validate=True)
-    found = {u.variable.name: [v.name for v in u.dependencies or ()] for u in description.outputs}
-    assert found == {"old": ["x"], "held": ["x"], "u": ["x"]}
+    sources = {u.variable.name: [v.name for v in u.dependencies or ()] for u in description.outputs}
+    assert sources == {"old": ["x"], "held": ["x"], "u": ["x"]}
     assert float(description.defaultExperiment.stepSize or "nan") == 0.01
 
 
@@ -265,8 +265,8 @@ def matrix(delay: int = 0) -> np.ndarray:
 )  # fmt: skip
 def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, master, delay):
     """Those beyond are zeros: what is held or waits is set anew in each step. Steps of an encoder are their line."""
-    found = vdfmu.linearize(scenario(system, master), at=3 * STEP, sampled=True)
-    poles = np.linalg.eigvals(found.A)
+    linear = vdfmu.linearize(scenario(system, master), at=3 * STEP, sampled=True)
+    poles = np.linalg.eigvals(linear.A)
     poles = poles[np.argsort(-np.abs(poles))]
     wanted = np.linalg.eigvals(matrix(delay))
     wanted = wanted[np.argsort(-np.abs(wanted))]
@@ -274,7 +274,7 @@ def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, master,
     np.testing.assert_allclose(np.sort_complex(poles[: len(wanted)]), np.sort_complex(wanted), atol=1e-11)
     assert np.abs(poles[len(wanted) :]).max() < 1e-3
     assert np.abs(wanted).max() < 1.0
-    assert not any("constant" in note for note in found.notes)
+    assert not any("constant" in note for note in linear.notes)
 
 
 @pytest.mark.heavy
@@ -308,15 +308,15 @@ def test_the_matrix_is_that_of_differences_of_a_whole_step(scenario, run, tmp_pa
 def test_margins_are_those_of_the_sampled_loop(scenario, n):
     """By the transfer function of cart and controller, on a grid of its own; samples come at every n-th point."""
     settings, T = {"control.period": n * STEP}, n * STEP
-    (found,) = margins_along(scenario("plain"), ("cart.u",), at=[2 * STEP], settings=settings).margins
+    (margin,) = margins_along(scenario("plain"), ("cart.u",), at=[2 * STEP], settings=settings).margins
     E = expm(T * np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]]))
     z = np.exp(1j * np.linspace(1e-4, np.pi, 200_001))
     cart = [(np.linalg.inv(each * np.eye(2) - E[:2, :2]) @ E[:2, 2])[0] for each in z[::100]]
     loop = (K + D / T * (1 - 1 / z[::100])) * np.array(cart)
     # the smallest distance is flat around its place: squares of the grids' distances, 1e-2 of it
-    assert found.modulus[0] == pytest.approx(np.abs(1 + loop).min(), rel=1e-3)
+    assert margin.modulus[0] == pytest.approx(np.abs(1 + loop).min(), rel=1e-3)
     if n == 1:
-        assert np.exp(found.rate * STEP) == pytest.approx(np.abs(np.linalg.eigvals(matrix())).max(), abs=1e-11)
+        assert np.exp(margin.rate * STEP) == pytest.approx(np.abs(np.linalg.eigvals(matrix())).max(), abs=1e-11)
 
 
 def test_derivatives_of_samples_are_declared_and_transposed(scenario, tmp_path):

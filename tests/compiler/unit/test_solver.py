@@ -98,8 +98,8 @@ def stepped(unit, end, steps, rates=None, **values):
     )  # fmt: skip
     functions = evaluated.interface.functions
     names = functions.casadi_function(call.function).name_in()
-    own = {name: evaluated.argument(name) for name in names if name not in ("h", "tolerance") and "rate_" not in name}
-    step = functions.function(call.function, **own)
+    args = {name: evaluated.argument(name) for name in names if name not in ("h", "tolerance") and "rate_" not in name}
+    step = functions.function(call.function, **args)
     h = end / steps
     step.args["h"][:], step.args["tolerance"][:] = h, 1.0
     for name, rate in (rates or {}).items():
@@ -274,11 +274,11 @@ def test_elimination_along_the_chain_gives_the_step_of_the_dense_block(name, cou
     along, dense = step_of(AlongChain, robot), step_of(DenseBlock, robot)
     random = np.random.default_rng(5)
     for h in (1e-6, 1e-3):
-        given = {one: random.uniform(-0.5, 0.5, dense.numel_in(one)) for one in dense.name_in()}
-        given |= {"p": robot.values(), "h": h, "tolerance": 1e-7}
-        one, other = (f.call([given[k] for k in f.name_in()])[0].full() for f in (along, dense))
+        arguments = {group: random.uniform(-0.5, 0.5, dense.numel_in(group)) for group in dense.name_in()}
+        arguments |= {"p": robot.values(), "h": h, "tolerance": 1e-7}
+        eliminated, other = (f.call([arguments[k] for k in f.name_in()])[0].full() for f in (along, dense))
         # Two elimination orders of one matrix, pivots of both as in docs/internals.md: 1e4 roundings.
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e4 * EPS * np.abs(other).max())
+        np.testing.assert_allclose(eliminated, other, rtol=0, atol=1e4 * EPS * np.abs(other).max())
 
 
 def test_a_long_chain_moves_as_scipy_moves_it():

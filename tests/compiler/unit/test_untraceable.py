@@ -77,9 +77,9 @@ def interpolated(self):
 
 
 def cast(self):
-    found = np.zeros(2)
-    found[0] = self.u[0]  # here
-    self.y = found[0]
+    values = np.zeros(2)
+    values[0] = self.u[0]  # here
+    self.y = values[0]
 
 
 UNTRACEABLE = {  # the words of the refusal, and what Python gives, if that is known
@@ -245,7 +245,7 @@ def endless(self):
     self.outputs()
 
 
-def nothing(self):
+def no_number(self):
     self.y = None
 
 
@@ -293,7 +293,7 @@ WAY = "Memory from one call to the next is a Sampled state. Within a call use a 
     (bad(reads), r"outputs\(\) of Wrong fails: y is read before it is set\."),
     (bad(raises), r"outputs\(\) of Wrong fails: KeyError: 'no such thing'\."),
     (bad(endless), r"outputs\(\) of Wrong fails: it calls itself without end\."),
-    (bad(nothing), r"outputs\(\) of Wrong fails: Wrong\.y: expected numbers, got None\."),
+    (bad(no_number), r"outputs\(\) of Wrong fails: Wrong\.y: expected numbers, got None\."),
     (REMEMBERS, rf"outputs\(\) of Wrong fails: outputs\(\) sets before, which Wrong does not declare\. {WAY}\."),
     (Counts, rf"outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 from the same values\. {WAY}, for noise an "
              r"input or `normal` of vdfmu\.unit\."),

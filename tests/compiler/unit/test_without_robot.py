@@ -232,7 +232,7 @@ TAKES_ONE = "takes a robot"
 @pytest.mark.parametrize(("words", "message"), [
     ("run motor.toml --robot planar_2dof", f"{TAKES_ONE}, got planar_2dof"),
     ("build motor.toml --container --robot planar_2dof", TAKES_ONE),
-    ("linear motor.toml --modes", TAKES_ONE),
+    ("linear motor.toml --modes", "expected a system with a component trajectory"),
     ("scenario motion motor.toml", "expected a robot, named in the file or by --robot"),
     ("run motor.toml --unit controller=controller", "robot: expected one for controller, got none"),
     ("run motor.toml --set robot.mass=3", "no component has a parameter mass of the robot"),

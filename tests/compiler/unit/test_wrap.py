@@ -27,7 +27,7 @@ class Labelled:
 
 transfer = signal.TransferFunction([1.0], [1.0, 0.2, 4.0])
 held = signal.StateSpace([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], dt=0.01)
-labelled, nothing = Labelled(), 3
+labelled, number = Labelled(), 3
 unsampled = signal.StateSpace([[0.5]], [[1.0]], [[1.0]], [[0.0]], dt=True)
 a, b = ca.MX.sym("a", 2, 3), ca.MX.sym("b")
 maps = ca.Function("maps", [a, b], [b * (a[:, ::-1].T @ ca.DM([1, 2])), a @ a.T], ["a", "b"], ["s", "w"])
@@ -50,12 +50,12 @@ def made(source, name=None):
 
 @pytest.mark.parametrize("kind", ["mat", "npz", ""])
 def test_a_linear_system_has_the_response_of_scipy(design, kind):
-    (io.savemat if kind == "mat" else lambda file, given: np.savez(file, **given))(f"plant.{kind or 'npz'}", MATRICES)
+    (io.savemat if kind == "mat" else lambda file, arrays: np.savez(file, **arrays))(f"plant.{kind or 'npz'}", MATRICES)
     unit = (made(f"plant.{kind}", "A") if kind else linear_unit(A, B, C, D))(x_0=[0.3, -0.1])
-    found = unit.simulate({"u": lambda t: np.array([np.sin(t), 1.0])}, stop=2.0, step=1e-2, tolerance=1e-10)
-    u = np.column_stack([np.sin(found.t), np.ones_like(found.t)])
+    results = unit.simulate({"u": lambda t: np.array([np.sin(t), 1.0])}, stop=2.0, step=1e-2, tolerance=1e-10)
+    u = np.column_stack([np.sin(results.t), np.ones_like(results.t)])
     # lsim takes lines between the samples: the error of sin is 1e-4 / 8 of its amplitude, and the gain below 2
-    assert np.abs(found["y"] - signal.lsim((A, B, C, D), u, found.t, [0.3, -0.1])[1]).max() < 2.5e-5
+    assert np.abs(results["y"] - signal.lsim((A, B, C, D), u, results.t, [0.3, -0.1])[1]).max() < 2.5e-5
     model = unit.linearize()
     assert (model.A == A).all() and (model.B == B).all() and (model.C[2:] == C).all() and (model.D[2:] == D).all()
 
@@ -72,13 +72,13 @@ HELD = ([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], 0.01)
 def test_a_discrete_system_gives_the_output_of_each_sample(design, source, system):
     io.savemat("digital.mat", {"A": A / 5, "B": B, "C": C, "D": D, "Ts": 0.5})
     unit, dt = made(source)(), system[4]
-    inputs, found = np.random.default_rng(1).normal(size=(20, np.shape(system[1])[1])), []
+    inputs, outputs = np.random.default_rng(1).normal(size=(20, np.shape(system[1])[1])), []
     unit.start()
     for unit.u in inputs:
         unit.update()
-        found.append(unit.y)
+        outputs.append(unit.y)
     # 20 sums of few terms of about 1
-    assert np.abs(found - signal.dlsim(system, inputs)[1]).max() < 1e-12
+    assert np.abs(outputs - signal.dlsim(system, inputs)[1]).max() < 1e-12
     with pytest.raises(UsageError, match="period"):
         type(unit)(period=2 * dt).simulate(stop=2 * dt, step=dt)
 
@@ -90,13 +90,13 @@ def test_a_casadi_function_is_a_unit_with_its_states_and_matrices_in_their_place
     path = unit_from("pendulum.casadi", out=design / "other.py", trust=True)
     assert path == [design / "other.py"]
     unit = find_unit(str(path[0]))(x_0=[1.0, 0.0], p=9.81)
-    found = unit.simulate({"u": 0.2}, stop=1.0, tolerance=1e-12)
+    results = unit.simulate({"u": 0.2}, stop=1.0, tolerance=1e-12)
     end = solve_ivp(
         lambda t, x: PENDULUM(x, 0.2, 9.81)[0].full()[:, 0], (0.0, 1.0), [1.0, 0.0], "DOP853", rtol=1e-12, atol=1e-12
     ).y[:, -1]
     # 1e-12 in each of 1000 steps, and errors grow by exp(3.1) at most
-    assert np.abs(found["x"][-1] - end).max() < 3e-8
-    assert (found["y"] == found["x"][:, 0] ** 2).all()
+    assert np.abs(results["x"][-1] - end).max() < 3e-8
+    assert (results["y"] == results["x"][:, 0] ** 2).all()
     a = np.random.default_rng(2).normal(size=(2, 3))
     unit = made("design.py:maps")(a=a, b=2.0)
     unit.outputs()
@@ -111,11 +111,11 @@ def test_a_table_is_linear_between_its_points(design, first):
     np.savetxt("data.csv", rows, delimiter=",", header=head, comments="", fmt="%.17g")
     columns = dict(zip((f"{first} [s]", "q [rad]", "w[rad/s]"), rows.T, strict=True))
     for unit in (made("data.csv"), table_unit(columns)):
-        found = unit().simulate({} if first == "time" else {"x": lambda t: t}, stop=10.0, step=0.1)
+        results = unit().simulate({} if first == "time" else {"x": lambda t: t}, stop=10.0, step=0.1)
         assert [unit.declared[name].unit for name in "qw"] == ["rad", "rad/s"]
         for name, column in (("q", rows[:, 1]), ("w", rows[:, 2])):
             # slopes up to 1e3, between points as near as 0.006, and two roundings of numbers below 4 in each
-            assert np.abs(found[name] - np.interp(found.t, rows[:, 0], column)).max() < 1e-13
+            assert np.abs(results[name] - np.interp(results.t, rows[:, 0], column)).max() < 1e-13
 
 
 @pytest.mark.heavy
@@ -128,10 +128,10 @@ def test_each_kind_as_an_fmu_equals_the_unit(design):
         names = {name: [f"{name}[{','.join(str(k + 1) for k in index)}]".replace("[]", "")
                         for index in np.ndindex(np.shape(value))] for name, value in values.items()}  # fmt: skip
         start = {key: v for name, keys in names.items() for key, v in zip(keys, np.ravel(values[name]), strict=True)}
-        found = fmpy.simulate_fmu(str(fmu), stop_time=0.05, output_interval=0.01, start_values=start)
+        rows = fmpy.simulate_fmu(str(fmu), stop_time=0.05, output_interval=0.01, start_values=start)
         expected = unit(**values).simulate(stop=0.05, step=0.01, tolerance=1e-10)
-        for name in (name for name, one in unit.declared.items() if one.causality == "output"):
-            columns = np.column_stack([found[key] for key in found.dtype.names if key.partition("[")[0] == name])
+        for name in (name for name, variable in unit.declared.items() if variable.causality == "output"):
+            columns = np.column_stack([rows[key] for key in rows.dtype.names if key.partition("[")[0] == name])
             # the FMU's solver has a tolerance of 1e-7
             assert np.abs(columns - expected[name].reshape(6, -1)).max() < 1e-6, (source, name)
 
@@ -167,7 +167,7 @@ def test_a_factory_refuses_what_is_no_unit(make, match):
     ("broken.npz", "1", "broken.npz: cannot be read"), ("broken.casadi", "1", "broken.casadi: cannot be read"),
     ("empty.npz", "", "empty.npz: cannot be read"), ("empty.csv", "", "must have names"),
     ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
-    ("design.py:nothing", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
+    ("design.py:number", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
     ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
     ("fails.py:x", "1 / 0", r"fails\.py:x: ZeroDivisionError"),
     ("ends.py:x", "raise SystemExit(3)", r"ends\.py:x: SystemExit: 3"),
@@ -186,8 +186,8 @@ def test_a_bad_source_is_named_and_leaves_no_file(design, source, content, match
 
 def test_two_units_of_one_name_are_refused(design):
     linear, table = "linear_unit([], [], [], [k])", "table_unit({'t': [0, 1], 'y': [1, k]})"
-    for name, one in (("LinearUnit", linear), ("TableUnit", table)):
-        (design / "two.py").write_text(f"from vdfmu.unit import *\na, b = ({one} for k in (2, 3))\n")
+    for name, expression in (("LinearUnit", linear), ("TableUnit", table)):
+        (design / "two.py").write_text(f"from vdfmu.unit import *\na, b = ({expression} for k in (2, 3))\n")
         with pytest.raises(UnitError, match=rf"two\.py: {name} must be the name of one unit, got two"):
             find_unit("two.py")
 
@@ -195,8 +195,8 @@ def test_two_units_of_one_name_are_refused(design):
 def test_odd_names_and_decimal_commas_do_no_harm_and_the_command_names_what_it_wrote(design):
     """A quote in a name ended the text of the unit."""
     (design / 'q"uo\\Ute.csv').write_text('Time [s];b\n0;1,5\n\n1;"2,5"\n')
-    found = made('q"uo\\Ute.csv', "quoted")().simulate(stop=1.0, step=0.5)
-    assert found["b"].tolist() == [1.5, 2.0, 2.5]
+    results = made('q"uo\\Ute.csv', "quoted")().simulate(stop=1.0, step=0.5)
+    assert results["b"].tolist() == [1.5, 2.0, 2.5]
     words = "unit", "from", "design.py:maps", "--name", "MyMaps"
     done, again = command(*words), command(*words)
     assert done.exit_code == 0 and "my_maps.casadi" in done.output and "vdfmu build my_maps.py" in done.output

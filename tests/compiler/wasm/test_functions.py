@@ -26,15 +26,15 @@ SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, -2.5, 3.75, 1e-300, 1e300, math.inf, -math
 class Instance:
     """The functions of traces in a module; with `own` it calls functions of the C library of this machine."""
 
-    def __init__(self, functions: Sequence[ca.Function], own: bool = True) -> None:
+    def __init__(self, functions: Sequence[ca.Function], own_library: bool = True) -> None:
         assembler = Assembler()
         exported = {f"f{k}": assembler.traced(function) for k, function in enumerate(functions)}
         self.functions, self.place = functions, assembler.room(200_000)
         self.store, linker = linked(assembler.growth)
-        if own:
+        if own_library:
             linker.allow_shadowing = True
             for name, function in self._called(functions):
-                arguments, results = ([TYPES[bytes([one])]() for one in kind] for kind in IMPORTED[name])
+                arguments, results = ([TYPES[bytes([code])]() for code in kind] for kind in IMPORTED[name])
                 kind = wasmtime.FuncType(arguments, results)
                 linker.define(self.store, "base", name, wasmtime.Func(self.store, kind, function))
         self.memory = linker.get(self.store, "base", "memory")
@@ -45,11 +45,11 @@ class Instance:
         symbols = ca.SX.sym("x"), ca.SX.sym("y")
         for name in IMPORTED.keys() - {"table_row", "move_unit"}:
             operation = next(key for key, pieces in OPERATIONS.items() if name in pieces)
-            given = symbols[: len(IMPORTED[name][0])]
-            made = (ca.SX.unary if len(given) == 1 else ca.SX.binary)(operation, *given)
-            called = ca.Function(name, given, [made])
+            arguments = symbols[: len(IMPORTED[name][0])]
+            made = (ca.SX.unary if len(arguments) == 1 else ca.SX.binary)(operation, *arguments)
+            called = ca.Function(name, arguments, [made])
             yield name, lambda *a, called=called: float(called(*a))
-        tables = [one for f in functions for one in f.find_functions() if one.name().startswith(LOOKUP)]
+        tables = [inner for f in functions for inner in f.find_functions() if inner.name().startswith(LOOKUP)]
         edges = np.array(lookup_table(tables[0])[0]) if tables else np.zeros(2)
         yield "table_row", lambda _, n, x: int(np.clip(np.searchsorted(edges, x, "right") - 1, 0, n - 1))
 
@@ -70,45 +70,47 @@ class Instance:
 
 
 def expected(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    given = [values.reshape(function.size_in(i), order="F") for i, values in enumerate(arguments)]
-    return [np.array(one.full()).ravel(order="F") for one in function.call(given)]
+    inputs = [values.reshape(function.size_in(i), order="F") for i, values in enumerate(arguments)]
+    return [np.array(result.full()).ravel(order="F") for result in function.call(inputs)]
 
 
-def assert_same_bits(found: np.ndarray, values: np.ndarray, where: str) -> None:
-    np.testing.assert_array_equal(np.isnan(found), np.isnan(values), err_msg=where)  # whose bits no standard fixes
+def assert_same_bits(actual: np.ndarray, values: np.ndarray, where: str) -> None:
+    np.testing.assert_array_equal(np.isnan(actual), np.isnan(values), err_msg=where)  # whose bits no standard fixes
     rest = ~np.isnan(values)
-    np.testing.assert_array_equal(found[rest].view(np.int64), values[rest].view(np.int64), err_msg=where)
+    np.testing.assert_array_equal(actual[rest].view(np.int64), values[rest].view(np.int64), err_msg=where)
 
 
 def operation_functions() -> dict[int, ca.Function]:
-    found = {}
+    functions = {}
     for key, pieces in OPERATIONS.items():
-        given = [ca.SX.sym(name) for name in "xy"[: 2 if 1 in pieces else 1]]
-        made = (ca.SX.binary if len(given) == 2 else ca.SX.unary)(key, *given)
-        found[key] = ca.Function(f"operation_{key}", given, [made])
-    return found
+        symbols = [ca.SX.sym(name) for name in "xy"[: 2 if 1 in pieces else 1]]
+        made = (ca.SX.binary if len(symbols) == 2 else ca.SX.unary)(key, *symbols)
+        functions[key] = ca.Function(f"operation_{key}", symbols, [made])
+    return functions
 
 
 def test_there_is_code_of_each_operation_that_has_c():
     assert OPERATIONS.keys() == EXPRESSIONS.keys()
 
 
-@pytest.mark.parametrize("own", [True, False])
-def test_an_operation_has_the_bits_of_casadi(own):
+@pytest.mark.parametrize("own_library", [True, False])
+def test_an_operation_has_the_bits_of_casadi(own_library):
     functions = operation_functions()
-    instance = Instance(list(functions.values()), own)
+    instance = Instance(list(functions.values()), own_library)
     for k, (key, function) in enumerate(functions.items()):
-        exact = own or not any(isinstance(piece, str) for piece in OPERATIONS[key])
+        exact = own_library or not any(isinstance(piece, str) for piece in OPERATIONS[key])
         for x in SPECIAL:
             for y in SPECIAL if function.n_in() == 2 else [0.0]:
-                given = [np.array([x]), np.array([y])][: function.n_in()]
-                (found,), (value,) = instance(k, *given), expected(function, *given)
+                inputs = [np.array([x]), np.array([y])][: function.n_in()]
+                (actual,), (value,) = instance(k, *inputs), expected(function, *inputs)
                 if key == ca.OP_SIGN:  # CasADi has the sign of -0 and of NaN; this is the C of the FMUs
                     value = np.array([float(x > 0.0) - float(x < 0.0)])
                 if exact:
-                    assert_same_bits(found, value, f"{function} {given}")
+                    assert_same_bits(actual, value, f"{function} {inputs}")
                 else:  # another C library: both are within two units in the last place
-                    np.testing.assert_allclose(found, value, rtol=4 * 2.3e-16, atol=0.0, err_msg=f"{function} {given}")
+                    np.testing.assert_allclose(
+                        actual, value, rtol=4 * 2.3e-16, atol=0.0, err_msg=f"{function} {inputs}"
+                    )
 
 
 def test_an_operation_without_code_is_said():
@@ -128,10 +130,10 @@ def test_the_units_of_a_scenario_have_the_bits_of_casadi(scenario):
         functions = [unit.interface.functions.casadi_function(call.function) for call in calls]
         instance = Instance(functions)
         for k, function in enumerate(functions):
-            given = []
+            inputs = []
             for group in function.name_in():
                 size, where = function.numel_in(group), unit.interface.arguments.get(group)
-                own = np.full(size, 1e-3) if where is None else unit.memory[where]
-                given.append(own * random.uniform(0.9, 1.1, size) + 1e-3 * random.uniform(size=size))
-            for found, value in zip(instance(k, *given), expected(function, *given), strict=True):
-                assert_same_bits(found, value, f"{name} {function.name()}")
+                typical = np.full(size, 1e-3) if where is None else unit.memory[where]
+                inputs.append(typical * random.uniform(0.9, 1.1, size) + 1e-3 * random.uniform(size=size))
+            for actual, value in zip(instance(k, *inputs), expected(function, *inputs), strict=True):
+                assert_same_bits(actual, value, f"{name} {function.name()}")

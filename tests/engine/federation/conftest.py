@@ -12,7 +12,7 @@ __all__ = ["arm_package", "built", "federates", "fmus", "pack", "system", "xml"]
 
 def federates_of(parent: int | None = None) -> dict[int, int]:
     """Return the federates' processes that a process has started, this one by default: number in the run to id."""
-    found = {}
+    processes = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             arguments = (folder / "cmdline").read_text().split("\0")
@@ -25,8 +25,8 @@ def federates_of(parent: int | None = None) -> dict[int, int]:
             and int(status[1]) == (parent or os.getpid())
         ):
             memory = next(text for text in arguments if text.endswith("/memory"))
-            found[int(Path(memory).parent.name.removeprefix("federate_"))] = int(folder.name)
-    return found
+            processes[int(Path(memory).parent.name.removeprefix("federate_"))] = int(folder.name)
+    return processes
 
 
 @pytest.fixture

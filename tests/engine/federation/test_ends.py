@@ -36,8 +36,8 @@ def test_a_component_that_fails_ends_the_run_with_its_reason_and_the_rows(packag
     results = info.value.results
     assert results.time.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5], abs=1e-15)  # k * 0.1, rounded
     assert set(results.summary["federates"]) == {"f", "p", "r"}
-    one = vdfmu.simulate(package, algorithm="jacobi", step=STEP, stop=0.5)
-    assert all(results[name].tobytes() == one[name].tobytes() for name in one.names)
+    whole = vdfmu.simulate(package, algorithm="jacobi", step=STEP, stop=0.5)
+    assert all(results[name].tobytes() == whole[name].tobytes() for name in whole.names)
 
 
 @pytest.mark.heavy

@@ -29,32 +29,32 @@ def loop(pack, xml):
     )
 
 
-def assert_same(split, one):
+def assert_same(split, whole):
     """Assert that both have the same signals, in the same order, with the same bits."""
-    assert split.names == one.names
-    assert_same_bits(split, one)
+    assert split.names == whole.names
+    assert_same_bits(split, whole)
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("split", [["p"], ["a,p"], ["r", "g,a"], ["p", "a", "g"]], ids="|".join)
 def test_two_three_and_four_federates_give_the_bits_of_jacobi(loop, federates, split):
     options = {"stop": 1.0, "step": 0.1}
-    one = vdfmu.simulate(loop, algorithm="jacobi", **options)
+    whole = vdfmu.simulate(loop, algorithm="jacobi", **options)
     results = vdfmu.federate(loop, split, **options)
-    assert_same(results, one)
-    assert np.ptp(one["p.y"]) > 0.1  # it moves at all
-    found = results.summary["federates"]
-    assert [name for part in found.values() for name in part["components"]] == [*",".join(split).split(","), *(
+    assert_same(results, whole)
+    assert np.ptp(whole["p.y"]) > 0.1  # it moves at all
+    parts = results.summary["federates"]
+    assert [name for part in parts.values() for name in part["components"]] == [*",".join(split).split(","), *(
         name for name in "rapg" if name not in ",".join(split)
     )]  # fmt: skip
-    assert all(part["waited_s"] > 0.0 for part in found.values())
+    assert all(part["waited_s"] > 0.0 for part in parts.values())
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("core", CORES[1:])
 def test_every_core_of_helics_gives_the_same(loop, federates, core):
-    one = vdfmu.simulate(loop, algorithm="jacobi", stop=1.0, step=0.1)
-    assert_same(vdfmu.federate(loop, ["p", "a"], core=core, stop=1.0, step=0.1), one)
+    whole = vdfmu.simulate(loop, algorithm="jacobi", stop=1.0, step=0.1)
+    assert_same(vdfmu.federate(loop, ["p", "a"], core=core, stop=1.0, step=0.1), whole)
 
 
 @pytest.mark.heavy
@@ -80,8 +80,8 @@ def test_values_of_every_type_are_carried(system, federates):
     )
     values = {f"a.{k}_input": 1 for k in kinds if "Int" in k}
     options = {"stop": 0.6, "step": 0.2, "parameters": values}
-    one = vdfmu.simulate(path, algorithm="jacobi", **options)
-    assert_same(vdfmu.federate(path, ["a"], **options), one)
+    whole = vdfmu.simulate(path, algorithm="jacobi", **options)
+    assert_same(vdfmu.federate(path, ["a"], **options), whole)
 
 
 @pytest.mark.heavy
@@ -99,32 +99,32 @@ def test_the_initialization_passes_from_federate_to_federate(pack, xml, fmus, fe
         ["d.twice -> g.k", "d.twice -> r.slope", "r.y -> g.u", "g.y -> a.a", "h.y -> a.b", "a.y -> h.u"],
     )
     options = {"start": 1.0, "stop": 2.0, "step": 0.25, "record": ["*"]}
-    one = vdfmu.simulate(path, algorithm="jacobi", **options)
-    assert one["g.u"][0] == 3.0  # slope 2 k at t = 1 s
-    assert one["g.y"][0] == 9.0
-    assert one["a.y"][0] == pytest.approx(18.0, rel=1e-8)  # y = 9 + y / 2, to the convergence 1e-8 of the loop
-    assert_same(vdfmu.federate(path, ["d", "g", "r", "h"], **options), one)
+    whole = vdfmu.simulate(path, algorithm="jacobi", **options)
+    assert whole["g.u"][0] == 3.0  # slope 2 k at t = 1 s
+    assert whole["g.y"][0] == 9.0
+    assert whole["a.y"][0] == pytest.approx(18.0, rel=1e-8)  # y = 9 + y / 2, to the convergence 1e-8 of the loop
+    assert_same(vdfmu.federate(path, ["d", "g", "r", "h"], **options), whole)
 
 
 @pytest.mark.heavy
 def test_signals_from_files_units_of_measurement_and_own_steps(pack, xml, federates):
     c = xml.component
-    own = (
+    own_step = (
         '<ssd:Annotations><ssc:Annotation type="org.vdfmu.experiment"><Experiment xmlns="urn:org.vdfmu:experiment" '
         'communicationStepSize="0.5"/></ssc:Annotation></ssd:Annotations>'
     )
     path = pack(
         [
             "deg Degrees y:output mm:output", "rad Radians u:input m:input",
-            c("p", "Plant", "u:input load:input y:output", own), "g Gain u:input y:output",
+            c("p", "Plant", "u:input load:input y:output", own_step), "g Gain u:input y:output",
         ],
         ["deg.y -> rad.u", "deg.mm -> rad.m", "g.y -> p.u", "p.y -> g.u"],
     )  # fmt: skip
     t = np.linspace(0.0, 1.0, 5)
     options = {"stop": 1.0, "step": 0.25, "inputs": {"p.load": (t, np.sin(3.0 * t))}}
-    one = vdfmu.simulate(path, algorithm="jacobi", **options)
-    assert one["p.y"][-1] != 0.0
-    assert_same(vdfmu.federate(path, ["deg", "p"], **options), one)
+    whole = vdfmu.simulate(path, algorithm="jacobi", **options)
+    assert whole["p.y"][-1] != 0.0
+    assert_same(vdfmu.federate(path, ["deg", "p"], **options), whole)
 
 
 @pytest.mark.heavy
@@ -132,12 +132,12 @@ def test_a_component_that_ends_the_simulation_ends_it_for_all_and_for_model_exch
     """As in one process: with the same rows, and the same words."""
     path = system({"b": (models.BOUNCING_BALL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["b.h -> c.Float64_input"])
     for options in ({"stop": 3.0, "step": 0.05},):
-        one = vdfmu.simulate(path, algorithm="jacobi", **options)
+        whole = vdfmu.simulate(path, algorithm="jacobi", **options)
         results = vdfmu.federate(path, ["b"], **options)
-        assert_same(results, one)
+        assert_same(results, whole)
         assert {k: results.summary.get(k) for k in ("ended", "stop", "steps", "notes")} == {
-            k: one.summary.get(k) for k in ("ended", "stop", "steps", "notes")
+            k: whole.summary.get(k) for k in ("ended", "stop", "steps", "notes")
         }
     path = system({"d": (models.VAN_DER_POL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["d.x0 -> c.Float64_input"])
-    one = vdfmu.simulate(path, algorithm="jacobi", stop=1.0, step=0.1)
-    assert_same(vdfmu.federate(path, ["d"], stop=1.0, step=0.1), one)
+    whole = vdfmu.simulate(path, algorithm="jacobi", stop=1.0, step=0.1)
+    assert_same(vdfmu.federate(path, ["d"], stop=1.0, step=0.1), whole)

@@ -35,9 +35,9 @@ def package(pack, xml):
 @pytest.fixture
 def broker():
     """Return the address of a broker for two federates, which ends with them."""
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        port = found.getsockname()[1]
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
     process = subprocess.Popen(
         [PROGRAM, "--federates=2", "--coretype=tcp_ss", f"--port={port}", "--tick=1s", "--loglevel=no_print"]
     )
@@ -67,12 +67,12 @@ def ends(*runs: subprocess.Popen) -> list[tuple[int, str]]:
 def test_each_has_the_rows_of_its_components(package, start, tmp_path):
     for code, shown in ends(start("p"), start("g")):
         assert code == 0, shown
-    one = vdfmu.simulate(package, algorithm="jacobi", step=0.1)
+    whole = vdfmu.simulate(package, algorithm="jacobi", step=0.1)
     parts = [vdfmu.Results.read(tmp_path / name / "results.csv") for name in "pg"]
-    assert sorted(name for part in parts for name in part.names) == sorted(one.names)
+    assert sorted(name for part in parts for name in part.names) == sorted(whole.names)
     for part in parts:
-        assert part.time.tobytes() == one.time.tobytes()
-        assert all(part[name].tobytes() == one[name].tobytes() for name in part.names)
+        assert part.time.tobytes() == whole.time.tobytes()
+        assert all(part[name].tobytes() == whole[name].tobytes() for name in part.names)
 
 
 @pytest.mark.heavy
@@ -87,8 +87,8 @@ def test_a_failure_is_told_to_all(start, tmp_path):
 @pytest.mark.heavy
 def test_all_must_run_the_same(start):
     # Another step, of which the first exchange after the first step tells.
-    (one, shown_p), (other, shown_g) = ends(start("p"), start("g", "--step", "0.05"))
-    assert (one, other) == (1, 1)
+    (code_p, shown_p), (code_g, shown_g) = ends(start("p"), start("g", "--step", "0.05"))
+    assert (code_p, code_g) == (1, 1)
     for shown in (shown_p, shown_g):
         assert "expected the same package, split, start, stop and step for all" in shown
 

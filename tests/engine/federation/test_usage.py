@@ -53,7 +53,7 @@ def test_components_with_event_mode_are_refused(system):
 @pytest.mark.parametrize("core", ["tcp_ss", "tcp", "zmq"])
 def test_nothing_listens_but_on_loopback(package, federates, core):
     """The sockets of the federates' processes, by their inodes, while they run."""
-    found: list[str] = []
+    addresses: list[str] = []
 
     def look(k: int, n: int) -> None:
         inodes = {
@@ -63,7 +63,7 @@ def test_nothing_listens_but_on_loopback(package, federates, core):
             for line in Path(f"/proc/net/{family}").read_text().splitlines()[1:]:
                 _, local, _, state, *rest = line.split()
                 if state == "0A" and f"socket:[{rest[5]}]" in inodes:  # it listens
-                    found.append(local.partition(":")[0])
+                    addresses.append(local.partition(":")[0])
 
     vdfmu.federate(package, ["a"], core=core, step=0.25, progress=look)
-    assert set(found) == {"0100007F"}  # 127.0.0.1
+    assert set(addresses) == {"0100007F"}  # 127.0.0.1

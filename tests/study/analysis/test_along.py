@@ -32,34 +32,34 @@ LESS_DAMPED = {"controller.K_v": (0.75 * np.array([50.0, 50.0, 40.0, 30.0, 25.0,
 
 def on_a_grid(system, times, **options):
     """Return the loops of a system, and those of the same run at so many times, evenly spread."""
-    with run_along(system, **options) as (found, grid, _):
+    with run_along(system, **options) as (run, grid, _):
         pass
     at = np.linspace(grid.begin, grid.end, times + 1)
     with run_along(system, at=at.tolist(), **options) as (every, _, _):
         pass
     steps = {round((t - grid.begin) / grid.step) for t in at}
     rows = [pose for pose in every.loops.rows if round((pose.time - grid.begin) / grid.step) in steps]
-    return found.loops, rows, grid
+    return run.loops, rows, grid
 
 
 def agree(loops, rows):
     """Whether the smallest margin is that of a grid; or both have none."""
     least = min(float(pose.loop.modulus.min()) for pose in rows)
-    found = loops.nearest()
-    assert loops.rows[0].time <= found.time <= loops.rows[-1].time
+    nearest = loops.nearest()
+    assert loops.rows[0].time <= nearest.time <= loops.rows[-1].time
     # 0 is a growth that a grid may miss for some milliseconds, as this may: then the margin is a hair's breadth
-    return abs(found.modulus - least) <= max(0.05 * least, 1e-3)
+    return abs(nearest.modulus - least) <= max(0.05 * least, 1e-3)
 
 
 def test_the_margin_is_the_smallest_over_the_run_where_a_wrist_is_slow():
     loops, rows, _ = on_a_grid("planar_tracking", 200)
     assert len(rows) == 201 and agree(loops, rows)
     # An independent linearisation has 0.163 on the circle of 2 1/s at 9.167 s, and 0.146 on the unit circle at 0.8.
-    found = margins_along("tracking", at=[0.8])
-    nearest = found.judged.loops.nearest()
+    along = margins_along("tracking", at=[0.8])
+    nearest = along.judged.loops.nearest()
     assert nearest.name == "plant.tau[6]" and 0.13 < nearest.modulus < 0.15
     assert min(abs(nearest.time - t) for t in (0.84, 9.16)) < 0.02  # the motion is the same from its end
-    assert found.margins[0].modulus[5] == pytest.approx(0.146, rel=0.02)  # three digits, of another solver's state
+    assert along.margins[0].modulus[5] == pytest.approx(0.146, rel=0.02)  # three digits, of another solver's state
 
 
 @pytest.mark.heavy
@@ -78,7 +78,7 @@ def test_the_margin_of_random_gains_is_the_smallest_of_1000_times(name, factors,
     scenario, random = load_scenario(name), np.random.default_rng(7)
     gains = {key: np.asarray(group_value(scenario, f"controller.{key}")) for key in ("K_p", "K_v")}
     for _ in range(sets):
-        drawn = {key: np.exp(random.uniform(*np.log(factors), own.shape)) * own for key, own in gains.items()}
+        drawn = {key: np.exp(random.uniform(*np.log(factors), gain.shape)) * gain for key, gain in gains.items()}
         settings = {f"controller.{key}": values.tolist() for key, values in drawn.items()}
         loops, rows, grid = on_a_grid(name, 1000, settings=settings)
         assert agree(loops, rows), settings
@@ -135,12 +135,12 @@ def test_all_commands_have_one_margin(master, tmp_path):
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     said = summary["verdict"]["checks"][0]["text"]
     assert ("a mode grows by 1 1/s at joint 4, slower than 2 1/s" in said) == (master == "jacobi")
-    found = margins_along(path, master=master).judged
-    assert found.words[1] == said and (master == "jacobi" or reach.words == found.words)
+    margins = margins_along(path, master=master).judged
+    assert margins.words[1] == said and (master == "jacobi" or reach.words == margins.words)
     along = CliRunner().invoke(app, ["linear", str(path), "--master", master, "--json"])
     assert along.exit_code == 0 and json.loads(along.output)["text"] == said
-    least, own = found.loops.modulus, summary["key_figures"]["margin"]["value"]
-    assert own == least.min() > 0.3
+    least, shown = margins.loops.modulus, summary["key_figures"]["margin"]["value"]
+    assert shown == least.min() > 0.3
     problem = make_problem(path, ["controller.K_p"], "rms(plant.q)", margin="same", master=master)
     # other instances of the same FMUs at the same states: rounding
     np.testing.assert_allclose(problem.margin, least, rtol=1e-9)
@@ -149,7 +149,7 @@ def test_all_commands_have_one_margin(master, tmp_path):
     gain = next(knob for knob in knobs(system) if knob["key"] == "controller.K_p")
     span = (0.0, system.scenario.stop, 1e-3)
     ((every, *_),) = tracks(tmp_path / "run" / "system.ssp", master, [gain], values_of(system), span)
-    assert dict(zip(every["places"], every["modulus"], strict=True))[0] == round(own, 3)
+    assert dict(zip(every["places"], every["modulus"], strict=True))[0] == round(shown, 3)
 
 
 @pytest.mark.heavy
@@ -178,6 +178,6 @@ def test_a_run_that_fails_has_margins_until_then():
     settings = {"controller.K_v": [100.0, 100.0, 80.0, 60.0, 50.0, 40.0]}
     with pytest.raises(CosimError):
         vdfmu.run("tracking", master="jacobi", settings=settings, out=False, reference=False)
-    found = margins_along("tracking", master="jacobi", settings=settings)
-    assert found.judged.words[0] == "failed" and max(found.times) < 3.0
-    assert any("the run fails: plant failed at" in note for note in found.notes)
+    margins = margins_along("tracking", master="jacobi", settings=settings)
+    assert margins.judged.words[0] == "failed" and max(margins.times) < 3.0
+    assert any("the run fails: plant failed at" in note for note in margins.notes)

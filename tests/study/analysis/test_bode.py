@@ -23,19 +23,19 @@ def smooth(lift):
 
 def test_two_masses_on_a_spring_have_their_resonance_and_anti_resonance(smooth):
     _, K, J = poles_of(smooth, 0.0)
-    found = joint_bode(smooth, [0.1], 1)
+    curves = joint_bode(smooth, [0.1], 1)
     # rounding of eigenvalues: 1e-16 of the norm of A, 1e5, over 300 rad/s
-    assert found.resonance == pytest.approx(np.sqrt(K * (1 / J + 1 / MASS)) / (2 * np.pi), rel=1e-9)
-    assert found.antiresonance[0] == pytest.approx(np.sqrt(K / MASS) / (2 * np.pi), rel=1e-9)
-    assert not found.antiresonance[1].size
-    s = 2j * np.pi * found.frequency
-    near = np.min(np.abs(found.frequency[:, None] - found.resonance), axis=1) < 1e-3 * found.resonance[0]
+    assert curves.resonance == pytest.approx(np.sqrt(K * (1 / J + 1 / MASS)) / (2 * np.pi), rel=1e-9)
+    assert curves.antiresonance[0] == pytest.approx(np.sqrt(K / MASS) / (2 * np.pi), rel=1e-9)
+    assert not curves.antiresonance[1].size
+    s = 2j * np.pi * curves.frequency
+    near = np.min(np.abs(curves.frequency[:, None] - curves.resonance), axis=1) < 1e-3 * curves.resonance[0]
     # a motor torque acts as ell times as much on the link side
     ell = float(smooth.ell[0])
     whole = s * (J * MASS * s**2 + K * (J + MASS))
     rotor, link = ell * (MASS * s**2 + K) / whole, ell * K / whole
     size = np.abs(rotor) + np.abs(link)
-    for mine, other in zip(found.response, (rotor, link), strict=True):
+    for mine, other in zip(curves.response, (rotor, link), strict=True):
         # beside the pole, of which both are infinite: rounding of 1e-16 times 1e5, over 1e-3 of the pole's square
         np.testing.assert_allclose((mine / size)[~near], (other / size)[~near], atol=1e-8)
 
@@ -109,8 +109,8 @@ def test_the_command_draws_a_joint(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = CliRunner().invoke(app, ["linear", "planar_2dof", "--pose", "0.3 -0.5", "--bode", "2"])
     assert said.exit_code == 0 and (tmp_path / "planar_2dof_bode.png").read_bytes().startswith(b"\x89PNG")
-    found = joint_bode(vdfmu.load_robot("planar_2dof"), [0.3, -0.5], 2)
-    assert all(f"{f:.2f}" in said.output for f in (*found.resonance, *found.antiresonance[0]))
+    curves = joint_bode(vdfmu.load_robot("planar_2dof"), [0.3, -0.5], 2)
+    assert all(f"{f:.2f}" in said.output for f in (*curves.resonance, *curves.antiresonance[0]))
     for options, message in (
         (["--bode", "3"], "--bode 3: expected a joint, 1 to 2"),
         (["--bode", "1", "--modes"], "--modes is for a scenario, and planar_2dof is a robot"),

@@ -15,16 +15,16 @@ POSE = (0.3, -0.5)
 
 
 def test_the_linear_arm_has_the_states_of_options(with_options):
-    found = vdfmu.linearize(with_options(), POSE)
+    linear = vdfmu.linearize(with_options(), POSE)
     more = ("tau_h", "tau_z", "i_m", "T_j")
-    assert found.states[8:] == tuple(f"{name}[{i}]" for name in more for i in (1, 2))
-    assert found.state_units[8:] == ("N.m",) * 4 + ("A",) * 2 + ("K",) * 2
-    assert np.isfinite(found.A).all() and found.A.shape == (16, 16) and found.B.shape == (16, 8)
-    assert (found.x[12:14] != 0.0).all()  # currents that hold the arm
+    assert linear.states[8:] == tuple(f"{name}[{i}]" for name in more for i in (1, 2))
+    assert linear.state_units[8:] == ("N.m",) * 4 + ("A",) * 2 + ("K",) * 2
+    assert np.isfinite(linear.A).all() and linear.A.shape == (16, 16) and linear.B.shape == (16, 8)
+    assert (linear.x[12:14] != 0.0).all()  # currents that hold the arm
     # torques reach the rotors by the current loop alone, which is of first order
-    np.testing.assert_allclose(found.A[12:14, 12:14], -3e3 * np.eye(2), rtol=1e-12)
-    np.testing.assert_allclose(found.B[12:14, :2], 3e3 / 0.1 * np.eye(2), rtol=1e-12)
-    assert not found.B[4:6, :2].any()
+    np.testing.assert_allclose(linear.A[12:14, 12:14], -3e3 * np.eye(2), rtol=1e-12)
+    np.testing.assert_allclose(linear.B[12:14, :2], 3e3 / 0.1 * np.eye(2), rtol=1e-12)
+    assert not linear.B[4:6, :2].any()
 
 
 @pytest.mark.parametrize("motors", ["free", "held"])
@@ -34,19 +34,19 @@ def test_hysteresis_at_rest_is_a_stiffer_spring(with_options, motors):
     share = 1.0 + 5e3 / K
     plain = vdfmu.load_robot("planar_2dof").with_parameters(gravity=0.0)
     stiff = plain.with_parameters(K_f0=plain.K_f0 * share, K_w0=plain.K_w0 * share)
-    found, expected = (natural_modes(robot, POSE, motors=motors) for robot in (bent, stiff))
+    modes, expected = (natural_modes(robot, POSE, motors=motors) for robot in (bent, stiff))
     # eigenvalues of up to 1e3 1/s of a matrix with entries of 1e6
-    np.testing.assert_allclose(found.frequency, expected.frequency, rtol=1e-9)
-    assert (found.frequency > 1.05 * natural_modes(plain, POSE, motors=motors).frequency).all()
+    np.testing.assert_allclose(modes.frequency, expected.frequency, rtol=1e-9)
+    assert (modes.frequency > 1.05 * natural_modes(plain, POSE, motors=motors).frequency).all()
 
 
 @pytest.mark.parametrize("option", ["load_loss", "bristles", "winding", "thermal"])
 def test_modes_without_dry_friction_are_those_of_the_bare_arm(with_options, option):
     robot = with_options(option, T_ref=300.0)
     for motors in ("free", "held"):
-        found, bare = (natural_modes(one, POSE, motors=motors) for one in (robot, with_options("backlash", w_gap=0.0)))
-        np.testing.assert_allclose(found.frequency, bare.frequency, rtol=1e-8)
-        np.testing.assert_allclose(found.damping, bare.damping, rtol=0, atol=1e-9)
+        modes, bare = (natural_modes(arm, POSE, motors=motors) for arm in (robot, with_options("backlash", w_gap=0.0)))
+        np.testing.assert_allclose(modes.frequency, bare.frequency, rtol=1e-8)
+        np.testing.assert_allclose(modes.damping, bare.damping, rtol=0, atol=1e-9)
 
 
 @pytest.mark.heavy

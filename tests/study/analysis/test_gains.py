@@ -34,8 +34,8 @@ def smallest_distance(J: float, M: float, K: float, K_p: float, K_v: float, dela
 def test_a_joint_has_the_margin_that_is_promised(J, M, K):
     K_p, K_v, margin = joint_gains(J, K, np.array([M]), STEP)
     assert margin >= 0.5
-    found = min(smallest_distance(J, M, K, K_p, K_v, delay) for delay in (0, 1))
-    assert found == pytest.approx(margin, rel=0.01)  # both are minima over grids of frequencies
+    smallest = min(smallest_distance(J, M, K, K_p, K_v, delay) for delay in (0, 1))
+    assert smallest == pytest.approx(margin, rel=0.01)  # both are minima over grids of frequencies
 
 
 def test_a_stiff_joint_has_the_poles_that_are_placed_and_a_soft_one_a_quarter_of_its_spring():
@@ -46,9 +46,9 @@ def test_a_stiff_joint_has_the_poles_that_are_placed_and_a_soft_one_a_quarter_of
     assert 0.1 < K_v * STEP / J <= 0.4
     K_p, _, _ = joint_gains(0.1, 500.0, np.array([0.02]), STEP)
     assert K_p <= 125.0
-    one = joint_gains(0.1, 1e4, np.array([0.5]), STEP)
+    lightest = joint_gains(0.1, 1e4, np.array([0.5]), STEP)
     both = joint_gains(0.1, 1e4, np.array([0.5, 5.0]), STEP)
-    assert both[0] < one[0]
+    assert both[0] < lightest[0]
     assert both[2] >= 0.5
 
 
@@ -91,15 +91,15 @@ def arm(tmp_path):
 
 @pytest.mark.heavy
 def test_the_motion_keeps_clear_of_end_stops_and_motors_that_are_too_weak_are_said(arm, tmp_path):
-    found = write_reach(arm, tmp_path / "reach.toml")
+    reach = write_reach(arm, tmp_path / "reach.toml")
     scenario = load_scenario(tmp_path / "reach.toml")
     robot = scenario.robot
     for key in ("q_start", "q_end"):
         at = np.array(scenario.sections["trajectory"][key])
         away = np.minimum(at - robot.q_min, robot.q_max - at)
         assert (away > 0.09 * np.minimum(robot.q_max - robot.q_min, 10.0)).all()
-    assert scenario.sections["controller"]["K_p"] == [float(f"{k:.4g}") for k in found.gains.K_p]
-    assert found.notes == []
+    assert scenario.sections["controller"]["K_p"] == [float(f"{k:.4g}") for k in reach.gains.K_p]
+    assert reach.notes == []
     text = arm.read_text(encoding="utf-8")
     assert text.count("tau_stall = 0.5\n") == 2
     arm.write_text(text.replace("tau_stall = 0.5\n", "tau_stall = 0.01\n"), encoding="utf-8")

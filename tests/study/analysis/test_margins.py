@@ -21,8 +21,8 @@ def late(loop):
 def distances(loop, w, i=0):
     """Return ``|1 + L_i|`` at frequencies [rad/s], all other loops closed: by a linear solve at each."""
     (A, B), K = loop.plant, loop.K
-    others = np.delete(np.arange(len(K)), i)
-    open_i = A + B[:, others] @ K[others]
+    rest = np.delete(np.arange(len(K)), i)
+    open_i = A + B[:, rest] @ K[rest]
     z = np.exp(1j * w * loop.step) if loop.sampled else 1j * w
     x = np.linalg.solve(z[:, None, None] * np.eye(len(A)) - open_i, B[:, [i]].astype(complex))
     return np.abs(1.0 - (K[[i]] @ x)[:, 0, 0])
@@ -33,7 +33,7 @@ def test_two_masses_on_a_spring_are_discretised_exactly():
     # x, y, their velocities; a force on the first mass
     A = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-k / m, k / m, 0, 0], [k / j, -k / j, 0, 0]], float)
     B = np.array([[0], [0], [1 / m], [0]])
-    found = held(Linear(A, B), h)
+    sampled = held(Linear(A, B), h)
     # centre of mass: uniformly accelerated; distance x - y: an oscillator under the acceleration 1 / m
     M, w = m + j, np.sqrt(k * (1 / m + 1 / j))
     c, s = np.cos(w * h), np.sin(w * h)
@@ -42,8 +42,8 @@ def test_two_masses_on_a_spring_are_discretised_exactly():
     from_parts = np.array([[1, 0, j / M, 0], [1, 0, -m / M, 0], [0, 1, 0, j / M], [0, 1, 0, -m / M]])
     wanted = np.block([[middle[0], np.zeros((2, 2))], [np.zeros((2, 2)), apart[0]]])
     # of the exponential: rounding of entries up to k / j h = 60
-    np.testing.assert_allclose(found.A, from_parts @ wanted @ np.linalg.inv(from_parts), atol=1e-11)
-    np.testing.assert_allclose(found.B[:, 0], from_parts @ np.concatenate([middle[1], apart[1]]), atol=1e-14)
+    np.testing.assert_allclose(sampled.A, from_parts @ wanted @ np.linalg.inv(from_parts), atol=1e-11)
+    np.testing.assert_allclose(sampled.B[:, 0], from_parts @ np.concatenate([middle[1], apart[1]]), atol=1e-14)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.9])
@@ -83,11 +83,11 @@ def test_the_modulus_is_the_least_distance_on_the_circle_or_the_axis(seed, form)
         for _ in range(3):
             loop = late(loop)
     w = np.geomspace(1e-4, 1.0, 40_000) * np.pi / STEP
-    for i, found in enumerate(loop.modulus):
+    for i, modulus in enumerate(loop.modulus):
         least = distances(loop, w, i).min() if loop.rate < 0.0 else 0.0
         # frequencies 2e-4 apart, of peaks that are 1e-2 wide: 1e-4 of them; and of those of the loop, ten times closer
         # together around the least than 20 %: a parabola is exact to 1e-3
-        assert found == pytest.approx(least, rel=2e-3)
+        assert modulus == pytest.approx(least, rel=2e-3)
 
 
 def oscillator(rate, moved, frequency=600.0):
@@ -109,8 +109,8 @@ def test_a_slow_mode_that_the_loop_hardly_moves_is_left_out_of_its_margin():
 
 @pytest.mark.parametrize(("rate", "moved"), [(1.5, 2.0 * SLOW), (1.5 * SLOW, 1.0)])
 def test_a_mode_that_grows_fast_or_by_the_loop_leaves_no_margin(rate, moved):
-    found = oscillator(rate, moved).margins()
-    assert found.rate > 0.0 and found.modulus[0] == found.phase[0] == found.delay[0] == 0.0
+    margins = oscillator(rate, moved).margins()
+    assert margins.rate > 0.0 and margins.modulus[0] == margins.phase[0] == margins.delay[0] == 0.0
 
 
 def test_a_mode_that_decays_faster_than_the_loop_could_move_it_counts_and_what_stays_constant_does_not():
@@ -120,22 +120,22 @@ def test_a_mode_that_decays_faster_than_the_loop_could_move_it_counts_and_what_s
     assert 0.5 < loop.modulus[0] < 0.8  # 1.8 of 2.8 1/s
     # A mass held by a spring and by an element that is one at rest, as hysteresis is: the states of both are one.
     m, k, k_h, d = 2.0, 3e4, 2e3, 5.0
-    one = np.array([[-d / m, -1 / m], [k + k_h, 0.0]])  # speed, torque of both springs
+    single = np.array([[-d / m, -1 / m], [k + k_h, 0.0]])  # speed, torque of both springs
     two = np.array([[-d / m, -1 / m, -1 / m], [k, 0.0, 0.0], [k_h, 0.0, 0.0]])
     push, K = np.array([[1 / m], [0.0], [0.0]]), np.array([[-20.0, 0.0, 0.0]])
     apart = late(Loop(held(Linear(two, push), STEP), K, STEP)).margins()
-    wanted = late(Loop(held(Linear(one, push[:2]), STEP), K[:, :2], STEP)).margins()
-    for found, margin in zip(apart, wanted, strict=True):
+    wanted = late(Loop(held(Linear(single, push[:2]), STEP), K[:, :2], STEP)).margins()
+    for margin_apart, margin in zip(apart, wanted, strict=True):
         # the same loop except for rounding, and at frequencies around the same poles
-        np.testing.assert_allclose(found, margin, rtol=1e-6)
+        np.testing.assert_allclose(margin_apart, margin, rtol=1e-6)
     assert wanted.modulus[0] > 0.1
 
 
 def test_a_mass_that_nothing_holds_an_unstable_loop_and_one_that_is_zero_at_a_frequency_have_their_margins():
     """Position and speed have one eigenvector."""
     plant = held(Linear(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])), STEP)
-    found = Loop(plant, np.zeros((1, 2)), STEP).margins()
-    assert found.modulus.tolist() == [1.0] and found.gain.tolist() == [np.inf] and found.rate == -np.inf
+    margins = Loop(plant, np.zeros((1, 2)), STEP).margins()
+    assert margins.modulus.tolist() == [1.0] and margins.gain.tolist() == [np.inf] and margins.rate == -np.inf
     loop = Loop(held(Linear(np.zeros((1, 1)), np.ones((1, 1))), STEP), np.array([[-1.1 / STEP]]), STEP)
     assert loop.modulus[0] > 0.0  # k h below 2
     then = late(loop).margins()  # k h above 1

@@ -40,12 +40,12 @@ def test_one_joint_without_friction_is_two_masses_on_a_spring(lift):
 @pytest.mark.parametrize("dry", [False, True])
 def test_friction_of_one_joint_has_its_closed_form(lift, dry):
     f = float(lift.f_v[0] + (lift.f_s[0] / lift.eps[0] if dry else 0.0))  # (54) at rest
-    found, (s, *_) = natural_modes(lift, [0.1], dry=dry), roots(lift, f)
+    modes, (s, *_) = natural_modes(lift, [0.1], dry=dry), roots(lift, f)
     (up,) = s[s.imag > 0]
     # rounding, as above
-    assert found.frequency == pytest.approx(abs(up) / (2 * np.pi), rel=1e-9)
-    assert found.damping == pytest.approx(-up.real / abs(up), rel=1e-7)
-    np.testing.assert_allclose(found.rates, [*s[s.imag == 0].real, 0.0], rtol=1e-7, atol=1e-7)
+    assert modes.frequency == pytest.approx(abs(up) / (2 * np.pi), rel=1e-9)
+    assert modes.damping == pytest.approx(-up.real / abs(up), rel=1e-7)
+    np.testing.assert_allclose(modes.rates, [*s[s.imag == 0].real, 0.0], rtol=1e-7, atol=1e-7)
 
 
 @pytest.mark.parametrize("coupling", [False, True])
@@ -66,16 +66,16 @@ def test_modes_without_friction_are_those_of_the_energies(name, coupling):
     K = (K + K.T) / 2.0  # of rounding of the differences
     for motors, size in (("free", 2 * n), ("held", n)):
         w2, shapes = eigh(K[:size, :size], M[:size, :size])
-        found = natural_modes(robot, q, motors=motors)
+        modes = natural_modes(robot, q, motors=motors)
         # gravity's difference quotient has errors of 1e-8 N.m, of stiffnesses of 1e3 and more
-        np.testing.assert_allclose(found.frequency[-n:], np.sqrt(w2[-n:]) / (2 * np.pi), rtol=1e-8)
-        np.testing.assert_allclose(found.damping[-n:], 0.0, atol=1e-8)
-        both = np.hstack([found.links, found.rotors])[-n:, :size]
+        np.testing.assert_allclose(modes.frequency[-n:], np.sqrt(w2[-n:]) / (2 * np.pi), rtol=1e-8)
+        np.testing.assert_allclose(modes.damping[-n:], 0.0, atol=1e-8)
+        both = np.hstack([modes.links, modes.rotors])[-n:, :size]
         for mine, other in zip(both, shapes.T[-n:], strict=True):
             scaled = other * (mine @ other) / (other @ other)
             # eigenvectors of frequencies that are a few per cent apart: 30 times the error of the matrix
             np.testing.assert_allclose(mine, scaled, atol=1e-5)
-        np.testing.assert_allclose(found.share.sum(axis=1), 1.0, rtol=1e-12)
+        np.testing.assert_allclose(modes.share.sum(axis=1), 1.0, rtol=1e-12)
 
 
 @pytest.mark.parametrize("dry", [False, True])
@@ -132,8 +132,8 @@ def test_frequencies_of_the_papers_arm_along_its_motion():
     """Those of docs/internals.md, which the plant's Jacobian gives, and the fastest one in the wrist."""
     times, along = modes_along(vdfmu.load_scenario("tracking"))
     assert len(times) == 101 and times[-1] == 10.0
-    found = {motors: ranges(along[motors], 6) for motors in MOTORS}
-    ends = {motors: (round(pairs[0][0]), round(pairs[-1][1])) for motors, pairs in found.items()}
+    spans = {motors: ranges(along[motors], 6) for motors in MOTORS}
+    ends = {motors: (round(pairs[0][0]), round(pairs[-1][1])) for motors, pairs in spans.items()}
     assert ends == {"free": (52, 302), "held": (14, 300)}
     for motors in MOTORS:
         assert {int(modes.joint[-1]) for modes in along[motors]} <= {3, 4, 5}

@@ -32,10 +32,10 @@ def masses_and_springs():
     e = 1e-6 * np.eye(n)
     slope = np.array([(vdfmu.gravity_torque(robot, q + d) - vdfmu.gravity_torque(robot, q - d)) / 2e-6 for d in e]).T
     stiffness = np.diag(1.0 / deformation_derivative(robot, vdfmu.gravity_torque(robot, q)))
-    zero, one = np.zeros((n, n)), np.eye(n)
-    rotor = one / robot.I_m
+    zero, unit = np.zeros((n, n)), np.eye(n)
+    rotor = unit / robot.I_m
     rows = [
-        [zero, one, zero, zero],
+        [zero, unit, zero, zero],
         [-np.linalg.solve(M, slope), zero, zero, np.linalg.inv(M)],
         [zero, zero, -np.diag(robot.f_v / robot.ell) @ rotor, -rotor / robot.ell],
         [zero, -stiffness, stiffness, zero],
@@ -53,19 +53,19 @@ def test_margins_by_fmus_are_those_of_masses_and_springs(master, delay):
         A, B, K = np.block([[A, B], [np.zeros((m, n + m))]]), np.eye(n + m)[:, n:], np.hstack([K, np.zeros((m, m))])
     wanted = Loop(Linear(A, B), K, 1e-3).margins()
     scenario = vdfmu.load_scenario("planar_tracking", robot)
-    found = system_loop(linearized(scenario, master=master, settings=AT_REST), ["plant.tau"]).margins()
+    margins = system_loop(linearized(scenario, master=master, settings=AT_REST), ["plant.tau"]).margins()
     # of the gravity's difference quotient: its rounding, 1e-15 of 30 N.m over 2e-6, of slopes of 10 N.m/rad
-    for mine, other in zip(found, wanted, strict=True):
+    for mine, other in zip(margins, wanted, strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-5)
 
 
 def test_the_closed_loop_is_plant_and_controller():
     robot, plant, K = masses_and_springs()
     scenario = vdfmu.load_scenario("planar_tracking", robot)
-    found = vdfmu.linearize(scenario, 0.0, settings=AT_REST)
-    assert found.states[:2] == ("plant.q[1]", "plant.q[2]") and found.state_units[6] == "N.m"
+    closed = vdfmu.linearize(scenario, 0.0, settings=AT_REST)
+    assert closed.states[:2] == ("plant.q[1]", "plant.q[2]") and closed.state_units[6] == "N.m"
     # of the gravity's difference quotient, see above, times 1 / M of some 100
-    np.testing.assert_allclose(found.A, plant.A + plant.B @ K, rtol=1e-7, atol=1e-5)
+    np.testing.assert_allclose(closed.A, plant.A + plant.B @ K, rtol=1e-7, atol=1e-5)
     opened = vdfmu.linearize(scenario, 0.0, settings=AT_REST, opened=["plant.tau"])
     np.testing.assert_allclose(opened.A, plant.A, rtol=1e-7, atol=1e-5)
     assert opened.outputs[-2:] == ("plant.tau[1]", "plant.tau[2]")
@@ -85,9 +85,9 @@ def test_the_sampled_system_moves_as_the_nonlinear_run(master, factor):
     rows = []
     for move in (0.0, 1e-5):
         moved = short | {"plant.q_0": [-1.2 + move, 0.4]}
-        found = vdfmu.run(scenario, settings=moved, stop=0.01, reference=False, out=False)
-        rows.append(np.hstack([found[f"plant.{g}"] for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
-        waiting = found["controller.tau"][0]
+        results = vdfmu.run(scenario, settings=moved, stop=0.01, reference=False, out=False)
+        rows.append(np.hstack([results[f"plant.{g}"] for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
+        waiting = results["controller.tau"][0]
         rows.append(waiting)
     x = rows[2] - rows[0]
     state = np.zeros(len(system.A))

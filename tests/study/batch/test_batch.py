@@ -33,8 +33,8 @@ def bench(tmp_path):
         return rows, opened[-1].run(listed, apart=True)
 
     yield run
-    for one in opened:
-        one.close()
+    for engine in opened:
+        engine.close()
 
 
 def general_slider():
@@ -57,8 +57,8 @@ def all_parameters(scenario):
     return {group: "*lin(0.95, 1.05)" if any(each) else "lin(0.0, 1e-3)" for group, each in groups.items()}
 
 
-def assert_same_runs(rows, others):
-    for row, other in zip(rows, others, strict=True):
+def assert_same_runs(rows, wanted):
+    for row, other in zip(rows, wanted, strict=True):
         assert (row["failed"], other["failed"]) == (None, None)
         assert row.keys() == other.keys()
         for name, values in other.items():
@@ -83,8 +83,8 @@ def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scena
         scenario = dataclasses.replace(scenario, stop=0.1, sections=sections)
     else:
         scenario = dataclasses.replace(load_scenario(scenario), stop=0.1)
-    rows, others = bench(scenario, all_parameters(scenario), sample="lhs", points=11)
-    assert_same_runs(rows, others)
+    rows, wanted = bench(scenario, all_parameters(scenario), sample="lhs", points=11)
+    assert_same_runs(rows, wanted)
     assert not bench.needed
     assert np.ptp([row["plant.q[1]"][-1] for row in rows]) > 1e3 * POSITION  # they are different runs
 
@@ -105,8 +105,8 @@ def test_inputs_from_outside_and_both_masters(bench, master):
     *heavy(*({"units": {"controller": law}} for law in ("disturbance_observer", "virtual_decomposition"))),
 ], ids=str)  # fmt: skip
 def test_a_solver_with_a_fixed_number_of_steps_and_sampled_laws_of_control(bench, options):
-    rows, others = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, stop=0.05, **options)
-    assert_same_runs(rows, others)
+    rows, wanted = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, stop=0.05, **options)
+    assert_same_runs(rows, wanted)
     assert not bench.needed
 
 
@@ -114,22 +114,22 @@ def test_a_solver_with_a_fixed_number_of_steps_and_sampled_laws_of_control(bench
 def test_lanes_that_fail_have_the_reason_of_the_fmus_and_disturb_no_other(bench):
     options = {"stop": 0.2}
     over = {"plant.f_s[1]": [0.8, 0.1], "controller.K_v[2]": [30.0, 1e9], "plant.mass[1]": [6.0, 7.0]}
-    rows, others = bench("planar_tracking", over, **options)
+    rows, wanted = bench("planar_tracking", over, **options)
     assert len({row["failed"] for row in rows}) > 2
-    for row, other in zip(rows, others, strict=True):
+    for row, other in zip(rows, wanted, strict=True):
         assert (row["failed"], row["failed_at"]) == (other["failed"], other["failed_at"])
     well = [k for k, row in enumerate(rows) if row["failed"] is None]
     assert 0 < len(well) < len(rows)
-    alone, others = bench("planar_tracking", over, **options, tasks=well)
-    assert_same_runs(alone, others)
+    alone, wanted = bench("planar_tracking", over, **options, tasks=well)
+    assert_same_runs(alone, wanted)
     for k, row in zip(well, alone, strict=True):
         for name, values in row.items():
             assert name == "wall_s" or np.array_equal(rows[k][name], values), name
 
 
 def test_a_value_out_of_its_limits_is_refused_as_by_the_fmus(bench):
-    rows, others = bench("planar_tracking", {"plant.mass[1]": "normal(0.5, 1.0)"}, sample="random", points=9, stop=0.02)
-    assert [row["failed"] for row in rows] == [row["failed"] for row in others]
+    rows, wanted = bench("planar_tracking", {"plant.mass[1]": "normal(0.5, 1.0)"}, sample="random", points=9, stop=0.02)
+    assert [row["failed"] for row in rows] == [row["failed"] for row in wanted]
     assert {row["failed"] is None for row in rows} == {True, False}
 
 
@@ -142,11 +142,11 @@ def sweep(out, **options):
 
 @pytest.mark.heavy
 def test_a_row_is_the_same_bits_with_any_workers_and_chunks(tmp_path):
-    one = sweep(tmp_path / "one", workers=1)
-    two = sweep(tmp_path / "two", workers=2, chunk=5)
-    assert one.facts["engine"] == two.facts["engine"] == "batch"
+    first = sweep(tmp_path / "one", workers=1)
+    second = sweep(tmp_path / "two", workers=2, chunk=5)
+    assert first.facts["engine"] == second.facts["engine"] == "batch"
     for column in ("end[1]", "end[2]"):
-        assert (one[column] == two[column]).all()
+        assert (first[column] == second[column]).all()
 
 
 @pytest.mark.heavy
@@ -177,11 +177,11 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
     over = {"trajectory.q_end[1]": np.linspace(0.2, 0.6, 18)}
     well = vdfmu.sweep("planar_tracking", over, stop=0.05, measure=["end=final(plant.q[1])"], out=tmp_path / "well")
     target = float(well["end"][11])
-    found = vdfmu.sweep("planar_tracking", over, stop=0.05, measure={"end": deadly}, out=tmp_path / "deadly")
-    assert list(found.failed) == [11]
-    assert "exit code 7" in found.failed[11]
+    swept = vdfmu.sweep("planar_tracking", over, stop=0.05, measure={"end": deadly}, out=tmp_path / "deadly")
+    assert list(swept.failed) == [11]
+    assert "exit code 7" in swept.failed[11]
     rest = np.arange(18) != 11
-    np.testing.assert_allclose(found["end"][rest], well["end"][rest], rtol=0.0, atol=POSITION)
+    np.testing.assert_allclose(swept["end"][rest], well["end"][rest], rtol=0.0, atol=POSITION)
 
 
 @pytest.mark.parametrize(("over", "options", "words"), [
@@ -222,8 +222,8 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     parts = 'wave = "wave.py"\na = "low_pass.py"\nb = "low_pass.py"\n'
     units = parts + '\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
     over = {"a.T": "0.01, 0.1", "b.T": "0.02, 1e-4, 0.05", "wave.f": "10, 60"}
-    rows, others = bench(scenario_file(tmp_path, units), over, measure=["end=final(b.y)"])
-    assert_same_runs(rows, others)
+    rows, wanted = bench(scenario_file(tmp_path, units), over, measure=["end=final(b.y)"])
+    assert_same_runs(rows, wanted)
     assert not bench.needed
     assert len({row["end"] for row in rows}) == 12
 
@@ -232,8 +232,8 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
 def test_units_that_are_sampled_or_switched_by_time(bench, tmp_path, master):
     scenario = switched_file(tmp_path)
     over = {"b.period": "0.01, 0.02, 0.07", "b.seed": "3, 4", "a.f": "7, 100"}
-    rows, others = bench(scenario, over, measure=["end=final(b.s)"], master=master)
-    assert_same_runs(rows, others)
+    rows, wanted = bench(scenario, over, measure=["end=final(b.s)"], master=master)
+    assert_same_runs(rows, wanted)
     assert not bench.needed
     assert len({row["end"] for row in rows}) == 12
     for row in bench(scenario, {"b.period": "0.015, 0.005"}, measure=["end=final(b.s)"])[0]:
@@ -251,7 +251,7 @@ def test_what_a_unit_requires_of_its_parameters_holds_in_lanes_too(bench, tmp_pa
         "    def derivatives(self) -> None:\n        self.y_dot = self.high + self.low\n"
     )
     over = {"a.low": "0, 0.5, 3", "a.high": "0.2, 1"}
-    rows, others = bench(scenario_file(tmp_path, 'a = "band.py"\n'), over, measure=["end=final(a.y)"])
-    assert [row["failed"] for row in rows] == [row["failed"] for row in others]
+    rows, wanted = bench(scenario_file(tmp_path, 'a = "band.py"\n'), over, measure=["end=final(a.y)"])
+    assert [row["failed"] for row in rows] == [row["failed"] for row in wanted]
     # three of the six: 0.5 and 3 are above 0.2, 3 above 1
     assert sum("high > low" in str(row["failed"]) for row in rows) == 3

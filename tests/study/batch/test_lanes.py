@@ -65,11 +65,11 @@ def test_fused_products_keep_the_accuracy(library, name):
 def test_a_lane_has_its_bits_whatever_is_beside_it(library, name):
     random = np.random.default_rng(2)
     x = random.uniform(-0.9, 0.9, 64)
-    alone = np.array([called(library, name, np.full(8, one))[0] for one in x])
+    alone = np.array([called(library, name, np.full(8, argument))[0] for argument in x])
     mixed = np.zeros(8 * len(x))
     neighbours = [np.nan, np.inf, 1e9, -1e300, 700.0, -0.5, 0.0]
-    for k, one in enumerate(x):
-        row = random.permutation([*neighbours, one])
+    for k, argument in enumerate(x):
+        row = random.permutation([*neighbours, argument])
         mixed[8 * k : 8 * k + 8] = row
     y = called(library, name, mixed)
     assert (y[np.isin(mixed, x) & (mixed != -0.5)] == alone).all()

@@ -58,9 +58,9 @@ def assert_same_run(scenario: Any, settings: dict[str, Any] | None = None) -> No
     compared = {name: place for name, (place, _) in module.program.signals().items() if name in set(results.names)}
     assert len(compared) > 3
     for name, place in compared.items():
-        found, value = np.array(rows)[:, place], results[name]
+        column, value = np.array(rows)[:, place], results[name]
         atol = POSITION if results.units[name] == "rad" else REST * max(1.0, np.abs(value).max())
-        np.testing.assert_allclose(found, value, rtol=0.0, atol=atol, err_msg=name)
+        np.testing.assert_allclose(column, value, rtol=0.0, atol=atol, err_msg=name)
     assert max(np.ptp(results[name]) for name in compared) > 1e3 * POSITION
 
 
@@ -87,7 +87,7 @@ def test_what_is_not_met_what_stops_and_all_reasons_for_no_program_are_told():
     assert words[module.begun - 1] == "plant: f_s[1]: expected f_s >= f_c."
     unstable = Module(scenario, {}, **{"controller.K_v[2]": 1e9})
     assert unstable.begun == 0
-    (stopped,) = {found for found in unstable.steps() if found}
+    (stopped,) = {code for code in unstable.steps() if code}
     assert unstable.program.moving[stopped - 1].name == "plant"
     scenario = dataclasses.replace(prepare("planar_tracking"), master="iterative", adaptive=1e-3)
     with pytest.raises(vdfmu.VdfmuError, match="master: expected gauss-seidel or jacobi, got iterative\nadaptive: "):

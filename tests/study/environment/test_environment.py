@@ -157,11 +157,11 @@ def test_what_is_not_there_is_refused(options, message):
 
 @pytest.mark.heavy
 def test_steps_need_a_reset_and_actions_are_finite(arm):
-    one, many = vdfmu.ArmEnv(short()), vdfmu.ArmVectorEnv(2, short())
-    for env in (one, many):
+    single, many = vdfmu.ArmEnv(short()), vdfmu.ArmVectorEnv(2, short())
+    for env in (single, many):
         with pytest.raises(UsageError, match=r"expected reset\(\) before the first step"):
             env.step(env.action_space.sample())
-    one.close(), many.reset(), arm.reset()
+    single.close(), many.reset(), arm.reset()
     for wrong in (np.zeros(3), np.array([0.0, np.nan]), np.array([np.inf, 0.0])):
         with pytest.raises(UsageError, match=r"action: expected finite numbers of shape \(2,\), got"):
             arm.step(wrong)
@@ -193,25 +193,25 @@ def test_arms_in_lanes_are_that_of_the_master():
     actions = rng.uniform(-0.3, 0.3, (20, n, 2))
     many = vdfmu.ArmVectorEnv(n, short(), vary=VARY, hold=10)
     seen, _ = many.reset(seed=5)
-    found, rewards = [seen], []
+    observed, rewards = [seen], []
     for each in actions:
         seen, reward, ended, late, _ = many.step(each)
-        found.append(seen), rewards.append(reward)
+        observed.append(seen), rewards.append(reward)
     assert not ended.any() and late.all()
-    found, rewards = np.array(found), np.array(rewards)
+    observed, rewards = np.array(observed), np.array(rewards)
     drawn = np.random.default_rng(5)
-    one = vdfmu.ArmEnv(short(), hold=10)
+    single = vdfmu.ArmEnv(short(), hold=10)
     for i in range(n):
-        given = {name: drawn.uniform(*bounds) for name, bounds in VARY.items()}
-        rows = [one.reset(options={"parameters": given})[0]]
-        own = []
+        parameters = {name: drawn.uniform(*bounds) for name, bounds in VARY.items()}
+        rows = [single.reset(options={"parameters": parameters})[0]]
+        expected = []
         for action in actions[:, i]:
-            seen, reward, *_ = one.step(action)
-            rows.append(seen), own.append(reward)
+            seen, reward, *_ = single.step(action)
+            rows.append(seen), expected.append(reward)
         # positions as tests/study/batch, and other signals as they follow
-        np.testing.assert_allclose(found[:, i], rows, rtol=0, atol=1e-7 * max(1.0, np.abs(rows).max()))
-        np.testing.assert_allclose(rewards[:, i], own, rtol=0, atol=1e-7)
-    one.close()
+        np.testing.assert_allclose(observed[:, i], rows, rtol=0, atol=1e-7 * max(1.0, np.abs(rows).max()))
+        np.testing.assert_allclose(rewards[:, i], expected, rtol=0, atol=1e-7)
+    single.close()
 
 
 def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():

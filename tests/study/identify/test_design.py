@@ -97,17 +97,17 @@ def test_words_that_do_not_fit_are_named(robot):
 @pytest.mark.heavy
 def test_a_motion_stays_within_the_limits_of_the_robot():
     arm = vdfmu.load_robot("scara_4dof")
-    found = design(arm, duration=20.0, sensors=SensorNoise(step=0.005, links=False))
-    low, high = found.motion.extremes(0)
+    best = design(arm, duration=20.0, sensors=SensorNoise(step=0.005, links=False))
+    low, high = best.motion.extremes(0)
     assert np.all(low > arm.q_min) and np.all(high < arm.q_max)
-    log = exact_log(arm, found.motion, 0.001)
+    log = exact_log(arm, best.motion, 0.001)
     kappa_dot = slope(log.kappa, 0.001)
     # 90 % of the speeds, with what springs add: a hundredth
     assert np.all(np.abs(kappa_dot) < 0.91 * arm.kappa_dot_max)
     # 90 % of the torques at the samples by which candidates are compared; friction and springs between them: a tenth
     np.testing.assert_array_equal(motor_torque(arm, log.tau, kappa_dot), log.tau)
-    assert not any("no limits" in note for note in found.notes)
-    assert not any(name.startswith("K_") for name in found.expected.names)  # no encoders behind the gears
+    assert not any("no limits" in note for note in best.notes)
+    assert not any(name.startswith("K_") for name in best.expected.names)  # no encoders behind the gears
     weak = arm.with_parameters(tau_stall=1e-3 * arm.tau_stall)
     with pytest.raises(UsageError, match="the motors do not have the torques of any motion"):
         design(weak, duration=20.0)
@@ -117,23 +117,23 @@ def test_a_motion_stays_within_the_limits_of_the_robot():
 def test_intervals_before_the_experiment_are_those_after_it(robot, tmp_path):
     """Predicted deviations, and how far estimates spread over noisy logs of a simulation; also of a plain motion."""
     sensors = SensorNoise(step=STEP)
-    found = design(robot, sensors=sensors)
+    best = design(robot, sensors=sensors)
     plain = motion.multisine([0.0, 0.0], 1.0, [1, 2, 5, 9], 15.0, periods=2, velocity=1.5, acceleration=5.0)
     size: list[float] = []
     spread: list[float] = []
-    for name, moves in (("best", found.motion), ("plain", plain)):
+    for name, moves in (("best", best.motion), ("plain", plain)):
         out = tmp_path / name
         vdfmu.run("planar_tracking", units={"trajectory": moves.unit()}, stop=60.0, reference=False, out=out)
         log = thinned(read_log(out / "results.csv", robot), round(STEP / 0.001))
         expected = predict(robot, moves, sensors=sensors)
         kept = [k for k in range(expected.links.stop) if expected.names[k][:2] not in ("K_", "c_")]  # see docs
         values = np.array([identify(noisy(log, robot, seed), robot).values for seed in range(12)])
-        real, told = values.std(axis=0, ddof=1)[kept], expected.deviation[kept]
+        actual, predicted = values.std(axis=0, ddof=1)[kept], expected.deviation[kept]
         # of 12 estimates a deviation is known to 1 / sqrt(22) = 0.21, of one log to 0.1: 2 is 3 times both. What goes
         # with the springs' shape is told wider: steps of encoders count by themselves, and in what is left
-        ratio = dict(zip(kept, told / real, strict=True))
+        ratio = dict(zip(kept, predicted / actual, strict=True))
         assert min(ratio.values()) > 0.5 and max(ratio.values()) < 5.0 and np.median(list(ratio.values())) < 2.0, ratio
-        size.append(np.log(told).mean())
-        spread.append(np.log(real).mean())
+        size.append(np.log(predicted).mean())
+        spread.append(np.log(actual).mean())
     # means over 16 parameters, as 8 independent ones, are known to 0.23 / sqrt(8) = 0.08 each: two of their difference
     assert size[0] < size[1] - 0.2 and spread[0] < spread[1] - 0.2

@@ -44,9 +44,9 @@ def sticking(tmp_path_factory, robot):
     return read_log(out / "results.csv", robot)
 
 
-def named(found, robot):
+def named(fit, robot):
     """Return the values that were found and those of a robot by name."""
-    return tuple(dict(zip(found.names, values, strict=True)) for values in (found.values, found.of(robot)))
+    return tuple(dict(zip(fit.names, values, strict=True)) for values in (fit.values, fit.of(robot)))
 
 
 @pytest.fixture(scope="module")
@@ -69,33 +69,33 @@ def guess(robot):
     )  # fmt: skip
 
 
-def true_stiffness(robot, found):
+def true_stiffness(robot, fit):
     """Secant stiffness of the robot at the torques at which the found one has its own: they differ by 1e-4."""
-    tau_s = found.torque_level
+    tau_s = fit.torque_level
     return tau_s / np.asarray(deformation(robot, tau_s))
 
 
 @pytest.mark.heavy
 def test_noisy_logs_give_the_truth_within_a_per_cent_and_those_without_what_the_method_leaves(clean, robot, guess):
     """Encoders of 17 bits and torques with 0.5 % noise: of 60 s, from a start 10 to 40 % off."""
-    found = identify(noisy(clean, robot, 1), guess)
-    values, true = named(found, robot)
+    fit = identify(noisy(clean, robot, 1), guess)
+    values, true = named(fit, robot)
     for name in (f"{p}[{i}]" for p in PHYSICAL for i in (1, 2)):
-        assert name not in found.held
+        assert name not in fit.held
         assert values[name] == pytest.approx(true[name], rel=0.01), name
-    for name, unit in zip(found.base.names, found.base.units, strict=True):
-        largest = max(abs(true[n]) for n, u in zip(found.base.names, found.base.units, strict=True) if u == unit)
+    for name, unit in zip(fit.base.names, fit.base.units, strict=True):
+        largest = max(abs(true[n]) for n, u in zip(fit.base.names, fit.base.units, strict=True) if u == unit)
         assert values[name] == pytest.approx(true[name], abs=0.01 * min(largest, abs(true[name]) or largest)), name
-    np.testing.assert_allclose(found.stiffness, true_stiffness(robot, found), rtol=0.01)
+    np.testing.assert_allclose(fit.stiffness, true_stiffness(robot, fit), rtol=0.01)
     # a torque holds over a step of 1 ms, so on average it is half of one late
-    assert found.delay == pytest.approx(0.5e-3, abs=0.1e-3)
-    found = identify(clean, guess)
-    true = np.array(found.of(robot))
-    ratio = np.array([v / t if t else 1.0 for v, t in zip(found.values, true, strict=True)])
-    own = np.array([name[:3] in ("I_m", "f_c", "f_s", "f_v", "v_s") for name in found.names])
-    own[found.links] = True
+    assert fit.delay == pytest.approx(0.5e-3, abs=0.1e-3)
+    fit = identify(clean, guess)
+    true = np.array(fit.of(robot))
+    ratio = np.array([v / t if t else 1.0 for v, t in zip(fit.values, true, strict=True)])
+    tight = np.array([name[:3] in ("I_m", "f_c", "f_s", "f_v", "v_s") for name in fit.names])
+    tight[fit.links] = True
     # filters and held torques distort friction at its reversals: a half of the per cent that noise may take
-    np.testing.assert_allclose(ratio[own], 1.0, atol=0.005)
+    np.testing.assert_allclose(ratio[tight], 1.0, atol=0.005)
 
 
 @pytest.mark.heavy
@@ -105,9 +105,9 @@ def test_intervals_cover_the_truth(loop, robot, guess, request):
     log = thinned(request.getfixturevalue(loop), 2)
     inside: dict[str, list[bool]] = {}
     for seed in range(50):
-        found = identify(noisy(log, robot, 100 + seed), guess)
-        low, high = found.interval()
-        for name, t, a, b in zip(found.names, found.of(robot), low, high, strict=True):
+        fit = identify(noisy(log, robot, 100 + seed), guess)
+        low, high = fit.interval()
+        for name, t, a, b in zip(fit.names, fit.of(robot), low, high, strict=True):
             t = 0.5e-3 if name == "delay_tau" else t  # a torque holds over a step of 1 ms
             inside.setdefault(name, []).append(a <= t <= b)
     shares = {name: float(np.mean(each)) for name, each in inside.items()}
@@ -133,8 +133,8 @@ def test_intervals_cover_the_truth_where_torques_go_through_zero(tmp_path):
     np.testing.assert_allclose(exact.stiffness, true_stiffness(slider, exact), rtol=0.005)
     inside: list[bool] = []
     for seed in range(6):
-        found = identify(noisy(thinned(log, 2), slider, seed), slider)
-        for name, a, b in zip(found.names, *found.interval(), strict=True):
+        fit = identify(noisy(thinned(log, 2), slider, seed), slider)
+        for name, a, b in zip(fit.names, *fit.interval(), strict=True):
             inside.append(a <= (0.5e-3 if name == "delay_tau" else true[name]) <= b)
     # 6 x 45 intervals, those of a log correlated: as 60 independent ones, 0.95 has a deviation of 0.028, three of them
     assert np.mean(inside) > 0.87, np.mean(inside)
@@ -145,23 +145,23 @@ def test_faults_of_sensors_are_found(clean, robot):
     """Encoders behind the gears that are late, and torques with an offset, are told with their intervals."""
     late, offset = np.array([1.5e-3, 0.7e-3]), np.array([0.02, -0.01])
     q = np.stack([np.interp(clean.t - late[i], clean.t, clean.q[:, i]) for i in range(2)], axis=1)
-    found = identify(noisy(clean._replace(q=q, tau=clean.tau + offset), robot, 3), robot)
-    values = dict(zip(found.names, zip(found.values, found.deviation, strict=True), strict=True))
+    fit = identify(noisy(clean._replace(q=q, tau=clean.tau + offset), robot, 3), robot)
+    values = dict(zip(fit.names, zip(fit.values, fit.deviation, strict=True), strict=True))
     for i in range(2):
         for name, true in ((f"delay_q[{i + 1}]", late[i]), (f"tau_0[{i + 1}]", offset[i])):
             value, deviation = values[name]
             assert abs(value - true) < 4.0 * deviation, name  # beyond that 1 of 16,000 times
             assert deviation < 0.02 * abs(true), name
-    np.testing.assert_allclose(found.stiffness, true_stiffness(robot, found), rtol=0.01)
+    np.testing.assert_allclose(fit.stiffness, true_stiffness(robot, fit), rtol=0.01)
 
 
 @pytest.mark.heavy
 def test_without_link_positions_of_all_joints_or_one_the_springs_are_kept_and_said(clean, robot):
-    found = identify(clean._replace(q=None), robot)
-    assert not any(name.startswith("K_") for name in found.names)
-    assert "log them by encoders behind the gears" in found.advice[0]
-    values, true = named(found, robot)
-    assert not found.held
+    fit = identify(clean._replace(q=None), robot)
+    assert not any(name.startswith("K_") for name in fit.names)
+    assert "log them by encoders behind the gears" in fit.advice[0]
+    values, true = named(fit, robot)
+    assert not fit.held
     # links lie by the springs of the robot file, quasi-static: of their accelerations a per cent of the deformation's
     for name in ("f_c[1]", "f_s[2]", "mx2"):
         assert values[name] == pytest.approx(true[name], rel=0.01), name
@@ -170,25 +170,25 @@ def test_without_link_positions_of_all_joints_or_one_the_springs_are_kept_and_sa
         assert whole[0] == pytest.approx(whole[1], rel=0.01), name
     q = clean.q.copy()
     q[:, 1] = np.nan
-    found = identify(clean._replace(q=q), robot)
-    assert {"K_f0[2]", "K_w0[2]"} <= set(found.held) and "joint 2," in found.advice[0]
-    assert not found.deformation_error[:, 1].any() and np.isfinite(found.deviation).all()
-    values, true = named(found, robot)
+    fit = identify(clean._replace(q=q), robot)
+    assert {"K_f0[2]", "K_w0[2]"} <= set(fit.held) and "joint 2," in fit.advice[0]
+    assert not fit.deformation_error[:, 1].any() and np.isfinite(fit.deviation).all()
+    values, true = named(fit, robot)
     # as without link positions at all; what both encoders see of joint 1 is as in the log without noise
     for name in ("f_c[1]", "f_s[2]", "mx2", "Izz2", "Izz1 + 0.25 m2", "I_m[1]"):
         assert values[name] == pytest.approx(true[name], rel=0.01), name
-    assert found.stiffness[0] == pytest.approx(true_stiffness(robot, found)[0], rel=0.01)
+    assert fit.stiffness[0] == pytest.approx(true_stiffness(robot, fit)[0], rel=0.01)
     assert values["K_f0[2]"] == robot.K_f0[1]
 
 
 @pytest.mark.heavy
 def test_what_a_motion_cannot_tell_is_near_the_robot_file_with_the_way_out(clean, robot, guess):
-    found = identify(noisy(clean, robot, 1), guess)
-    assert {"c_f[2]"} <= set(found.weak) and not found.held
-    place = found.names.index("c_f[2]")
+    fit = identify(noisy(clean, robot, 1), guess)
+    assert {"c_f[2]"} <= set(fit.weak) and not fit.held
+    place = fit.names.index("c_f[2]")
     # the robot file may be off by 100 %, of which this log leaves at least 70
-    assert found.deviation[place] > 0.7 * found.values[place] and abs(found.values[place] / guess.c_f[1] - 1.0) < 0.7
-    assert found.weak["c_f[2]"].advice == "log larger torques" and found.weak["c_f[2]"].share > 0.7
+    assert fit.deviation[place] > 0.7 * fit.values[place] and abs(fit.values[place] / guess.c_f[1] - 1.0) < 0.7
+    assert fit.weak["c_f[2]"].advice == "log larger torques" and fit.weak["c_f[2]"].share > 0.7
 
 
 @pytest.mark.heavy
@@ -207,16 +207,16 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
     assert said.exit_code == 0, said.exception
     assert (tmp_path / "found.png").read_bytes().startswith(b"\x89PNG")
     assert "note: times are those of stamp, in s" in said.output
-    found = identify(log, guess)
-    assert all(f"{v:.5g}" in said.output for v in found.values[:2])
+    fit = identify(log, guess)
+    assert all(f"{v:.5g}" in said.output for v in fit.values[:2])
     made = vdfmu.load_robot(tmp_path / "found.toml")
-    np.testing.assert_allclose(made.I_m, found.values[:2], rtol=1e-6)
+    np.testing.assert_allclose(made.I_m, fit.values[:2], rtol=1e-6)
     assert made.source_of("joints[1].drive.I_m").startswith("Identified from log.csv, +- ")
     assert made.source_of("joints[1].drive.ell") == robot.source_of("joints[1].drive.ell")
     # the links that it writes have the base parameters
-    wanted = found.values[found.links]
-    np.testing.assert_allclose(found.base.matrix @ body_parameters(made), wanted, atol=1e-6)
-    again, notes = identified_robot(found, guess, "log")
+    wanted = fit.values[fit.links]
+    np.testing.assert_allclose(fit.base.matrix @ body_parameters(made), wanted, atol=1e-6)
+    again, notes = identified_robot(fit, guess, "log")
     assert not notes and np.all(np.linalg.eigvalsh(again.inertia) > 0)
 
 
@@ -224,15 +224,15 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
 def test_a_score_needs_the_encoders_of_the_fit_and_torques_that_do_not_fit_are_said(clean, exact, robot):
     bare = clean._replace(q=None, where="bare")
     words = r"expected a log with(out)? encoders behind the gears, as .*, got one with"
-    for found, one, other in ((exact, clean, bare), (identify(bare, robot), bare, clean)):
+    for fit, scored, other in ((exact, clean, bare), (identify(bare, robot), bare, clean)):
         with pytest.raises(UsageError, match=words):
-            score(found, robot, one, other)
-    own = score(exact, robot, clean, clean)
+            score(fit, robot, scored, other)
+    rated = score(exact, robot, clean, clean)
     # the log that was fitted leaves what the fit left: sums in another order
-    np.testing.assert_allclose(own.torque_error, exact.torque_error, rtol=1e-9, atol=1e-12)
-    assert np.all(own.torque_left < 0.01 * own.torque) and np.all(own.rigid_left > own.torque_left)
-    found = identify(thinned(clean._replace(tau=-clean.tau), 2), robot)
-    assert any("joint 2: the model leaves more than 30 % of the torque; check" in note for note in found.advice)
+    np.testing.assert_allclose(rated.torque_error, exact.torque_error, rtol=1e-9, atol=1e-12)
+    assert np.all(rated.torque_left < 0.01 * rated.torque) and np.all(rated.rigid_left > rated.torque_left)
+    reversed_fit = identify(thinned(clean._replace(tau=-clean.tau), 2), robot)
+    assert any("joint 2: the model leaves more than 30 % of the torque; check" in note for note in reversed_fit.advice)
     assert exact.advice == []
 
 
@@ -295,7 +295,7 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
     names = "kappa[1],kappa[2],tau[1],tau[2]"
     gap = np.where(t < 0.3, t, t + 0.05)
     nan = [np.where(t > 0.1, np.nan, y[0]), *y[1:]]
-    for given, columns, heads, message in (
+    for times, columns, heads, message in (
         (t[:100], [c[:100] for c in y], names, "100 rows: expected at least 500"),
         (t, [100.0 * c for c in y], names, r"kappa\[2\]: expected a unit in its heading, .* over 56.38, as degrees"),
         (gap, y, names, "row 300: .* from 0.299 s to 0.35 s there is a gap, and 0 more"),
@@ -304,7 +304,7 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
         (t, y, names.replace("kappa", "pos"), r"expected .*kappa\[1\].*and so on for 2 joints; there are pos\[1\]"),
     ):
         with pytest.raises(UsageError, match=message):
-            read_log(write(path, given, columns, heads), robot)
+            read_log(write(path, times, columns, heads), robot)
     write(path, t, y, names)
     alike, still, none = np.column_stack([np.sin(t)] * 2), np.column_stack([np.sin(t), 0 * t]), np.zeros((600, 2))
     for call, message in (

@@ -131,12 +131,12 @@ def test_results_of_a_run_are_logs_in_every_form(robot, data, tmp_path, form):
 def test_joints_without_an_encoder_behind_the_gear_have_nan(robot, data, tmp_path):
     """By a column that is not there, one without numbers, and one that stands still while the rotor moves."""
     columns = table(data)
-    for name, given in (
+    for name, logged in (
         ("not there", {k: v for k, v in columns.items() if k != "q[2]"}),
         ("not there", {**columns, "q[2]": np.full(M, np.nan)}),
         ("q[2]: the same in all rows", {**columns, "q[2]": np.full(M, 0.25)}),
     ):
-        log = read_log(write(tmp_path / "log.csv", given), robot)
+        log = read_log(write(tmp_path / "log.csv", logged), robot)
         np.testing.assert_array_equal(np.isfinite(log.q).all(axis=0), [True, False])
         np.testing.assert_array_equal(log.q[:, 0], data[1][:, 0])
         (note,) = log.notes
@@ -216,9 +216,9 @@ def test_the_way_out_is_one(robot, data, tmp_path):
     kappa, q, tau = data
     columns = table((kappa, q[:, ::-1] * [1, -1], tau * [1, -1])) | {"x_1": tau[:, 0], "x_2": tau[:, 1]}
     path = write(tmp_path / "log.csv", columns)
-    given = {"q[1]": "q[2] [-1 rad]", "q[2]": "q[1]", "tau[2]": "tau[2] [-1 N.m]"}
-    same(read_log(path, robot, given), data)
-    log = read_log(path, robot, {**given, "tau_link": "x_{}"})
+    names = {"q[1]": "q[2] [-1 rad]", "q[2]": "q[1]", "tau[2]": "tau[2] [-1 N.m]"}
+    same(read_log(path, robot, names), data)
+    log = read_log(path, robot, {**names, "tau_link": "x_{}"})
     np.testing.assert_array_equal(log.tau, tau / robot.ell)
     with pytest.raises(UsageError, match=r"columns: q\[3\]: expected some of kappa"):
         read_log(path, robot, {"q[3]": "x_1"})
@@ -256,9 +256,9 @@ def test_torques_that_fit_otherwise_are_noted(robot, data, tmp_path):
         (tau * [-1, 1], [sign]),
         (tau * robot.ell, ["torques are "]),
     ):
-        found = read_log(write(tmp_path / "log.csv", table(data, tau=other)), robot).notes
-        assert len(found) == len(notes)
-        assert all(each.startswith(start) for each, start in zip(found, notes, strict=True)), found
+        written = read_log(write(tmp_path / "log.csv", table(data, tau=other)), robot).notes
+        assert len(written) == len(notes)
+        assert all(each.startswith(start) for each, start in zip(written, notes, strict=True)), written
 
 
 def test_a_record_of_the_kuka_kr300_counts_from_its_start(tmp_path):

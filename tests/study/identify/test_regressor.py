@@ -35,13 +35,13 @@ def test_the_regressor_is_pinocchios_and_with_rotors_gives_the_torques_of_the_re
     robot = dataclasses.replace(vdfmu.load_robot(name), rotor_coupling=True)
     q, q_dot, q_ddot, kappa_dot, kappa_ddot = states(robot.n)
     Y = regressor(robot, q, q_dot, q_ddot, kappa_dot, kappa_ddot)
-    found = Y.links @ body_parameters(robot) + Y.rotors @ (robot.I_m * robot.ell)
+    torques = Y.links @ body_parameters(robot) + Y.rotors @ (robot.I_m * robot.ell)
     for k in range(len(q)):
         motion = link_motion(robot, q[k], q_dot[k], q_ddot[k])
         forces = rotor_forces(robot, motion, kappa_dot[k], kappa_ddot[k])
         wanted = joint_torques(robot, link_forces(robot, motion, np.zeros(6), forces))
         # rounding of torques up to 100 N.m
-        np.testing.assert_allclose(found[k], wanted, atol=1e-11)
+        np.testing.assert_allclose(torques[k], wanted, atol=1e-11)
         axial = robot.I_m * robot.ell * (kappa_ddot[k] + Y.carried[k])
         np.testing.assert_allclose(axial / robot.ell, [F[5] for F in forces], atol=1e-12)
 

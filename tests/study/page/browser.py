@@ -136,10 +136,10 @@ class Browser:
 
     def run(self, script: str) -> Any:
         """Value of an expression of JavaScript, which may be a promise."""
-        found = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
-        if "exceptionDetails" in found:
-            raise RuntimeError(f"browser: {script}: {found['exceptionDetails']}")
-        return found["result"].get("value")
+        answer = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        if "exceptionDetails" in answer:
+            raise RuntimeError(f"browser: {script}: {answer['exceptionDetails']}")
+        return answer["result"].get("value")
 
     def settle(self) -> None:
         """Wait until all changes are drawn."""
@@ -179,8 +179,8 @@ class Browser:
                 f"(r => ({{x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height}}))"
                 f"(document.querySelector({selector!r}).getBoundingClientRect())"
             )
-        found = self.call("Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True)
-        return base64.b64decode(found["data"])
+        answer = self.call("Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True)
+        return base64.b64decode(answer["data"])
 
     def key(self, key: str, code: int) -> None:
         """Press a key."""

@@ -84,8 +84,8 @@ def test_the_page_and_python_write_numbers_alike(run, browser):
         for unit in ("m", "mm", "deg", "N.m", "Hz", "", "W/K")
         for peak in (0, 1e4)
     ]
-    found = browser.run(f"{json.dumps(cases)}.map(one => report.quantity(...one))")
-    assert found == [quantity(*one) for one in cases]
+    texts = browser.run(f"{json.dumps(cases)}.map(one => report.quantity(...one))")
+    assert texts == [quantity(*case) for case in cases]
 
 
 def test_the_wheel_scrolls_the_page_until_the_scene_is_asked(run, browser):
@@ -150,10 +150,10 @@ def test_the_arm_is_saved_as_a_picture_and_as_a_film(run, browser):
     until(browser, "globalThis.kept")
     kind, size = browser.run("kept")
     assert kind == "image/png" and size > 10_000
-    nothing = "document.querySelector('button[title*=\"recorded nothing\"]')"
+    empty = "document.querySelector('button[title*=\"recorded nothing\"]')"
     for _ in range(3):  # the encoder of a busy machine may give nothing, which the button says
         clicked(browser, "Film")
-        until(browser, f"kept[0].startsWith('video') || {nothing} != null")
+        until(browser, f"kept[0].startsWith('video') || {empty} != null")
         if browser.run("kept[0].startsWith('video')"):
             break
     kind, size = browser.run("kept")

@@ -48,7 +48,7 @@ def test_the_slider_moves_the_arm(run, browser):
 
 def test_poses_are_those_of_the_equations(run, browser):
     show(browser, run / "report.html")
-    found = np.array(browser.run("""(() => {
+    poses = np.array(browser.run("""(() => {
         const run = report.runs[0], chain = new report.Chain(run.arm), motion = new report.Motion(run);
         return Array.from(motion.time, (_, k) => {
             const p = chain.toolAt(motion.row("q", k));
@@ -57,24 +57,24 @@ def test_poses_are_those_of_the_equations(run, browser):
     })()"""))  # fmt: skip
     results = Results.read(run / "results.csv")
     # positions of joints in single precision, 2^-24 of at most 2 rad each, at arms of 1.4 m: 6 * 1.2e-7 * 1.4 m
-    np.testing.assert_allclose(found[:, :3], results["plant.p_O"], atol=1e-6)
+    np.testing.assert_allclose(poses[:, :3], results["plant.p_O"], atol=1e-6)
     robot = vdfmu.load_robot("manipulator_6dof")
     for row in (0, 500, 1000):
         p, R = forward_kinematics(robot, results["plant.q"][row])
-        pose = found[row, 3:].reshape(4, 4).T  # column by column in three.js
+        pose = poses[row, 3:].reshape(4, 4).T  # column by column in three.js
         np.testing.assert_allclose(pose[:3, 3], p, atol=1e-6)
         np.testing.assert_allclose(pose[:3, :3], R, atol=1e-6)
 
 
 def test_the_error_of_the_end_effector_is_that_of_desired_and_actual_positions(run, browser):
     show(browser, run / "report.html")
-    found = np.array(browser.run("Array.from(report.toolErrors(report.runs[0]).values)"))
+    errors = np.array(browser.run("Array.from(report.toolErrors(report.runs[0]).values)"))
     results = Results.read(run / "results.csv")
     robot = vdfmu.load_robot("manipulator_6dof")
     for row in (100, 500, 900):
         ends = [forward_kinematics(robot, results[f"{name}"][row])[0] for name in ("trajectory.q_d", "plant.q")]
         # the errors of joints keep their digits; positions in single precision turn the difference by 1e-6 of itself
-        assert found[row] == pytest.approx(1e3 * np.linalg.norm(ends[0] - ends[1]), rel=1e-5)
+        assert errors[row] == pytest.approx(1e3 * np.linalg.norm(ends[0] - ends[1]), rel=1e-5)
 
 
 def test_pointing_shows_the_value_of_the_file(run, browser):
@@ -91,8 +91,8 @@ def test_pointing_shows_the_value_of_the_file(run, browser):
     error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
     low, high = browser.run("[report.charts[0].plot.scales.y.min, report.charts[0].plot.scales.y.max]")
     # three digits of the stretch that the axis spans: half of its third
-    found = [{"": 1.0, "m": 1e-3, "µ": 1e-6}[prefix] * number(value) for _, value, prefix in shown]
-    np.testing.assert_allclose(found, error, rtol=0, atol=5e-3 * (high - low))
+    values = [{"": 1.0, "m": 1e-3, "µ": 1e-6}[prefix] * number(value) for _, value, prefix in shown]
+    np.testing.assert_allclose(values, error, rtol=0, atol=5e-3 * (high - low))
 
 
 def test_dragging_zooms_all_figures_and_a_double_click_ends_it(run, browser):
@@ -127,10 +127,10 @@ def test_names_stand_at_the_ends_of_curves_without_overlaps(run, browser):
     show(browser, run / "report.html", 1280, 1400)
     for chart, n in ((0, 6), (2, 6)):
         ends = browser.run(f"report.charts[{chart}].ends()")
-        assert sorted(one["text"] for one in ends) == [f"joint {i}" for i in range(1, n + 1)]
-        places = [one["place"] for one in ends]
+        assert sorted(label["text"] for label in ends) == [f"joint {i}" for i in range(1, n + 1)]
+        places = [label["place"] for label in ends]
         assert min(np.diff(places)) >= 11.99  # 12 px apart, and sums of such numbers
-        assert all(np.diff([one["end"] for one in ends]) >= 0.0)  # no two lines to names cross
+        assert all(np.diff([label["end"] for label in ends]) >= 0.0)  # no two lines to names cross
     strokes = [browser.run(f"report.charts[{k}].strokeOf(report.charts[{k}].unpacked[0])") for k in (0, 1)]
     assert strokes == [page.LIGHT[0], browser.run("getComputedStyle(document.body).getPropertyValue('--ink').trim()")]
 
@@ -261,8 +261,8 @@ def test_reduced_motion_is_respected_and_several_runs_are_drawn_over_each_other(
     show(browser, run / "report.html", motion="reduce")
     assert not browser.run("report.player.scene.controls.enableDamping")
     assert browser.run("getComputedStyle(document.querySelector('button')).transitionDuration") == "0s"
-    one = read_run(run)
-    path = write_report([one, one._replace(name="other")], tmp_path / "comparison.html")
+    first = read_run(run)
+    path = write_report([first, first._replace(name="other")], tmp_path / "comparison.html")
     show(browser, path)
     centre(browser, "#figures .chart:nth-child(1)")
     assert browser.run("report.charts[0].plot.series.length") == 13  # time, six joints of two runs
@@ -271,14 +271,16 @@ def test_reduced_motion_is_respected_and_several_runs_are_drawn_over_each_other(
 
 
 def test_the_arm_of_another_run_stands_beside_that_of_a_run(run, browser, tmp_path):
-    one = read_run(run)
-    show(browser, write_report([one, one._replace(name="other")], tmp_path / "comparison.html"))
+    first = read_run(run)
+    show(browser, write_report([first, first._replace(name="other")], tmp_path / "comparison.html"))
     arms = "report.player.scene.puppets.length"
     words = "[...document.querySelectorAll('.canvas .name')].map(e => e.textContent)"
     assert browser.run(arms) == 2
     assert browser.run(words) == [run.name, "other"]
     assert browser.run("document.querySelector('.readout caption').textContent").endswith("; on the right: other")
-    assert browser.run("document.querySelectorAll('.readout output.second').length") == len(one.summary["arm"]["types"])
+    assert browser.run("document.querySelectorAll('.readout output.second').length") == len(
+        first.summary["arm"]["types"]
+    )
     find = "const s = document.querySelectorAll('#arm .bar .choice select')[k]; s.value = value;"
     choose = "((k, value) => { " + find + " s.dispatchEvent(new Event('change')); })"
     browser.run(f"{choose}(1, -1)")

@@ -18,9 +18,9 @@ from vdfmu.system.scenario.values import system_values
 def two(tmp_path_factory):
     folder = tmp_path_factory.mktemp("two")
     gains = {"controller.K_p": [100.0, 150.0], "controller.K_v[2]": 5.0}
-    given: dict = {"reference": False, "stop": 0.2}
-    vdfmu.run("planar_tracking", out=folder / "first", **given)
-    vdfmu.run("planar_tracking", out=folder / "second", settings=gains, step=0.002, **given)
+    options: dict = {"reference": False, "stop": 0.2}
+    vdfmu.run("planar_tracking", out=folder / "first", **options)
+    vdfmu.run("planar_tracking", out=folder / "second", settings=gains, step=0.002, **options)
     return [folder / "first", folder / "second"]
 
 
@@ -56,7 +56,7 @@ def test_changes_are_in_per_cent_or_factors(before, after, words):
 def test_errors_of_two_runs_have_their_change_and_those_of_one_or_three_have_not(two):
     summaries = [read_run(folder).summary for folder in two]
     sheet = joint_sheets(["a", "b"], summaries)[0]
-    first, second = (one["rms_position_error_deg"] for one in summaries)
+    first, second = (summary["rms_position_error_deg"] for summary in summaries)
     assert sheet.columns[-1] == "change"
     # the change is that of numbers with three digits: 0.5 % of each
     assert [row[-1] for row in sheet.rows] == [change(a, b) for a, b in zip(first, second, strict=True)]
@@ -101,16 +101,16 @@ def test_joints_are_drawn_one_by_one_over_each_other_or_as_differences(two, brow
     top = "document.querySelector('#comparison .chart').getBoundingClientRect().top + scrollY"
     assert browser.run(top) < 450 < browser.run(top.replace(".chart", ".tables"))
     first, second = (Results.read(folder / "results.csv") for folder in two)
-    found = browser.run("""(() => {
+    drawn = browser.run("""(() => {
         const curves = report.curvesOf("figures", "tracking.revolute").filter(c => c.joint === 2);
         const { time, values } = report.differences(curves)[0];
         return [[...time], [...values]];
     })()""")
-    times, values = map(np.array, found)
+    times, values = map(np.array, drawn)
     rows = np.round(times / 0.002).astype(int)
-    error = [np.degrees(one["trajectory.q_d[2]"] - one["plant.q[2]"]) for one in (first, second)]
+    error = [np.degrees(results["trajectory.q_d[2]"] - results["plant.q[2]"]) for results in (first, second)]
     # single precision of errors up to their largest: 2^-24 of it, each of two
-    limit = 2 * 2.0**-24 * max(np.abs(one).max() for one in error)
+    limit = 2 * 2.0**-24 * max(np.abs(curve).max() for curve in error)
     np.testing.assert_allclose(values, error[1][rows] - error[0][2 * rows], rtol=0, atol=limit)
     browser.run("document.querySelector('#comparison .bar button').click()")
     browser.settle()

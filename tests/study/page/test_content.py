@@ -89,11 +89,11 @@ def test_no_peak_is_lost_and_rows_are_those_of_the_run(monkeypatch, block):
 def test_elements_of_an_array_in_two_units_are_two_figures():
     signals = [Signal("plant.q[1]", "real", "rad", 0), Signal("plant.q[2]", "real", "m", 1)]
     results = Results(np.arange(3.0), signals, {"real": np.arange(6.0).reshape(3, 2)}, {"joints": 2})
-    found = content_of(results, results.summary)["signals"]
-    assert [(one["key"], one["title"], one["curves"]) for one in found] == [
+    shown = content_of(results, results.summary)["signals"]
+    assert [(signal["key"], signal["title"], signal["curves"]) for signal in shown] == [
         ("plant.q, rad", "plant.q", [["q[1]", 1, 0]]), ("plant.q, m", "plant.q", [["q[2]", 2, 0]])
     ]  # fmt: skip
-    assert [curves(one)[1].tolist() for one in found] == [[[0.0, 2.0, 4.0]], [[1.0, 3.0, 5.0]]]
+    assert [curves(signal)[1].tolist() for signal in shown] == [[[0.0, 2.0, 4.0]], [[1.0, 3.0, 5.0]]]
 
 
 def test_memory_does_not_grow_with_the_rows(monkeypatch):
@@ -123,8 +123,8 @@ def test_figures_have_degrees_or_millimetres_and_torques_on_the_link(kind, angle
     robot |= {"rotation": [np.eye(3).tolist()] * 1, "offset": [[0.0] * 3], "tool_offset": [1.0, 0.0, 0.0]}
     arm = robot | {"tool_rotation": np.eye(3).tolist()}
     results = Results(np.arange(2.0), signals, {"real": np.tile([0.25, 0.5, 3.0, 2.0, 1.0], (2, 1))}, {"arm": arm})
-    found = {one["key"].partition(".")[0]: one for one in content_of(results, results.summary)["figures"]}
-    values = {key: (one["unit"], *curves(one)[1][:, 0].tolist()) for key, one in found.items()}
+    figures = {figure["key"].partition(".")[0]: figure for figure in content_of(results, results.summary)["figures"]}
+    values = {key: (figure["unit"], *curves(figure)[1][:, 0].tolist()) for key, figure in figures.items()}
     force = {"deg": "N.m", "mm": "N"}[unit]
     assert values == {
         "position": (unit, *np.float32([0.25 * angle, 0.5 * angle])), "tracking": (unit, np.float32(0.25 * angle)),
@@ -135,14 +135,14 @@ def test_figures_have_degrees_or_millimetres_and_torques_on_the_link(kind, angle
 @pytest.mark.heavy
 def test_tracking_errors_keep_their_digits(planar):
     folder, results = planar
-    found = content_of(results, results.summary)
-    figure = next(one for one in found["figures"] if one["key"] == "tracking.revolute")
+    drawn = content_of(results, results.summary)
+    figure = next(each for each in drawn["figures"] if each["key"] == "tracking.revolute")
     t, values = curves(figure)
     rows = np.rint(1e3 * t).astype(int)
     error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[rows].T
     # one rounding to single precision, 2^-24 of the value, which is a difference of numbers 1e6 times as large
     np.testing.assert_allclose(values, error, rtol=1.2e-7, atol=1e-30)
-    q = numbers(found["frames"]["q"]).reshape(2, -1)
+    q = numbers(drawn["frames"]["q"]).reshape(2, -1)
     np.testing.assert_array_equal(q, results["plant.q"].T.astype("<f4"))
     assert folder.joinpath("report.html").exists()
 
@@ -151,19 +151,19 @@ def test_tracking_errors_keep_their_digits(planar):
 def test_figures_and_frames_are_sums_of_outputs(planar):
     """The page evaluates the recipes for what it simulates, whose signals are the outputs."""
     results = planar[1]
-    found = content_of(results, results.summary)
+    drawn = content_of(results, results.summary)
 
     def evaluated(recipe, rows):
         scale, terms = recipe
         parts = [factor * results[name][rows] for factor, name in terms]
         return scale * np.sum(parts, axis=0)
 
-    for figure in found["figures"] + found["signals"]:
+    for figure in drawn["figures"] + drawn["signals"]:
         t, values = curves(figure)
         rows = np.rint(1e3 * t).astype(int)
         again = np.array([evaluated(recipe, rows) for recipe in figure["recipes"]])
         np.testing.assert_array_equal(again.astype("<f4"), values)
-    frames = found["frames"]
+    frames = drawn["frames"]
     rows = np.rint(1e3 * numbers(frames["time"], "<f8")).astype(int)
     assert list(frames["recipes"]) == ["q", "error", "torque", "torsion"]
     for name, recipes in frames["recipes"].items():
@@ -220,7 +220,7 @@ def test_the_page_of_a_folder_is_that_of_the_run_and_without_its_data_below_its_
     data = sum(len(kind.findall(text)[0]) for kind in (DATA, NUMBERS))
     assert len(text.encode()) - data < LIMIT
     before = text.split("<script")[0]
-    assert all(one.startswith(("data:", "#")) for one in re.findall(r"""(?:src|href)=["']([^"']*)""", before))
+    assert all(address.startswith(("data:", "#")) for address in re.findall(r"""(?:src|href)=["']([^"']*)""", before))
 
 
 def test_names_of_a_run_cannot_break_the_page(tmp_path):
@@ -294,12 +294,12 @@ def test_checks_pass_and_fail_by_their_limits_and_a_chaotic_loop_by_statistics()
 def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
     run = read_run(planar[0])
     assert run.summary["verdict"]["state"] == "good" and run.summary["verdict"]["checks"]
-    found = [
+    rows = [
         ("First", "good", "as it should"),
         ("Second <b>", "failed", "2 > 1"),
         ("Third", "doubtful", "3, of which there is more to say"),
     ]
-    verdict = verdict_of([Check(*one) for one in found])
+    verdict = verdict_of([Check(*row) for row in rows])
     changed = run._replace(summary=dict(run.summary) | {"verdict": verdict})
     text = write_report([changed], tmp_path / "page.html").read_text()
     assert '<p class="verdict failed" data-run="0">Failed: Second &lt;b&gt;: 2 &gt; 1</p>' in text

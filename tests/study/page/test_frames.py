@@ -61,8 +61,8 @@ def test_bends_halve_the_stretches_of_a_parabola_a_short_run_keeps_every_row_and
         ("manipulator_6dof", down), ("ur5e_6dof", down), ("snake_24dof", up), ("planar_2dof", [0.0, 1.0, 0.0])
     ):  # fmt: skip
         robot = vdfmu.load_robot(name)
-        found = drawing_of(arm_of(robot, {}), np.full(robot.n, 0.5 if name == "snake_24dof" else 2.0))["mount"]
-        np.testing.assert_allclose(found if name != "planar_2dof" else np.abs(found), side, atol=1e-15)
+        mount = drawing_of(arm_of(robot, {}), np.full(robot.n, 0.5 if name == "snake_24dof" else 2.0))["mount"]
+        np.testing.assert_allclose(mount if name != "planar_2dof" else np.abs(mount), side, atol=1e-15)
     robot = vdfmu.load_robot("scara_4dof")
     hanging = dataclasses.replace(robot, gravity=-robot.gravity)
     chain = Chain(arm_of(hanging, {}))
@@ -94,9 +94,9 @@ def test_a_payload_is_a_box_of_its_inertia_and_a_base_moves_as_its_signals_say()
     data = np.column_stack([results.data["real"], 0.1 * results.time])
     moved = Results(results.time, signals, {"real": data}, results.summary | {"scene": {"arms": [arm], "objects": []}})
     made = content_of(moved, moved.summary)
-    found = numbers(made["frames"]["base"]).reshape(12, -1)
-    np.testing.assert_array_equal(found[0], (0.1 * results.time).astype("<f4"))
-    assert found[1:, 7].tolist() == [0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    poses = numbers(made["frames"]["base"]).reshape(12, -1)
+    np.testing.assert_array_equal(poses[0], (0.1 * results.time).astype("<f4"))
+    assert poses[1:, 7].tolist() == [0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     assert made["frames"]["recipes"]["base"][2] == [1.0, [[0.5, ""]]]
 
 
@@ -120,8 +120,8 @@ def test_the_scene_has_what_the_system_has_an_arm_after_the_one_that_carries_it(
     assert (screw["kind"], screw["turn"], screw["pitch"]) == ("screw", "screw.turn", 0.5e-3)
     assert screw["forces"] == {"screw.N": "Axial force", "screw.T": "Torque about the axis"}
     arms = [{"component": name, "mounted": on} for name, on in ("cb", "ba", "a ", "xy", "yx")]
-    found = carriers_first([arm | {"mounted": arm["mounted"].strip()} for arm in arms])
-    assert [arm["component"] for arm in found] == ["a", "b", "c", "x", "y"]
+    ordered = carriers_first([arm | {"mounted": arm["mounted"].strip()} for arm in arms])
+    assert [arm["component"] for arm in ordered] == ["a", "b", "c", "x", "y"]
 
 
 @pytest.mark.heavy
@@ -130,7 +130,7 @@ def test_arms_and_forces_have_figures_and_lists_of_other_lengths_are_said(tmp_pa
     made = content_of(results, results.summary)
     keys = [figure["key"] for figure in made["figures"]]
     assert {"tracking.revolute", "tracking.prismatic", "plant_2.tracking.revolute", "plant_2.F_S.N"} <= set(keys)
-    assert made["component"] == "plant" and [one["component"] for one in made["more"]] == ["plant_2"]
+    assert made["component"] == "plant" and [arm["component"] for arm in made["more"]] == ["plant_2"]
     assert read_summary(tmp_path / "summary.json")["scene"] == results.summary["scene"]
     results.summary["scene"]["arms"][1]["types"].append("revolute")
     results.summary["scene"]["arms"][0]["signals"]["F_e"] = ["plant.F_e[1]"]

@@ -34,8 +34,8 @@ def results(made, tmp_path):
 
 def rows(page: bytes) -> dict[str, str]:
     """Return the rows of the list by the names of the runs."""
-    found = re.findall(r'<tr><td><a href=".*?</tr>', page.decode())
-    return {re.search(r">([^<>]+)</a>", row)[1]: row for row in found}
+    listed = re.findall(r'<tr><td><a href=".*?</tr>', page.decode())
+    return {re.search(r">([^<>]+)</a>", row)[1]: row for row in listed}
 
 
 def changed(folder, **facts):

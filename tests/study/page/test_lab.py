@@ -16,21 +16,21 @@ PHONE = (390, 844)
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     over = ["controller.K_p=*1, 2, 3", "plant.mass[2]=*0.8, 1.2", "master=gauss-seidel, jacobi"]
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         "planar_tracking", over, stop=0.2, workers=1, record=("plant.q[*]",),
         measure=["error=max(abs(trajectory.q_d - plant.q))"], out=tmp_path_factory.mktemp("study") / "study",
     )  # fmt: skip
-    found.report()
-    return found
+    swept.report()
+    return swept
 
 
 def test_a_chosen_point_is_run_with_its_parameters(study, browser):
     show(browser, study.folder / "report.html")
     able = browser.run("report.lab.all.filter(row => report.lab.changes(row))")
     master = study.row("best")["master"]
-    assert able == [k for k, one in enumerate(study["master"]) if one == master]
+    assert able == [k for k, master_of_row in enumerate(study["master"]) if master_of_row == master]
     for row in (able[0], able[-1]):
-        found = browser.run(f"""(async () => {{
+        errors = browser.run(f"""(async () => {{
             const worker = new report.SimulationWorker(report.binaries);
             const {{ signals }} = await worker.run(report.runs[0].simulation, report.lab.changes({row}));
             const error = (k) => Math.max(...signals.get(`plant.q[${{k}}]`).map(
@@ -39,7 +39,7 @@ def test_a_chosen_point_is_run_with_its_parameters(study, browser):
         }})()""")
         # the batch engine and WebAssembly have a sin and a cos of their own, 1e-15 of positions of 2 rad, and a solver
         # with tolerance 1e-7, which steps alike
-        np.testing.assert_allclose(found, [study["error[1]"][row], study["error[2]"][row]], rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(errors, [study["error[1]"][row], study["error[2]"][row]], rtol=1e-6, atol=1e-12)
     browser.run(f"report.lab.choose({able[-1]})")
     browser.run("new Promise(d => report.view.addEventListener('simulated', () => d(), { once: true }))")
     assert browser.run("report.runs.at(-1).result.time.length") == 201

@@ -61,7 +61,7 @@ def run() -> ShownRun:
 
 @pytest.fixture
 def pages(tmp_path):
-    shown, study = run(), StudyPart("study", "about", "", {})
+    shown, study = run(), StudyPart("study", "about", "", {}, "lead")
     view = vdfmu.RobotView(vdfmu.load_robot("planar_2dof"))
     view.close()
     about = {"arm": arm_of(vdfmu.load_robot("planar_2dof"), {})}
@@ -76,10 +76,10 @@ def pages(tmp_path):
 
 def test_each_page_names_its_scripts_by_their_hashes_and_no_other(pages):
     for name, page in pages.items():
-        found, elements = sources(page), Elements(page)
-        digests = [f"'sha256-{base64.b64encode(sha256(one.encode()).digest()).decode()}'" for one in elements.scripts]
-        assert len(digests) == (name not in ("package", "gallery")) and {*digests} <= {*found}, name
-        assert {source.partition("-")[0] for source in found} <= {"'sha256", "'wasm"}, name
+        allowed, elements = sources(page), Elements(page)
+        digests = [f"'sha256-{base64.b64encode(sha256(code.encode()).digest()).decode()}'" for code in elements.scripts]
+        assert len(digests) == (name not in ("package", "gallery")) and {*digests} <= {*allowed}, name
+        assert {source.partition("-")[0] for source in allowed} <= {"'sha256", "'wasm"}, name
         assert not elements.handlers, name
 
 
@@ -102,7 +102,7 @@ def test_a_script_that_a_page_does_not_name_does_not_run(browser, tmp_path):
         show(browser, file)
         assert browser.run("document.title") == title
         # refused as an element and as a handler; the picture that is none is no message
-        assert [one.count("Content Security Policy") for one in browser.problems] == [1, 1], browser.problems
+        assert [problem.count("Content Security Policy") for problem in browser.problems] == [1, 1], browser.problems
         if name == "report":  # and all that is the page's own runs, the worker with its WebAssembly too
             rows = (
                 "new report.SimulationWorker(report.binaries).run(report.runs[0].simulation).then(r => r.time.length)"

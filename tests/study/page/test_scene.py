@@ -37,10 +37,10 @@ def swinging(name: str, amplitude: float) -> ShownRun:
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    found = {name: tmp_path_factory.mktemp(name) for name in ("wall", "screw", "two_arms")}
-    for name, folder in found.items():
+    made = {name: tmp_path_factory.mktemp(name) for name in ("wall", "screw", "two_arms")}
+    for name, folder in made.items():
         vdfmu.run(name, stop=2.2 if name == "wall" else 0.3, out=folder, reference=False)
-    return found
+    return made
 
 
 INSIDE = """(() => {
@@ -71,9 +71,9 @@ def test_no_link_is_in_the_plate_of_its_arm(browser, tmp_path, name, amplitude):
 
 def test_a_plate_with_an_arm_in_it_is_seen_through(browser, tmp_path):
     show(browser, write_report([swinging("snake_24dof", 0.4)], tmp_path / "arm.html"))  # it curls up
-    found = browser.run(INSIDE)
-    assert found[0] == [0, 1]
-    assert min(opacity for _, opacity in found) < 0.5
+    inside = browser.run(INSIDE)
+    assert inside[0] == [0, 1]
+    assert min(opacity for _, opacity in inside) < 0.5
 
 
 def test_the_path_ends_at_the_tool_and_leads_through_where_it_was(browser, tmp_path):

@@ -42,24 +42,24 @@ def test_sliders_at_1_have_the_margin_of_the_verdict_and_none_where_it_has_none(
     at_1 = {track["modulus"][4] for knob in found_in(planar)[0]["knobs"] if (track := knob["tracks"][0])}
     assert at_1 == {round(figures["margin"]["value"], 3)}  # the same rows
     rest = {name: each for name, each in figures.items() if name != "margin"}
-    for own, why in (
+    for changed, why in (
         ({"unstable": figures["margin"]}, "the run itself is unstable"),
         ({"margin": {"value": 0.0, "place": "joint 1", "at_s": 0.15}}, "the run has none at 0.15 s"),
     ):
-        found = found_in(planar, key_figures=rest | own)[0]
-        assert all(knob["tracks"] == [None] for knob in found["knobs"]) and found["why"] == why
+        described = found_in(planar, key_figures=rest | changed)[0]
+        assert all(knob["tracks"] == [None] for knob in described["knobs"]) and described["why"] == why
 
 
 def test_the_page_has_the_program_of_the_run(planar):
-    found, binaries = found_in(planar)
-    units = {unit["name"]: unit["parameters"] for unit in found["units"]}
+    described, binaries = found_in(planar)
+    units = {unit["name"]: unit["parameters"] for unit in described["units"]}
     assert [*units] == ["trajectory", "feedforward", "controller", "plant"]
     place, value, least, most = units["controller"]["K_p[2]"]
-    assert (value, least, most) == (1500.0, 0.0, None) and found["memory"][place] == 1500.0
-    assert (found["steps"], found["last"]) == (200, pytest.approx(1e-3, rel=1e-12))
-    assert found["moving"] == ["plant"] and len(found["names"]) == len(found["places"])
-    assert "plant: f_s[1]: expected f_s >= f_c." in found["conditions"]
-    assert [*binaries] == [found["module"], found["base"]]
+    assert (value, least, most) == (1500.0, 0.0, None) and described["memory"][place] == 1500.0
+    assert (described["steps"], described["last"]) == (200, pytest.approx(1e-3, rel=1e-12))
+    assert described["moving"] == ["plant"] and len(described["names"]) == len(described["places"])
+    assert "plant: f_s[1]: expected f_s >= f_c." in described["conditions"]
+    assert [*binaries] == [described["module"], described["base"]]
     for module in binaries.values():
         assert gzip.decompress(base64.b64decode(module)).startswith(b"\0asm\1\0\0\0")
 
@@ -79,19 +79,19 @@ def test_recorded_rows_are_those_of_the_run_and_separate_solutions_are_judged_by
 
 
 def test_knobs_are_parameters_of_the_run_and_friction_that_of_the_rotors_too(planar):
-    found = found_in(planar)[0]
-    shown = {knob["key"]: knob for knob in found["knobs"]}
+    described = found_in(planar)[0]
+    shown = {knob["key"]: knob for knob in described["knobs"]}
     assert list(shown) == ["controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0", "plant.f_c", "trajectory.T"]
     gains = shown["controller.K_p"]
     assert (gains["values"], gains["units"]) == ([1500.0, 1500.0], ["N.m/rad", "N.m/rad"])
     assert shown["plant.mass"]["known"] == [
         {"unit": "feedforward", "name": "mass"}, {"unit": "feedforward", "name": "inertia"},
     ]  # fmt: skip
-    parameters = {unit["name"]: unit["parameters"] for unit in found["units"]}
+    parameters = {unit["name"]: unit["parameters"] for unit in described["units"]}
     for knob in shown.values():
         for target in (*knob["targets"], *knob["known"]):
-            own = [name.partition("[")[0] for name in parameters[target["unit"]]]
-            assert target["name"] in own
+            groups = [name.partition("[")[0] for name in parameters[target["unit"]]]
+            assert target["name"] in groups
     system = SystemDescription(load_scenario("tracking_split"))
     (friction,) = [knob for knob in knobs(system) if knob["words"] == "Friction"]
     assert [target["name"] for target in friction["targets"]] == ["f_c", "f_s", "f_v", "f_ck"]
@@ -126,8 +126,8 @@ def test_a_page_stays_below_its_size(planar, monkeypatch):
     monkeypatch.setattr(simulation, "MOST_MODULES", sum(map(len, binaries.values())))
     assert "units" in simulation_of(run, binaries)  # it adds nothing
     binaries["another"] = "module"
-    found = simulation_of(run, binaries)
-    assert re.search(r"larger than 1 MB; make a page of this run alone\.$", found["reason"])
+    described = simulation_of(run, binaries)
+    assert re.search(r"larger than 1 MB; make a page of this run alone\.$", described["reason"])
 
 
 @pytest.mark.parametrize(("changed", "words"), [
@@ -135,10 +135,10 @@ def test_a_page_stays_below_its_size(planar, monkeypatch):
     ({"package": Path(__file__)}, "it was not made with this cache"),
 ])  # fmt: skip
 def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
-    found, binaries = found_in(planar, **changed)
-    assert list(found) == ["reason"] and not binaries
-    assert found["reason"].startswith("This run is not simulated here: ")
-    assert words in found["reason"]
+    described, binaries = found_in(planar, **changed)
+    assert list(described) == ["reason"] and not binaries
+    assert described["reason"].startswith("This run is not simulated here: ")
+    assert words in described["reason"]
 
 
 @pytest.mark.parametrize(("options", "words"), [
@@ -184,7 +184,7 @@ def simulated(browser: Browser, page: Path, changes: list[dict[str, Any]]) -> di
     browser.problems.clear()
     browser.requests.clear()
     browser.open(page)
-    found = browser.run(f"""(async () => {{
+    values_by_name = browser.run(f"""(async () => {{
         const worker = new report.SimulationWorker(report.binaries);
         const found = await worker.run(report.runs[0].simulation, {json.dumps(changes)});
         const thinned = (values) => Array.from(values).filter((_, k) => k % 10 === 0);
@@ -192,17 +192,17 @@ def simulated(browser: Browser, page: Path, changes: list[dict[str, Any]]) -> di
     }})()""")  # fmt: skip
     assert browser.problems == []
     assert [url for url in browser.requests if not url.startswith(("data:", "blob:"))] == [page.as_uri()]
-    return {name: np.array(values) for name, values in found.items()}
+    return {name: np.array(values) for name, values in values_by_name.items()}
 
 
-def assert_same(found: dict[str, np.ndarray], results: Results) -> None:
-    compared = [name for name in found if name in set(results.names)]
+def assert_same(signals: dict[str, np.ndarray], results: Results) -> None:
+    compared = [name for name in signals if name in set(results.names)]
     assert {name.split("[")[0] for name in compared} >= {
         "plant.q", "plant.kappa_dot", "controller.tau", "trajectory.q_d",
     }  # fmt: skip
     for name in compared:
         tolerance = TOLERANCES.get(results.units[name], 1e-5)
-        np.testing.assert_allclose(found[name], results[name][::10], rtol=0, atol=tolerance, err_msg=name)
+        np.testing.assert_allclose(signals[name], results[name][::10], rtol=0, atol=tolerance, err_msg=name)
 
 
 @pytest.mark.heavy
@@ -221,9 +221,9 @@ def test_the_page_finds_what_the_fmus_found(pages, browser):
     other = vdfmu.run("tracking", out=folder / "other", reference=False, settings=settings)
     changes = [{"unit": "controller", "name": "K_p", "value": 3000.0}]
     changes += [{"unit": unit, "name": "mass", "factor": 1.5} for unit in ("plant", "feedforward")]
-    found = simulated(browser, folder / "report.html", changes)
-    assert_same(found, other)
-    assert np.ptp(found["controller.tau[2]"] - results["controller.tau[2]"][::10]) > 1e-2  # it is another run
+    signals = simulated(browser, folder / "report.html", changes)
+    assert_same(signals, other)
+    assert np.ptp(signals["controller.tau[2]"] - results["controller.tau[2]"][::10]) > 1e-2  # it is another run
 
 
 @pytest.mark.heavy

@@ -172,9 +172,9 @@ def test_a_mass_of_one_link_and_what_the_feedforward_knows(run, browser):
     assert "mass[3]" in names and "inertia[3,1,1]" in names and not any("[2" in name for name in names)
     unknown = np.abs(simulated(browser, 0)).max()
     browser.run(f"(async () => {{ document.querySelector('.knob .chip').click(); {DONE} }})()")
-    known = np.abs(simulated(browser, 0)).max()
+    compensated = np.abs(simulated(browser, 0)).max()
     assert {change["unit"] for change in browser.run("report.simulation.changes()")} == {"plant", "feedforward"}
-    assert known < 0.1 * unknown  # an arm that is known is followed as well as before
+    assert compensated < 0.1 * unknown  # an arm that is known is followed as well as before
 
 
 def test_a_run_that_fails_says_why_and_shows_how(run, browser):

@@ -40,8 +40,8 @@ def test_a_component_is_a_class_of_one_sheet(name):
     used = {
         kind for selector in selectors((WEB / name).read_text(encoding="utf-8")) for kind in CLASS.findall(selector)
     }
-    others = {other: components(other) & used for other in SHEETS if other not in {name, *SHARED}}
-    assert {other: both for other, both in others.items() if both} == {}
+    shared = {other: components(other) & used for other in SHEETS if other not in {name, *SHARED}}
+    assert {other: both for other, both in shared.items() if both} == {}
 
 
 def test_the_check_of_components_sees_a_class_of_two_sheets(monkeypatch, tmp_path):

@@ -17,7 +17,7 @@ def test_texts_do_not_overlap(name, tmp_path, browser):
     page = tmp_path / "page.html"
     page.write_text(f"<!doctype html><meta charset=utf-8><body>{picture(name)}", encoding="utf-8")
     browser.open(page)
-    found = browser.run("""(() => {
+    overlaps = browser.run("""(() => {
         const svg = document.querySelector("svg"), bad = [];
         svg.style = `width: ${svg.viewBox.baseVal.width}px`;
         for (const value of svg.querySelectorAll(".value")) value.textContent = "−0.123 rad/s2";
@@ -32,7 +32,7 @@ def test_texts_do_not_overlap(name, tmp_path, browser):
         });
         return bad;
     })()""")
-    assert found == []
+    assert overlaps == []
 
 
 def test_wires_show_the_values_at_the_time_shown_and_choose_their_signal(tmp_path, browser, quiet):

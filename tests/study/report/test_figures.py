@@ -42,12 +42,12 @@ def every_picture(made, types, width=COLUMN) -> dict[str, Figure]:
 def chunks(png: bytes) -> list[bytes]:
     """Return the types of the chunks of a PNG file."""
     assert png.startswith(b"\x89PNG\r\n\x1a\n")
-    found, place = [], 8
+    kinds, place = [], 8
     while place < len(png):
         length, kind = struct.unpack(">I4s", png[place : place + 8])
-        found.append(kind)
+        kinds.append(kind)
         place += length + 12
-    return found
+    return kinds
 
 
 # --- what they show --------------------------------------------------------------------------------------

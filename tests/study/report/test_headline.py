@@ -165,21 +165,21 @@ def test_the_line_in_the_terminal_has_a_colour_and_key_figures_are_those_of_the_
     (tile,) = tiles_of({"key_figures": {"torque": FIGURES["torque"] | {"limit": 71.0}}})
     assert tile[1:3] == ("35.5 N.m", "50 % of its limit, joint 2 at 0.941 s")
     results, _ = planar
-    found = results.summary["key_figures"]
-    row = round(found["tool_error"]["at_s"] / results.summary["step"])
+    figures = results.summary["key_figures"]
+    row = round(figures["tool_error"]["at_s"] / results.summary["step"])
     robot = vdfmu.load_robot("planar_2dof")
     ends = [forward_kinematics(robot, results[name][row])[0] for name in ("trajectory.q_d", "plant.q")]
-    assert found["tool_error"]["value"] == pytest.approx(((ends[0] - ends[1]) ** 2).sum() ** 0.5, rel=1e-9)
-    worst = found["joint_error"]
+    assert figures["tool_error"]["value"] == pytest.approx(((ends[0] - ends[1]) ** 2).sum() ** 0.5, rel=1e-9)
+    worst = figures["joint_error"]
     assert worst["value"] == max(results.summary["max_position_error_deg"])
     assert worst["joint"] == results.summary["max_position_error_deg"].index(worst["value"]) + 1
-    torque = found["torque"]
+    torque = figures["torque"]
     peak = abs(robot.ell * results["controller.tau"])
     assert torque["value"] == peak.max() and peak[:, torque["joint"] - 1].max() == peak.max()
     modes = vdfmu.natural_modes(robot, results["plant.q"][0], motors="held")
     # the arm has moved by less than a degree in 0.2 s
-    assert found["mode"]["value"] == pytest.approx(modes.frequency[0], rel=0.01)
-    assert 0.0 < found["margin"]["value"] <= 1.0
+    assert figures["mode"]["value"] == pytest.approx(modes.frequency[0], rel=0.01)
+    assert 0.0 < figures["margin"]["value"] <= 1.0
 
 
 @pytest.fixture(scope="module")
@@ -190,13 +190,13 @@ def planar(tmp_path_factory):
 
 def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is_another(planar):
     short: dict[str, Any] = {"stop": 0.05, "out": False, "reference": False}
-    own = planar[0].summary["key_figures"]["mode"]["value"]
+    rigid = planar[0].summary["key_figures"]["mode"]["value"]
     soft = vdfmu.run("planar_tracking", settings={f"plant.K_f0[{i}]": 500.0 for i in (1, 2)}, **short)
-    found, robot = soft.summary["key_figures"], vdfmu.load_robot("planar_2dof").with_parameters(K_f0=500.0)
-    assert found["tool_error"]["value"] > 0.0 and found["mode"]["value"] < own
+    figures, robot = soft.summary["key_figures"], vdfmu.load_robot("planar_2dof").with_parameters(K_f0=500.0)
+    assert figures["tool_error"]["value"] > 0.0 and figures["mode"]["value"] < rigid
     # among five poses of a motion that has moved the arm by less than 0.01 degrees
     expected = vdfmu.natural_modes(robot, soft["plant.q"][0], motors="held").frequency[0]
-    assert found["mode"]["value"] == pytest.approx(expected, rel=1e-3)
+    assert figures["mode"]["value"] == pytest.approx(expected, rel=1e-3)
     longer = vdfmu.run("planar_tracking", settings={"plant.offset[2,1]": 0.6}, **short)
     assert "tool_error" not in longer.summary["key_figures"] and "mode" in longer.summary["key_figures"]
 
@@ -213,13 +213,13 @@ def test_the_page_begins_with_the_verdict_and_the_command_that_makes_the_run_aga
     assert '<p class="verdict failed" data-run="0">Failed: Energy residual of the coupling: 31 %</p>' in page
     assert '<details class="checks failed" open>' in page
     assert run_command(planar[0].summary) == "vdfmu run planar_tracking --stop 0.2"
-    own = planar[0].summary | {"scenario": "my own", "settings": {"controller.K_p[1]": "3"}}
+    summary = planar[0].summary | {"scenario": "my own", "settings": {"controller.K_p[1]": "3"}}
     # a scenario that no file has any more: all its options
     all_options = "--robot planar_2dof --stop 0.2 --step 0.001 --master gauss-seidel --tolerance 1e-07"
-    assert run_command(own) == f"vdfmu run 'my own' {all_options} --set 'controller.K_p[1]=3'"
-    units = own | {"units": {"controller": "pid.py"}}
+    assert run_command(summary) == f"vdfmu run 'my own' {all_options} --set 'controller.K_p[1]=3'"
+    units = summary | {"units": {"controller": "pid.py"}}
     assert run_command(units).endswith("--tolerance 1e-07 --unit controller=pid.py --set 'controller.K_p[1]=3'")
-    assert run_command(own | {"inputs": ["a.csv"]}) == run_command({"system": "loop"}) == ""
+    assert run_command(summary | {"inputs": ["a.csv"]}) == run_command({"system": "loop"}) == ""
 
 
 def test_the_command_has_each_option_that_differs(planar, tmp_path):
@@ -230,13 +230,13 @@ def test_the_command_has_each_option_that_differs(planar, tmp_path):
     (tmp_path / "bot.toml").write_text(locate("planar_2dof", "robots").read_text())
     robot = load_robot(tmp_path / "bot.toml")
     assert robot.file == str(tmp_path / "bot.toml") and not load_robot("planar_2dof").file
-    own = tmp_path / "my.toml"
+    path = tmp_path / "my.toml"
     text = locate("planar_tracking", "scenarios").read_text()
-    own.write_text(text.replace('robot = "planar_2dof"', 'robot = "bot.toml"'))
-    facts = run_facts(prepare(own, stop=0.3, master="jacobi", tolerance=1e-5))
-    assert run_command(facts) == f"vdfmu run {own} --stop 0.3 --master jacobi --tolerance 1e-05"
-    assert run_command(run_facts(prepare(own))) == f"vdfmu run {own}"
-    assert run_command(run_facts(prepare(own, robot=robot))) == f"vdfmu run {own} --robot {robot.file}"
+    path.write_text(text.replace('robot = "planar_2dof"', 'robot = "bot.toml"'))
+    facts = run_facts(prepare(path, stop=0.3, master="jacobi", tolerance=1e-5))
+    assert run_command(facts) == f"vdfmu run {path} --stop 0.3 --master jacobi --tolerance 1e-05"
+    assert run_command(run_facts(prepare(path))) == f"vdfmu run {path}"
+    assert run_command(run_facts(prepare(path, robot=robot))) == f"vdfmu run {path} --robot {robot.file}"
     reach = run_facts(prepare(reach_scenario(robot.file)))
     assert run_command(reach).startswith(f"vdfmu run reach --robot {robot.file} --stop ")
     reach = run_facts(prepare(reach_scenario("planar_2dof"), step=0.002))

@@ -43,22 +43,22 @@ def lab(rgb: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("colours", [page.LIGHT, page.DARK], ids=["light", "dark"])
 def test_each_two_colours_can_be_told_apart(colours, vision):
     seen = {colour: lab(vision @ linear(colour)) for colour in colours}
-    for one, other in itertools.combinations(colours, 2):
+    for first, second in itertools.combinations(colours, 2):
         # 1 is the difference that half of all readers notice
-        assert np.linalg.norm((seen[one] - seen[other]) / NOTICED) > 1.0, (one, other)
+        assert np.linalg.norm((seen[first] - seen[second]) / NOTICED) > 1.0, (first, second)
 
 
 @pytest.mark.parametrize(("colours", "scheme"), [(page.LIGHT, 0), (page.DARK, 1)], ids=["light", "dark"])
 def test_each_colour_stands_out_from_the_page(colours, scheme):
     card = re.findall(r"--card: (#\w{6})", look())[scheme]
     luminance = [float(XYZ[1] @ linear(colour)) for colour in (card, *colours)]
-    for one in luminance[1:]:
-        high, low = max(one, luminance[0]), min(one, luminance[0])
+    for value in luminance[1:]:
+        high, low = max(value, luminance[0]), min(value, luminance[0])
         assert (high + 0.05) / (low + 0.05) >= 3.0  # WCAG 2.1, 1.4.11, of graphics
 
 
 def test_pictures_and_pages_have_these_colours():
     assert style.COLORS == page.LIGHT
     light, dark = (look().split(":root{")[k] for k in (1, 2))
-    for i, (one, other) in enumerate(zip(page.LIGHT, page.DARK, strict=True), 1):
-        assert f"--joint-{i}:{one}" in light and f"--joint-{i}:{other}" in dark
+    for i, (bright, dim) in enumerate(zip(page.LIGHT, page.DARK, strict=True), 1):
+        assert f"--joint-{i}:{bright}" in light and f"--joint-{i}:{dim}" in dark

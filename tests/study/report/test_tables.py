@@ -150,8 +150,8 @@ def test_tables_are_latex_of_the_same_rows(tmp_path):
         cells = line.removesuffix(r" \\").split(" & ")
         numbers = [cell.strip("$").replace(r"\cdot 10^{", "e").rstrip("}") for cell in cells]
         assert len(cells) == len(row)
-        for shown, own in zip(numbers, row, strict=True):
-            assert shown == own or float(shown) == float(own)
+        for shown, number in zip(numbers, row, strict=True):
+            assert shown == number or float(shown) == float(number)
 
 
 def test_words_of_a_table_are_no_commands_of_latex():

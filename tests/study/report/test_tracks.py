@@ -45,13 +45,13 @@ def described() -> SystemDescription:
     return SystemDescription(load_scenario("planar_tracking"))
 
 
-def found(checked: Checked, chosen: list[dict[str, Any]]) -> list[list[Any]]:
+def tracks_of(checked: Checked, chosen: list[dict[str, Any]]) -> list[list[Any]]:
     described = SystemDescription(load_scenario("planar_tracking"))
     return tracks(checked.system.path, "gauss-seidel", chosen, values_of(described), (0.0, STOP, STEP))
 
 
 def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
-    (own,) = found(planar, [GAIN])
+    (gain_tracks,) = tracks_of(planar, [GAIN])
     with Simulator(planar.system, isolate=False, algorithm="gauss-seidel") as simulator:
         simulator.run(start=0.0, stop=STOP, step=STEP, record=(), taps=[poses := Poses("tau", TIED)])
     margins, least = poses.loops.margins(), poses.loops.nearest().modulus
@@ -60,8 +60,8 @@ def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
     notches = NOTCHES / 4 / 16
     for joint in range(2):
         place = NOTCHES * np.log10(float(margins.gain[joint]))
-        assert own[1 + joint]["limits"][1] == pytest.approx(place - notches / 2.0, abs=notches)
-    assert dict(zip(own[0]["places"], own[0]["modulus"], strict=True))[0] == round(least, 3)
+        assert gain_tracks[1 + joint]["limits"][1] == pytest.approx(place - notches / 2.0, abs=notches)
+    assert dict(zip(gain_tracks[0]["places"], gain_tracks[0]["modulus"], strict=True))[0] == round(least, 3)
 
 
 def test_the_margin_at_the_end_of_a_slider_is_that_of_the_run_with_its_gains(planar, described):
@@ -78,14 +78,14 @@ def test_the_margin_at_the_end_of_a_slider_is_that_of_the_run_with_its_gains(pla
 
 def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_none(planar, described):
     chosen = list(knobs(described))
-    of = {knob["key"]: each for knob, each in zip(chosen, found(planar, chosen), strict=True)}
+    of = {knob["key"]: each for knob, each in zip(chosen, tracks_of(planar, chosen), strict=True)}
     assert [len(of[key]) for key in ("controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0")] == [3, 3, 1, 1]
     assert of["plant.f_c"] == of["trajectory.T"] == [None]
     for tracked in of.values():
         for track in filter(None, tracked):
             assert track["modulus"][4] == of["controller.K_v"][0]["modulus"][4] > 0.0 == track["places"][4]
             assert all(0.0 <= each <= 1.0 for each in track["modulus"])
-    assert found(planar, chosen) == list(of.values())  # from the cache
+    assert tracks_of(planar, chosen) == list(of.values())  # from the cache
 
 
 def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(described):

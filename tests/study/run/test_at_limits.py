@@ -39,7 +39,7 @@ def limited():
 
 
 @pytest.fixture(scope="module")
-def one(limited):
+def limits(limited):
     return ArmLimits("plant", limited, np.full(limited.n, np.inf), "plant.tau")
 
 
@@ -55,24 +55,24 @@ def recorded(rows, n, times, **more):
 
 
 @pytest.mark.parametrize("row", ROWS)
-def test_each_row_is_at_its_limit_and_gets_its_torque(limited, one, row):
-    tau, speed, _, given, limit = row
-    assert one.delivered(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(given)
-    found = time_at_limits(recorded([row[:3]] * 2, limited.n, [0.0, 1.0]), [one])["limits"]["plant"]
-    first = {key: shares[0] for key, shares in found.items()}
+def test_each_row_is_at_its_limit_and_gets_its_torque(limited, limits, row):
+    tau, speed, _, torque, limit = row
+    assert limits.delivered(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(torque)
+    shares_by_limit = time_at_limits(recorded([row[:3]] * 2, limited.n, [0.0, 1.0]), [limits])["limits"]["plant"]
+    first = {key: shares[0] for key, shares in shares_by_limit.items()}
     assert first == {key: float(key == limit) for key in ("torque", "speed", "stop")}
-    assert all(not any(shares[1:]) for shares in found.values())
+    assert all(not any(shares[1:]) for shares in shares_by_limit.values())
 
 
-def test_a_row_counts_with_the_length_of_its_step_and_the_largest_share_has_its_place(limited, one):
+def test_a_row_counts_with_the_length_of_its_step_and_the_largest_share_has_its_place(limited, limits):
     rows = [(20.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 4.5, 2.0)]
-    found = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 3.0, 10.0]), [one])["limits"]["plant"]
-    np.testing.assert_allclose([found[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14)
+    shares = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 3.0, 10.0]), [limits])["limits"]["plant"]
+    np.testing.assert_allclose([shares[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14)
     rows = [(5.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (20.0, 1.0, 0.0)]
-    figures = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 4.0, 10.0]), [one])["key_figures"]
+    figures = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 4.0, 10.0]), [limits])["key_figures"]
     assert figures == {"saturated": {"value": 0.7, "place": "torque limit of joint 1", "at_s": 1.0}}
     brief = recorded(rows[:3], limited.n, [0.0, 0.9, 100.0])  # 0.9 %, which the table shows as 1: 0.01 is the limit
-    assert "limits" in time_at_limits(brief, [one]) and "key_figures" not in time_at_limits(brief, [one])
+    assert "limits" in time_at_limits(brief, [limits]) and "key_figures" not in time_at_limits(brief, [limits])
 
 
 @pytest.mark.parametrize(("tau_max", "code", "line"), [
@@ -98,10 +98,10 @@ def test_a_run_at_its_torque_limit_says_so_first_and_has_a_page_with_sliders(tmp
 def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):
     settings = {"controller.tau_max": 1.0, "plant.q_0[1]": -1.0}
     results = vdfmu.run("planar_tracking", stop=0.1, settings=settings, out=tmp_path, reference=False)
-    found = results.summary["limits"]["plant"]
+    shares = results.summary["limits"]["plant"]
     cut = np.abs(results["controller.tau"][1:]) == 1.0  # of its clip, to the bit
-    np.testing.assert_allclose(found["torque"], cut.mean(axis=0), rtol=1e-12)
-    assert cut[:, 0].mean() > 0.5 and not any(found["stop"]) and not any(found["speed"])
+    np.testing.assert_allclose(shares["torque"], cut.mean(axis=0), rtol=1e-12)
+    assert cut[:, 0].mean() > 0.5 and not any(shares["stop"]) and not any(shares["speed"])
     sheet = limits_sheet(results.summary)
     assert sheet in sheets(results.summary)
     assert float(sheet.rows[0][1]) == pytest.approx(100.0 * cut[:, 0].mean(), abs=0.5)
@@ -115,16 +115,16 @@ def test_a_run_away_from_its_limits_has_no_table_and_its_values_are_those_of_the
     scenario = reach_scenario("kr_6dof")
     (plain,) = limits_of(SystemDescription(scenario))
     changed = system_values(scenario, {"plant.tau_stall[2]": 0.1, "controller.tau_max[3]": 0.2})
-    (one,) = limits_of(SystemDescription(scenario, changed))
-    assert plain.robot.tau_stall[1] == load_robot("kr_6dof").tau_stall[1] != one.robot.tau_stall[1] == 0.1
-    assert one.tau_max[2] == 0.2 and one.tau_max[1] == plain.tau_max[1]
+    (weaker,) = limits_of(SystemDescription(scenario, changed))
+    assert plain.robot.tau_stall[1] == load_robot("kr_6dof").tau_stall[1] != weaker.robot.tau_stall[1] == 0.1
+    assert weaker.tau_max[2] == 0.2 and weaker.tau_max[1] == plain.tau_max[1]
 
 
-def test_the_compensation_torque_is_what_the_motors_gave(limited, one):
+def test_the_compensation_torque_is_what_the_motors_gave(limited, limits):
     rows = [(20.0, 1.0, 0.0), (20.0, 3.0, 0.0)]
     more = {"trajectory_of_q_d": [0.0, 0.0], "controller_of_tau": [20.0, 20.0], "feedforward_of_tau_m": [1.0, 1.0]}
     results = recorded(rows, limited.n, [0.0, 1.0], **more)
-    found = tracking_errors(results, limited, [one])["rms_torque_compensation_error_nm"]
-    assert found[0] == pytest.approx(limited.ell[0] * np.sqrt((9.0**2 + 4.0**2) / 2))
+    error = tracking_errors(results, limited, [limits])["rms_torque_compensation_error_nm"]
+    assert error[0] == pytest.approx(limited.ell[0] * np.sqrt((9.0**2 + 4.0**2) / 2))
     asked = tracking_errors(results, limited)["rms_torque_compensation_error_nm"]
     assert asked[0] == pytest.approx(limited.ell[0] * 19.0)

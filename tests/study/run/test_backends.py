@@ -17,14 +17,14 @@ STOP = 0.2
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    known = {}
+    finished = {}
 
     def once(**options):
         key = tuple(sorted(options.items()))
-        if key not in known:
+        if key not in finished:
             folder = tmp_path_factory.mktemp("run")
-            known[key] = (folder, vdfmu.run("planar_tracking", stop=STOP, out=folder, reference=False, **options))
-        return known[key]
+            finished[key] = (folder, vdfmu.run("planar_tracking", stop=STOP, out=folder, reference=False, **options))
+        return finished[key]
 
     return once
 

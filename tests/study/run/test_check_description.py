@@ -42,13 +42,13 @@ def problems(tmp_path):
 
 def test_references_that_lead_nowhere_hide_no_other_fault(problems):
     assert problems(local("a", 3, '<Real declaredType="Angle" start="0.5"/>', 'initial="exact"')) == []
-    found = problems(
+    faults = problems(
         local("u", 3, '<Real unit="furlong" displayUnit="mile"/>'), local("d", 4, '<Real derivative="99"/>'),
         local("t", 5, '<Real declaredType="None"/>'), local("p", 6, '<Real start="0"/>', 'causality="parameter"'),
         local("s", 7, '<Real displayUnit="deg"/>'), of="1 42",
     )  # fmt: skip
     where = "modelDescription.xml, line"
-    assert found == [
+    assert faults == [
         f"{where} 8: variable 'd': derivative='99': expected the index of a variable, from 1 to 7",
         f"{where} 9: variable 't': declaredType 'None' is not defined; define it in TypeDefinitions",
         f"{where} 10: variable 'p': causality 'parameter' and variability 'continuous' (default) do not "
@@ -62,7 +62,7 @@ def test_references_that_lead_nowhere_hide_no_other_fault(problems):
 
 def test_ranges_initial_and_aliases(problems):
     exact = 'initial="exact"'
-    found = problems(
+    faults = problems(
         local("a", 3, '<Real start="5" max="1"/>', exact),
         local("b", 4, '<Real start="0" min="2" max="1"/>', exact),
         local("c", 5, '<Real start="2" declaredType="Angle"/>', exact),
@@ -76,7 +76,7 @@ def test_ranges_initial_and_aliases(problems):
         local("k", 10, '<Real start="1.0"/>', 'variability="constant"'),
         local("l", 10, '<Real start="1"/>', 'variability="constant"'),
     )
-    assert [text.partition(": ")[2] for text in found] == [
+    assert [text.partition(": ")[2] for text in faults] == [
         "variable 'a': start 5 is above max 1",
         "variable 'b': min 2 is above max 1",
         "variable 'c': start 2 is above max 1",
@@ -153,6 +153,6 @@ def test_structured_names_are_judged_as_by_the_grammar(problems, name, monkeypat
     monkeypatch.setattr(description, "validate_model_description", validate)
     head = HEAD.format(sources="").replace('guid="1"', 'guid="1" variableNamingConvention="structured"')
     added = local(name, 3, '<Real start="0"/>', 'initial="exact"')
-    found = problems(text=head + INPUT + OUTPUT + added + TAIL.format(of="1"))
-    assert any("is not a legal variable name" in text for text in found) != NAMES[name]
+    faults = problems(text=head + INPUT + OUTPUT + added + TAIL.format(of="1"))
+    assert any("is not a legal variable name" in text for text in faults) != NAMES[name]
     assert read == ([] if NAMES[name] and "'" not in name else [name])

@@ -52,8 +52,8 @@ def test_faults_of_all_layers_come_at_once(package):
         connections("c.u d.u"),
     )
     path = package(text, {"resources/m.fmu": fmu("abc"), "resources/text.fmu": "text"})
-    *found, binary, last = check_file(path, run=False)
-    assert found == [
+    *faults, binary, last = check_file(path, run=False)
+    assert faults == [
         "x.ssp: component 'e': the package has no 'resources/none.fmu'",
         "x.ssp: the package has no 'resources/none.ssv'",
         "connection c.u -> d.u: there is no element 'd'",
@@ -83,9 +83,9 @@ def test_values_lie_within_the_limits_of_the_fmu(package, limits, fault):
 
 
 def test_fmus_are_checked_where_the_system_cannot_be_read_and_units_are_defined_where_named(package):
-    found = check_file(package("<ssd:System>", {"resources/m.fmu": fmu("abc")}), run=False)
-    assert found[0].startswith("x.ssp: SystemStructure.ssd: is not well-formed XML")
-    assert found[1].startswith("resources/m.fmu: modelDescription.xml, line 2: Element 'Real'")
+    faults = check_file(package("<ssd:System>", {"resources/m.fmu": fmu("abc")}), run=False)
+    assert faults[0].startswith("x.ssp: SystemStructure.ssd: is not well-formed XML")
+    assert faults[1].startswith("resources/m.fmu: modelDescription.xml, line 2: Element 'Real'")
     text = ssd(component("c", "u:input:Real:rad y:output:Real:rad", inner=values(parameter("k", unit="furlong"))))
     assert problems(package(text)) == [
         "x.ssp: SystemStructure.ssd: unit 'rad' of c.u and 1 more is not defined; define it in ssd:Units",

@@ -20,7 +20,7 @@ def fmus(tmp_path_factory):
     return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0")
 
 
-given = partial(texts.values, version="2.0")
+values = partial(texts.values, version="2.0")
 parameter = partial(texts.parameter, kind="Float64")
 
 
@@ -102,8 +102,8 @@ def test_resources_and_parameters_are_checked(package):
     mapping = '<ssm:MappingEntry source="time" target="T_end"/><ssm:MappingEntry source="no" target="T"/>'
     text = system(
         component("Plant", inner=binding("none.ssv")),
-        component("Trajectory", inner=given(parameter("time"), mapping=mapping)),
-        component("PDController", inner=given(parameter("K_q"))),
+        component("Trajectory", inner=values(parameter("time"), mapping=mapping)),
+        component("PDController", inner=values(parameter("K_q"))),
         '<ssd:Component name="gone" source="resources/gone.fmu"/>',
     )
     report = inspect_file(package(text), run=False)
@@ -122,8 +122,8 @@ def test_resources_and_parameters_are_checked(package):
 
 
 def test_values_are_held_against_the_variables_that_their_names_lead_to(package):
-    inner = given(parameter("velocity", "zero", kind="String"))
-    over = given(
+    inner = values(parameter("velocity", "zero", kind="String"))
+    over = values(
         parameter("PDController.velocity", "1", kind="Int32"), parameter("PDController.velocity", "0", kind="Int32"),
         *map(parameter, ("Plant.nonsense", "nope.q", "Plant.E_kin")),
     )  # fmt: skip
@@ -152,7 +152,7 @@ def test_values_are_held_against_the_variables_that_their_names_lead_to(package)
 ])  # fmt: skip
 def test_values_lie_within_the_limits_of_the_fmu(package, name, value, unit, fault):
     size = len(value.split())
-    inner = given(parameter(name, value, unit=unit, size=size if size > 1 else 0))
+    inner = values(parameter(name, value, unit=unit, size=size if size > 1 else 0))
     text = system(
         component("Plant", inner=inner), units='<ssc:Unit name="percent"><ssc:BaseUnit factor="0.01"/></ssc:Unit>'
     )
@@ -233,7 +233,7 @@ def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
             "Trajectory",
             connector("q_d", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="m"/>'),
             connector("q_d_dot", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="none"/>'),
-            inner=given(parameter("q_start", value, unit="m", size=size)),
+            inner=values(parameter("q_start", value, unit="m", size=size)),
         ).replace("<ssd:Component", f'<ssd:Component implementation="{implementation}"')
         units = f'<ssc:Unit name="m"><ssc:BaseUnit m="1" factor="{factor}"/></ssc:Unit>'
         return inspect_file(package(system(trajectory, units=units)), run=False).problems

@@ -15,6 +15,7 @@ from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.units import find_unit
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.lqr import state_gains
+from vdfmu.study.run.scenario_run import prepare
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.replace import with_units
 
@@ -26,17 +27,17 @@ K_V = {"planar_tracking": [20.0, 10.0], "tracking": [25.0, 25.0, 20.0, 20.0, 20.
 
 def gains_of(law: str, scenario: str) -> dict[str, Any]:
     """Return what is set of the law, in addition to what the scenario has."""
-    found = load_scenario(scenario)
-    given = {name: np.array(found.sections["controller"][name]) for name in ("K_p", "K_v")}
+    loaded = load_scenario(scenario)
+    gains = {name: np.array(loaded.sections["controller"][name]) for name in ("K_p", "K_v")}
     if law == "state_feedback":
-        ends = found.sections["trajectory"]
+        ends = loaded.sections["trajectory"]
         middle = (np.array(ends["q_start"]) + np.array(ends["q_end"])) / 2.0
-        return state_gains(found.arm, middle, error=1e-3, rate=0.02, torque=0.01)._asdict()
+        return state_gains(loaded.arm, middle, error=1e-3, rate=0.02, torque=0.01)._asdict()
     if law == "joint_torque":
-        return given | {"K_v": np.array(K_V[scenario]), "share": np.array(SHARE[scenario])}
+        return gains | {"K_v": np.array(K_V[scenario]), "share": np.array(SHARE[scenario])}
     if law == "computed_torque":
-        return {"k_p": 2500.0, "k_v": 100.0, "K_v": np.full(found.arm.n, 20.0)}
-    return given
+        return {"k_p": 2500.0, "k_v": 100.0, "K_v": np.full(loaded.arm.n, 20.0)}
+    return gains
 
 
 def stiffness(law: str, robot: vdfmu.Robot, q: np.ndarray, gains: dict[str, Any]) -> np.ndarray:
@@ -92,6 +93,29 @@ def test_the_sampled_loop_is_stable_along_the_motion(law, scenario):
     assert (loops.modulus > (0.05 if scenario == "tracking" else 0.33)).all()
 
 
+OWN = """from vdfmu.unit import JOINTS, Input, Output, Unit
+
+class Own(Unit):
+    q_des = Input("position", JOINTS, "desired position, by another name")
+    tau = Output("N.m", JOINTS, "torque of the motor")
+
+    def outputs(self) -> None:
+        self.tau = 0.0 * self.q_des
+"""
+
+
+@pytest.mark.parametrize("settings", [{}, {"controller.q_des[1]": 0.1}])
+def test_a_note_names_the_inputs_that_nothing_feeds_and_the_signals_left_out(tmp_path, settings):
+    (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
+    chosen = prepare("planar_tracking", units={"controller": tmp_path / "own.py"}, settings=settings)
+    assert list(chosen.system.unfed) == ["controller.q_des"]
+    said: list[Any] = []
+    vdfmu.run(chosen, settings=settings, stop=0.001, reference=False, out=False, log=said.append)
+    notes = [message.text for message in said if message.text.startswith("controller.q_des: ")]
+    start = 'controller.q_des: not connected, keeps its start value. Did you mean "q_d"? There are: q_d, '
+    assert [note.startswith(start) for note in notes] == [True] * (not settings)
+
+
 def test_inputs_of_the_law_are_joined_by_terminals_of_one_name_and_each_of_two_arms_joins_its_own_plant():
     scenario = with_units(load_scenario("planar_tracking"), {"controller": "joint_torque"})
     assert scenario.system.joined == ("plant.kappa -> controller.kappa", "plant.tau_s -> controller.tau_s")
@@ -99,6 +123,7 @@ def test_inputs_of_the_law_are_joined_by_terminals_of_one_name_and_each_of_two_a
     assert "plant.q -> controller.q" in scenario.system.dropped
     same = with_units(load_scenario("planar_tracking"), {"controller": "controller"})
     assert same.system.joined == same.system.dropped == ()
+    assert scenario.system.unfed == same.system.unfed == {}
     before = load_scenario("two_arms")
     parts = [name for name in before.system.parts if "controller" in name]
     assert len(parts) > 1

@@ -83,12 +83,12 @@ def test_a_drive_with_all_options_runs_as_its_reference(every):
 @pytest.mark.heavy
 def test_the_plant_with_all_options_is_the_same_in_model_exchange(plant):
     names = ["q[1]", "q[2]", *(f"{state}[{i}]" for state in MORE.values() for i in (1, 2)), "E_spring"]
-    given = {
+    options = {
         "stop_time": STOP, "output_interval": 1e-2, "output": names,
         "start_values": {"tau[1]": 0.2, "tolerance": 1e-9},
     }  # fmt: skip
-    by_itself = fmpy.simulate_fmu(str(plant), fmi_type="CoSimulation", **given)
-    exchanged = fmpy.simulate_fmu(str(plant), fmi_type="ModelExchange", relative_tolerance=1e-9, **given)
+    by_itself = fmpy.simulate_fmu(str(plant), fmi_type="CoSimulation", **options)
+    exchanged = fmpy.simulate_fmu(str(plant), fmi_type="ModelExchange", relative_tolerance=1e-9, **options)
     for name in names:
         # local errors of 1e-9 of either solver in some hundred steps, of torques in a stiff spring; as above
         atol = 1e-6 if name.startswith("q") else 1e-2 * np.abs(by_itself[name]).max()

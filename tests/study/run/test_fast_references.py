@@ -39,26 +39,26 @@ def described(name="planar_tracking", settings=None):
 
 @pytest.fixture
 def solved(monkeypatch):
-    found = []
+    names = []
     for kind in (SampledReference, ContinuousReference):
 
         def solve(self, t, run, kind=kind, plain=kind.solve):
-            found.append(kind.__name__)
+            names.append(kind.__name__)
             return plain(self, t, run)
 
         monkeypatch.setattr(kind, "solve", solve)
-    return found
+    return names
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_solvers_are_those_that_scipy_shows(name, monkeypatch, tmp_path):
     """Its packages are not imported whole; a scipy whose modules have other names gives the same bits."""
     use(tmp_path / "one", monkeypatch)
-    one = reference(name, described(), step=0.001, stop=0.1)
+    usual = reference(name, described(), step=0.001, stop=0.1)
     use(tmp_path / "other", monkeypatch)
     monkeypatch.setattr(solution, "scipy_part", lambda name: scipy_part(f"{name}_of_another_version"))
     other = reference(name, described(), step=0.001, stop=0.1)
-    assert all(np.array_equal(one[group], other[group]) for group in one.signals)
+    assert all(np.array_equal(usual[group], other[group]) for group in usual.signals)
     assert scipy_part("scipy.integrate._ode").ode is scipy.integrate.ode
 
 

@@ -29,10 +29,10 @@ def test_it_has_at_most_80_lines_of_fmpy_and_numpy_and_the_bits_of_gauss_seidel(
     spec = spec_from_file_location("fmpy_master", EXAMPLE)
     example = module_from_spec(spec)
     spec.loader.exec_module(example)
-    found = example.simulate(fmus, stop=0.3, step=1e-3)
+    signals = example.simulate(fmus, stop=0.3, step=1e-3)
     vdfmu.run("planar_tracking", stop=0.3, master="gauss-seidel", reference=False, out=tmp_path)
     ours = vdfmu.Results.read(tmp_path / "results.csv")
-    assert len(found) > 40
-    for name, values in found.items():
+    assert len(signals) > 40
+    for name, values in signals.items():
         model, _, signal = name.partition(".")
         assert np.array_equal(values, ours[f"{COMPONENTS[model]}.{signal}"]), name

@@ -22,7 +22,7 @@ VARIABLES = (
 SOURCES = ("plant.q", "controller.tau", "feedforward.tau_m")
 
 
-def told(results, robot, name="sampled-delayed", substeps=1):
+def facts_of(results, robot, name="sampled-delayed", substeps=1):
     """Return all that is computed of the rows, with another run's as the reference."""
     n = robot.n
 
@@ -61,9 +61,9 @@ def on_disk(folder, rows, n):
 def test_stretches_tell_what_the_whole_tells(tmp_path, monkeypatch, rows):
     robot = vdfmu.load_robot("planar_2dof")
     results = on_disk(tmp_path, rows, robot.n)
-    whole = told(results, robot)
+    whole = facts_of(results, robot)
     monkeypatch.setattr(summary, "BLOCK", 7)
-    parts = told(results, robot)
+    parts = facts_of(results, robot)
     assert parts.keys() == whole.keys()
     for key, value in whole.items():
         if isinstance(value, (list, float)) and not key.endswith("units"):
@@ -78,7 +78,7 @@ def test_stretches_tell_what_the_whole_tells(tmp_path, monkeypatch, rows):
 def test_the_whole_tells_what_its_definition_does(tmp_path, substeps, lag):
     robot = vdfmu.load_robot("planar_2dof")
     results = on_disk(tmp_path, 50, robot.n)
-    found, first = told(results, robot, substeps=substeps), int(lag > 0.0)
+    facts, first = facts_of(results, robot, substeps=substeps), int(lag > 0.0)
     true = earlier(results["plant.tau_s"], lag)[first:]
     late = results["estimator.tau_f_hat"][first:] - true
     ours = results["controller.tau"] - results["feedforward.tau_m"]
@@ -86,17 +86,17 @@ def test_the_whole_tells_what_its_definition_does(tmp_path, substeps, lag):
     a, b = np.sqrt(np.mean(ours**2, axis=0)), np.sqrt(np.mean(theirs**2))
     difference = np.abs(results["plant.q"] - 1.125 * results["plant.q[1]"][:, None])
     # sums of 50 squares in another order
-    assert found["rms_tau_f_hat_error_nm"] == pytest.approx(np.sqrt(np.mean(late**2, axis=0)), rel=1e-14)
-    assert found["rms_torque_difference"] == pytest.approx(np.max(np.abs(a - b) / b), rel=1e-13)
-    assert found["max_position_difference_rad"] == difference.max()
-    assert found["at_s"] == results.time[difference.max(axis=1).argmax()]
+    assert facts["rms_tau_f_hat_error_nm"] == pytest.approx(np.sqrt(np.mean(late**2, axis=0)), rel=1e-14)
+    assert facts["rms_torque_difference"] == pytest.approx(np.max(np.abs(a - b) / b), rel=1e-13)
+    assert facts["max_position_difference_rad"] == difference.max()
+    assert facts["at_s"] == results.time[difference.max(axis=1).argmax()]
 
 
 def test_memory_of_the_summary_does_not_grow_with_the_rows(tmp_path):
     robot = vdfmu.load_robot("planar_2dof")
     results = on_disk(tmp_path, 100 * BLOCK, robot.n)
     tracemalloc.start()
-    told(results, robot)
+    facts_of(results, robot)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     # one array of all rows and joints would take 1.6 MB; a stretch of all variables takes 0.2 MB
@@ -140,10 +140,10 @@ def test_a_run_reads_no_array_as_a_whole(tmp_path, monkeypatch):
     take, whole = Recorded.__getitem__, []
 
     def watched(self, name):
-        found = take(self, name)
-        if len(self) == 2001 and not np.may_share_memory(found, self.data["real"]):
+        data = take(self, name)
+        if len(self) == 2001 and not np.may_share_memory(data, self.data["real"]):
             whole.append(name)
-        return found
+        return data
 
     monkeypatch.setattr(Recorded, "__getitem__", watched)
     run = vdfmu.run("planar_tracking", stop=2.0, out=tmp_path / "out", reference=False, pictures=["svg"])

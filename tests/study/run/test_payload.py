@@ -38,14 +38,14 @@ def solved(scenario, stop, **settings):
     return reference("sampled", SystemDescription(scenario, values), step=1e-3, stop=stop)["plant.q"]
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_a_payload_is_that_of_the_plant_and_a_known_one_of_the_feedforward(scenario_file, known):
-    values = system_values(load_scenario(scenario_file(PAYLOAD + f"known = {str(known).lower()}\n")))
-    for component in ("plant", "feedforward") if known else ("plant",):
+@pytest.mark.parametrize("informed", [True, False])
+def test_a_payload_is_that_of_the_plant_and_a_known_one_of_the_feedforward(scenario_file, informed):
+    values = system_values(load_scenario(scenario_file(PAYLOAD + f"known = {str(informed).lower()}\n")))
+    for component in ("plant", "feedforward") if informed else ("plant",):
         assert values[component]["payload_mass"] == MASS
         assert values[component]["payload_centroid[1]"] == 0.1
         assert values[component]["payload_inertia[2,2]"] == 0.002
-    if not known:
+    if not informed:
         assert values["feedforward"]["payload_mass"] == 0.0
         assert values["feedforward"]["payload_inertia[2,2]"] < 1e-14
     assert not load_robot("planar_2dof").payload
@@ -87,10 +87,10 @@ def test_an_unknown_payload_costs_what_statics_say(scenario_file):
     values = {f"robot.{name}": 0.0 for name in held} | {
         "trajectory.q_start": q_d, "trajectory.q_end": q_d, "plant.q_0": q
     }  # fmt: skip
-    found = solved(scenario, 0.1, **values)
+    positions = solved(scenario, 0.1, **values)
     # It stays where the closed form puts it: the solver's 1e-9 of torques of 10 N.m, over K_p, and 1e3 times more
     # by the springs, which are stiffer than K_p.
-    np.testing.assert_allclose(found, np.broadcast_to(q, found.shape), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(positions, np.broadcast_to(q, positions.shape), rtol=0, atol=1e-9)
     assert np.abs(q_d - q).min() > 3e-3
     assert np.abs(solved(scenario, 0.1, **values | {"plant.q_0": q_d}) - q).max() > 1e-3
 

@@ -13,9 +13,9 @@ NAMES = [f"{name}[{i}]" for name in ("plant.kappa_dot", "controller.tau", "x.y",
 
 
 def shown(tap, times, rows, names=NAMES):
-    known = [name for name in names if name in tap.wanted]
-    tap.begin(Grid(times[0], times[-1], times[1] - times[0], len(times) - 1), known)
-    columns = [NAMES.index(name) for name in known]
+    recorded = [name for name in names if name in tap.wanted]
+    tap.begin(Grid(times[0], times[-1], times[1] - times[0], len(times) - 1), recorded)
+    columns = [NAMES.index(name) for name in recorded]
     for first in range(0, len(times), 7):
         tap.block(times[first : first + 7], rows[first : first + 7, columns])
     return tap.summary()
@@ -28,17 +28,17 @@ def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(count):
     times, rows = 1.0 + 0.01 * np.arange(count), dice.standard_normal((count, len(NAMES)))
     signals = {name: rows[:, [NAMES.index(f"{name}[{i}]") for i in (1, 2)]] for name in accuracy._READ}
     taken = robot.ell * signals["plant.tau"] * signals["plant.kappa_dot"]
-    given = robot.ell * signals["controller.tau"] * signals["controller.kappa_dot"]
-    residual = 0.5 * np.diff(times, prepend=times[0])[:, None] * (taken - given)
+    supplied = robot.ell * signals["controller.tau"] * signals["controller.kappa_dot"]
+    residual = 0.5 * np.diff(times, prepend=times[0])[:, None] * (taken - supplied)
     tap = PowerBond(robot)
     for _ in range(2):  # a tap begins each run anew
-        found = shown(tap, times, rows)["power_bond"]
+        energies = shown(tap, times, rows)["power_bond"]
         # sums of 50 numbers in another order: 50 roundings of 1.1e-16 of sums of absolute values, which are up to 50
         # times the sum
-        np.testing.assert_allclose(found["residual_energy_j"], residual.sum(axis=0), rtol=1e-12)
-        np.testing.assert_allclose(found["residual_energy_abs_j"], np.abs(residual).sum(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(energies["residual_energy_j"], residual.sum(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(energies["residual_energy_abs_j"], np.abs(residual).sum(axis=0), rtol=1e-12)
         exchanged = np.abs(0.01 * taken[1:]).sum(axis=0)
-        np.testing.assert_allclose(found["exchanged_energy_j"], exchanged, rtol=1e-12)
+        np.testing.assert_allclose(energies["exchanged_energy_j"], exchanged, rtol=1e-12)
 
 
 def test_a_run_without_one_of_the_signals_has_no_entry():

@@ -79,8 +79,8 @@ def test_each_choice_of_the_derivative_term_matches_its_reference(tmp_path, velo
 def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
     robot = load_robot("planar_2dof").to_dict() | {"payload": {"mass": 0.5, "centroid": [0.1, 0.0, 0.0]}}
     worst = []
-    for known in (0.5, 0.0):
-        settings = {"feedforward__payload_mass": known, "plant__payload_mass": 0.5}
+    for mass in (0.5, 0.0):
+        settings = {"feedforward__payload_mass": mass, "plant__payload_mass": 0.5}
         case = Case(tmp_path, "planar_tracking", "1e-9", robot_from_dict(robot), **settings)
         case.require_same("gauss-seidel", 1e-3, 0.5)
         solution = reference("sampled", case.description, step=1e-3, stop=0.5)

@@ -167,8 +167,8 @@ def test_a_system_of_other_wiring_is_solved_as_by_hand(name, period, sensor):
         CONTROLLED, {"sensor": {"period": period}}, wish=Wish, sensor=sensor, oscillator=Oscillator, feedback=Feedback
     )  # fmt: skip
     solution = reference(name, system, step=H, stop=STOP)
-    found = np.hstack([solution[key] for key in ("sensor.z", "feedback.u", "oscillator.x")])
-    np.testing.assert_allclose(found, by_hand(name, period), rtol=0.0, atol=2e-9)
+    states = np.hstack([solution[key] for key in ("sensor.z", "feedback.u", "oscillator.x")])
+    np.testing.assert_allclose(states, by_hand(name, period), rtol=0.0, atol=2e-9)
 
 
 @pytest.mark.parametrize("name", ["sampled", "sampled-delayed", "continuous"])

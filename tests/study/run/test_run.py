@@ -327,10 +327,10 @@ def test_a_run_without_files_returns_what_files_would_hold(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     options = {"stop": 0.05, "reference": False}
     kept = vdfmu.run("planar_tracking", out="kept", **options)
-    found = vdfmu.run("planar_tracking", out=False, **options)
+    results = vdfmu.run("planar_tracking", out=False, **options)
     assert [path.name for path in tmp_path.iterdir()] == ["kept"]
-    assert found.names == kept.names
-    assert all(np.array_equal(found[name], kept[name], equal_nan=True) for name in kept.names)
-    assert [c["state"] for c in found.summary["verdict"]["checks"]] == [
+    assert results.names == kept.names
+    assert all(np.array_equal(results[name], kept[name], equal_nan=True) for name in kept.names)
+    assert [c["state"] for c in results.summary["verdict"]["checks"]] == [
         c["state"] for c in kept.summary["verdict"]["checks"]
     ]

@@ -38,8 +38,8 @@ def test_the_reader_finds_the_same_system_which_runs_to_the_bit_as_ssp_1(package
     assert (old.version, new.version) == ("1.0", "2.0")
     assert [str(c) for c in old.connections] == [str(c) for c in new.connections]
     assert {c.type for each in new.components for c in each.connectors.values()} <= {"Float64", "Int32", "Boolean"}
-    for one, other in zip(old.components, new.components, strict=True):
-        assert [(p.name, p.value) for p in one.parameters] == [(p.name, p.value) for p in other.parameters]
+    for earlier, later in zip(old.components, new.components, strict=True):
+        assert [(p.name, p.value) for p in earlier.parameters] == [(p.name, p.value) for p in later.parameters]
     old, new = (vdfmu.simulate(path, stop=0.2) for path in packages)
     assert old.names == new.names
     for name in old.names:

@@ -71,8 +71,8 @@ def test_stick_slip_is_unstable_though_the_fast_part_of_the_motion_is_not():
     """Too little damping for friction that falls with speed: the motor of joint 6 sticks and slips at both ends."""
     settings = {"trajectory.T": 4.0, "controller.K_v[6]": 2.0}
     results = run("tracking", stop=4.0, settings=settings)
-    found = checks(results)["Sampled loops"]
-    assert found["state"] == "failed" and "joint 6" in found["text"]
+    check = checks(results)["Sampled loops"]
+    assert check["state"] == "failed" and "joint 6" in check["text"]
     turns = np.abs(np.diff(results["plant.kappa_dot"], 2, axis=0))
     # rows of 1 ms at accelerations of some m/s2 that change over 1 s: 1e-5 rad/s; stick-slip within 0.1 s: 1e-4
     chatter = np.median(turns[:3980].reshape(-1, 20, 6), axis=1).max(axis=0)
@@ -88,13 +88,13 @@ def test_a_run_that_passes_exits_with_0(tmp_path):
 
 @pytest.mark.heavy
 def test_default_gains_are_stable_with_the_margin_of_the_system_at_that_time():
-    found = checks(run("planar_tracking", stop=0.5))["Sampled loops"]
-    assert found["state"] == "good"
+    check = checks(run("planar_tracking", stop=0.5))["Sampled loops"]
+    assert check["state"] == "good"
     with packaged("planar_tracking") as (package, options):
         with Simulator(package, isolate=False, **options) as simulator:
             simulator.run(stop=0.5, taps=[poses := Poses("tau", TIED)])
     modulus, time, opened = poses.loops.nearest()
-    assert f"modulus margin of {modulus:.2g} at joint {opened[-2]}, {time:.3g} s" in found["text"]
+    assert f"modulus margin of {modulus:.2g} at joint {opened[-2]}, {time:.3g} s" in check["text"]
     exact = linearized("planar_tracking", time)
     system, places = exact.sampled(["plant.tau"]), exact.places(["plant.tau"])
     returned, w = system.C[-2:], np.geomspace(1.0, 1000.0 * np.pi, 4000)  # 2e-3 of a frequency apart
@@ -165,7 +165,7 @@ def test_springs_that_are_loaded_fast_are_not_a_growth():
     along = margins_along("planar_tracking", at=times, settings=start)
     assert all(each.rate < 0.0 for each in along.margins)
     plain = [linearized("planar_tracking", t, settings=start) for t in times]
-    assert max(system_loop(one, ["plant.tau"]).rate for one in plain) > 0.0  # with the torques as states
+    assert max(system_loop(linear, ["plant.tau"]).rate for linear in plain) > 0.0  # with the torques as states
 
 
 def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
@@ -179,12 +179,12 @@ def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
 
 @pytest.mark.heavy
 def test_friction_that_excites_itself_is_no_fault_and_what_cannot_be_linearised_is_said():
-    found = checks(run("tracking_split", stop=1.0))["Sampled loops"]
-    assert found["state"] == "good" and "friction 'split' excites itself" in found["text"]
+    check = checks(run("tracking_split", stop=1.0))["Sampled loops"]
+    assert check["state"] == "good" and "friction 'split' excites itself" in check["text"]
     results = run("planar_tracking", stop=0.05, backend="python")
-    found = checks(results)["Sampled loops"]
-    assert found["state"] == "doubtful" and found["text"].startswith("not judged: ")
-    assert "expected FMUs with directional derivatives" in found["text"]
+    check = checks(results)["Sampled loops"]
+    assert check["state"] == "doubtful" and check["text"].startswith("not judged: ")
+    assert "expected FMUs with directional derivatives" in check["text"]
     assert line_of(results.summary).startswith("Doubtful: stability not judged (")
 
 

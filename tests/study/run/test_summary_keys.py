@@ -35,7 +35,7 @@ def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
         assert read_summary(file)
 
 
-@pytest.mark.parametrize(("found", "said"), [
+@pytest.mark.parametrize(("faulty", "said"), [
     ({"separation": {"change": 1.0}}, "separation.max_position_difference_rad: is missing"),
     (
         {"verdict": {"state": "good", "words": "", "checks": [{"name": "a", "state": "good"}]}},
@@ -44,8 +44,8 @@ def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
     ({"position_units": ["deg", "ft"]}, 'position_units[2]: expected deg or mm, got "ft"'),
     ({"power_bond": 3}, "power_bond: expected a table, got 3"),
 ])  # fmt: skip
-def test_faults_of_a_summary_are_said(found, said):
-    assert typed(found, KEYS)[1] == [said]
+def test_faults_of_a_summary_are_said(faulty, said):
+    assert typed(faulty, KEYS)[1] == [said]
 
 
 def test_a_factor_may_have_a_number_for_each_joint_and_a_later_version_is_refused(tmp_path, planar_run):

@@ -36,16 +36,16 @@ plant = "q_0"
 """
 
 
-def joined(one, two):
+def joined(arm, added):
     """Arm of all joints of two, the second on the tool of the first."""
     arrays = {
-        name: np.concatenate([getattr(one, name), getattr(two, name)])
+        name: np.concatenate([getattr(arm, name), getattr(added, name)])
         for name, row in PARAMETERS.items()
         if row.per_joint
     }
-    arrays["offset"][one.n] += one.tool_offset
+    arrays["offset"][arm.n] += arm.tool_offset
     return dataclasses.replace(
-        one, name="joined", joint_types=one.joint_types + two.joint_types, tool_offset=two.tool_offset, **arrays
+        arm, name="joined", joint_types=arm.joint_types + added.joint_types, tool_offset=added.tool_offset, **arrays
     )
 
 
@@ -75,9 +75,9 @@ def positions(results, scenario):
 def test_without_sampling_they_are_one_arm(both):
     """Apparent mass and wrench are exact: what is left is LSODA's 1e-12 on states of up to 1e2, over elastic modes."""
     q = []
-    for one in both:
-        description = SystemDescription(one, system_values(one))
-        q.append(positions(reference("continuous", description, step=0.05, stop=0.2), one))
+    for scenario in both:
+        description = SystemDescription(scenario, system_values(scenario))
+        q.append(positions(reference("continuous", description, step=0.05, stop=0.2), scenario))
     assert np.ptp(q[0], axis=0).min() > 1e-5  # all of them move
     np.testing.assert_allclose(q[0], q[1], rtol=0, atol=1e-9)
 
@@ -97,15 +97,15 @@ def direct(scenario):
 def test_the_coupling_has_the_order_of_the_master(both, tmp_path):
     """At half the step the difference to the one arm is a half with jacobi, a quarter with extrapolated, iterative."""
     packages = {}
-    for name, one in (("two", both[0]), ("one", both[1]), ("direct", direct(both[0]))):
-        values = system_values(one)
-        fmus = cached_fmus(one, tmp_path / name)
-        packages[name] = one, write_ssp(one, fmus, tmp_path / f"{name}.ssp", values)
+    for name, case in (("two", both[0]), ("one", both[1]), ("direct", direct(both[0]))):
+        values = system_values(case)
+        fmus = cached_fmus(case, tmp_path / name)
+        packages[name] = case, write_ssp(case, fmus, tmp_path / f"{name}.ssp", values)
 
     def difference(master, step, names=("two", "one")):
         q = []
-        for one, package in map(packages.get, names):
-            q.append(positions(simulate(package, algorithm=master, step=step, stop=0.5), one)[:: round(1e-3 / step)])
+        for case, package in map(packages.get, names):
+            q.append(positions(simulate(package, algorithm=master, step=step, stop=0.5), case)[:: round(1e-3 / step)])
         return np.abs(q[0] - q[1]).max()
 
     for master, order, bound in (("jacobi", 1, 5e-5), ("extrapolated", 2, 5e-6), ("iterative", 2, 3e-6)):
@@ -133,11 +133,11 @@ def test_parts_of_a_system_have_robots_of_their_own(tmp_path):
     assert tables["one"].robot.n == 3 and tables["one"].robot.coupled_tool
     assert tables["two"].robot.n == 2 and not tables["two"].robot.coupled_tool
     path.write_text(text.replace("planar_2dof", "planar"))
-    with pytest.raises((ModelError, UsageError), match=r"units\.two\.robot: no robot 'planar'"):
+    with pytest.raises((ModelError, UsageError), match=r"components\.two\.robot: no robot 'planar'"):
         load_system(str(path))
     path.write_text(text.replace("planar_2dof", "mine.toml"))
     with pytest.raises(ModelError, match=r"mine\.toml: gravity: expected"):
         load_system(str(path))
     path.write_text(text.replace("coupled_tool = true", "coupled_tool = 1"))
-    with pytest.raises(ModelError, match=r"units\.one\.coupled_tool: expected true or false"):
+    with pytest.raises(ModelError, match=r"components\.one\.coupled_tool: expected true or false"):
         load_system(str(path))

@@ -76,9 +76,9 @@ def faults(**options):
 
 
 def entries(cache, name):
-    found = list(cache.glob(f"*/{name}.casadi"))
-    assert found
-    return found
+    paths = list(cache.glob(f"*/{name}.casadi"))
+    assert paths
+    return paths
 
 
 def change(cache, name, made):
@@ -87,19 +87,19 @@ def change(cache, name, made):
         content = load(path)
         assert content is not None
         function = ca.Function.deserialize(content.decode())
-        given = {key: ca.MX.sym(key, *function.size_in(key)) for key in function.name_in()}
-        results = dict(zip(function.name_out(), function.call(list(given.values())), strict=True))
-        results |= made(given | results)
-        new = ca.Function(name, [*given.values()], [*results.values()], [*given], [*results])
+        arguments = {key: ca.MX.sym(key, *function.size_in(key)) for key in function.name_in()}
+        results = dict(zip(function.name_out(), function.call(list(arguments.values())), strict=True))
+        results |= made(arguments | results)
+        new = ca.Function(name, [*arguments.values()], [*results.values()], [*arguments], [*results])
         store(path, new.serialize().encode())
 
 
 def another_robot(cache):
-    one, other = (path.parent for path in entries(cache, "plant_derivatives"))
-    functions = {path.name: (load(path), load(other / path.name)) for path in one.glob("*.casadi")}
-    for name, (mine, others) in functions.items():
-        store(one / name, others)
-        store(other / name, mine)
+    first, second = (path.parent for path in entries(cache, "plant_derivatives"))
+    functions = {path.name: (load(path), load(second / path.name)) for path in first.glob("*.casadi")}
+    for name, (content, content_of_second) in functions.items():
+        store(first / name, content_of_second)
+        store(second / name, content)
 
 
 # function in the cache, the results that it has then, and what is said
@@ -132,9 +132,9 @@ def test_faults_in_the_cache_are_found(fault, cache):
     else:
         text = r"plant\.|feedforward\."
         another_robot(cache)
-    found = faults()
-    assert found
-    assert re.search(text, found[0]), found
+    messages = faults()
+    assert messages
+    assert re.search(text, messages[0]), messages
 
 
 @pytest.mark.heavy
@@ -180,10 +180,10 @@ def replaced(files, name, where, old, new):
     """Replace the first `old` after `where` in a file, if it is there."""
     if name not in files:
         return files
-    before, found, after = files[name].partition(where)
-    assert found
+    before, separator, after = files[name].partition(where)
+    assert separator
     assert old in after
-    return {**files, name: before + found + after.replace(old, new, 1)}
+    return {**files, name: before + separator + after.replace(old, new, 1)}
 
 
 # file, place in it, what is replaced by what there, and what is said
@@ -202,14 +202,14 @@ def test_faults_in_generated_c_are_found(fault, objects, tmp_path, monkeypatch):
     *seed, text = WRITTEN[fault]
     plain = generate.kernel_files
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(objects))
-    monkeypatch.setattr(generate, "kernel_files", lambda *given: replaced(plain(*given), *seed))
+    monkeypatch.setattr(generate, "kernel_files", lambda *arguments: replaced(plain(*arguments), *seed))
     shutil.rmtree(objects / "fmus")
     path = tmp_path / "held.py"
     path.write_text(HELD)
     units = {"controller": path} if "sample" in fault else None
     stop = 0.1 if units or "solver" in fault else 1.0  # unstable, and of short steps, with these faults
-    found = faults(backend="native", stop=stop, units=units)
-    assert re.match(text, found[0]), found
+    messages = faults(backend="native", stop=stop, units=units)
+    assert re.match(text, messages[0]), messages
 
 
 def refuse(*_, **__):
@@ -218,14 +218,14 @@ def refuse(*_, **__):
 
 def test_it_shares_nothing_and_takes_little_time(monkeypatch, calls):
     made = []
-    monkeypatch.setattr(study, "Witness", lambda *given: made.append(Witness(*given)) or made[0])
+    monkeypatch.setattr(study, "Witness", lambda *arguments: made.append(Witness(*arguments)) or made[0])
     results = vdfmu.run("tracking", stop=0.1, reference=False, backend="python", out=False)
     for place in (UnitFunctions, Functions):
         monkeypatch.setattr(place, "casadi_function", refuse)
     monkeypatch.setattr("vdfmu.compiler.functions.traced.load", refuse)
     monkeypatch.setattr("vdfmu.compiler.unit.evaluate.Traced", refuse)
-    found = made[0].summary(results)
-    assert found["faults"] == []
-    assert found["components"] == ["trajectory", "feedforward", "controller", "plant"]
-    assert len(found["times_s"]) == 5
+    witnessed = made[0].summary(results)
+    assert witnessed["faults"] == []
+    assert witnessed["components"] == ["trajectory", "feedforward", "controller", "plant"]
+    assert len(witnessed["times_s"]) == 5
     assert calls(lambda: made[0].summary(results)) < 200_000  # seen: 165 thousand, in 0.06 s

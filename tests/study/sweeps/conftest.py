@@ -26,9 +26,9 @@ SSD = """<?xml version="1.0" encoding="UTF-8"?>
 </ssd:SystemStructureDescription>"""
 
 
-def table(found: Sweep) -> dict[str, list]:
+def table(swept: Sweep) -> dict[str, list]:
     """Return all columns but the times that points took, as lists: NaN equals itself in them."""
-    columns = found.table().drop_columns(["wall_s"]).to_pydict()
+    columns = swept.table().drop_columns(["wall_s"]).to_pydict()
     return {name: ["nan" if x != x else x for x in column] for name, column in columns.items()}
 
 

@@ -19,7 +19,7 @@ def bowl(a, b):
 def test_a_study_says_best_and_largest_point_ranking_and_the_axis_that_matters(tmp_path):
     answer = study_of(tmp_path / "s", GRID, bowl, fail=[0, 24]).answer
     assert answer.state == "good"
-    first, *others = answer.sentences
+    first, *rest = answer.sentences
     # bowl: 1 at (2, 3); the corners left have 5.4; of 23 values the twelfth is 2.4, as at (1, 1)
     assert first == (
         "Best: y 1 rad at f.a 2, f.b × 3 (point 12). It is 2.4 times less than the median, and 5.4 times less than the "
@@ -27,7 +27,7 @@ def test_a_study_says_best_and_largest_point_ranking_and_the_axis_that_matters(t
     )
     # means over b: 1.2 at a = 2, and of 4 values 1 + 4 + 0.1 * (1 + 0 + 1 + 4) / 4 at the ends; over a: 1 + 1.5 + 0.4,
     # 1 + 2 + 0.1, 1 + 2 at b = 1, 2, 3
-    assert others == [
+    assert rest == [
         "The ranking is clear: the next, point 11, has 10 % more.",
         "f.a matters most: it moves the mean of y from 1.2 rad to 5.15 rad, f.b from 2.9 rad to 3.1 rad.",
         "2 of 25 points failed: it broke (2).",
@@ -77,24 +77,24 @@ def opened(folder):
 
 
 def test_a_search_says_its_chosen_point_and_margin_and_its_best_point_is_feasible(tmp_path):
-    found = searched(tmp_path / "s")
-    assert found.answer.state == "good"
-    assert found.answer.sentences[:2] == (
+    search = searched(tmp_path / "s")
+    assert search.answer.state == "good"
+    assert search.answer.sentences[:2] == (
         "Chosen: cost 3 at f.a 3 (point 3). It is 3 times less than the cost at the start, 9.",
         "It holds the margin: the modulus margin is 0.51, 0.5 demanded, 0.8 at the start.",
     )
-    assert "1 of 5 runs misses a limit or the margin." in found.answer.sentences
-    assert "The ranking is clear: the next, point 2, has 67 % more." in found.answer.sentences
-    assert (found.row("best")["point"], found.row("worst")["point"]) == (3, 0)
-    text = found.report(simulate=False).read_text("utf-8")
+    assert "1 of 5 runs misses a limit or the margin." in search.answer.sentences
+    assert "The ranking is clear: the next, point 2, has 67 % more." in search.answer.sentences
+    assert (search.row("best")["point"], search.row("worst")["point"]) == (3, 0)
+    text = search.report(simulate=False).read_text("utf-8")
     assert "<h1>Tuning of f</h1>" in text and "5 runs of a search over f.a; 0 failed" in text
     assert '"roles":{"start":[0],"chosen":[3],"infeasible":[4]}' in text.replace(" ", "")
 
 
 def test_a_search_without_a_feasible_point_is_doubtful_and_a_damaged_file_is_an_error(tmp_path):
-    found = searched(tmp_path / "s", infeasible=[0, 1, 2, 3, 4])
-    assert found.answer.state == "doubtful"
-    assert found.answer.sentences[0].startswith("The search found no values within the limits and the margin.")
+    search = searched(tmp_path / "s", infeasible=[0, 1, 2, 3, 4])
+    assert search.answer.state == "doubtful"
+    assert search.answer.sentences[0].startswith("The search found no values within the limits and the margin.")
     (tmp_path / "s" / "tune.json").write_text('{"points": 1}')
     with pytest.raises(UsageError, match="expected the results of a search"):
         _ = opened(tmp_path / "s").search

@@ -8,21 +8,21 @@ from vdfmu.study.sweeps.worker import LARGEST, Chunks
 
 def taken(chunks, parts, seconds):
     """Return the chunks that are handed out, if each point takes some seconds."""
-    found = []
+    handed = []
     while (chunk := chunks.take(parts)) is not None:
-        found.append(chunk)
+        handed.append(chunk)
         for _ in chunk:
             chunks.note(seconds)
-    return found
+    return handed
 
 
 @pytest.mark.parametrize("together", [1, 8])
 @pytest.mark.parametrize("points", [3, 40, 1000])
 def test_no_worker_has_so_much_that_the_others_wait(points, together):
-    found = taken(Chunks(np.arange(points), lambda k: k, together=together), 4, 0.01)
-    assert [k for chunk in found for k in chunk] == list(range(points))
+    handed = taken(Chunks(np.arange(points), lambda k: k, together=together), 4, 0.01)
+    assert [k for chunk in handed for k in chunk] == list(range(points))
     left = points
-    for chunk in found:
+    for chunk in handed:
         assert len(chunk) < left / 4 + together  # a quarter, rounded up to what runs side by side
         assert len(chunk) < LARGEST + together
         left -= len(chunk)

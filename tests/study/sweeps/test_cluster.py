@@ -36,9 +36,9 @@ class Cluster:
         self.scheduler = self._start("scheduler", "--port", self.address.rpartition(":")[2], "--no-dashboard")
         self.workers = [self.worker() for _ in range(2)]
 
-    def _start(self, what: str, *words: str) -> subprocess.Popen[bytes]:
+    def _start(self, role: str, *words: str) -> subprocess.Popen[bytes]:
         return subprocess.Popen(
-            [sys.executable, "-m", "distributed.cli.dask_" + what, *words, "--host", "127.0.0.1"],
+            [sys.executable, "-m", "distributed.cli.dask_" + role, *words, "--host", "127.0.0.1"],
             cwd=self._folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
 
@@ -60,9 +60,9 @@ class Cluster:
 
 @pytest.fixture
 def dask(tmp_path) -> Iterator[Cluster]:
-    found = Cluster(tmp_path)
-    yield found
-    found.close()
+    started = Cluster(tmp_path)
+    yield started
+    started.close()
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def local(wild, tmp_path_factory):
 
 
 def begin(wild, out, dask, **options):
-    found: list[object] = []
+    outcome: list[object] = []
     half = threading.Event()
 
     def look(stage, done, total):
@@ -80,28 +80,28 @@ def begin(wild, out, dask, **options):
 
     def work():
         try:
-            found.append(
+            outcome.append(
                 vdfmu.sweep(
                     wild, AXES, measure=MEASURES, step=0.01, chunk=5, out=out, scheduler=dask.address, progress=look,
                     **options,
                 )
             )  # fmt: skip
         except Exception as error:
-            found.append(error)
+            outcome.append(error)
         finally:
             half.set()
 
     thread = threading.Thread(target=work)
     thread.start()
     assert half.wait(120)
-    return thread, found
+    return thread, outcome
 
 
-def end(thread, found) -> Sweep:
+def end(thread, outcome) -> Sweep:
     thread.join(180)
     assert not thread.is_alive()
-    assert isinstance(found[0], Sweep), found
-    return found[0]
+    assert isinstance(outcome[0], Sweep), outcome
+    return outcome[0]
 
 
 @pytest.mark.heavy
@@ -115,15 +115,15 @@ def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, 
 
 @pytest.mark.heavy
 def test_a_search_finds_there_what_it_finds_here(tmp_path, dask):
-    found = {
+    searches = {
         name: vdfmu.tune(
             "planar_tracking", ["controller.K_p[1]"], "rms(trajectory.q_d - plant.q)", method="global", evaluations=9,
             stop=0.05, out=tmp_path / name, **where,
         )
         for name, where in (("here", {"workers": 1}), ("there", {"scheduler": dask.address}))
     }  # fmt: skip
-    assert table(Sweep(found["there"].folder)) == table(Sweep(found["here"].folder))
-    assert (found["there"].after.values == found["here"].after.values).all()
+    assert table(Sweep(searches["there"].folder)) == table(Sweep(searches["here"].folder))
+    assert (searches["there"].after.values == searches["here"].after.values).all()
 
 
 @pytest.mark.heavy
@@ -138,9 +138,9 @@ def test_a_fault_of_our_own_is_no_lost_scheduler(wild, tmp_path, dask, monkeypat
 
     monkeypatch.setattr("vdfmu.study.sweeps.worker.Chunks.note", fail)
     monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
-    thread, found = begin(wild, tmp_path / "study", dask)
+    thread, outcome = begin(wild, tmp_path / "study", dask)
     thread.join(60)
-    assert str(found[0]) == "note"
+    assert str(outcome[0]) == "note"
 
 
 @pytest.mark.heavy
@@ -161,21 +161,21 @@ def test_a_scheduler_that_is_restarted_loses_nothing(wild, tmp_path, dask, local
 def test_a_point_that_crashes_is_a_row_there_too(wild, tmp_path, dask):
     ways = np.zeros(20)
     ways[7] = 1.0
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         wild, {"unit.way": ways}, measure=MEASURES, step=0.1, chunk=5, out=tmp_path / "study", scheduler=dask.address
     )
-    assert list(found.failed) == [7] and "SIGSEGV" in found.failed[7]
+    assert list(swept.failed) == [7] and "SIGSEGV" in swept.failed[7]
 
 
 @pytest.mark.heavy
 def test_without_a_scheduler_it_ends_with_what_is_done(wild, tmp_path, dask, local, monkeypatch):
     monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
-    thread, found = begin(wild, tmp_path / "study", dask)
+    thread, outcome = begin(wild, tmp_path / "study", dask)
     dask.scheduler.kill()
     thread.join(120)
-    assert isinstance(found[0], VdfmuError | Sweep), found
-    if isinstance(found[0], VdfmuError):
-        assert "give the same command again" in str(found[0])
+    assert isinstance(outcome[0], VdfmuError | Sweep), outcome
+    if isinstance(outcome[0], VdfmuError):
+        assert "give the same command again" in str(outcome[0])
     # and continues where it stopped, without a scheduler
     again = vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.01, out=tmp_path / "study")
     assert table(again) == local

@@ -26,8 +26,8 @@ from vdfmu.study.sweeps.sweep import Sweep
 
 @pytest.mark.heavy
 def test_a_table_that_cannot_be_read_is_made_again_with_retry(wild, tmp_path, undisturbed):
-    found = study(wild, tmp_path / "study")
-    found.path.write_text("x")
+    made = study(wild, tmp_path / "study")
+    made.path.write_text("x")
     again = study(wild, tmp_path / "study", retry=True)
     assert table(again) == undisturbed and "is not whole" in again.notes[0]
 
@@ -145,9 +145,9 @@ def stopped(wild, out, monkeypatch):
 def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, monkeypatch):
     broken = stopped(wild, tmp_path / "study", monkeypatch)[2]
     broken.write_bytes(broken.read_bytes()[:100])
-    found = study(wild, tmp_path / "study")
-    assert table(found) == undisturbed
-    assert len(found.notes) == 1 and broken.name in found.notes[0]
+    made = study(wild, tmp_path / "study")
+    assert table(made) == undisturbed
+    assert len(made.notes) == 1 and broken.name in made.notes[0]
     assert len((broken.parent / f"{broken.name}.broken").read_bytes()) == 100
 
 
@@ -262,9 +262,9 @@ def test_a_folder_whose_name_is_not_text_holds_a_study(wild, tmp_path, undisturb
 def test_a_study_that_is_complete_runs_nothing(wild, tmp_path, undisturbed):
     study(wild, tmp_path / "study")
     stages = []
-    found = study(wild, tmp_path / "study", progress=lambda *stage: stages.append(stage))
+    made = study(wild, tmp_path / "study", progress=lambda *stage: stages.append(stage))
     assert ("points", 40, 40) in stages and ("points", 0, 40) not in stages
-    assert table(found) == undisturbed
+    assert table(made) == undisturbed
 
 
 @pytest.mark.heavy
@@ -326,11 +326,11 @@ def test_a_point_whose_process_is_killed_is_tried_again_and_blames_no_model(wild
             wild, {"unit.at": [0.0, 1.0]}, measure={"m": measure}, step=0.5, out=tmp_path / "study", workers=1
         )
 
-    found = sweep()
+    swept = sweep()
     if times == 2:
-        assert found.failed == {}
+        assert swept.failed == {}
     else:
-        assert re.search(r"the process was killed \(SIGKILL\) 3 times: memory may be short", found.failed[0])
+        assert re.search(r"the process was killed \(SIGKILL\) 3 times: memory may be short", swept.failed[0])
         assert sweep().failed == {}  # without being asked to
     assert len(place.read_text()) == times
     assert list((tmp_path / "tmp").iterdir()) == []

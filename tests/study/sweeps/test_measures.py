@@ -44,17 +44,17 @@ def results():
     ("rms(plant.q - final(plant.q))", np.sqrt(np.mean((Q - Q[-1]) ** 2, axis=0))),
 ])  # fmt: skip
 def test_values(results, text, value):
-    found = read_measures([f"m={text}"])[0].of(results)
+    measured = read_measures([f"m={text}"])[0].of(results)
     names = ["m"] if np.ndim(value) == 0 else ["m[1]", "m[2]"]
-    assert list(found) == names
-    np.testing.assert_allclose(list(found.values()), np.atleast_1d(value), rtol=1e-12)  # rounding of sums of 201
+    assert list(measured) == names
+    np.testing.assert_allclose(list(measured.values()), np.atleast_1d(value), rtol=1e-12)  # rounding of sums of 201
 
 
 def test_settling_is_when_a_signal_stays_near_its_end_and_a_function_is_called_with_the_results(results):
-    found = read_measures(["m=settling(inner.part.x, 0.05)"])[0].of(results)["m"]
+    settled = read_measures(["m=settling(inner.part.x, 0.05)"])[0].of(results)["m"]
     x = 1.0 - np.exp(-3.0 * T)
     inside = np.abs(x - x[-1]) <= 0.05
-    assert found == T[inside.argmax()]
+    assert settled == T[inside.argmax()]
     measure = read_measures({"rows": len})[0]
     assert measure.of(results) == {"rows": 201.0}
 
@@ -78,7 +78,8 @@ REFUSED = {
     "one value for all times": ["m=plant.q", "m=abs(plant.q)"],
     "expected a signal": ["m=1 + 2"],
     "was never closed|got rms": ["m=rms(plant.q"],
-    "one of the functions": ["m=open('x')", "m=rms(__import__('os'))"],
+    "expected a known function, got": ["m=open('x')", "m=rms(__import__('os'))"],
+    r'got mini\. Did you mean "min"\? There are: rms, ': ["m=mini(a.y)"],
     r"expected a signal over time in rms, got rms\(plant.q\)": ["m=rms(rms(plant.q))"],
     "expected a number after the signal of at, got plant.q": ["m=at(plant.q, plant.q)"],
     "a shorter expression": ["m=rms(plant.q)" + 3000 * " + 0"],
@@ -140,9 +141,9 @@ def test_the_digest_of_an_object_or_a_partial_function_has_its_code_and_its_valu
         lambda: partial(power, exponent=2), lambda: partial(power, exponent=3), lambda: partial(product, exponent=2),
         lambda: partial(Asked(1.0)), lambda: np.max, lambda: np.min,
     ]  # fmt: skip
-    found = [function_digest(make()) for make in makers]
-    assert len(set(found)) == len(found)
-    assert found == [function_digest(make()) for make in makers]
+    digests = [function_digest(make()) for make in makers]
+    assert len(set(digests)) == len(digests)
+    assert digests == [function_digest(make()) for make in makers]
 
 
 def made(source, **names):
@@ -191,11 +192,11 @@ def test_the_digest_is_that_of_another_process(tmp_path):
         "def measure(r): return again(1) if r in {'one', 'two', 'three'} else K['a'][0] * np.max(r)\n"
         "print(function_digest(measure))\n"
     )
-    found = {
+    digests = {
         subprocess.run(
             [sys.executable, "-c", f"SAME = {same}\nexec(open({str(script)!r}).read())"], check=True,
             capture_output=True, text=True, env={**os.environ, "PYTHONHASHSEED": str(seed)},
         ).stdout
         for seed, same in ((1, True), (2, False))
     }  # fmt: skip
-    assert len(found) == 1
+    assert len(digests) == 1

@@ -8,7 +8,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.axes import draw, read_axes
 
 
-def one(text):
+def axis_of(text):
     return read_axes([text])[0]
 
 
@@ -18,11 +18,11 @@ def one(text):
     ("inverse, vdc", ["inverse", "vdc"]), ("1, two", ["1", "two"]),
 ])  # fmt: skip
 def test_values_of_a_grid(form, values):
-    axis = one(f"a.b={form}")
+    axis = axis_of(f"a.b={form}")
     exact = isinstance(values[0], str)
     assert list(axis.values) == (values if exact else pytest.approx(values, rel=1e-15))
     assert not axis.factor
-    starred = one("a.b=*lin(0.9, 1.1, 3)")
+    starred = axis_of("a.b=*lin(0.9, 1.1, 3)")
     assert starred.factor and str(starred) == "a.b=*lin(0.9, 1.1, 3)"
 
 
@@ -33,8 +33,8 @@ def test_values_of_a_grid(form, values):
 def test_shares_are_those_of_the_distribution(form, law):
     u = np.linspace(0.01, 0.99, 99)
     # the same functions in another order: rounding of a few units
-    np.testing.assert_allclose(one(f"a.b={form}").at(u), law.ppf(u), rtol=1e-12)
-    assert np.isfinite(one(f"a.b={form}").at([0.0, 1.0])).all()
+    np.testing.assert_allclose(axis_of(f"a.b={form}").at(u), law.ppf(u), rtol=1e-12)
+    assert np.isfinite(axis_of(f"a.b={form}").at([0.0, 1.0])).all()
 
 
 REFUSED = {

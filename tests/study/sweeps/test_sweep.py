@@ -34,15 +34,15 @@ OVER = {"controller.K_p": "*0.9, 1.1"}
 def test_each_point_is_the_run_of_its_values(tmp_path):
     """To the bit: a reset component computes what a new one does, and each point is a run of its own."""
     axes = {"controller.K_p[2]": "lin(500, 2000, 2)", "plant.mass": "*0.9, 1.1", "master": "jacobi, gauss-seidel"}
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         "planar_tracking", axes, stop=0.2, workers=2, out=tmp_path / "study", record=["plant.q[1]"],
         measure={"error": "rms(trajectory.q_d - plant.q)"},
     )  # fmt: skip
-    assert len(found) == 8 and not found.failed
-    assert found["point"].tolist() == list(range(8))
+    assert len(swept) == 8 and not swept.failed
+    assert swept["point"].tolist() == list(range(8))
     scenario = vdfmu.load_scenario("planar_tracking")
     package = vdfmu.write_ssp(scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp")
-    rows = found.table().to_pylist()
+    rows = swept.table().to_pylist()
     for row in (rows[0], rows[3], rows[6]):
         mass = row["plant.mass"] * scenario.robot.mass
         results = vdfmu.simulate(
@@ -58,11 +58,11 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
 
 @pytest.mark.heavy
 def test_a_measure_without_a_finite_value_is_noted(tmp_path):
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         "planar_tracking", {"controller.K_p": [900.0, 1000.0]}, stop=0.01, workers=1, out=tmp_path, engine="fmu",
         measure={"error": "rms(plant.q)", "root": "sqrt(min(plant.q[1]))"},
     )  # fmt: skip
-    assert found.notes == ["root has no finite value at 2 of 2 points."]  # the arm hangs at -1.57 rad
+    assert swept.notes == ["root has no finite value at 2 of 2 points."]  # the arm hangs at -1.57 rad
 
 
 @pytest.mark.heavy
@@ -72,7 +72,7 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
     for path, mass in zip(robots, ("2.0", "3.0"), strict=True):
         Path(path).write_text(text.replace("mass = 2.0", f"mass = {mass}"))
     (tmp_path / "late.py").write_text(LATE)
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         "planar_tracking",
         {
             "robot": robots, "unit:trajectory": ["trajectory", str(tmp_path / "late.py")],
@@ -80,11 +80,11 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
         },
         sample="lhs", points=6, stop=0.05, out=tmp_path / "study",
     )  # fmt: skip
-    assert not found.failed and np.ptp(found["plant.payload_mass"]) > 0.1
-    rows = found.table().to_pylist()
+    assert not swept.failed and np.ptp(swept["plant.payload_mass"]) > 0.1
+    rows = swept.table().to_pylist()
     assert len({row["robot"] for row in rows}) == len({row["unit:trajectory"] for row in rows}) == 2
     for row in rows:
-        results = vdfmu.run(**found.options(row["point"]), reference=False, out=False)
+        results = vdfmu.run(**swept.options(row["point"]), reference=False, out=False)
         error = results["trajectory.q_d"] - results["plant.q"]
         # of the mean of squares in another order: rounding
         np.testing.assert_allclose([row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12)
@@ -92,49 +92,49 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
 
 @pytest.mark.heavy
 def test_words_and_steps_vary_too(tmp_path):
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         "planar_tracking", ["feedforward.mode=inverse, vdc", "step=0.001, 0.002"], stop=0.1, out=tmp_path / "study"
     )
-    assert found["feedforward.mode"].tolist() == ["inverse", "inverse", "vdc", "vdc"]
-    assert found["step"].tolist() == [0.001, 0.002] * 2
-    error = found["error[1]"]
+    assert swept["feedforward.mode"].tolist() == ["inverse", "inverse", "vdc", "vdc"]
+    assert swept["step"].tolist() == [0.001, 0.002] * 2
+    error = swept["error[1]"]
     assert error[1] > 1.5 * error[0] and error[3] > 1.5 * error[2]  # of first order in the step
 
 
 @pytest.mark.heavy
 def test_a_point_that_fails_crashes_or_hangs_is_a_row_with_its_reason(wild, tmp_path):
     ways = ["well", "crash", "well", "leave", "hang", "well"]
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         wild, {"unit.way": [WAYS[way] for way in ways]}, measure=MEASURES, settings={"unit.at": 0.5}, step=0.1,
         workers=1, chunk=6, time_limit=5.0, out=tmp_path / "study",
     )  # fmt: skip
-    assert set(found.failed) == {1, 3, 4}
-    assert "SIGSEGV" in found.failed[1]
-    assert "component unit ended the process at t = 0.5 s" in found.failed[3]
-    assert "within 5 s" in found.failed[4]
-    good = np.isfinite(found["end"])
+    assert set(swept.failed) == {1, 3, 4}
+    assert "SIGSEGV" in swept.failed[1]
+    assert "component unit ended the process at t = 0.5 s" in swept.failed[3]
+    assert "within 5 s" in swept.failed[4]
+    good = np.isfinite(swept["end"])
     assert good.tolist() == [True, False, True, False, False, True]
-    assert len(set(found["end"][good])) == 1
+    assert len(set(swept["end"][good])) == 1
 
 
 @pytest.mark.heavy
 def test_one_fault_in_a_thousand_points_costs_one_point(wild, tmp_path):
     ways = np.zeros(1000)
     ways[[400, 700]] = WAYS["crash"], WAYS["hang"]
-    found = vdfmu.sweep(wild, {"unit.way": ways}, measure=MEASURES, step=0.5, time_limit=3.0, out=tmp_path / "study")
-    assert set(found.failed) == {400, 700}
-    assert found["point"].tolist() == list(range(1000))
+    swept = vdfmu.sweep(wild, {"unit.way": ways}, measure=MEASURES, step=0.5, time_limit=3.0, out=tmp_path / "study")
+    assert set(swept.failed) == {400, 700}
+    assert swept["point"].tolist() == list(range(1000))
     assert list((tmp_path / "study").iterdir()) and not list((tmp_path / "study").glob("parts/*"))
 
 
 @pytest.mark.heavy
 def test_an_error_of_the_unit_says_when(tmp_path):
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         "planar_tracking", {"controller.K_v[1]": [10.0, 1e5]}, stop=0.5, out=tmp_path / "study", workers=1
     )
-    assert list(found.failed) == [1]
-    assert "plant" in found.failed[1]
-    assert 0.0 < found["failed_at"][1] < 0.5
+    assert list(swept.failed) == [1]
+    assert "plant" in swept.failed[1]
+    assert 0.0 < swept["failed_at"][1] < 0.5
 
 
 @pytest.mark.heavy
@@ -165,10 +165,10 @@ def test_failed_points_are_run_again_on_request(wild, tmp_path):
 def test_a_function_of_a_script_goes_to_the_workers_and_one_that_fails_is_named(wild, tmp_path):
     offset, options = 3.0, {"step": 0.5}
     measure = {"m": lambda results: results["unit.y"][-1] + offset}
-    found = vdfmu.sweep(wild, {"unit.at": [0.0, 1.0]}, measure=measure, out=tmp_path / "study", **options)
-    assert not found.failed and (found["m"] >= 3.0).all()
-    found = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, out=tmp_path / "failed", **options)
-    assert found.failed[0].startswith("measure m = boom: AttributeError: ")
+    swept = vdfmu.sweep(wild, {"unit.at": [0.0, 1.0]}, measure=measure, out=tmp_path / "study", **options)
+    assert not swept.failed and (swept["m"] >= 3.0).all()
+    swept = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, out=tmp_path / "failed", **options)
+    assert swept.failed[0].startswith("measure m = boom: AttributeError: ")
 
 
 def test_another_function_is_another_study(wild, tmp_path):
@@ -182,7 +182,7 @@ def test_another_function_is_another_study(wild, tmp_path):
 
 
 def boom(results):
-    return results.nothing
+    return results.missing
 
 
 WRENCH = "plant.F_e[1]"
@@ -234,9 +234,9 @@ def test_zero_is_not_left_out_of_a_row_that_is_run_again(tmp_path):
 
 @pytest.mark.heavy
 def test_provenance_and_columns_are_in_the_file(wild, tmp_path):
-    found = study(wild, tmp_path / "study")
+    made = study(wild, tmp_path / "study")
     again = Sweep(tmp_path / "study" / "sweep.parquet")
-    assert again.facts == found.facts == json.loads((tmp_path / "study" / "sweep.json").read_bytes())
+    assert again.facts == made.facts == json.loads((tmp_path / "study" / "sweep.json").read_bytes())
     assert again.facts["n"] == 40 and again.facts["vdfmu"] == vdfmu.__version__
     assert again.axes == ["unit.at"] and again.measures == ["end", "count"]
     assert again.to_pandas().shape == (40, 7)
@@ -246,15 +246,15 @@ def test_provenance_and_columns_are_in_the_file(wild, tmp_path):
 
 @pytest.mark.heavy
 def test_rows_are_found_by_what_they_measured(wild, tmp_path):
-    found = vdfmu.sweep("planar_tracking", {"controller.K_p": [300.0, 1000.0, 600.0]}, stop=0.2, out=tmp_path / "study")
-    assert found.row("worst")["controller.K_p"] == 300.0
-    assert found.row("best", "error[2]")["controller.K_p"] == 1000.0
-    assert found.row(2)["controller.K_p"] == 600.0
+    swept = vdfmu.sweep("planar_tracking", {"controller.K_p": [300.0, 1000.0, 600.0]}, stop=0.2, out=tmp_path / "study")
+    assert swept.row("worst")["controller.K_p"] == 300.0
+    assert swept.row("best", "error[2]")["controller.K_p"] == 1000.0
+    assert swept.row(2)["controller.K_p"] == 600.0
     for which, words in ((7, "a point up to 2"), ("first", "worst, best")):
         with pytest.raises(UsageError, match=words):
-            found.row(which)
+            swept.row(which)
     with pytest.raises(UsageError, match="by: expected error"):
-        found.row("worst", "speed")
+        swept.row("worst", "speed")
 
 
 @pytest.mark.parametrize(("over", "options", "words"), [
@@ -317,11 +317,11 @@ def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
     """The run of the worst point has its error: of the same FMUs, values and master, so to the rounding of a sum."""
     monkeypatch.chdir(tmp_path)
     over = {"plant.K_f0": "*0.5, 2", "feedforward.mode": "vdc, inverse", "master": ["jacobi", "gauss-seidel"]}
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         "planar_tracking", over, stop=0.2, measure={"error": "rms(trajectory.q_d - plant.q)"},
         settings={"controller.K_p": 800.0},
     )  # fmt: skip
-    worst = found.row("worst")
+    worst = swept.row("worst")
     done = CliRunner().invoke(app, ["run", "--from", "results/sweep_planar_tracking", "--no-reference"])
     assert done.exit_code == 0, done.output
     summary = json.loads(Path("results", "planar_tracking", "summary.json").read_bytes())
@@ -329,8 +329,8 @@ def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
     assert summary["settings"]["controller.K_p"] == "800.0"
     expected = np.degrees([worst["error[1]"], worst["error[2]"]])
     np.testing.assert_allclose(summary["rms_position_error_deg"], expected, rtol=1e-12)
-    again = vdfmu.run(**found.options(3), reference=False, out=False)
-    row = found.row(3)
+    again = vdfmu.run(**swept.options(3), reference=False, out=False)
+    row = swept.row(3)
     np.testing.assert_allclose(np.radians(again.summary["rms_position_error_deg"][0]), row["error[1]"], rtol=1e-12)
 
 
@@ -339,29 +339,29 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     """Settings with a value for each joint are kept as such; what the file says now counts, and is noted."""
     mine = tmp_path / "mine.toml"
     mine.write_text((MODELS / "scenarios" / "planar_tracking.toml").read_text())
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         mine, {"plant.mass": "*0.9, 1.1"}, stop=0.1, settings={"controller.K_p": np.array([900.0, 700.0])},
         out=tmp_path / "study",
     )  # fmt: skip
-    options = found.options(1)
-    assert options["settings"]["controller.K_p"] == [900.0, 700.0] and not found.notes
+    options = swept.options(1)
+    assert options["settings"]["controller.K_p"] == [900.0, 700.0] and not swept.notes
     vdfmu.run(**options, reference=False, out=False)
     mine.write_text(mine.read_text().replace("T = 2.0", "T = 3.0"))
     done = CliRunner().invoke(
-        app, ["run", "--from", str(found.folder), "--no-reference", "--out", str(tmp_path / "again")]
+        app, ["run", "--from", str(swept.folder), "--no-reference", "--out", str(tmp_path / "again")]
     )
     assert done.exit_code == 0 and "changed since the study" in done.output
     alone = CliRunner().invoke(app, ["run", "planar_tracking", "--row", "3"])
     assert isinstance(alone.exception, UsageError) and "expected --from" in str(alone.exception)
-    both = CliRunner().invoke(app, ["run", "two_joint", "--from", str(found.folder)])
+    both = CliRunner().invoke(app, ["run", "two_joint", "--from", str(swept.folder)])
     assert isinstance(both.exception, UsageError) and "two_joint: expected no scenario with" in str(both.exception)
 
 
 @pytest.mark.heavy
 def test_a_row_of_a_package_is_named(wild, tmp_path):
-    found = study(wild, tmp_path / "study")
+    made = study(wild, tmp_path / "study")
     with pytest.raises(UsageError, match=r"'vdfmu run .*wild.ssp' runs it, with unit.at="):
-        found.options(0)
+        made.options(0)
 
 
 @pytest.mark.heavy

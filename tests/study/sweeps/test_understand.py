@@ -40,16 +40,16 @@ def saltelli(tmp_path_factory):
 
 
 def test_sobol_indices_are_the_analytic_ones_and_narrow_with_the_root_of_the_points(saltelli):
-    found = saltelli.indices("y")
+    indices = saltelli.indices("y")
     first = np.array([PART["a"], PART["b"], 0.0]) / VARIANCE
     total = np.array([PART["a"] + PART["ac"], PART["b"], PART["ac"]]) / VARIANCE
     # the half-width is of 95 %; the true value of each of nine is within twice it except for one in 10^4
-    assert (np.abs(found.values["first"] - first) < 2 * found.widths["first"]).all()
-    assert (np.abs(found.values["total"] - total) < 2 * found.widths["total"]).all()
-    pair = found.values["second"][0, 2]
-    assert abs(pair - PART["ac"] / VARIANCE) < 2 * found.widths["second"][0, 2]
+    assert (np.abs(indices.values["first"] - first) < 2 * indices.widths["first"]).all()
+    assert (np.abs(indices.values["total"] - total) < 2 * indices.widths["total"]).all()
+    pair = indices.values["second"][0, 2]
+    assert abs(pair - PART["ac"] / VARIANCE) < 2 * indices.widths["second"][0, 2]
     # and is narrow enough to tell them apart: x3 has 0.24 in all, of which none alone
-    assert found.widths["total"].max() < 0.12 and found.widths["first"].max() < 0.12
+    assert indices.widths["total"].max() < 0.12 and indices.widths["first"].max() < 0.12
     widths = []
     for n in (128, 2048):
         x = np.pi * (2 * shares(3, "saltelli", n, 0) - 1)
@@ -60,17 +60,17 @@ def test_sobol_indices_are_the_analytic_ones_and_narrow_with_the_root_of_the_poi
 
 def test_morris_gives_slopes_and_bends_of_functions_and_of_the_points_of_a_study(tmp_path):
     u = shares(3, "morris", 20, 0)
-    found = morris_indices(3 * u[:, 0] - 2 * u[:, 1], u, "abc")
+    effects = morris_indices(3 * u[:, 0] - 2 * u[:, 1], u, "abc")
     # differences of numbers near 1: rounding
-    np.testing.assert_allclose(found.values["mu"], [3, -2, 0], atol=1e-12)
-    np.testing.assert_allclose(found.values["mu_star"], [3, 2, 0], atol=1e-12)
-    np.testing.assert_allclose(found.values["sigma"], 0, atol=1e-12)
+    np.testing.assert_allclose(effects.values["mu"], [3, -2, 0], atol=1e-12)
+    np.testing.assert_allclose(effects.values["mu_star"], [3, 2, 0], atol=1e-12)
+    np.testing.assert_allclose(effects.values["sigma"], 0, atol=1e-12)
     bent = morris_indices(u[:, 0] * u[:, 1], u, "abc")
     assert bent.values["sigma"][0] > 0.1 and bent.values["sigma"][2] == 0.0
     over = {"f.a": "log(1, 100)", "f.b": "lin(0, 5)"}
-    found = study_of(tmp_path / "s", over, lambda a, b: np.log10(a) + b, "morris", 10).indices()
+    effects = study_of(tmp_path / "s", over, lambda a, b: np.log10(a) + b, "morris", 10).indices()
     # over the whole range of each axis: two decades, and 5
-    np.testing.assert_allclose(found.values["mu_star"], [2, 5], rtol=1e-12)
+    np.testing.assert_allclose(effects.values["mu_star"], [2, 5], rtol=1e-12)
 
 
 def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
@@ -107,8 +107,8 @@ def test_a_tornado_of_a_measure_over_decades_has_a_logarithmic_axis(tmp_path, po
     ({"f.a": "lin(0, 1)", "f.b": "lin(0, 1)"}, "morris", 8, {"tornado"}),
 ])  # fmt: skip
 def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, over, sample, n, kinds):
-    found = study_of(tmp_path / "s", over, lambda a, *others: 1e-3 + a**3, sample, n, fail=[2])
-    files = found.plot(out=tmp_path / "figures")
+    drawn = study_of(tmp_path / "s", over, lambda a, *rest: 1e-3 + a**3, sample, n, fail=[2])
+    files = drawn.plot(out=tmp_path / "figures")
     assert {file.name for file in files} == {f"y_{kind}.png" for kind in kinds}
     for file in files:
         picture = matplotlib.image.imread(file)[..., :3]
@@ -137,22 +137,22 @@ def test_files_are_named_without_their_folders_and_large_numbers_in_full(tmp_pat
 
 
 def test_a_measure_without_values_is_shown_as_such_and_what_cannot_be_drawn_said(tmp_path):
-    found = study_of(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: a * np.nan)
-    assert found.ranges() == [["y", "no value", "", "", "", ""]]
+    undefined = study_of(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: a * np.nan)
+    assert undefined.ranges() == [["y", "no value", "", "", "", ""]]
     failed = study_of(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
     with pytest.raises(UsageError, match="no point has a value of y: all failed"):
         failed["y"]
     assert failed.undefined() == []
     some = study_of(tmp_path / "w", {"f.a": "lin(0, 1, 3)"}, lambda a: np.where(a == 0.0, np.nan, a), fail=[2])
     assert some.undefined() == ["y has no finite value at 1 of 3 points."]
-    found = study_of(tmp_path / "v", {"f.a": "lin(0, 1, 4)"}, lambda a: a)
-    one = study_of(tmp_path / "u", {"f.a": "1"}, lambda a: a * 1.0)
+    plain = study_of(tmp_path / "v", {"f.a": "lin(0, 1, 4)"}, lambda a: a)
+    fixed = study_of(tmp_path / "u", {"f.a": "1"}, lambda a: a * 1.0)
     for each, options, words in (
-        (found, {"kind": "pie"}, "kind: expected curve, tornado, indices, got pie"),
-        (found, {"kind": "tornado"}, "kind: tornado needs two axes that vary"),
-        (found, {"measure": "z"}, "expected y, got 'z'"),
+        (plain, {"kind": "pie"}, "kind: expected curve, tornado, indices, got pie"),
+        (plain, {"kind": "tornado"}, "kind: tornado needs two axes that vary"),
+        (plain, {"measure": "z"}, "expected y, got 'z'"),
         (failed, {}, "all failed"),
-        (one, {}, "expected an axis with two values"),
+        (fixed, {}, "expected an axis with two values"),
     ):
         with pytest.raises(UsageError, match=words):
             each.plot(**options)
@@ -179,12 +179,12 @@ def test_the_page_stands_alone_and_says_how_to_run_the_worst_point(tmp_path):
     from lxml import html
 
     over = {"f.a": "lin(0, 1, 5)", "f.b": "lin(0, 1, 5)"}
-    found = study_of(tmp_path / "a <study>", over, lambda a, b: a + b, fail=[24])
-    text = found.report().read_text("utf-8")
+    made = study_of(tmp_path / "a <study>", over, lambda a, b: a + b, fail=[24])
+    text = made.report().read_text("utf-8")
     page = html.fromstring(text)
     assert not page.xpath("//img | //link[not(starts-with(@href, 'data:'))] | //script[@src]")
     content = json.loads(page.xpath("//script[@id='data']")[0].text)["study"]
-    assert content["command"] == f"vdfmu run --from '{found.path}' --row"
+    assert content["command"] == f"vdfmu run --from '{made.path}' --row"
     assert [column["name"] for column in content["columns"]] == ["f.a", "f.b", "y"]
     assert content["columns"][2]["values"][19] == 1.75 and content["columns"][2]["values"][24] is None
     assert content["changes"] is None and content["reason"]  # no scenario, so that it cannot be run
@@ -194,8 +194,8 @@ def test_the_page_stands_alone_and_says_how_to_run_the_worst_point(tmp_path):
 
 
 def test_failures_are_grouped_by_cause_and_units_are_kept_by_expressions(tmp_path):
-    found = study_of(tmp_path / "study", {"f.a": "lin(0, 1, 3)", "f.b": "1, 2"}, lambda a, b: a + b, fail=[4, 5])
-    (group,) = failed_groups(found)
+    made = study_of(tmp_path / "study", {"f.a": "lin(0, 1, 3)", "f.b": "1, 2"}, lambda a, b: a + b, fail=[4, 5])
+    (group,) = failed_groups(made)
     assert (group.points, group.where) == ([4, 5], "f.a 1")
     texts = {
         "plant failed at t = 0.9 s in doStep: the internal step reached its minimum 1e-12 s":
@@ -215,11 +215,11 @@ def test_failures_are_grouped_by_cause_and_units_are_kept_by_expressions(tmp_pat
 
 @pytest.mark.heavy
 def test_a_study_knows_the_units_of_its_axes_and_measures(tmp_path):
-    found = vdfmu.sweep(
+    swept = vdfmu.sweep(
         "planar_tracking", ["plant.K_f0[2]=1e4, 2e4", "plant.mass=*1", "feedforward.mode=vdc"], stop=0.01, workers=1,
         measure=["error=rms(trajectory.q_d - plant.q)"], out=tmp_path / "study",
     )  # fmt: skip
-    assert found.facts["units"] == {
+    assert swept.facts["units"] == {
         "plant.K_f0[2]": "N.m/rad", "plant.mass": "", "feedforward.mode": "", "error": "rad",
     }  # fmt: skip
 
@@ -227,15 +227,15 @@ def test_a_study_knows_the_units_of_its_axes_and_measures(tmp_path):
 def test_parts_do_not_repeat_what_the_study_is_and_the_worst_point_has_the_largest_value(tmp_path):
     """100,000 listed values in each of 2,000 parts would take gigabytes."""
     values = np.linspace(0.0, 1.0, 5000)
-    found = study_of(tmp_path / "s", {"f.a": values}, lambda a: a)
-    assert len(found.facts["axes"][0]) > 5000
-    facts = {**found.facts, "n": 5000}
+    made = study_of(tmp_path / "s", {"f.a": values}, lambda a: a)
+    assert len(made.facts["axes"][0]) > 5000
+    facts = {**made.facts, "n": 5000}
     with Ledger(tmp_path / "t", facts, "key", {"f.a": values}) as ledger:
         ledger.add([{"point": k, "failed": None, "failed_at": None, "wall_s": 0.1, "y": 1.0} for k in range(10)])
         part = next((tmp_path / "t" / "parts").glob("*.parquet"))
         assert part.stat().st_size < 10_000  # ten rows of five columns; the axis alone is 100 kB of text
-        assert vdfmu.Sweep(tmp_path / "t").facts["axes"] == found.facts["axes"]  # before the end too
-    found = study_of(tmp_path / "study", {"f.x": [3.0, -2.0, 5.0, 9.0]}, lambda x: x, fail=(3,))
-    assert [found.row(which)["point"] for which in ("worst", "best", 0)] == [2, 1, 0]
-    assert found.row("best", "y")["y"] == -2.0
-    assert found.ranges() == [["y", "-2", "3", "5", "1", "2"]]
+        assert vdfmu.Sweep(tmp_path / "t").facts["axes"] == made.facts["axes"]  # before the end too
+    made = study_of(tmp_path / "study", {"f.x": [3.0, -2.0, 5.0, 9.0]}, lambda x: x, fail=(3,))
+    assert [made.row(which)["point"] for which in ("worst", "best", 0)] == [2, 1, 0]
+    assert made.row("best", "y")["y"] == -2.0
+    assert made.ranges() == [["y", "-2", "3", "5", "1", "2"]]

@@ -28,12 +28,12 @@ def test_errors_are_smaller_on_every_joint_for_robots_of_the_spread(master, tmp_
     with vdfmu.Simulator(package, algorithm=master, isolate=False) as simulator:
         for robot in ROBOTS:
             plant = {f"plant.{k}": (f * np.asarray(getattr(scenario.robot, k))).tolist() for k, f in robot.items()}
-            found = []
+            errors = []
             for gains in ({}, {f"controller.{k}": list(tuned[k]) for k in ("K_p", "K_v")}):
                 results = simulator.run(parameters=plant | gains, step=1e-3, stop=10.0)
                 error = results["trajectory.q_d"] - results["plant.q"]
-                found.append((np.sqrt(np.mean(error**2, axis=0)), np.abs(results["controller.tau"]).max(axis=0)))
-            (before, torque), (after, other) = found
+                errors.append((np.sqrt(np.mean(error**2, axis=0)), np.abs(results["controller.tau"]).max(axis=0)))
+            (before, torque), (after, other) = errors
             # the search found at most 0.8 for each joint of the worst robots; these are others
             assert (after < 0.9 * before).all()
             # the torques are those of the feedforward except for some per cent

@@ -49,22 +49,22 @@ def test_each_joint_is_better_with_the_margin(tuned):
     assert (tuned.after.cost < 0.95 * tuned.before.cost).all()
     scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), stop=0.3)
     settings = {name: value.tolist() for name, value in tuned.settings.items()}
-    for found, own in ((tuned.before, {}), (tuned.after, settings)):
-        with run_along(scenario, settings=own) as (poses, _, _):
+    for point, gains in ((tuned.before, {}), (tuned.after, settings)):
+        with run_along(scenario, settings=gains) as (poses, _, _):
             # at the states of a run with these gains instead of the first ones: errors are some 1e-5 rad in either
-            np.testing.assert_allclose(found.modulus, poses.loops.modulus, rtol=0.02)
+            np.testing.assert_allclose(point.modulus, poses.loops.modulus, rtol=0.02)
     assert (tuned.after.modulus >= MARGIN).all()
     assert tuned.margins[1].rate < 0.0
 
 
 @pytest.mark.heavy
 def test_a_function_of_a_script_is_a_cost(tmp_path):
-    found = vdfmu.tune(
+    search = vdfmu.tune(
         "planar_tracking", ["controller.K_p"], lambda results: float(np.abs(results["controller.tau"]).max()),
         limit={"far": lambda results: float(results["plant.q[1]"].max() - 100.0)}, together=True, method="global",
         evaluations=2, stop=0.05, workers=1, out=tmp_path / "search",
     )  # fmt: skip
-    assert found.after.feasible and found.after.cost[0] <= found.before.cost[0] < np.inf
+    assert search.after.feasible and search.after.cost[0] <= search.before.cost[0] < np.inf
 
 
 @pytest.mark.heavy
@@ -125,12 +125,12 @@ def test_points_of_a_search_have_the_numbers_of_an_undisturbed_one():
     class Workers:
         def run(self, chunks, tell, advance):
             while (chunk := chunks.take(1)) is not None:
-                tell([{"point": n, "failed": None, "failed_at": None, "wall_s": 0.0, "cost": own["x"]}
-                      for n, _, own in chunk])  # fmt: skip
+                tell([{"point": n, "failed": None, "failed_at": None, "wall_s": 0.0, "cost": parameters["x"]}
+                      for n, _, parameters in chunk])  # fmt: skip
 
-    spread, nothing = {"m": np.array([1.0, 2.0])}, np.zeros(0)
+    spread, empty = {"m": np.array([1.0, 2.0])}, np.zeros(0)
     problem = SimpleNamespace(
-        names=["x"], robots=2, spread=spread, margin=nothing, rate=0.0, over="mean", limits={},
+        names=["x"], robots=2, spread=spread, margin=empty, rate=0.0, over="mean", limits={},
         loops=lambda values: None,
         plan=SimpleNamespace(job=Job((WiredSystem(b"", {}, {}, (), False, {}),), (), (), ()), facts={"measures": {}}),
     )  # fmt: skip
@@ -165,9 +165,9 @@ def test_a_search_that_is_killed_goes_on_to_the_same_result(tuned, tmp_path):
         assert process.poll() is None, f"it ended before {runs} files of runs were there"
         os.killpg(process.pid, signal.SIGKILL)
         process.wait(60)
-    found = vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
+    search = vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
     assert table(Sweep(folder)) == table(Sweep(tuned.folder))
-    np.testing.assert_array_equal(found.after.values, tuned.after.values)
+    np.testing.assert_array_equal(search.after.values, tuned.after.values)
     for name in ("tuned.toml", "tune.json"):
         assert (folder / name).read_bytes() == (tuned.folder / name).read_bytes()
 
@@ -212,29 +212,29 @@ def test_a_larger_budget_goes_on(tmp_path):
 @pytest.mark.heavy
 def test_a_start_without_margin_is_noted(tmp_path):
     """The loops of tracking have modes that grow with one sample of delay."""
-    found = vdfmu.tune(
+    search = vdfmu.tune(
         "tracking", ["controller.K_p[1]"], ERRORS, stop=2.6, margin="same", master="jacobi", evaluations=1, out=tmp_path
     )
-    first, second = found.notes
+    first, second = search.notes
     assert first == "margin: a mode grows at the start, so same demands that none grows faster."
-    assert second.startswith("margin: a mode grows by 2.2 1/s at joint 3, from 0.3") and found.after.feasible
+    assert second.startswith("margin: a mode grows by 2.2 1/s at joint 3, from 0.3") and search.after.feasible
 
 
 @pytest.mark.heavy
 def test_runs_that_fail_cost_infinity_and_limits_hold_for_every_robot(tmp_path):
     """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
-    found = vdfmu.tune(
+    search = vdfmu.tune(
         "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", evaluations=8,
         out=tmp_path / "search", stop=0.5, workers=2,
     )  # fmt: skip
-    assert found.failed == len(Sweep(found.folder).failed) > 0
-    assert found.after.feasible and found.after.cost[0] <= found.before.cost[0]
-    found = vdfmu.tune(
+    assert search.failed == len(Sweep(search.folder).failed) > 0
+    assert search.after.feasible and search.after.cost[0] <= search.before.cost[0]
+    search = vdfmu.tune(
         "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
         limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "limited", **SHORT,
     )  # fmt: skip
-    assert not found.after.feasible  # no feedback torque at all
-    assert any("no values within the limits" in note for note in found.notes)
+    assert not search.after.feasible  # no feedback torque at all
+    assert any("no values within the limits" in note for note in search.notes)
 
 
 @pytest.mark.heavy
@@ -276,19 +276,19 @@ def test_the_command_shows_before_and_after(tmp_path):
     ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
 ])  # fmt: skip
 def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
-    given = {"vary": GAINS, "cost": ERRORS, "out": tmp_path / "search", "stop": 0.1, **options}
+    arguments = {"vary": GAINS, "cost": ERRORS, "out": tmp_path / "search", "stop": 0.1, **options}
     with pytest.raises(UsageError, match=words):
-        vdfmu.tune("planar_tracking", **given)
+        vdfmu.tune("planar_tracking", **arguments)
     assert not (tmp_path / "search").exists()
 
 
 @pytest.mark.heavy
 def test_the_batch_engine_gives_the_same_costs(tmp_path):
     options = {"method": "local", "evaluations": 8, **SHORT}
-    found = {
+    searches = {
         e: vdfmu.tune("planar_tracking", GAINS, ERRORS, engine=e, out=tmp_path / e, **options) for e in ("fmu", "batch")
     }
-    fmu, batch = (Sweep(found[e].folder) for e in ("fmu", "batch"))
+    fmu, batch = (Sweep(searches[e].folder) for e in ("fmu", "batch"))
     assert (fmu.facts["engine"], batch.facts["engine"]) == ("fmu", "batch")
     for column in ("cost[1]", "cost[2]"):
         # positions are equal within 1e-9 rad; the first two rows are those of the scenario's own values

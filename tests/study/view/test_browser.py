@@ -25,9 +25,9 @@ def quiet(browser):
     browser.requests.clear()
     yield
     assert browser.problems == []
-    own = f"http://{urlsplit(browser.address).netloc}/"
-    assert any(own in url for url in browser.requests)
-    assert all(url.startswith(("data:", own, f"blob:{own}")) for url in browser.requests)
+    address = f"http://{urlsplit(browser.address).netloc}/"
+    assert any(address in url for url in browser.requests)
+    assert all(url.startswith(("data:", address, f"blob:{address}")) for url in browser.requests)
 
 
 def show(browser: Browser, address: str, *size: int, **more: str) -> None:
@@ -49,13 +49,13 @@ def wait(browser: Browser, condition: str) -> None:
 
 @pytest.fixture(scope="module")
 def view():
-    one, ended = vdfmu.RobotView(vdfmu.load_robot("planar_2dof")), threading.Event()
-    thread = threading.Thread(target=one.run, args=(ended.is_set,))
+    shown, ended = vdfmu.RobotView(vdfmu.load_robot("planar_2dof")), threading.Event()
+    thread = threading.Thread(target=shown.run, args=(ended.is_set,))
     thread.start()
-    yield one
+    yield shown
     ended.set()
     thread.join()
-    one.close()
+    shown.close()
 
 
 def test_a_slider_moves_the_arm_and_modes_are_found_anew(view, browser):
@@ -141,10 +141,10 @@ def test_a_run_is_seen_while_it_goes_on_and_after_it(browser, tmp_path):
             stderr=subprocess.STDOUT, cwd=tmp_path,
         )  # fmt: skip
     try:
-        while not (found := re.search(r"http://\S+/", log.read_text())):
+        while not (match := re.search(r"http://\S+/", log.read_text())):
             assert process.poll() is None, log.read_text()
             time.sleep(0.1)
-        show(browser, found[0])
+        show(browser, match[0])
         wait(browser, "document.querySelector('.state')?.textContent.startsWith('Running')")
         first = browser.run("report.view.time")
         time.sleep(2.0)  # a fifth of the run
@@ -165,4 +165,4 @@ def test_a_run_is_seen_while_it_goes_on_and_after_it(browser, tmp_path):
         process.kill()
         process.wait()
     assert re.search(r"^The view stays until .*: http://127\.0\.0\.1:\d+/[\w-]+/$", log.read_text(), re.MULTILINE)
-    browser.problems[:] = [one for one in browser.problems if "ERR_CONNECTION_REFUSED" not in one]
+    browser.problems[:] = [problem for problem in browser.problems if "ERR_CONNECTION_REFUSED" not in problem]

@@ -62,10 +62,10 @@ def taken():
 
 @pytest.fixture
 def server(taken):
-    one = PageServer(take=taken.append)
-    one.show(b"<html><head></head>the page</html>")
-    yield one
-    one.close()
+    page_server = PageServer(take=taken.append)
+    page_server.show(b"<html><head></head>the page</html>")
+    yield page_server
+    page_server.close()
 
 
 LOOPBACK, PAGE = "127.0.0.1:{port}", "http://127.0.0.1:{port}"
@@ -371,7 +371,7 @@ def test_pages_move_a_robot_together_and_hear_its_modes():
         assert view.pose.tolist() == [0.5, -0.25]
         view.step(0.0)
         view.step(0.2)
-        assert view._finding is None  # the pose has not rested
+        assert view._future is None  # the pose has not rested
         view.step(0.4)
         while view.modes is None:
             view.step(0.5)

@@ -51,17 +51,17 @@ def test_wires_of_two_vectors_share_no_line(name):
         (k, *sorted(piece)) for k, wire in enumerate(root.iter(f"{SVG}g")) for line in lines_of(wire)
         for piece in pairwise(line)
     ]  # fmt: skip
-    for k, one in enumerate(pieces):
-        for other in pieces[k + 1 :]:
-            if one[0] == other[0]:
+    for k, first in enumerate(pieces):
+        for second in pieces[k + 1 :]:
+            if first[0] == second[0]:
                 continue
             for axis in (0, 1):
-                (a, b), (c, d) = one[1:], other[1:]
+                (a, b), (c, d) = first[1:], second[1:]
                 if a[axis] == b[axis] == c[axis] == d[axis]:
                     along = 1 - axis
                     shared = min(b[along], d[along]) - max(a[along], c[along])
                     # the ends of wires to one connector, of which each brings an element, are one line
-                    assert shared <= 0 or (along == 0 and b == d), (one, other)
+                    assert shared <= 0 or (along == 0 and b == d), (first, second)
 
 
 def test_a_vector_is_one_wire_names_have_room_and_components_without_places_stand_with_little_feedback():
@@ -103,8 +103,8 @@ def test_pieces_of_an_arm_are_one_box_whose_equal_connectors_are_vectors():
     kinds = {name: {"input": [], "output": []} for name in ("ctrl", "world", *pieces)}
     assert _boxes(links) == {}  # too few to hide
     more = [((f"arm_link_{i}", "V_B[1]"), (f"arm_joint_{i + 1}", "V_A[1]")) for i in (1, 2)]
-    ((name, found),) = _boxes([*links, *more, (("arm_joint_2", "V_B[1]"), ("arm_link_2", "V_A[1]"))]).items()
-    assert name == "arm" and set(found) == {*pieces, "arm_joint_3"}
+    ((name, box),) = _boxes([*links, *more, (("arm_joint_2", "V_B[1]"), ("arm_link_2", "V_A[1]"))]).items()
+    assert name == "arm" and set(box) == {*pieces, "arm_joint_3"}
     inside, joined, late = _folded(kinds, links, {"arm": pieces}, {"arm_joint_2.tau"})
     assert list(inside) == ["ctrl", "world", "arm"] and late == {"arm.tau"}
     assert joined == [

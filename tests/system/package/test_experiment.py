@@ -69,11 +69,11 @@ def test_times_may_be_left_out(tmp_path, attributes):
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_times_that_cannot_be_run_are_a_problem(tmp_path, attributes, expected, version):
     path = experiment(tmp_path / "x.ssp", attributes, version=version)
-    (found,) = [problem for problem in check_file(path) if "default experiment" in problem]
-    assert found.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")
-    assert expected in found
+    (fault,) = [problem for problem in check_file(path) if "default experiment" in problem]
+    assert fault.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")
+    assert expected in fault
     if version == "1.0":
-        assert problems(path) == [found]
+        assert problems(path) == [fault]
 
 
 @pytest.mark.parametrize(("annotation", "expected"), [
@@ -84,6 +84,6 @@ def test_times_that_cannot_be_run_are_a_problem(tmp_path, attributes, expected, 
     (ours('algorithm="jacobi" adaptive="1e-6"'), "adaptive is for extrapolated or iterative, not for jacobi"),
 ])  # fmt: skip
 def test_annotations_that_cannot_be_run_are_a_problem(tmp_path, annotation, expected):
-    (found,) = problems(experiment(tmp_path / "x.ssp", 'stopTime="1"', annotation))
-    assert found.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")
-    assert expected in found
+    (fault,) = problems(experiment(tmp_path / "x.ssp", 'stopTime="1"', annotation))
+    assert fault.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")
+    assert expected in fault

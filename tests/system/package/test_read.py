@@ -14,9 +14,9 @@ OUTSIDE = "is not a relative path inside the package; put the file into the pack
 
 @pytest.mark.parametrize("name", ["../evil.fmu", "/etc/evil", "a/../../evil", "C:/evil", "a\\..\\evil"])
 def test_entries_outside_the_package_are_refused(tmp_path, name):
-    found = problems(write(tmp_path / "x.ssp", ssd(), {name: b"x", "fine": b"y"}))
-    assert len(found) == 1
-    assert "points outside the package" in found[0]
+    faults = problems(write(tmp_path / "x.ssp", ssd(), {name: b"x", "fine": b"y"}))
+    assert len(faults) == 1
+    assert "points outside the package" in faults[0]
     assert list(tmp_path.iterdir()) == [tmp_path / "x.ssp"]
 
 
@@ -28,14 +28,16 @@ def test_entries_outside_the_package_are_refused(tmp_path, name):
 ])  # fmt: skip
 def test_what_is_large_is_refused(tmp_path, monkeypatch, limit, value, sizes, expected):
     monkeypatch.setattr(limits, limit, value)
-    (found,) = problems(write(tmp_path / "x.ssp", ssd(), {str(k): bytes(size) for k, size in enumerate(sizes)}))
-    assert found.startswith("x.ssp: ") and expected in found
+    (fault,) = problems(write(tmp_path / "x.ssp", ssd(), {str(k): bytes(size) for k, size in enumerate(sizes)}))
+    assert fault.startswith("x.ssp: ") and expected in fault
 
 
 def test_a_file_that_is_no_package_and_a_damaged_member(tmp_path):
     (tmp_path / "x.ssp").write_bytes(b"hello")
     assert "cannot be read as a zip package" in problems(tmp_path / "x.ssp")[0]
-    assert problems(tmp_path / "missing.ssp") == ["missing.ssp: there is no such file"]
+    assert problems(tmp_path / "missing.ssp") == [
+        "missing.ssp: there is no such file. Give another path, or write it by 'vdfmu ssp'"
+    ]
     with zipfile.ZipFile(tmp_path / "y.ssp", "w") as file:
         file.writestr("other", "")
     assert problems(tmp_path / "y.ssp") == ["y.ssp: the package has no 'SystemStructure.ssd'"]
@@ -48,9 +50,9 @@ def test_a_file_that_is_no_package_and_a_damaged_member(tmp_path):
 
 def test_faults_of_schema_version_and_syntax_have_their_line(tmp_path):
     path = write(tmp_path / "x.ssp", ssd(elements("\n<ssd:Component/>")))
-    found = problems(path)
-    assert all(text.startswith("x.ssp: SystemStructure.ssd, line 2") for text in found)
-    assert {"name", "source"} <= {word for text in found for word in text.split("'")}
+    faults = problems(path)
+    assert all(text.startswith("x.ssp: SystemStructure.ssd, line 2") for text in faults)
+    assert {"name", "source"} <= {word for text in faults for word in text.split("'")}
     path = write(tmp_path / "x.ssp", ssd().replace("SSP1", "SSP2"))
     assert "expected namespace http://ssp-standard.org/SSP1" in problems(path)[0]
     assert "not well-formed" in problems(write(tmp_path / "x.ssp", ssd("<ssd:System>")))[0]
@@ -65,8 +67,8 @@ def test_missing_resources_and_bad_sources_at_once(tmp_path):
         component("e", "missing.fmu"),
         '<ssd:SignalDictionaryReference name="f" dictionary="none"/>',
     )
-    found = problems(write(tmp_path / "x.ssp", ssd(inside), {"there.fmu": b""}))
-    assert found == [
+    faults = problems(write(tmp_path / "x.ssp", ssd(inside), {"there.fmu": b""}))
+    assert faults == [
         f"x.ssp: component 'b': source '../out.fmu' {OUTSIDE}",
         f"x.ssp: component 'c': source 'http://localhost/x.fmu' {OUTSIDE}",
         "x.ssp: component 'd': type 'text/x-modelica' is not supported; expected "
@@ -84,15 +86,15 @@ def test_a_faulty_package_is_read_as_far_as_it_goes(tmp_path):
     bindings = binding("none.ssv", "none.ssm").replace(end, second)
     inside = elements(component("a", "there.fmu"), component("b", "missing.fmu", bindings))
     path = write(tmp_path / "x.ssp", ssd(inside + connections("a.y c.u")), {"there.fmu": b""})
-    found, faults = read_system(path)
+    system, faults = read_system(path)
     assert faults == problems(path)
     assert faults == [
         "x.ssp: component 'b': the package has no 'missing.fmu'",
         "x.ssp: the package has no 'none.ssv'",
         "x.ssp: the package has no 'none.ssm'",
     ]
-    assert [(c.name, c.source) for c in found.components] == [("a", "there.fmu"), ("b", "")]
-    assert found.problems == (
+    assert [(c.name, c.source) for c in system.components] == [("a", "there.fmu"), ("b", "")]
+    assert system.problems == (
         *faults,
         "connection a.y -> c.u: a declares no connector 'y'",
         "connection a.y -> c.u: there is no element 'c'",

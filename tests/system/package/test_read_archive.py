@@ -29,10 +29,10 @@ def test_entries_that_are_links_or_one_file_on_other_systems_are_refused_and_twi
     with zipfile.ZipFile(path, "a") as file:
         file.writestr(link, "/etc/passwd")
     assert problems(path) == ["x.ssp: entry 'resources/link.fmu' is a symbolic link; pack the file itself"]
-    (found,) = problems(write(tmp_path / "x.ssp", ssd(), {"resources/A.fmu": b"", "resources/a.fmu": b""}))
-    assert found.startswith("x.ssp: entries 'resources/A.fmu' and 'resources/a.fmu' are one file")
-    (found,) = problems(write(tmp_path / "y.ssp", ssd(), {"resources": b"", "resources/a.fmu": b""}))
-    assert found == "y.ssp: entry 'resources' is a file and the folder of 'resources/a.fmu'"
+    (fault,) = problems(write(tmp_path / "x.ssp", ssd(), {"resources/A.fmu": b"", "resources/a.fmu": b""}))
+    assert fault.startswith("x.ssp: entries 'resources/A.fmu' and 'resources/a.fmu' are one file")
+    (fault,) = problems(write(tmp_path / "y.ssp", ssd(), {"resources": b"", "resources/a.fmu": b""}))
+    assert fault == "y.ssp: entry 'resources' is a file and the folder of 'resources/a.fmu'"
 
     # All folders of this name would be texts of a gigabyte.
     path = write(tmp_path / "x.ssp", ssd(), {"a/" * 30_000 + "b": b""})
@@ -84,9 +84,9 @@ def test_a_false_size_unpacks_no_more_than_it_says_and_a_flood_of_bad_entries_is
     with Archive(path, "x.ssp") as opened, pytest.raises(SspError, match="'a.fmu' cannot be unpacked: Bad CRC-32"):
         opened.read("a.fmu")
     path = write(tmp_path / "x.ssp", ssd(), members={f"../{i}": b"" for i in range(60)})
-    found = problems(path)
-    assert len(found) == 51
-    assert found[-1] == "x.ssp: and 10 more such entries"
+    faults = problems(path)
+    assert len(faults) == 51
+    assert faults[-1] == "x.ssp: and 10 more such entries"
 
 
 BOMB = '<!DOCTYPE d [<!ENTITY a "aaaaaaaaaa">{}]>'.format(
@@ -109,8 +109,8 @@ def test_entities_are_refused_in_every_kind_of_file(tmp_path, which, file):
     members = {"SystemStructure.ssd": system, "a.fmu": b"", "p.ssv": SSV.format(""), "m.ssm": SSM.format("")}
     read, name = (check_file, "x.fmu") if file == "modelDescription.xml" else (problems, "x.ssp")
     (tmp_path / name).write_bytes(pack({**members, file: evil}))
-    (found,) = read(tmp_path / name)
-    assert f"{file}: has a document type declaration, not allowed because of entities; remove it" in found
+    (fault,) = read(tmp_path / name)
+    assert f"{file}: has a document type declaration, not allowed because of entities; remove it" in fault
 
 
 def test_an_xinclude_is_refused(tmp_path):
@@ -118,8 +118,8 @@ def test_an_xinclude_is_refused(tmp_path):
         '<ssd:Annotations><ssc:Annotation type="t"><xi:include xmlns:xi="http://www.w3.org/2001/XInclude" '
         'href="file:///etc/passwd" parse="text"/></ssc:Annotation></ssd:Annotations>'
     )
-    (found,) = problems(write(tmp_path / "x.ssp", ssd(include)))
-    assert "has an XInclude, not allowed" in found
+    (fault,) = problems(write(tmp_path / "x.ssp", ssd(include)))
+    assert "has an XInclude, not allowed" in fault
 
 
 @pytest.mark.parametrize("source", [
@@ -128,16 +128,16 @@ def test_an_xinclude_is_refused(tmp_path):
     "a.fmu?x=1",
 ])  # fmt: skip
 def test_sources_outside_the_package_are_refused(tmp_path, source):
-    found = problems(write(tmp_path / "x.ssp", ssd(elements(component("a", source, binding(source)))), {"a.fmu": b""}))
-    assert len(found) == 2
-    assert all("is not a relative path inside the package; put the file into the package" in f for f in found)
-    assert found[0].startswith("x.ssp: component 'a': source ")
-    assert found[1].startswith("x.ssp: parameter binding of a: source ")
+    faults = problems(write(tmp_path / "x.ssp", ssd(elements(component("a", source, binding(source)))), {"a.fmu": b""}))
+    assert len(faults) == 2
+    assert all("is not a relative path inside the package; put the file into the package" in f for f in faults)
+    assert faults[0].startswith("x.ssp: component 'a': source ")
+    assert faults[1].startswith("x.ssp: parameter binding of a: source ")
 
 
 def test_a_source_is_decoded_once(tmp_path):
-    (found,) = problems(write(tmp_path / "x.ssp", ssd(elements(component("a", "%252e%252e%252fout.fmu")))))
-    assert found == "x.ssp: component 'a': the package has no '%2e%2e%2fout.fmu'"
+    (fault,) = problems(write(tmp_path / "x.ssp", ssd(elements(component("a", "%252e%252e%252fout.fmu")))))
+    assert fault == "x.ssp: component 'a': the package has no '%2e%2e%2fout.fmu'"
     body = ssd(elements(component("a", "my%20arm.fmu")))
     assert load_ssp(write(tmp_path / "y.ssp", body, {"my arm.fmu": b""})).components[0].source == "my arm.fmu"
 
@@ -151,9 +151,9 @@ def test_packages_inside_packages_have_a_limit_and_the_same_rules(tmp_path):
             name = ".".join(["a"] * (limits.NESTING_LIMIT + 1))
             assert [c.name for c in load_ssp(path).components] == [name]
         data = path.read_bytes()
-    (found,) = problems(path)
-    assert f"is a package inside {limits.NESTING_LIMIT} others; that is the limit" in found
+    (fault,) = problems(path)
+    assert f"is a package inside {limits.NESTING_LIMIT} others; that is the limit" in fault
     evil = pack({"SystemStructure.ssd": ssd(), "../evil": "x"})
     inner = ssd(elements(component("a", "in.ssp", attributes='type="application/x-ssp-package"')))
-    (found,) = problems(write(tmp_path / "x.ssp", inner, {"in.ssp": evil}))
-    assert found.startswith("x.ssp: in.ssp: entry '../evil' points outside the package")
+    (fault,) = problems(write(tmp_path / "x.ssp", inner, {"in.ssp": evil}))
+    assert fault.startswith("x.ssp: in.ssp: entry '../evil' points outside the package")

@@ -59,10 +59,10 @@ def test_references_that_multiply_are_stopped(tmp_path, monkeypatch, way):
     """8 levels with 10 references each are 10**8 elements; the file has some hundred."""
     monkeypatch.setattr(limits, "ELEMENT_LIMIT", 1000)  # for speed
     path = chain(tmp_path / "x.ssp", way, levels=8, fan=10)
-    (found,) = problems(path)
-    assert "the system has more than 1000 elements" in found
-    assert "that is the limit (ELEMENT_LIMIT). Look for systems" in found
-    assert check_file(path) == [found]
+    (fault,) = problems(path)
+    assert "the system has more than 1000 elements" in fault
+    assert "that is the limit (ELEMENT_LIMIT). Look for systems" in fault
+    assert check_file(path) == [fault]
 
 
 @pytest.mark.parametrize("way", ["definition", "package"])
@@ -78,8 +78,8 @@ def test_the_limit_counts_every_element_once(tmp_path, monkeypatch, way):
 def test_a_chain_of_references_has_a_limit(tmp_path, way):
     """Of an SSD with systems of its own, those count as well; packages have a lower limit of their own."""
     assert load_ssp(chain(tmp_path / "x.ssp", way, limits.DEPTH_LIMIT, 1)).components == ()
-    (found,) = problems(chain(tmp_path / "y.ssp", way, 400, 1))
-    assert "more than 32 systems inside each other; that is the limit (DEPTH_LIMIT)" in found
+    (fault,) = problems(chain(tmp_path / "y.ssp", way, 400, 1))
+    assert "more than 32 systems inside each other; that is the limit (DEPTH_LIMIT)" in fault
 
 
 def test_systems_written_in_systems_and_ssp_2_have_the_same_limit(tmp_path, monkeypatch):
@@ -113,9 +113,9 @@ def nested(path: Path, count: int) -> Path:
 def test_what_packages_inside_unpack_to_counts(tmp_path, monkeypatch):
     """Each by itself is below the limit; the fourth is not read."""
     monkeypatch.setattr(limits, "TOTAL_LIMIT", 2_000_000)
-    found = problems(nested(tmp_path / "x.ssp", 4))
-    assert "x.ssp: has more than 2000000 bytes unpacked, including packages inside it" in found[-1]
-    assert "--unpack-limit, or vdfmu.package_limit in Python" in found[-1]
+    faults = problems(nested(tmp_path / "x.ssp", 4))
+    assert "x.ssp: has more than 2000000 bytes unpacked, including packages inside it" in faults[-1]
+    assert "--unpack-limit, or vdfmu.package_limit in Python" in faults[-1]
     with vdfmu.package_limit(4_000_000):
         assert not any("bytes unpacked" in text for text in problems(tmp_path / "x.ssp"))
 

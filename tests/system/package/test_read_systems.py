@@ -104,8 +104,8 @@ def test_a_component_that_names_another_ssd_is_a_system(pack):
     assert links(pack(members)) == ["a.y -> arm.g.u", "arm.h.y -> a.u"]
     assert [c.source for c in load_ssp(pack(members)).components] == ["f.fmu", "sub/h.fmu", "f.fmu"]
     members["sub/arm.ssd"] = sub.replace("../f.fmu", "../../f.fmu")
-    (found,) = problems(pack(members))
-    assert "source '../../f.fmu' is not a relative path inside the package" in found
+    (fault,) = problems(pack(members))
+    assert "source '../../f.fmu' is not a relative path inside the package" in fault
 
 
 def test_one_system_can_be_there_several_times_by_its_id(pack):
@@ -122,8 +122,8 @@ def test_one_system_can_be_there_several_times_by_its_id(pack):
 
 def test_systems_that_hold_themselves_are_refused_and_connectors_held_against_their_system(pack):
     path = pack({"SystemStructure.ssd": ssd(elements(component("a", "SystemStructure.ssd", "", DEFINITION)))})
-    (found,) = problems(path)
-    assert "its system holds itself: SystemStructure.ssd" in found
+    (fault,) = problems(path)
+    assert "its system holds itself: SystemStructure.ssd" in fault
     path = pack({"SystemStructure.ssd": ssd(elements(component("a", "#me")), attributes='id="me"')})
     assert problems(path) == ["x.ssp: component 'a': source '#me' is a system that holds the component itself"]
     wrong = IO.replace('name="y"', 'name="w"').replace('"u" kind="input"', '"u" kind="output"')
@@ -189,9 +189,9 @@ def test_external_files_outside_the_resources_folder_with_prefix_and_precedence(
     path = pack(
         {"SystemStructure.ssd": ssd(top), "ssv/top values.ssv": document, "maps/names.ssm": mapping, "f.fmu": b""}
     )
-    found = {p.name: p for p in load_ssp(path).component("a").parameters}
-    assert {name: p.value for name, p in found.items()} == {"gain": 2.0, "m": 9.0, "n": 4.0}  # a.m is not mapped
-    (hop,) = found["gain"].hops
+    bound = {p.name: p for p in load_ssp(path).component("a").parameters}
+    assert {name: p.value for name, p in bound.items()} == {"gain": 2.0, "m": 9.0, "n": 4.0}  # a.m is not mapped
+    (hop,) = bound["gain"].hops
     assert hop.transformation is not None
     assert (hop.transformation.factor, hop.transformation.offset) == (10.0, 1.0)
 
@@ -200,7 +200,7 @@ def nested(rest: str, name: str = "B") -> str:
     return f'<ssd:System name="{name}">{rest}</ssd:System>'
 
 
-def given(system) -> dict[str, dict[str, object]]:
+def values_of(system) -> dict[str, dict[str, object]]:
     return {c.name: {p.name: p.value for p in c.parameters} for c in system.components}
 
 
@@ -211,21 +211,21 @@ def test_a_value_goes_to_everything_that_has_its_name(pack):
     top = elements(inner, twin, component("a")) + connections("B.C.y a.u")
     members = {"SystemStructure.ssd": ssd(top), "f.fmu": b""}
     system = load_ssp(pack(members))
-    assert given(system) == {"B.C": {"k": 3.0}, "B.D": {}, "B.C#2": {"k": 5.0, "m": 6.0}, "a": {}}
+    assert values_of(system) == {"B.C": {"k": 3.0}, "B.D": {}, "B.C#2": {"k": 5.0, "m": 6.0}, "a": {}}
     assert [str(c) for c in system.connections] == ["B.C#2.y -> a.u"]
     assert system.notes == ("several components have the dotted name B.C: B.C is called B.C#2 here",)
     members["SystemStructure.ssd"] = ssd(values("B.C.k=9") + top)
-    found = given(load_ssp(pack(members)))
-    assert (found["B.C"], found["B.C#2"]) == ({"k": 9.0}, {"k": 9.0, "m": 6.0})
+    bound = values_of(load_ssp(pack(members)))
+    assert (bound["B.C"], bound["B.C#2"]) == ({"k": 9.0}, {"k": 9.0, "m": 6.0})
 
 
 def test_values_of_connectors_that_feed_no_input_have_no_effect(pack):
     """The form of OMSimulator's resources/toplevelparameter1: a parameter that nothing is connected to."""
-    own = connector_list("K:parameter")
+    connectors = connector_list("K:parameter")
     inner = nested(IO + elements(component("g")) + connections("g.y y"), "S")
-    top = own + values("K=4", "S.y=5", "S.u=6") + elements(inner, component("h")) + connections("S.y h.u")
+    top = connectors + values("K=4", "S.y=5", "S.u=6") + elements(inner, component("h")) + connections("S.y h.u")
     system = load_ssp(pack({"SystemStructure.ssd": ssd(top), "f.fmu": b""}))
-    assert given(system) == {"S.g": {}, "h": {}}
+    assert values_of(system) == {"S.g": {}, "h": {}}
     assert (system.problems, system.unmatched) == ((), ())
     assert system.notes == (
         "the system: parameter 'K' (p: K): has no effect, nothing of a component is connected to K",
@@ -236,12 +236,12 @@ def test_values_of_connectors_that_feed_no_input_have_no_effect(pack):
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_what_is_connected_takes_the_value_of_its_source_in_any_order(pack, order):
-    own = connector_list("K:input")
+    connectors = connector_list("K:input")
     inner = nested(IO + elements(component("g", inner=IO + values("u=1"))) + connections("u g.u"), "S")
     pairs = ["K=4", "S.u=5", "S.g.u=9"][::order]
-    top = own + values(*pairs) + elements(inner) + connections("K S.u")
+    top = connectors + values(*pairs) + elements(inner) + connections("K S.u")
     system = load_ssp(pack({"SystemStructure.ssd": ssd(top), "f.fmu": b""}))
-    assert given(system) == {"S.g": {"u": 4.0}}
+    assert values_of(system) == {"S.g": {"u": 4.0}}
     assert sorted(system.notes) == [
         "S.g: parameter 'u' (p: S.g.u): has no effect, S.g.u is connected to K and takes its value (p: K)",
         "S: parameter 'u' (p: S.u): has no effect, S.u is connected to K and takes its value (p: K)",
@@ -270,8 +270,8 @@ def test_a_signal_dictionary_in_a_file_joins_systems_of_two_levels(pack):
 def test_a_system_of_ssp_2_is_read_by_its_own_schema_with_connectors_of_their_sizes(pack):
     """`local` is a kind of connector that only SSP 2.0 has."""
     text = ssd(elements(component("a", inner=connector_list("u:local"))))
-    found, *_ = problems(pack({"SystemStructure.ssd": text}))
-    assert found.startswith("x.ssp: SystemStructure.ssd, line") and "'local' is not an element of the set" in found
+    fault, *_ = problems(pack({"SystemStructure.ssd": text}))
+    assert fault.startswith("x.ssp: SystemStructure.ssd, line") and "'local' is not an element of the set" in fault
     newer = text.replace('version="1.0"', 'version="2.0"', 1)
     system = load_ssp(pack({"SystemStructure.ssd": newer, "f.fmu": b""}))
     assert (system.version, system.component("a").connectors["u"].kind) == ("2.0", "local")
@@ -280,9 +280,9 @@ def test_a_system_of_ssp_2_is_read_by_its_own_schema_with_connectors_of_their_si
         inner = f'<ssc:Float64/><ssc:Dimension size="{size}"/>'
         return f'<ssd:Connectors><ssd:Connector name="y" kind="output">{inner}</ssd:Connector></ssd:Connectors>'
 
-    for size, found in ((2, []), (3, ["connection a.y -> y: dimension mismatch, an array of 2 to an array of 3"])):
+    for size, faults in ((2, []), (3, ["connection a.y -> y: dimension mismatch, an array of 2 to an array of 3"])):
         inside = array(size) + elements(component("a", inner=array(2))) + connections("a.y y")
-        assert problems_of_wiring(pack({"SystemStructure.ssd": ssd(inside, version="2.0"), "f.fmu": b""})) == found
+        assert problems_of_wiring(pack({"SystemStructure.ssd": ssd(inside, version="2.0"), "f.fmu": b""})) == faults
 
 
 def enumeration_fmu(items: str) -> bytes:
@@ -334,7 +334,7 @@ def test_enumerations_of_connections_and_parameter_sets_are_mapped_by_the_names_
         '<ssc:EnumerationMappingTransformation><ssc:MapEntry source="go" target="running"/>'
         "</ssc:EnumerationMappingTransformation></ssm:MappingEntry></ssm:ParameterMapping></ssd:ParameterMapping>"
     )
-    given = values("mode=go", mapping=table).replace("ssv:Real", "ssv:Enumeration")
-    path = mapped(pack, '<ssc:MapEntry source="off" target="idle"/>', given)
+    parameter_set = values("mode=go", mapping=table).replace("ssv:Real", "ssv:Enumeration")
+    path = mapped(pack, '<ssc:MapEntry source="off" target="idle"/>', parameter_set)
     ((variable, value),) = check_system(load_ssp(path)).starts["b"]
     assert (variable.name, value) == ("p", 7)

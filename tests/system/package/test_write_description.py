@@ -25,7 +25,7 @@ def description(scenario, request):
 
 def bound_values(description, unit):
     """Name of a unit's variable to the values that its bindings give it, in their order."""
-    found = {}
+    bound = {}
     for binding in description.bindings[unit]:
         names = dict(binding.mapping)
         for signal, values in description.parameter_sets[binding.file].entries:
@@ -33,15 +33,15 @@ def bound_values(description, unit):
             group = name.split("[")[0]
             for variable, value in zip(signal.variables, values, strict=True):
                 index = dataclasses.replace(variable, group=group).name
-                found.setdefault(index, []).append(value)
-    return found
+                bound.setdefault(index, []).append(value)
+    return bound
 
 
 def test_every_value_is_in_one_set_and_the_scenario_first_holds_all_that_the_fmu_of_the_robot_lacks(description):
     for unit, values in description.values.items():
         assert bound_values(description, unit) == {name: [value] for name, value in values.items()}
     # So an importer that applies one set applies the first, and the FMU's start values are the rest.
-    known = robot_parameters("feedforward", description.tables["feedforward"], description.scenario)
+    defaults = robot_parameters("feedforward", description.tables["feedforward"], description.scenario)
     for unit, bindings in description.bindings.items():
         sets = [description.parameter_sets[b.file] for b in bindings]
         names = [s.name for s in sets]
@@ -52,7 +52,7 @@ def test_every_value_is_in_one_set_and_the_scenario_first_holds_all_that_the_fmu
             assert names[1:] in (["robot"], ["robot", "start"], ["start"])
         for signal, values in (entry for s in sets if s.name == "robot" for entry in s.entries):
             for variable, value in zip(signal.variables, values, strict=True):
-                assert value == known[variable.name], (unit, variable.name)
+                assert value == defaults[variable.name], (unit, variable.name)
 
 
 def test_the_plant_that_differs_has_its_values_and_the_start_is_one_value_with_two_names():
@@ -104,8 +104,8 @@ def test_elements_of_arrays_and_scalars_are_connected_by_index():
     description = SystemDescription(load_scenario("planar_tracking"), version="2.0")
     array = next(s for s in description.signals("controller", "input") if s.name == "q")
     scalars = tuple(dataclasses.replace(array, name=v.name, variables=(v,), shape=()) for v in array.variables)
-    others = tuple(s for s in description._signals["controller"] if s is not array)
-    description._signals["controller"] = (*others, *scalars)
+    rest = tuple(s for s in description._signals["controller"] if s is not array)
+    description._signals["controller"] = (*rest, *scalars)
     links = [link for link in description.links if link.end[0] == "controller" and link.end[1].group == "q"]
     assert [(x.start_index, x.end_index, x.end[1].name) for x in links] == [((1,), (), "q[1]"), ((2,), (), "q[2]")]
     root = structure_file(description)

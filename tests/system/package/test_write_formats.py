@@ -166,7 +166,7 @@ def test_libcosim_applies_the_values(scenario, fmus, tmp_path):
         capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    time, found = json.loads(done.stdout.splitlines()[-1])
+    time, applied = json.loads(done.stdout.splitlines()[-1])
     assert time == 20_000_000  # ns: 20 steps of the size that the file says
-    for (unit, name), value in zip(names, found, strict=True):
+    for (unit, name), value in zip(names, applied, strict=True):
         assert value == values[unit][name], (unit, name)  # the shortest text of a double reads back as that double

@@ -11,13 +11,12 @@ from typing import Any
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing
 from vdfmu.base.text import close_to
-from vdfmu.base.version import __version__
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN
 from vdfmu.engine.package.system import BASE_UNITS, UnitFactor, Value, spread
-from vdfmu.engine.package.writing import add, root, to_bytes
+from vdfmu.engine.package.writing import META, add, root, to_bytes
 from vdfmu.engine.results.recorded import group_of
 
 Ends = str | Sequence[str]
@@ -193,8 +192,9 @@ def is_plain(unit: UnitFactor | None) -> bool:
 def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tuple[Any, Any, Any]) -> Any:
     """Return the root of the SSD."""
     units = ports.units
-    head = {"version": "1.0", "name": name, "generationTool": f"vdfmu {__version__}"}
-    top = root("ssd:SystemStructureDescription", head, ("ssd", "ssc", "ssv", *FOREIGN))
+    top = root(
+        "ssd:SystemStructureDescription", {"version": "1.0", "name": name, **META}, ("ssd", "ssc", "ssv", *FOREIGN)
+    )
     system = add(top, "ssd:System", name=name)
     elements = add(system, "ssd:Elements")
     for component, description in ports.descriptions.items():

@@ -189,6 +189,10 @@ def _join(first: Indices, then: Indices) -> Indices | None:
     return (*start, *other[len(middle) :]), (*end, *middle[len(other) :])
 
 
+CONVERT = "Connect signals of one quantity, or put a component between them"
+"""Way out for units of measurement that do not convert."""
+
+
 def _misfits(node: Node, begin: Connector, target: Connector, hop: Hop) -> Iterator[tuple[str, str]]:
     """Yield reasons why two connectors do not fit together, according to the SSD."""
     types = {begin.type, target.type}
@@ -197,7 +201,7 @@ def _misfits(node: Node, begin: Connector, target: Connector, hop: Hop) -> Itera
     if begin.unit and target.unit and not hop.suppress_unit_conversion:
         a, b = (node.scope.units.get(unit, UnitFactor(unit)) for unit in (begin.unit, target.unit))
         if None not in (a.exponents, b.exponents) and a.exponents != b.exponents:
-            yield "SSP034", f"unit mismatch, {a.name!r} ({a.dimension}) to {b.name!r} ({b.dimension})"
+            yield "SSP034", f"unit mismatch, {a.name!r} ({a.dimension}) to {b.name!r} ({b.dimension}). {CONVERT}"
 
 
 def _expected(kinds: Sequence[str], flows: set[tuple[str, str]]) -> str:

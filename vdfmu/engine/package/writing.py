@@ -7,8 +7,13 @@ from typing import Any
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
+from vdfmu.base.version import __version__
 from vdfmu.engine.package.parse import FOREIGN, NAMESPACES
 
+META = {
+    "generationTool": f"vdfmu {__version__}",
+    "generationDateAndTime": "2026-01-01T00:00:00Z",  # a constant: the same system gives the same bytes
+}
 _SPACES = NAMESPACES | FOREIGN
 
 

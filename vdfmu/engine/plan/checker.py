@@ -23,7 +23,7 @@ from vdfmu.engine.package.system import (
     Value,
     spread,
 )
-from vdfmu.engine.package.wiring import fits, show_shape
+from vdfmu.engine.package.wiring import CONVERT, fits, show_shape
 from vdfmu.engine.plan.conversion import Conversion, Link, MisfitError, Port, as_type, compose
 from vdfmu.engine.rules import Finding, finding
 
@@ -53,7 +53,7 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
                 for name, element in zip(named, spread(value, named), strict=True):
                     variable = descriptions[owner].variables[name]
                     if not variable.settable:
-                        raise ValueError(why_not(variable))
+                        raise ValueError(why_not(variable) + _start_of(name, descriptions[owner].variables))
                     starts.setdefault(owner, {})[name] = (variable, as_type(element, variable))
             except ValueError as error:
                 problems.append(f"parameter {full!r}: {error}")
@@ -64,6 +64,13 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
 
 def _named(variables: Mapping[str, FmuVariable], name: str) -> list[str]:
     return [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
+
+
+def _start_of(name: str, variables: Mapping[str, FmuVariable]) -> str:
+    """Return the way out for a state that cannot be set: its start value, such as ``q_0[1]`` of ``q[1]``."""
+    group, bracket, index = name.partition("[")
+    start = f"{group}_0{bracket}{index}"
+    return f". Set its start value, {start}" if start in variables and variables[start].settable else ""
 
 
 def why_not(variable: FmuVariable) -> str:
@@ -242,7 +249,7 @@ class Checker:
                     source.type, self.system.units, sink.relative, (source.items, sink.items),
                 )  # fmt: skip
             except MisfitError as error:
-                fault(_OF_CONNECTION[error.kind], str(error))
+                fault(_OF_CONNECTION[error.kind], f"{error}. {CONVERT}" if error.kind == "unit" else str(error))
             unit, target = self.port_unit(connection.start, source), self.port_unit(connection.end, sink)
             suppressed = any(hop.suppress_unit_conversion for hop in connection.hops) and source.type == "Real"
             if suppressed and unit is not None and target is not None and not unit.same_as(target):

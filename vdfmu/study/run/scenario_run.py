@@ -19,6 +19,7 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.platforms import compiler_version
 from vdfmu.base.progress import doing, report
 from vdfmu.base.standards import PYTHON_FMI
+from vdfmu.base.text import nearest
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
@@ -108,6 +109,13 @@ class ScenarioRun:
         scenario, robot = self.scenario, self.scenario.robot
         yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
         yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
+        with_values = {*(self._options["settings"] or ()), *(name for table in scenario.inputs for name in table.names)}
+        with_values |= {f"{name}.{key}" for name, values in scenario.sections.items() for key in values}
+        groups = {name.partition("[")[0] for name in with_values}
+        for end, names in scenario.system.unfed.items():
+            if end not in groups:
+                way_out = nearest(end.partition(".")[2], names) if names else "Give it by --set or --input."
+                yield f"{end}: not connected, keeps its start value. {way_out}"
         for note in (*model_notes(scenario, self._options["settings"]), *build_notes(robot, self._backend)):
             yield f"{(robot or scenario).name}: {note}"
 

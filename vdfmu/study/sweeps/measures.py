@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.text import error_text
+from vdfmu.base.text import error_text, nearest
 from vdfmu.engine.results.results import Results
 from vdfmu.study.sweeps.axes import OPTIONS
 
@@ -223,7 +223,8 @@ def _signals(node: ast.expr) -> list[str]:
         return _signals(node.left) + _signals(node.comparators[0])
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords and node.args:
         if node.func.id not in _FUNCTIONS:
-            raise ValueError(f"expected one of the functions {', '.join(_FUNCTIONS)}, got {node.func.id}")
+            names = nearest(node.func.id, [*_FUNCTIONS]).rstrip(".")
+            raise ValueError(f"expected a known function, got {node.func.id}. {names}")
         least, most = _FUNCTIONS[node.func.id].numbers
         if not least <= len(node.args) - 1 <= most:
             count = f"{1 + least} to {1 + most}" if least < most else str(1 + most)

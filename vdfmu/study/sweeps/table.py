@@ -116,6 +116,10 @@ class StudyTable:
         """Return a column, shape (n,); UsageError for an unknown name."""
         return self.table([column])[column].to_numpy(zero_copy_only=False)
 
+    def __repr__(self) -> str:
+        axes, measures = ", ".join(self.axes), ", ".join(self.measures)
+        return f"Study {self.folder}: {len(self)} points; axes {axes}; measures {measures}"
+
     def __len__(self) -> int:
         return self.table(["point"]).num_rows if self._files else 0
 

@@ -11,14 +11,9 @@ from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.description import number
 from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
-from vdfmu.engine.package.writing import add, root
+from vdfmu.engine.package.writing import META, add, root
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
 from vdfmu.system.package.drawing import draw_system
-
-META = {
-    "generationTool": f"vdfmu {__version__}",
-    "generationDateAndTime": "2026-01-01T00:00:00Z",  # a constant: the same system gives the same bytes
-}
 
 
 def add_units(parent: Any, name: str, units: Iterable[str]) -> None:

@@ -103,6 +103,15 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     for name, unit in resolved.units.items():
         sections = started(system, name, unit, sections)
     system = dataclasses.replace(system, connections=kept, dropped=tuple(dropped), joined=joints)
+    lost = [connection.partition(" -> ")[2].partition(".") for connection in dropped]
+    unfed = {
+        f"{name}.{group}": list(dict.fromkeys(end for component, _, end in lost if component == name))
+        for name, table in tables.items() if name in scenario.resolved.units
+        for group in dict.fromkeys(v.group for v in table if v.causality == "input")
+        if not _has(scenario.resolved, name, group, "input")
+        and not any(end.partition("[")[0] == f"{name}.{group}" for end in system.fed)
+    }  # fmt: skip
+    system = dataclasses.replace(system, unfed=unfed)
     return dataclasses.replace(scenario, system=system, sections=sections)
 
 

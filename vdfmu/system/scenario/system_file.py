@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -69,6 +69,8 @@ class SystemFile:
     """Connections, ``output -> input``, that replaced units lack."""
     joined: tuple[str, ...] = ()
     """Connections, ``output -> input``, that replaced units add."""
+    unfed: Mapping[str, list[str]] = field(default_factory=dict[str, list[str]])
+    """New inputs of replaced units that nothing feeds, to inputs of this component that lost their connection."""
 
     @cached_property
     def fed(self) -> Mapping[str, str]:
