@@ -76,6 +76,8 @@ INLINE scalar one_asinh(scalar x)
 INLINE scalar one_acosh(scalar x)
 {
     const scalar t = x - 1.0;
+    if (t < 0.0)
+        return NAN;
     return x < LARGE ? one_log1p(t + sqrt(2.0 * t + t * t)) : one_log(x) + LOG_2;
 }
 
@@ -112,6 +114,16 @@ INLINE scalar one_hypot(scalar x, scalar y)
     return sqrt((a * scale) * (a * scale) + (b * scale) * (b * scale)) / scale;
 }
 
+/* k with 2^k <= x < 2^(k + 1), for positive finite numbers */
+INLINE int64_t exponent(scalar x)
+{
+    const int below = x < 0x1p-1022; /* the normal numbers */
+    const scalar normal = below ? x * 0x1p54 : x;
+    int64_t bits;
+    memcpy(&bits, &normal, sizeof bits);
+    return (bits >> 52) - 1023 - (below ? 54 : 0);
+}
+
 /* The rest of a division, exact: multiples of y by powers of 2 are taken away. */
 INLINE scalar one_fmod(scalar x, scalar y)
 {
@@ -120,10 +132,7 @@ INLINE scalar one_fmod(scalar x, scalar y)
     if (!(a < INFINITY) || !(b > 0.0))
         return NAN;
     while (a >= b) {
-        int64_t first, second;
-        memcpy(&first, &a, sizeof first);
-        memcpy(&second, &b, sizeof second);
-        int64_t k = (first >> 52) - (second >> 52);
+        int64_t k = exponent(a) - exponent(b);
         scalar multiple = b;
         for (int64_t part; k > 0; k -= part) {
             part = k < 1000 ? k : 1000;

@@ -187,18 +187,23 @@ runs = KeptRuns(Path(sys.argv[1]))
 for _ in range(2):
     runs.run(stop=0.01, step=1e-3)
 print(len(os.listdir(os.environ["TMPDIR"])), flush=True)
+def end_of(stop):
+    return runs.run(stop=stop, step=1e-3).time[-1]
 if sys.argv[2] == "fork":
     child = get_context("fork").Process(target=runs.run, kwargs={"stop": 0.01, "step": 1e-3})
     child.start()
     child.join()
     runs.run(stop=0.01, step=1e-3)
     print(len(os.listdir(os.environ["TMPDIR"])), flush=True)
+if sys.argv[2] == "pool":  # its end kills the workers
+    with get_context("fork").Pool(2) as pool:
+        assert pool.map(end_of, [0.01, 0.02]) == [0.01, 0.02]
 if sys.argv[2] == "exit":
     ctypes.CDLL(None).exit(7)
 """
 
 
-@pytest.mark.parametrize(("way", "code"), [("end", 0), ("fork", 0), ("exit", 7)])
+@pytest.mark.parametrize(("way", "code"), [("end", 0), ("fork", 0), ("pool", 0), ("exit", 7)])
 def test_a_process_may_end_or_fork_between_runs(case, tmp_path, way, code):
     path, _ = case("arm native")
     done = subprocess.run(

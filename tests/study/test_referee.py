@@ -139,6 +139,28 @@ def test_a_run_says_what_the_referee_says(tmp_path, lags):
         assert ("Coupling", summary["judgement"]["text"]) in facts(summary)
 
 
+def test_the_judged_run_begins_and_ends_as_the_run_does(tmp_path, lags):
+    package, out = str(lags.write(tmp_path / "lags.ssp")), tmp_path / "out"
+    result = CliRunner().invoke(app, ["run", package, "--start", "1", "--stop", "2", "--judge", "5", "--out", str(out)])
+    assert result.exit_code != 2, result.output
+    judgement = read_summary(out / "summary.json")["judgement"]
+    assert all(1.0 <= signal["time"] <= 2.0 for signal in judgement["signals"])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [(["--judge", "200"], "error between 0 and 1"), (["--meant", "sampled"], "meant needs judge"),
+     (["--judge", "1", "--adaptive", "1e-3", "--master", "iterative"], "got adaptive")],
+)  # fmt: skip
+@pytest.mark.parametrize("of", ["planar_tracking", "package"])
+def test_options_of_the_judgement_are_refused_before_a_run(tmp_path, lags, of, options, said):
+    source = of if of != "package" else str(lags.write(tmp_path / "lags.ssp"))
+    result = CliRunner().invoke(app, ["run", source, *options, "--out", str(tmp_path / "out")])
+    assert isinstance(result.exception, UsageError)
+    assert said in str(result.exception)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_system_that_leaves_its_order_is_not_decided():
     system = vdfmu.load("planar_tracking")
     judged = system.judge(0.01, stop=0.2, step=0.02, meant="continuous")

@@ -157,6 +157,10 @@ def run_package(
     """
     if robot is not None and not live:
         raise UsageError("--robot needs --live.")
+    if judge is not None or meant is not None:
+        from vdfmu.study.referee import check_wanted  # takes long to import
+
+        check_wanted(judge, meant, options["adaptive"])
     if split:
         alone = {"--isolate": options["isolate"], "--memory-limit": options["memory_limit"], "--judge": judge}
         refuse(alone, "does not go with --split")

@@ -3,8 +3,8 @@
 DOORS = (
     "analysis.arm_space", "analysis.bode", "analysis.loops", "analysis.modes", "analysis.reach", "analysis.reach_file",
     "connected",
-    "environment.environments", "identify.design", "identify.fit", "identify.log", "options", "report.drawings",
-    "report.page", "report.sheets", "report.shown_run", "run.scenario_run", "runs", "sweeps.sweep", "tuning.tune",
-    "view.live", "view.robot",
+    "environment.environments", "identify.design", "identify.fit", "identify.log", "options", "referee",
+    "report.drawings", "report.page", "report.sheets", "report.shown_run", "run.scenario_run", "runs", "sweeps.sweep",
+    "tuning.tune", "view.live", "view.robot",
 )  # fmt: skip
 """Modules that other rooms import."""

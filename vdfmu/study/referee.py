@@ -27,6 +27,7 @@ from vdfmu.engine.linear.system import cut
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
+from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run import Simulator
 
 MARGIN = 1.5
@@ -157,9 +158,23 @@ def verdict_of(seen: Differences, order: int, wanted: float) -> str:
     return WRONG if regular and worst > MARGIN * wanted else OPEN
 
 
+def check_wanted(wanted: float | None, meant: str | None, adaptive: float | None = None) -> None:
+    """Raise UsageError for options of :func:`judge` that do not fit together; `wanted` is None without a judgement."""
+    if wanted is None:
+        if meant is not None:
+            raise UsageError("meant needs judge. Give --judge with the largest error in %.")
+        return
+    if not 0.0 < wanted < 1.0:
+        raise UsageError(f"wanted must be an error between 0 and 1, got {wanted:g}. Give 0.01 for 1 %.")
+    if meant not in (None, "sampled", "continuous"):
+        raise UsageError(f"meant must be sampled or continuous, got {meant!r}.")
+    if adaptive is not None:
+        raise UsageError("judge compares fixed steps, got adaptive. Leave it out.")
+
+
 def judge(
-    system: str | os.PathLike[str] | FlatSystem, wanted: float = 0.01, *, stop: float | None = None,
-    step: float | None = None, meant: str | None = None, **options: Any,
+    system: str | os.PathLike[str] | FlatSystem, wanted: float = 0.01, *, start: float | None = None,
+    stop: float | None = None, step: float | None = None, meant: str | None = None, **options: Any,
 ) -> Judgement:  # fmt: skip
     """Judge whether a co-simulation is right by communication. It takes seven times the steps of one run.
 
@@ -169,7 +184,7 @@ def judge(
         A package (SSP).
     wanted : float
         Largest error, as a share of each connected signal's largest value.
-    stop, step : float, optional [s]
+    start, stop, step : float, optional [s]
         Default the system's.
     meant : "sampled" or "continuous", optional
         Meaning of components that may sample and declare no period: with discrete outputs, or with held inputs and no
@@ -186,19 +201,14 @@ def judge(
     UsageError, SspError
         See :func:`vdfmu.simulate`; UsageError for systems without connected signals.
     """
-    if not 0.0 < wanted < 1.0:
-        raise UsageError(f"wanted must be an error between 0 and 1, got {wanted:g}. Give 0.01 for 1 %.")
-    if meant not in (None, "sampled", "continuous"):
-        raise UsageError(f"meant must be sampled or continuous, got {meant!r}.")
-    if options.get("adaptive") is not None:
-        raise UsageError("judge compares fixed steps, got adaptive. Leave it out.")
+    check_wanted(wanted, meant, options.get("adaptive"))
     flat = system if isinstance(system, FlatSystem) else load_ssp(Path(system))
     if flat.experiment.adaptive is not None:
         flat = replace(flat, experiment=replace(flat.experiment, adaptive=None))
     algorithm = options.get("algorithm") or flat.experiment.algorithm
     checked = check_system(flat, options.get("parameters"), algorithm=algorithm)
-    grid = Simulator(flat, **options).grid(None, stop, step)
-    case = _Case(checked, wanted, grid.step, grid.end, options)
+    grid = Simulator(flat, **options).grid(start, stop, step)
+    case = _Case(checked, wanted, grid, options)
     undeclared = _undeclared(checked)
     if not undeclared or meant == "continuous":
         return case.judged(flat)
@@ -253,9 +263,13 @@ class _Case(NamedTuple):
 
     checked: Checked
     wanted: float
-    step: float
-    stop: float
+    grid: Grid
     options: Mapping[str, Any]
+
+    @property
+    def step(self) -> float:
+        """Communication step [s]."""
+        return self.grid.step
 
     @property
     def names(self) -> list[str]:
@@ -286,7 +300,7 @@ class _Case(NamedTuple):
             for divisor in (1, 2, 4):
                 step = self.step / divisor
                 try:
-                    results = simulator.run(stop=self.stop, step=step, record=names)
+                    results = simulator.run(start=self.grid.begin, stop=self.grid.end, step=step, record=names)
                 except (CosimError, UsageError) as error:
                     if divisor == 1 and isinstance(error, UsageError):
                         raise

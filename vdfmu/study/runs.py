@@ -14,7 +14,7 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted, doing, with_progress
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.engine.algorithms import DEFAULT, DELAYED
-from vdfmu.engine.options import LoadedOptions, SystemOptions
+from vdfmu.engine.options import LoadedOptions, SpanOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, known_formats, known_pictures, replacing_results, write_summary
 from vdfmu.engine.results.verdict import verdict_of
@@ -99,8 +99,9 @@ def judge_run(
 ) -> None:  # fmt: skip
     """Judge the run of a package by :func:`vdfmu.study.referee.judge`; add the verdict to its summary."""
     judgement = judge(
-        load_ssp(package, options["variant"]), wanted, stop=summary["stop"], step=summary["step"], meant=meant,
-        algorithm=summary["algorithm"], parameters=options["settings"], **pick(LoadedOptions, options),
+        load_ssp(package, options["variant"]), wanted, start=options["start"], meant=meant,
+        algorithm=summary["algorithm"], parameters=options["settings"],
+        **pick(SpanOptions, options), **pick(LoadedOptions, options),
     )  # fmt: skip
     summary["judgement"] = judgement.to_dict()
     summary["verdict"] = verdict_of([*run_checks(summary)])

@@ -45,7 +45,8 @@ def assert_accurate(name: str, run: Callable[[np.ndarray], np.ndarray], count: i
         ulp = np.abs((run(x) - expected) / np.spacing(np.abs(expected).astype(float)))
         assert ulp.max() < last_places, (size, x[ulp.argmax()])
     ends = [0.0, -0.0, np.inf, -np.inf, np.nan, 800.0, -800.0, 1e-320, 1.0, -1.0, 2.0, 709.7, -707.9, 0.5, -0.5, 1e5]
-    x = np.array(ends)  # two vectors of eight
+    ends += [-1e9, -1e17, -1e200, 1e17, 1e200, -1e-320, -700.0, 1e-200]
+    x = np.array(ends)  # three vectors of eight
     with np.errstate(all="ignore"):
         expected = of(x.astype(np.longdouble)).astype(float)
     # a number below the normal ones may be off by its own last place

@@ -464,3 +464,12 @@ def test_the_whole_study_again(browser, tmp_path, capsys):
     with capsys.disabled():
         print(f"\n10 s simulated in {times[0]:.2f} s, from slider to figures {times[1]:.2f} s")
     assert simulated(browser, 0).shape == (6, 10_001)
+
+
+def test_a_run_that_stops_is_not_said_to_have_small_errors(browser, tmp_path):
+    """The errors of the recorded contact are larger than those before the failure."""
+    vdfmu.run("wall", out=tmp_path, reference=False, simulate=True)
+    opened(browser, tmp_path / "report.html")
+    slide(browser, "Derivative gains", 100)
+    said = r"Simulated: its linearised loops are unstable; stopped at 0\.\d+ s$"
+    assert re.match(said, words_of(browser, ".verdict"))

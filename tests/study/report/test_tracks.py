@@ -64,6 +64,18 @@ def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
     assert dict(zip(gain_tracks[0]["places"], gain_tracks[0]["modulus"], strict=True))[0] == round(least, 3)
 
 
+def test_the_margin_at_the_end_of_a_slider_is_that_of_the_run_with_its_gains(planar, described):
+    """The least margin moves to another row of the run: half of that of all rows chosen before."""
+    (chosen,) = [knob for knob in knobs(described) if knob["key"] == "controller.K_v"]
+    (tracked,) = tracks_of(planar, [chosen])
+    changes = {name: 0.1 * value for name, value in values_of(described)["controller"].items() if "K_v[" in name}
+    with Simulator(planar.system, isolate=False, algorithm="gauss-seidel") as simulator:
+        poses, parameters = Poses("tau", TIED), {f"controller.{name}": value for name, value in changes.items()}
+        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), taps=[poses], parameters=parameters)
+    # rows change the margin by a quarter at most, as the loops of a run are taken (`_SHARE`)
+    assert tracked[0]["modulus"][0] == pytest.approx(poses.loops.nearest().modulus, rel=0.25)
+
+
 def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_none(planar, described):
     chosen = list(knobs(described))
     of = {knob["key"]: each for knob, each in zip(chosen, tracks_of(planar, chosen), strict=True)}

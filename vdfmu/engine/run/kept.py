@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from contextlib import nullcontext
 from pathlib import Path
@@ -24,7 +25,8 @@ class KeptRuns:
 
     Components stay loaded while the package and the options are the same but for values, times and rows. They are
     terminated after each run and reset before the next. Isolated and foreign components, and FMUs that allow one
-    instance in a process, are freed after each run.
+    instance in a process, are freed after each run. So are all components in a worker of a pool of multiprocessing: the
+    end of the pool kills it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -36,7 +38,7 @@ class KeptRuns:
         fixed: Any = {name: value for name, value in options.items() if name not in _ROWS}
         parameters, log, files = fixed.pop("parameters", None), fixed.get("log"), fixed.get("inputs")
         plain = files is None and all(isinstance(value, _PLAIN) or value is log for value in fixed.values())
-        if plain and self._lock.acquire(False):
+        if plain and not _is_worker() and self._lock.acquire(False):
             try:
                 if self._process != os.getpid():
                     from multiprocessing.util import Finalize  # takes long to import
@@ -52,6 +54,12 @@ class KeptRuns:
             finally:
                 self._lock.release()
         return simulate(self._path, **options)
+
+
+def _is_worker() -> bool:
+    """Whether the parent process may kill this one, so that no folders are removed at its end."""
+    process = sys.modules.get("multiprocessing.process")  # takes long to import
+    return process is not None and process.current_process().daemon
 
 
 class _Loaded:

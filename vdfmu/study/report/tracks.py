@@ -40,9 +40,9 @@ NOTCHES = 100
 _PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)
 _HALVINGS = 4
 """Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
-_ROWS, _SPREAD, _WORST = 6, 5, 2
+_ROWS, _SPREAD, _WORST, _FIRST = 6, 5, 2, 3
 """Rows of the run at which sliders are tried: at most, first the rows of the loops' least margins, then some evenly
-spread ones; and their number for a joint or the arm."""
+spread ones; their number for the arm; and for a joint, with those of the least margins at the slider's ends."""
 _JOINTS = 8
 """Most joints that have a track each."""
 _ROUNDING = 1e-9
@@ -112,12 +112,12 @@ class _MovedLoops:
         if nearest is None:
             raise UsageError(along.lacking)
         self.least = nearest.modulus
-        loops = [pose.loop for pose in along.rows if pose.loop is not None]
+        self.loops = loops = [pose.loop for pose in along.rows if pose.loop is not None]
         modulus = np.array([loop.modulus for loop in loops])
         spread = np.linspace(0, len(loops) - 1, _SPREAD).astype(int)
         rows = dict.fromkeys([*modulus.argmin(axis=0)[modulus.min(axis=0).argsort()].tolist(), *spread.tolist()])
-        self.unmoved = {row: loops[row] for row in [*rows][:_ROWS]}
-        """The loops at some rows, first the row with the least margin."""
+        self.rows = [*rows][:_ROWS]
+        """Some rows, first the row with the least margin."""
 
     def moved(self, knob: Mapping[str, Any], place: float, joint: int | None, rows: Sequence[int]) -> list[Loop]:
         """Return the loops at rows with a slider at a place, of all joints or of one."""
@@ -129,9 +129,25 @@ class _MovedLoops:
                     changes.setdefault(target["unit"], {})[name] = factor(knob, place) * value
         return self._poses.moved(changes, rows)
 
+    def worst(self, knob: Mapping[str, Any]) -> list[int]:
+        """Return the rows, those of the least margins with the slider at its ends among the first.
+
+        They are chosen among every second row, whose feedback changes as at another row with as many states.
+        """
+        first, *more = self.rows
+        tried = {self.loops[row].K.shape: row for row in self.rows}
+        slopes = {slope.shape: slope for slope in (self.feedback(knob, [*tried.values()], None) or {}).values()}
+        alike = [row for row, loop in enumerate(self.loops) if row % 2 == 0 and loop.K.shape in slopes]
+        ends: list[int] = []
+        for place in (-NOTCHES, NOTCHES) if alike else ():
+            by = factor(knob, place) - 1.0
+            moved = (replace(loop, K=loop.K + by * slopes[loop.K.shape]) for loop in map(self.loops.__getitem__, alike))
+            ends.append(alike[int(np.argmin([loop.modulus.min() for loop in moved]))])
+        return [*dict.fromkeys([first, *ends, *more])]
+
     def same_plant(self, row: int, loop: Loop) -> bool:
         """Whether a loop differs from the run's in its feedback at most."""
-        return all(np.array_equal(*pair) for pair in zip(loop.plant, self.unmoved[row].plant, strict=True))
+        return all(np.array_equal(*pair) for pair in zip(loop.plant, self.loops[row].plant, strict=True))
 
     def feedback(self, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> dict[int, Floats] | None:
         """Return by how much the feedback at rows changes if a slider adds 1 to its factor.
@@ -144,28 +160,29 @@ class _MovedLoops:
             if not all(map(self.same_plant, rows, loops)):
                 return None
             by = factor(knob, place) - 1.0
-            slopes.append([(loop.K - self.unmoved[row].K) / by for row, loop in zip(rows, loops, strict=True)])
+            slopes.append([(loop.K - self.loops[row].K) / by for row, loop in zip(rows, loops, strict=True)])
         if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *slopes)):
             return None
         return dict(zip(rows, slopes[0], strict=True))
 
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
-    rows = [*loops.unmoved]
+    rows = loops.rows
     able = all(can_change(loops.components, target["unit"]) for target in knob["targets"])
     if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
         yield None
         return
     (moved,) = loops.moved(knob, NOTCHES, None, rows[:1])
     alike = loops.same_plant(rows[0], moved)
-    if alike and np.array_equal(moved.K, loops.unmoved[rows[0]].K):  # none of its parameters is in a loop
+    if alike and np.array_equal(moved.K, loops.loops[rows[0]].K):  # none of its parameters is in a loop
         yield None
         return
-    yield _track(loops, knob, rows if alike else rows[:_WORST], None)
+    rows = loops.worst(knob) if alike else rows[:_WORST]
+    yield _track(loops, knob, rows, None)
     joints = len(knob["values"])
     if alike and 1 < joints <= _JOINTS:
         for joint in range(joints):
-            yield _track(loops, knob, rows[:_WORST], joint)
+            yield _track(loops, knob, rows[:_FIRST], joint)
 
 
 def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> Track:
@@ -174,7 +191,7 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joi
     def moved(place: float) -> list[Loop]:
         if feedback is None:
             return loops.moved(knob, place, joint, rows)
-        pairs = [(loops.unmoved[row], (factor(knob, place) - 1.0) * feedback[row]) for row in rows]
+        pairs = [(loops.loops[row], (factor(knob, place) - 1.0) * feedback[row]) for row in rows]
         return [replace(loop, K=loop.K + more) for loop, more in pairs]
 
     def least(place: float) -> float:

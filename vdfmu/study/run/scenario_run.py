@@ -95,6 +95,7 @@ class ScenarioRun:
 
     def __init__(self, scenario: Scenario, options: ScenarioRunOptions) -> None:
         self.scenario, self._options = scenario, options
+        referee.check_wanted(options["judge"], options["meant"], scenario.adaptive)
         native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
         self._backend = choose_backend("native" if native else options["backend"])
         self.system = SystemDescription(scenario, system_values(scenario, options["settings"]))

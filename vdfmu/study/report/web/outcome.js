@@ -76,7 +76,7 @@ export function outcomeOf(run, { failure, departure, unstable, margin }) {
     words.push(`unstable from ${text(departure.time, 3)} s, joint ${departure.joint}`);
   } else if (unstable) {
     state = "doubtful";
-    words.push("its linearised loops are unstable, though errors stay small");
+    words.push(`its linearised loops are unstable${failure ? "" : ", though errors stay small"}`);
   }
   if (failure) {
     state = "failed";
