@@ -18,13 +18,16 @@
 #define SCALARS /* a `double` stays a number */
 #endif
 
+#ifdef __GNUC__
+#pragma GCC diagnostic ignored "-Wpsabi" /* vectors are passed within a file only */
+#endif
+
 typedef double scalar;
 #if defined(__clang__)
 typedef double real __attribute__((ext_vector_type(LANES)));
 typedef __typeof__((real){0} == (real){0}) mask; /* integers as wide */
 #define SELECT(condition, a, b) ((condition) ? (a) : (b))
 #elif defined(__GNUC__)
-#pragma GCC diagnostic ignored "-Wpsabi" /* vectors are passed within a file only */
 typedef double real __attribute__((vector_size(8 * LANES)));
 typedef __typeof__((real){0} == (real){0}) mask; /* integers as wide */
 #define SELECT(condition, a, b) from_bits(((mask)(condition) & to_bits(a)) | (~(mask)(condition) & to_bits(b)))

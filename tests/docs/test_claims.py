@@ -87,7 +87,8 @@ def test_pivots_stay_positive(arm, coupling):
         for h, least in share.items():
             W = (E / (h * GAMMA) - E @ J)[np.ix_(order, order)]
             LU = factorize(W)
-            assert (np.array([row[k] for k, row in enumerate(LU)]) > least * smallest / (h * GAMMA)).all()
+            pivots = 1.0 / np.array([row[k] for k, row in enumerate(LU)])  # a factor holds reciprocals
+            assert (pivots > least * smallest / (h * GAMMA)).all()
             b = random.normal(size=4 * N)
             pivoted = np.linalg.solve(W, b)
             # Some 50 roundings, as no pivot is small.

@@ -200,8 +200,8 @@ def _chain(function: ca.Function, operations: list[Operation]) -> list[str]:
 
 def _row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
     """Return the C text that looks up a row and copies some of its numbers: place in the row and value."""
-    numbers = " ".join(f"w{i} = row[{j}];" for j, i in taken)
-    return f"{{ double row[{function.numel_out(0)}]; {function.name()}(&w{argument}, row); {numbers} }}"
+    numbers = " ".join(f"w{i} = v0[{j}];" for j, i in taken)
+    return f"{{ double v0[{function.numel_out(0)}]; {function.name()}(&w{argument}, v0); {numbers} }}"
 
 
 @dataclass(frozen=True)

@@ -65,16 +65,16 @@ def grouped(operations: list[Operation]) -> list[Operation]:
 
 def _call(name: str, calls: Sequence[tuple[int, list[Operation]]]) -> Operation:
     """Return the operation for calls: operand, and the calls of it, two for sin and cos."""
-    names = ("x", "y") if name == "sin_cos" else ("x",)
+    names = ("v0", "v1") if name == "sin_cos" else ("v0",)  # no argument of a function has such a name
     writes: list[int] = []
     taken: list[str] = []
     for j, (_, operations) in enumerate(calls):
         for operation in operations:
             writes += operation.writes
-            taken.append(f"w{operation.writes[0]} = {'y' if ' = cos(' in operation.text else 'x'}[{j}];")
+            taken.append(f"w{operation.writes[0]} = {'v1' if ' = cos(' in operation.text else 'v0'}[{j}];")
     reads = tuple(operand for operand, _ in calls)
     values = ", ".join(f"w{i}" for i in reads)
-    declared = f"double x[{LANES}] = {{{values}}}{f', y[{LANES}]' if len(names) > 1 else ''};"
+    declared = f"double v0[{LANES}] = {{{values}}}{f', v1[{LANES}]' if len(names) > 1 else ''};"
     text = f"{{ {declared} each_{name}({', '.join(names)}, {len(calls)}); {' '.join(taken)} }}"
     return Operation(text, reads, tuple(writes))
 
