@@ -42,7 +42,7 @@ class Helped(Unit):
 SYSTEM = """
 name = "pair"
 description = "Two units, one after the other"
-units = {{ a = "{a}", b = "{b}" }}
+components = {{ a = "{a}", b = "{b}" }}
 connections = {{ "a.y" = ["b.u"] }}
 """
 SCENARIO = """

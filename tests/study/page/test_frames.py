@@ -139,4 +139,4 @@ def test_arms_and_forces_have_figures_and_lists_of_other_lengths_are_said(tmp_pa
         read_summary(tmp_path / "summary.json")
     pushed = vdfmu.run("wall", stop=0.002, reference=False, out=False, backend="python")
     titles = [figure["title"] for figure in content_of(pushed, pushed.summary)["figures"]]
-    assert titles[-1] == "wall: normal force" and "surroundings" not in " ".join(titles)  # nothing is touched yet
+    assert titles[0] == "wall: normal force" and "surroundings" not in " ".join(titles)  # nothing is touched yet

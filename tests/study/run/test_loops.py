@@ -20,7 +20,7 @@ class Half(Unit):
 SYSTEM = """
 name = "loop"
 description = "Two units that read each other"
-units = { a = "half.py", b = "half.py" }
+components = { a = "half.py", b = "half.py" }
 connections = { "a.y" = ["b.u"], "b.y" = ["a.u"] }
 """
 SCENARIO = """

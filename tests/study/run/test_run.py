@@ -126,7 +126,7 @@ def with_references(monkeypatch, folder, change):
 
 @pytest.mark.heavy
 def test_a_chaotic_loop_is_compared_by_its_statistics_and_a_fault_shown_as_one(tmp_path, monkeypatch):
-    with_references(monkeypatch, tmp_path, {"plant.I_m[1]": 1.0 + 1e-9})
+    with_references(monkeypatch, tmp_path, {f"plant.I_m[{i}]": 1.0 + 1e-9 for i in range(1, 7)})
     summary = vdfmu.run("tracking_split", out=False).summary
     assert summary["friction"] == "split"
     compared = summary["reference"]["sampled"]
