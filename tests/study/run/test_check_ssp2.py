@@ -93,7 +93,8 @@ def test_all_faults_of_connectors_and_connections_come_at_once(package):
         "Trajectory.x: resources/Trajectory.fmu has no such variable",
         "PDController.q_d: the SSD declares a scalar, the FMU an array of 2",
         "PDController.q_d_dot: the SSD declares type Int32, the FMU Float64",
-        "connection Plant.E_kin -> PDController.q_d: unit mismatch, 'J' (kg.m2/s2) to 'rad' (rad)",
+        "connection Plant.E_kin -> PDController.q_d: unit mismatch, 'J' (kg.m2/s2) to 'rad' (rad). "
+        "Connect signals of one quantity, or put a component between them",
         "connection Plant.E_kin -> PDController.q_d: dimension mismatch, a scalar to an array of 2",
     ]
 
