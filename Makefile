@@ -9,6 +9,7 @@ PIP_INSTALL := -m pip install --quiet --disable-pip-version-check --no-compile
 # Each process begins with an equal part of the tests, in their order: what the tests of a file share is made once.
 PYTEST := -m pytest --dist worksteal
 MARKS := not heavy
+LINT_WEB := lint-web
 
 # Hundreds of tests start a Python, which compiles 400 modules, 0.8 s, where it may not keep them. Threads of OpenBLAS
 # would wait for each other, as each core has a test.
@@ -52,7 +53,7 @@ docs: $(VENV)/docs  ## build the documentation into site/VERSION, beside other v
 	$(BIN)/python docs/make.py $(DOCS_ARGS)
 
 # Types are resolved in what the tests install: the packages of all extras.
-lint: $(VENV)/test $(VENV)/dev $(if $(shell command -v npm),lint-web)  ## ruff, pyright and, with npm, lint-web
+lint: $(VENV)/test $(VENV)/dev $(if $(shell command -v npm),$(LINT_WEB))  ## ruff, pyright and, with npm, lint-web
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
