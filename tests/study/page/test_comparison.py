@@ -8,7 +8,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import show
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.comparison import answer, change, difference_sheet, joint_sheets
+from vdfmu.study.report.comparison import answer, change, difference_sheet, joint_sheets, settings_of
 from vdfmu.study.report.page import report_page, write_report
 from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.system.scenario.values import system_values
@@ -75,17 +75,21 @@ def run_of(state="good", **figures):
     return ShownRun("run", Results(np.zeros(1), [], {}, {}), summary, Path("none"))
 
 
+def answered(names, runs):
+    return answer(names, runs, settings_of(names, runs))
+
+
 def test_the_answer_says_which_run_is_better_in_what_and_by_how_much():
     first = run_of(tool_error=(6e-6, ""), margin=(0.8, ""), torque=(10.0, "N.m"))
     second = run_of(tool_error=(2e-6, ""), margin=(0.2, ""), torque=(10.001, "N.m"))
-    assert answer(["a", "b"], [first, second]) == (
+    assert answered(["a", "b"], [first, second]) == (
         "b is better in tool error (2 µm instead of 6 µm, × 0.333); "
         "a is better in modulus margin (0.8 instead of 0.2, × 4)."
     )
-    assert answer(["a", "b"], [first, first]) == "The runs do the same: no key figure differs by 0.1 %."
-    assert answer(["a", "b"], [run_of("failed", margin=(0.9, "")), second]) == "b is better: a failed."
+    assert answered(["a", "b"], [first, first]) == "The runs do the same: no key figure differs by 0.1 %."
+    assert answered(["a", "b"], [run_of("failed", margin=(0.9, "")), second]) == "b is better: a failed."
     third = run_of(tool_error=(1.2e-6, ""), torque=(9.0, "N.m"))
-    assert answer(["a", "b", "c"], [first, second, third]).startswith(
+    assert answered(["a", "b", "c"], [first, second, third]).startswith(
         "c is best in tool error (1.2 µm instead of 2 µm, × 0.6) and peak torque (9 N.m instead of 10 N.m, × 0.9)"
     )
 

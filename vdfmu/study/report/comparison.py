@@ -28,21 +28,22 @@ _LISTED = 3
 """Most different settings that the answer names."""
 
 
-def comparison(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
+def comparison(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> Iterator[str]:
     """Yield different settings, key figures and errors of runs; the page adds figures above them."""
     summaries = [run.summary for run in runs]
-    sheets = [_settings(names, runs), figure_sheet(names, summaries), *joint_sheets(names, summaries)]
+    sheets = [settings, figure_sheet(names, summaries), *joint_sheets(names, summaries)]
     tables = "".join(
         f"<div><h3>{escape(sheet.title)}</h3>{sheet_html(sheet, sheet.title)}</div>" for sheet in sheets if sheet
     )
     yield f'<section id="comparison" class="card"><h2>Compared</h2><div class="tables">{tables}</div></section>'
 
 
-def _settings(names: Sequence[str], runs: Sequence[ShownRun]) -> Sheet:
+def settings_of(names: Sequence[str], runs: Sequence[ShownRun]) -> Sheet:
+    """Return the different settings of runs; reads their packages."""
     return difference_sheet(names, [run.summary for run in runs], [run.package for run in runs])
 
 
-def answer(names: Sequence[str], runs: Sequence[ShownRun]) -> str:
+def answer(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> str:
     """Return which run is better, in what, by how much, and what differs in their settings."""
     summaries = [run.summary for run in runs]
     wins: dict[str, list[str]] = {}
@@ -68,7 +69,7 @@ def answer(names: Sequence[str], runs: Sequence[ShownRun]) -> str:
     said += [f"{name} is {than} in {_listed(texts)}" for name, texts in wins.items()]
     if not said:
         said = ["The runs do the same: no key figure differs by 0.1 %"]
-    differing = [row[0].partition(" [")[0] for row in _settings(names, runs).rows]
+    differing = [row[0].partition(" [")[0] for row in settings.rows]
     more = f", and {len(differing) - _LISTED} more" if len(differing) > _LISTED else ""
     differ = f" They differ in {', '.join(differing[:_LISTED])}{more}." if differing else ""
     return f"{'; '.join(said)}.{differ}"

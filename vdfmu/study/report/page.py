@@ -28,7 +28,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import line_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
-from vdfmu.study.report.comparison import answer, comparison
+from vdfmu.study.report.comparison import answer, comparison, settings_of
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.parts import checks, facts_table, marks, page_title, tables, tiles
 from vdfmu.study.report.shown_run import NAME, ShownRun, read_run
@@ -111,11 +111,12 @@ def report_page(
     data |= ({"study": study.content} if study else {}) | ({"live": live} if live else {})
     diagram = next(filter(None, (system_diagram(run.package, run.summary.get("held", ())) for run in runs)), "")
     summaries = [run.summary for run in runs]
+    settings = settings_of(names, runs) if len(runs) > 1 and not arm_alone else None
     body = "\n".join(
         [
             *([study.body] if study else ()),
             *checks(names, runs),
-            *(comparison(names, runs) if len(runs) > 1 and not arm_alone else ()),
+            *(comparison(names, runs, settings) if settings else ()),
             '<div class="bench"><section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
             '<div class="side">',
             *(tiles(summaries[0]) if len(runs) == 1 else ()),
@@ -136,14 +137,13 @@ def report_page(
         for k, (name, summary) in enumerate(zip(names, summaries, strict=True))
         if (line := line_of(summary))
     ]
-    several = len(runs) > 1 and not arm_alone
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, *_ in lines) or about, arm_alone)
     if study:
         code = scripts.scripts_of("sweep")
         return page(study.title, study.about, body, 84, head, first=_SKIP, lead=study.lead, scripts=code)
     verdicts = [f'<p class="verdict {state}" data-run="{k}">{escape(line)}</p>\n' for line, state, k in lines]
-    lead = (f'<p class="verdict">{escape(answer(names, runs))}</p>\n' if several else "") + "".join(verdicts)
+    lead = (f'<p class="verdict">{escape(answer(names, runs, settings))}</p>\n' if settings else "") + "".join(verdicts)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     script = scripts.scripts_of("run")
     return page(", ".join(names), about, body, 92, head, tab=tab, first=_SKIP, lead=lead, scripts=script)
