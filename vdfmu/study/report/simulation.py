@@ -24,6 +24,7 @@ from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.tracks import GOOD, Names, tracks
 from vdfmu.study.run.key_figures import STANDING, off_from
+from vdfmu.study.run.summary import LIMITED
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.program import SystemProgram, compressed, page_program
 
@@ -177,6 +178,7 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
         "why": why,
         "path": _path_of(figures),
         "limits": figures.get("torque", {}).get("limits", []),
+        "saturated": LIMITED,
         "late": 1.0 / substeps if (substeps := ALGORITHMS[run.summary["algorithm"]].substeps) else 0.0,
         "recorded": _recorded(run, program["names"]),
     }

@@ -4,8 +4,6 @@ import { largest, make, recorded, rowsOf } from "./data.js";
 import { toolErrors } from "./arm.js";
 import { quantity, text } from "./numbers.js";
 
-const SATURATED = 0.01; // share of the time at a limit that is told, as LIMITED of study/run/summary.py
-
 /** Unit, curves, times and values of the first figure whose key begins with a text. */
 function figureOf(run, key) {
   if (key === "tool") {
@@ -67,7 +65,7 @@ function measured(run, tile) {
 
 /** State and words of a run: when it became unstable, how it stopped, or by its errors and margin, as Python tells them. */
 export function outcomeOf(run, { failure, departure, unstable, margin }) {
-  const { path, limits } = run.simulation,
+  const { path, limits, saturated } = run.simulation,
     { time } = run.result,
     words = [];
   let state = "good";
@@ -84,7 +82,7 @@ export function outcomeOf(run, { failure, departure, unstable, margin }) {
   }
   if (state === "failed") return { state, words };
   const limited = limits.length ? measured(run, { measure: "limited", figure: "torque" }) : null;
-  if (limited?.value >= 100 * SATURATED) {
+  if (limited?.value >= 100 * saturated) {
     state = "doubtful";
     words.push(`saturated, joint ${limited.joint} for ${text(limited.value, 3)} % of the time`);
   }
