@@ -82,7 +82,7 @@ INLINE int any(mask m)
 #define SIGN INT64_MIN
 #define MAGNITUDE(x) from_bits(to_bits(x) & INT64_MAX)
 #define WITH_SIGN(x, of) from_bits((to_bits(x) & INT64_MAX) | (to_bits(of) & SIGN))
-#define INTEGER 0x1.8p52 /* added to an integer below 2^51, it puts it into the last bits */
+#define LAST_BITS 0x1.8p52 /* added to an integer below 2^51, it puts it into the last bits */
 
 /* ---------------------------------------------------------------- exp, expm1, tanh */
 
@@ -90,7 +90,7 @@ INLINE int any(mask m)
  * Chebyshev's points. Its error is below 2^-54 of e^r. */
 WITHIN real reduced_exp(real x, real *less)
 {
-    const real t = x * 0x1.71547652b82fep+0 + INTEGER, k = t - INTEGER;
+    const real t = x * 0x1.71547652b82fep+0 + LAST_BITS, k = t - LAST_BITS;
     const real r = (x - k * 0x1.62e42feep-1) - k * 0x1.a39ef35793c76p-33; /* ln 2, of whose first part k times is exact */
     const real r2 = r * r, r4 = r2 * r2;
     const real a = 0.5 + r * 0x1.5555555555555p-3, b = 0x1.5555555554cb7p-5 + r * 0x1.1111111110e6ap-7;
@@ -190,7 +190,7 @@ static void far_lanes(const real *x, real *y, mask *n)
  * values. */
 WITHIN void lanes_sin_cos(real x, real *sine, real *cosine)
 {
-    const real t = x * 0x1.45f306dc9c883p-1 + INTEGER, k = t - INTEGER;
+    const real t = x * 0x1.45f306dc9c883p-1 + LAST_BITS, k = t - LAST_BITS;
     mask n = to_bits(t);
     real y = ((x - k * 0x1.921fb544p+0) - k * 0x1.0b4611a6p-34) - k * 0x1.3198a2e037073p-69;
     if (any(MAGNITUDE(x) > FAR))

@@ -43,7 +43,11 @@ _SINGLY = "-fno-slp-vectorize"
 solver's step works on arrays, and takes up to 8 % less with two numbers at a time, of the same bits."""
 _STEP = re.compile(r"kernel_\w+_step(_avx2)?\.c")
 """File of a solver's step, without its long callees."""
-_DERIVATIVES = re.compile(r"kernel_\w+_forward_reverse\.c")
+_JOINED = re.compile(r"(kernel_\w+|operations|rows|unit)(?<!_avx2)\.c")
+"""Generated file that may be part of an object."""
+_SHORT, _SHORT_RARE = 10_000, 250_000
+"""Most characters of a traced function that is part of an object, and of a rare function."""
+_RARE = re.compile(r"kernel_\w+_forward_reverse\.c|operations\.c|rare\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
 """For rare code: derivatives, and the step for processors from before 2015, if AVX2 has a copy of it.
 Optimised code takes three times as long to compile, and runs in half of the time."""
@@ -85,29 +89,48 @@ class Compilation:
         return compiler("" if self.zig else self.platform)
 
     @cached_property
+    def files(self) -> dict[str, bytes]:
+        """Text of the C file of each object.
+
+        A start of the compiler takes as long as a short function, so short files are one object, and rare code is
+        another. Long functions have an object each: processors share them, and references take them from the cache.
+        """
+        files: dict[str, bytes] = {}
+        for name, text in sorted(self.sources.items()):
+            whole, most = ("rare.c", _SHORT_RARE) if self._is_rare(name) else ("together.c", _SHORT)
+            is_short = len(text) <= most or not name.startswith("kernel_")
+            if _JOINED.fullmatch(name) and is_short and self.flags_of(name) == self.flags_of(whole):
+                files[whole] = files.get(whole, b"") + f'#include "{name}"\n'.encode()
+            elif name.endswith(".c"):
+                files[name] = text
+        return files
+
+    @cached_property
     def objects(self) -> dict[str, str]:
-        """Key of the object of each C file."""
-        names = sorted(name for name in self.sources if name.endswith(".c"))
-        how = {name: f"object {self.target.target} {' '.join(self.flags_of(name))}" for name in names}
-        return {name: self._key(how[name], self._needed(name)) for name in names}
+        """Key of the object of each C file of :attr:`files`."""
+        how = {name: f"object {self.target.target} {' '.join(self.flags_of(name))}" for name in self.files}
+        return {name: self._key(how[name], self.needed(name)) for name in self.files}
 
     def flags_of(self, name: str) -> list[str]:
         """Return the compiler's flags for a C file."""
         chosen = () if _STEP.fullmatch(name) else (_SINGLY,)
-        has_copy = self.target.flags == X86 and name.replace(".c", "_avx2.c") in self.sources
-        if has_copy or _DERIVATIVES.fullmatch(name):
-            chosen += _QUICKLY
+        if self._is_rare(name):
+            chosen = _QUICKLY
         elif name == WRITTEN:
             chosen += _COMPACT
         return [*_FLAGS, *chosen, *self.target.flags, *self.flags]
 
-    def _needed(self, name: str) -> dict[str, bytes]:
+    def _is_rare(self, name: str) -> bool:
+        has_copy = self.target.flags == X86 and name.replace(".c", "_avx2.c") in self.sources
+        return has_copy or bool(_RARE.fullmatch(name))
+
+    def needed(self, name: str) -> dict[str, bytes]:
         """Return a file and the sources that it includes, directly or through others."""
-        needed: dict[str, bytes] = {}
+        sources, needed = {**self.sources, **self.files}, dict[str, bytes]()
         names = [name]
         while names:
-            if (file := names.pop()) not in needed and file in self.sources:
-                needed[file] = self.sources[file]
+            if (file := names.pop()) not in needed and file in sources:
+                needed[file] = sources[file]
                 names += [header.decode() for header in _INCLUDE.findall(needed[file])]
         return needed
 
@@ -200,7 +223,7 @@ class _Workshop:
             for i, job in jobs:
                 place = self._folder / str(i)
                 place.mkdir()
-                for name, text in job.sources.items():
+                for name, text in {**job.sources, **job.files}.items():
                     (place / name).write_bytes(text)
                 places[i] = job, place
                 tasks += self._compile(pool, job, place, objects)
@@ -234,7 +257,7 @@ class _Workshop:
                 missing.append((name, key))
             else:
                 objects[key].write_bytes(stored)
-        missing.sort(key=lambda item: -len(job.sources[item[0]]))
+        missing.sort(key=lambda item: -sum(map(len, job.needed(item[0]).values())))
         return [pool.submit(self._object, job, place, *item) for item in missing]
 
     def _object(self, job: Compilation, place: Path, name: str, key: str) -> None:

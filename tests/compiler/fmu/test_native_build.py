@@ -165,7 +165,7 @@ def test_other_start_values_compile_the_tables_alone(planar, tmp_path, monkeypat
     monkeypatch.setattr(compile._Workshop, "_object", record)
     values = {"controller": {"K_p[1]": 123.0 + os.getpid()}}
     build_fmus(planar, tmp_path, units=["controller"], start_values=values, backend="native")
-    assert compiled == ["unit.c"]
+    assert compiled == ["together.c"]
 
 
 @pytest.mark.parametrize("platform", [name for name, each in PLATFORMS.items() if each.libraries])
@@ -220,10 +220,12 @@ def test_a_unit_is_compiled_while_the_next_is_traced(monkeypatch, cold):
 
 def test_what_runs_rarely_is_not_optimised_and_nothing_has_debug_information(cold):
     """Derivatives, and the step where it has a copy for AVX2, which other processors than x86-64 never run."""
-    names = ("kernel_a_step.c", "kernel_a_step_avx2.c", "kernel_a_outputs.c", "kernel_a_outputs_forward_reverse.c")
+    names = (
+        "kernel_a_step.c", "kernel_a_step_avx2.c", "kernel_a_outputs.c", "kernel_a_outputs_forward_reverse.c", "rare.c"
+    )  # fmt: skip
     for platform, expected in (
-        ("x86_64-linux", [True, False, False, True]),
-        ("aarch64-linux", [False, False, False, True]),
+        ("x86_64-linux", [True, False, False, True, True]),
+        ("aarch64-linux", [False, False, False, True, True]),
     ):
         job = Compilation("a", dict.fromkeys(names, b""), platform)
         assert ["-O0" in job.flags_of(name) for name in names] == expected
@@ -233,10 +235,31 @@ def test_what_runs_rarely_is_not_optimised_and_nothing_has_debug_information(col
     assert not [code for code in stored if b".debug_info" in code]
 
 
+def test_short_files_are_one_object_and_rare_code_is_another():
+    """Each start of a compiler costs as much as a short function. A solver's step keeps its own flags."""
+    long = b" " * 10_001
+    short = {name: b"" for name in ("fmu_src.c", "kernel_a.c", "kernel_a_step.c", "kernel_a_step_avx2.c", "unit.h")}
+    sources = short | {name: long for name in ("kernel_b.c", "kernel_b_forward_reverse.c", "operations.c", "unit.c")}
+    files = Compilation("a", sources, "x86_64-linux").files
+    assert files == {
+        "fmu_src.c": b"", "kernel_a_step_avx2.c": b"", "kernel_b.c": long,
+        "together.c": b'#include "kernel_a.c"\n#include "unit.c"\n',
+        "rare.c": b'#include "kernel_a_step.c"\n#include "kernel_b_forward_reverse.c"\n#include "operations.c"\n',
+    }  # fmt: skip
+    on_arm = Compilation("a", sources, "aarch64-linux").files
+    assert on_arm["kernel_a_step.c"] == b"" and on_arm["together.c"] == files["together.c"]
+
+
+def test_an_object_of_several_files_depends_on_each():
+    keys = Compilation("a", SMALL | {"kernel_a.c": b""}, this_platform()).objects
+    other = Compilation("a", SMALL | {"kernel_a.c": b"\n"}, this_platform()).objects
+    assert keys.keys() == other.keys() and keys["together.c"] != other["together.c"]
+
+
 @pytest.mark.heavy
 def test_a_file_that_the_compiler_refuses_is_named(cold):
     sources = SMALL | {"kernel_bad.c": b"int bad(void) { return missing; }\n"}
-    words = r"(?s)Plant for aarch64-linux: kernel_bad.c cannot be compiled:.*undeclared identifier 'missing'"
+    words = r"(?s)Plant for aarch64-linux: together.c cannot be compiled:.*kernel_bad.c.*identifier 'missing'"
     with pytest.raises(FmuError, match=words):
         compile_library(sources, "aarch64-linux", name="Plant")
     with pytest.raises(FmuError, match=r"(?s)Plant for aarch64-linux: Plant.so cannot be compiled:.*missing"):
