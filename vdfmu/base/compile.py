@@ -43,14 +43,15 @@ _SINGLY = "-fno-slp-vectorize"
 solver's step works on arrays, and takes up to 8 % less with two numbers at a time, of the same bits."""
 _STEP = re.compile(r"kernel_\w+_step(_avx2)?\.c")
 """File of a solver's step, without its long callees."""
-_JOINED = re.compile(r"(kernel_\w+|operations|rows|unit)(?<!_avx2)\.c")
+_JOINED = re.compile(r"(kernel_\w+|rows|unit)(?<!_avx2)\.c")
 """Generated file that may be part of an object."""
 _SHORT, _SHORT_RARE = 10_000, 250_000
 """Most characters of a traced function that is part of an object, and of a rare function."""
-_RARE = re.compile(r"kernel_\w+_forward_reverse\.c|operations\.c|rare\.c")
+_RARE = re.compile(r"kernel_\w+_forward_reverse\.c|rare\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
 """For rare code: derivatives, and the step for processors from before 2015, if AVX2 has a copy of it.
-Optimised code takes three times as long to compile, and runs in half of the time."""
+Optimised code takes three times as long to compile, and runs in half of the time. The runner of tables of derivatives
+is not rare: a run of a long arm took 35 % longer."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""
 _ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
