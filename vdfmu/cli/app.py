@@ -10,6 +10,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from glob import glob
 from itertools import pairwise
 from typing import Any, NoReturn
@@ -47,15 +48,24 @@ class Described(click.Command):
     """Command of the same name for files."""
 
     def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
-        params = settings.get("params", ())
-        settings["params"] = [
-            *params,
-            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in params) else []),
+        super().__init__(name, **settings)
+        self.example = example
+        self._own = vars(self).pop("params")
+
+    def own_params(self) -> list[click.Parameter]:
+        """Return its parameters without those of all commands."""
+        return self._own
+
+    @cached_property
+    def params(self) -> list[click.Parameter]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Its parameters, made at first use."""
+        own = self.own_params()
+        return [
+            *own,
+            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in own) else []),
             parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
-        super().__init__(name, **settings)
-        self.example = example
 
     @property
     def summary(self) -> str:
@@ -96,11 +106,16 @@ class FunctionCommand(Described):
     """A command: its options are declared by its function."""
 
     def __init__(self, name: str | None, *, callback: Callable[..., Any], example: str, **settings: Any) -> None:
-        attributes = {"help": inspect.getdoc(callback), **settings, "params": parameters_of(callback)}
+        attributes = {"help": inspect.getdoc(callback), **settings}
         super().__init__(name, callback=callback, example=example, **attributes)
+        self._function = callback
+
+    def own_params(self) -> list[click.Parameter]:
+        """Return the options that its function declares."""
+        return parameters_of(self._function)
 
 
-class App(Described, click.Group):
+class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariableOverride]
     """All commands, or a group of them; `default` runs if none is named."""
 
     command_class = FunctionCommand
