@@ -50,19 +50,19 @@ class Described(click.Command):
     def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
         super().__init__(name, **settings)
         self.example = example
-        self._own = vars(self).pop("params")
+        self._declared = vars(self).pop("params")
 
-    def own_params(self) -> list[click.Parameter]:
+    def declared_params(self) -> list[click.Parameter]:
         """Return its parameters without those of all commands."""
-        return self._own
+        return self._declared
 
     @cached_property
     def params(self) -> list[click.Parameter]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Its parameters, made at first use."""
-        own = self.own_params()
+        declared = self.declared_params()
         return [
-            *own,
-            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in own) else []),
+            *declared,
+            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in declared) else []),
             parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
@@ -110,7 +110,7 @@ class FunctionCommand(Described):
         super().__init__(name, callback=callback, example=example, **attributes)
         self._function = callback
 
-    def own_params(self) -> list[click.Parameter]:
+    def declared_params(self) -> list[click.Parameter]:
         """Return the options that its function declares."""
         return parameters_of(self._function)
 

@@ -39,7 +39,7 @@ def imported(*roots: str) -> list[str]:
     names: set[str] = set()
     while new:
         names |= new
-        new = {each for name in new for each in _source(name)[1] if each in files} - names
+        new = set[str]().union(*(_source(name)[1] for name in new)) - names
     return sorted(names)
 
 
@@ -51,11 +51,11 @@ def _files() -> dict[str, Path]:
 
 
 @cache
-def _source(name: str) -> tuple[str, frozenset[str]]:
-    """Return the digest of a module, and its imported names. Some are not modules."""
+def _source(name: str) -> tuple[str, set[str]]:
+    """Return the digest of a module, and the modules that it imports."""
     content = source_bytes(_files()[name])
     names = _imports(content.decode())
-    return sha256(content).hexdigest(), frozenset([name.rpartition(".")[0], *names])
+    return sha256(content).hexdigest(), _files().keys() & {name.rpartition(".")[0], *names}
 
 
 def _imports(text: str) -> Iterator[str]:
