@@ -26,10 +26,10 @@ def main() -> None:
     command_begins()
     os.environ.update(ONE_THREAD | os.environ)
     gc.set_threshold(200_000, 5, 5)  # the objects of a warm run: to search them again and again takes 35 ms
-    bytes(2**24)  # the C library then keeps freed memory of this size: 20,000 page faults less, 40 ms
     atexit.register(gc.freeze)  # Python would search them for circles when it ends, only to free memory
     short = ""
     try:
+        bytes(2**24)  # the C library then keeps freed memory of this size: 20,000 page faults less, 40 ms
         _require_named_folder()
         from vdfmu.cli.commands import command
 
