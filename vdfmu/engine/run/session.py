@@ -139,7 +139,8 @@ class Session:
         """Return the plan of a run."""
         wanted, plan = (grid, None if record is None else tuple(record)), self.plan
         if plan is not None and plan.wanted == wanted and not (files or taps):
-            plan.again()
+            assert plan.compiled is not None
+            plan.compiled.row = 0
             return plan
         self.plan = None
         plan = RunPlan(self, wanted, self._coupling, files, taps, paced)
@@ -179,11 +180,6 @@ class RunPlan:
             advance(time, step if k < last else rest, begin + (k + 1) * step if k < last else end)
 
         self.do_step = do_step
-
-    def again(self) -> None:
-        """Begin another run."""
-        assert self.compiled is not None
-        self.compiled.row = 0
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
