@@ -5,9 +5,7 @@ import os
 import subprocess
 import sys
 import threading
-import weakref
 
-import numpy as np
 import pytest
 
 from tests.engine.files import assert_same_bits, edited
@@ -212,16 +210,3 @@ def test_a_process_may_end_or_fork_between_runs(case, tmp_path, way, code):
     )  # fmt: skip
     assert (done.returncode, done.stderr, set(done.stdout.split())) == (code, "", {"1"})
     assert way == "exit" or not list(tmp_path.iterdir())
-
-
-def test_runs_are_freed_with_their_owner(case):
-    path, _ = case("arm native")
-    runs = KeptRuns(path)
-    reference = weakref.ref(runs)
-    results = runs.run(**ARM)
-    before = {name: results[name].copy() for name in results}
-    del runs
-    gc.collect()
-    assert reference() is None
-    for name, values in before.items():
-        np.testing.assert_array_equal(results[name], values)
