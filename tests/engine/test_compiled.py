@@ -4,8 +4,6 @@ import math
 import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 
 import numpy as np
@@ -15,7 +13,7 @@ from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from tests.engine.reference.models import V
 from tests.engine.texts import OWN_STEP
-from tests.wild import build, write, write_strict
+from tests.wild import write_strict
 from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import listening
 from vdfmu.engine.algorithms import named
@@ -216,19 +214,6 @@ def test_ctrl_c_ends_a_run_within_a_slice(packaged):
         simulate(package, step=0.1, stop=1e6)
     assert 0 < len(info.value.results) < 1e7
     assert info.value.results.summary["stepper"] == "C"
-
-
-def test_a_component_that_ends_the_process_is_named_and_the_rows_are_kept(pack, tmp_path):
-    wild = write(tmp_path / "Wild.fmu", build(tmp_path), way=2, at=0.5).read_bytes()
-    path = pack(["unit Wild y:output"], extra={"resources/Wild.fmu": wild})
-    rows = tmp_path / "rows.csv"
-    code = "from pathlib import Path\nimport sys, vdfmu\n"
-    code += "vdfmu.simulate(sys.argv[1], step=0.25, isolate=False, stream=Path(sys.argv[2]))"
-    command = [sys.executable, "-c", code, path, rows]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    said = f"error: component unit ended the process at t = 0.5 s. The rows so far are in {rows}.\n"
-    assert (done.returncode, done.stderr) == (1, said)
-    assert len(rows.read_text().splitlines()) == 2 + 3
 
 
 def test_an_integer_out_of_range_is_refused_when_it_is(system, both):

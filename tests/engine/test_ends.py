@@ -1,7 +1,6 @@
 """How a run ends: at its stop time, at the end that a unit makes, at what is not a number, at a failure."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,21 +86,6 @@ def test_an_output_that_nobody_reads_may_be_left_out(pack, strict):
     assert len(simulate(path, record=["ramp.*"], **options)) == 5
 
 
-def simulated(package: Path, setting: str, out: Path) -> tuple[int, str]:
-    """Run a package as a user does; return the exit code and what was shown, in one line."""
-    done = command("run", package, "--step", "0.25", "--stop", "1", "--set", setting, "--out", out)
-    return done.returncode, " ".join((done.stdout + done.stderr).split())
-
-
-@pytest.mark.heavy
-def test_the_command_ends_with_an_error_and_keeps_the_rows(package, tmp_path):
-    code, shown = simulated(package, "unit.nan_from=0.5", tmp_path)
-    assert code == 1
-    assert "unit failed at t = 0.25 s in doStep: y is nan at t = 0.5 s, expected a finite number" in shown
-    rows = (tmp_path / "partial" / "results.csv").read_text().splitlines()
-    assert len(rows) == 2 + 2  # names, units, t = 0 and 0.25 s
-
-
 def test_check_notes_what_is_no_number(fmus):
     findings = check_run.run_apart(fmus["Dividing"])
     assert findings.problems == []
@@ -127,7 +111,8 @@ def test_a_unit_that_ends_the_simulation_makes_a_normal_end(package, options, en
 
 @pytest.mark.heavy
 def test_the_command_says_who_ended_the_simulation(package, tmp_path):
-    code, shown = simulated(package, "unit.end=0.5", tmp_path)
-    assert code == 0
-    assert "unit ended the simulation at t = 0.5 s" in shown
+    options = ("--step", "0.25", "--stop", "1", "--set", "unit.end=0.5", "--out", tmp_path)
+    done = command("run", package, *options)
+    assert done.returncode == 0
+    assert "unit ended the simulation at t = 0.5 s" in " ".join((done.stdout + done.stderr).split())
     assert json.loads((tmp_path / "summary.json").read_text())["ended"]["time"] == 0.5
