@@ -10,12 +10,13 @@ from typing import Any
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing
+from vdfmu.base.measure import BASE_UNITS
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN
-from vdfmu.engine.package.system import BASE_UNITS, UnitFactor, Value, spread
+from vdfmu.engine.package.system import UnitFactor, Value, spread
 from vdfmu.engine.package.writing import META, add, root, to_bytes
 from vdfmu.engine.results.recorded import group_of
 
@@ -182,7 +183,6 @@ def _is_plain(unit: UnitFactor | None) -> bool:
 
 
 def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tuple[Any, Any, Any]) -> Any:
-    """Return the root of the SSD."""
     units = ports.units
     top = root(
         "ssd:SystemStructureDescription", {"version": "1.0", "name": name, **META}, ("ssd", "ssc", "ssv", *FOREIGN)
