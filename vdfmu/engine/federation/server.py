@@ -253,7 +253,6 @@ class FederateServer(Server):
             self._exchange(stop)
 
     def _exchange(self, time: float) -> None:
-        """Send the outputs and receive the peers' outputs."""
         self._reals[: self._places.size] = self._components.exchange.banks[0].memory[self._places]
         for i, port in enumerate(self._sent.rest):
             for bank, at in self._place(port):

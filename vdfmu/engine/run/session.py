@@ -219,7 +219,6 @@ def no_room(folder: str, error: OSError) -> VdfmuError:
 
 
 def _needed(member: str) -> bool:
-    """Whether a member of an FMU is needed to run it."""
     places = "resources/", f"binaries/{fmpy.platform}/", f"binaries/{fmpy.platform_tuple}/"
     return member == "modelDescription.xml" or member.startswith(places)
 
@@ -306,7 +305,6 @@ class Run:
         self._show(k)
 
     def _show(self, k: int) -> None:
-        """Show row `k` to the taps that are due."""
         for tap in self._taps:
             if tap.due(k) == k:
                 tap.take(k, self._grid.time(k), self._session.components)

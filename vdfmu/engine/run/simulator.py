@@ -263,7 +263,6 @@ class Simulator:
             raise
 
     def _free(self, error: BaseException | None = None) -> None:
-        """Free the components."""
         session, self._session, self._by_hand = self._session, None, None
         if session is not None:
             session.__exit__(error and type(error), error)
