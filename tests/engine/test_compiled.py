@@ -13,7 +13,6 @@ from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from tests.engine.reference.models import V
 from tests.engine.texts import OWN_STEP
-from tests.wild import write_strict
 from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import listening
 from vdfmu.engine.algorithms import named
@@ -34,12 +33,6 @@ GROWING = models.Model(
     "static void outputs(Instance *I) { I->d.der_x = I->d.k; I->d.n = (int)I->d.x; }\n", step=0.1, states=("x",),
 )  # fmt: skip
 ALONE = {"dahlquist": models.DAHLQUIST, "van der pol": models.VAN_DER_POL, "resource": models.RESOURCE}
-
-
-@pytest.fixture(scope="module")
-def strict(tmp_path_factory):
-    """Return the FMU of strict.c, of which y is the time."""
-    return write_strict(tmp_path_factory.mktemp("strict")).read_bytes()
 
 
 @pytest.fixture
@@ -74,7 +67,7 @@ def packaged(system, pack, built, xml, arm_package, strict):
         made |= {f"scaled {version}": lambda v=version: scaled(v), f"rates {version}": lambda v=version: rates(v)}
         for name, model in ALONE.items():
             made[f"{name} {version}"] = lambda m=model, v=version: system({"m": (m, v)})
-    made["strict"] = lambda: pack(["unit Strict y:output"], extra={"resources/Strict.fmu": strict})
+    made["strict"] = lambda: pack(["unit Strict y:output"], extra={"resources/Strict.fmu": strict.read_bytes()})
 
     def make(name):
         package = made[name]()

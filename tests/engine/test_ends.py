@@ -7,7 +7,6 @@ import pytest
 
 from tests.conftest import heavy
 from tests.warm import command
-from tests.wild import write_strict
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.run import ALGORITHMS, simulate
@@ -15,12 +14,6 @@ from vdfmu.engine.run import ALGORITHMS, simulate
 COUPLINGS = [{"algorithm": name} for name in ALGORITHMS] + [
     {"algorithm": name, "adaptive": 1e-4} for name in ("extrapolated", "iterative")
 ]
-
-
-@pytest.fixture(scope="module")
-def strict(tmp_path_factory):
-    """Return the FMU of strict.c, of which y is the time."""
-    return write_strict(tmp_path_factory.mktemp("strict"))
 
 
 @pytest.fixture

@@ -19,11 +19,6 @@ from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import Results
 
 
-@pytest.fixture
-def package(arm_package) -> Path:
-    return arm_package()
-
-
 def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path, monkeypatch):
     monkeypatch.setattr("vdfmu.engine.results.parquet._GROUP", 400)
     for name in ("r.parquet", "r.csv", "r.mat"):

@@ -10,11 +10,6 @@ OPTIONS = {"stop": 0.05, "step": 1e-3}
 CHANGED = {"plant.I_m[1]": 2e-3}  # another rotor, so another run
 
 
-@pytest.fixture
-def package(arm_package):
-    return arm_package()
-
-
 def same(a, b):
     return a.names == b.names and all(np.array_equal(a[name], b[name]) for name in a)
 
