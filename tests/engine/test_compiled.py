@@ -179,8 +179,10 @@ def test_taps_see_the_same_rows_and_steps_in_c_go_on_to_the_next_of_them(package
 
 @pytest.mark.parametrize(
     ("fault", "said"),
-    [("refuse", "the oil is too cold"), ("mute", "its last message"), ("discard", "too long"), ("nan_from", "y is nan"),
-     ("inf_from", "y is -inf"), ("end", "")],
+    [("refuse", "the oil is too cold (status error)"),  # and no debug text
+     ("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
+     ("discard", "too long"),  # a step that is discarded and does not end the simulation
+     ("nan_from", "y is nan"), ("inf_from", "y is -inf"), ("end", "")],
 )  # fmt: skip
 def test_failures_and_ends_name_component_call_and_time(packaged, both, fault, said):
     package, _ = packaged("strict")
@@ -189,7 +191,7 @@ def test_failures_and_ends_name_component_call_and_time(packaged, both, fault, s
         assert outcome.summary["ended"] == {"component": "unit", "time": 0.6}
     else:
         assert (outcome.unit, outcome.call, outcome.time) == ("unit", "doStep", 0.75 if said[0] != "y" else 0.5)
-        assert said in str(outcome)
+        assert f"doStep: {said}" in str(outcome)
 
 
 def test_a_unit_of_version_3_ends_the_simulation(system, both):

@@ -48,19 +48,6 @@ def test_check_finds_no_fault_in_a_unit_that_keeps_its_stop_time(package, strict
         assert check_run.run_apart(path, kind).problems == []
 
 
-@pytest.mark.parametrize(("way", "reason"), [
-    ("refuse", "the oil is too cold (status error)"),  # and no debug text
-    ("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
-    ("discard", "too long"),  # a step that is discarded and does not end the simulation
-])  # fmt: skip
-def test_the_reason_of_a_failure_is_the_units_own(package, way, reason):
-    with pytest.raises(CosimError) as info:
-        simulate(package, stop=1.0, step=0.25, parameters={f"unit.{way}": 0.5})
-    assert str(info.value).startswith(f"unit failed at t = 0.5 s in doStep: {reason}")
-    assert ("discard)" in info.value.reason) == (way == "discard")
-    assert info.value.results.time.tolist() == [0.0, 0.25, 0.5]
-
-
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
 @pytest.mark.parametrize(("name", "value"), [("nan_from", "nan"), *heavy(("inf_from", "-inf"))])
 def test_what_is_no_number_ends_the_run(package, options, name, value):

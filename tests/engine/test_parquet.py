@@ -2,7 +2,6 @@
 
 import csv
 import json
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -102,27 +101,6 @@ def test_csv_needs_no_pyarrow(package, tmp_path):
 def test_a_format_that_there_is_not(package, formats):
     with pytest.raises(UsageError, match="format: expected csv, parquet, mat, or csv,.* for all, got "):
         run_system(package, formats=formats.split(",") if formats else ())
-
-
-def test_a_full_disk_is_said_as_for_csv_and_leaves_the_file_before(tmp_path):
-    """The limit on the size of a file makes a write fail as a full disk does, part of it written."""
-    path = tmp_path / "r.parquet"
-    path.write_bytes(b"before")
-    code = (
-        "import sys, numpy as np; from vdfmu.engine.run import Results, Signal\n"
-        "real = np.random.default_rng(1).random((40000, 1))\n"  # 320 kB
-        "Results(np.arange(40000.0), [Signal('a', 'real', '', 0)], {'real': real}).write(sys.argv[1])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(path)], check=False, capture_output=True, text=True, timeout=120,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
-    )  # fmt: skip
-    assert (
-        f"VdfmuError: {path}: the rows cannot be written: File too large. Free space, or choose another folder"
-        in done.stderr
-    )
-    assert [each.name for each in tmp_path.iterdir()] == ["r.parquet"]
-    assert path.read_bytes() == b"before"
 
 
 def written(path: Path, table: pa.Table) -> None:
