@@ -24,7 +24,7 @@ _TO_MAKE = {
 }  # fmt: skip
 """Modules that make what a run again has in the cache."""
 _SLOW = {
-    "difflib", "email", "http", "importlib.metadata", "matplotlib", "pydantic", "pythonfmu", "rich.progress",
+    "email", "http", "importlib.metadata", "matplotlib", "pydantic", "pythonfmu", "rich.progress",
     "scipy.integrate", "scipy.io", "scipy.linalg", "scipy.optimize", "scipy.sparse", "scipy.spatial",
 }  # fmt: skip
 

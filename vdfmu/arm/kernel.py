@@ -84,7 +84,8 @@ class Kernel(Functions):
             prepared = _Prepared(self.casadi_function(name), sizes, self.p)
             setattr(self._prepared, name, prepared)
         if prepared.takes(arguments):
-            return _finite(name, prepared.calculated())
+            prepared.run()
+            return _finite(name, prepared.result.copy())
         names = list(prepared.buffers)
         arrays = [_checked(name, a, v, size) for a, v, size in zip(names, arguments, sizes, strict=True)]
         batches = {len(a) for a in arrays if a.ndim == 2}
@@ -98,20 +99,16 @@ class Kernel(Functions):
 
                 self._compiled[name] = compiled_rows(self.casadi_function(name))
         run = self._compiled.get(name)
-        if run is None:
-            self.calculate(prepared, arrays, out)
-        else:
+        if run is not None:
             run([*arrays, self.p], out)
+        else:
+            values = np.hstack([np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays])
+            for result, row in zip(out, values, strict=True):
+                prepared.all[:] = row
+                prepared.run()
+                result[:] = prepared.result
         _finite(name, out)
         return out if any(array.ndim == 2 for array in arrays) else out[0]
-
-    def calculate(self, prepared: _Prepared, arrays: Sequence[Floats], out: Floats) -> None:
-        """Calculate the rows of `out` from `arrays`, each a batch or a single row, without the compiler."""
-        rows = np.hstack([np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays])
-        for result, row in zip(out, rows, strict=True):
-            prepared.all[:] = row
-            prepared.run()
-            result[:] = prepared.result
 
 
 class _Prepared:
@@ -137,11 +134,6 @@ class _Prepared:
         except (TypeError, ValueError, OverflowError):
             return False
         return math.isfinite(self.all.dot(self.all))
-
-    def calculated(self) -> Floats:
-        """Return the result for the values in the buffers."""
-        self.run()
-        return self.result.copy()
 
 
 def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Floats:

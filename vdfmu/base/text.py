@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 import re
@@ -78,16 +79,9 @@ def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
     return [name for name in names if any(pattern.fullmatch(name) for pattern in whole)]
 
 
-def close_matches(name: str, names: Iterable[str]) -> list[str]:
-    """Return at most three of the names that are close to a name, the closest first."""
-    from difflib import get_close_matches  # takes long to import
-
-    return get_close_matches(name, list(names))
-
-
 def close_to(name: str, names: Iterable[str]) -> str:
     """Return the end of a message on a wrong name: known names that are close to it."""
-    close = close_matches(name, names)
+    close = difflib.get_close_matches(name, list(names), n=3)
     return f"; did you mean {', '.join(close)}?" if close else ""
 
 
@@ -100,7 +94,7 @@ def printable(text: str) -> str:
 def nearest(name: str, names: Sequence[str]) -> str:
     """Return the way out for a wrong name: the nearest known name, and all known names."""
     lower = [k.lower() for k in names]
-    match = close_matches(name.lower(), lower)[:1]
+    match = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
     match = match or [k for k in lower if len(name) > 1 and k.startswith(name.lower())]
     hint = next((f'Did you mean "{k}"? ' for k in names if match and k.lower() == match[0]), "")
     return f"{hint}There are: {', '.join(names)}."

@@ -10,6 +10,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
 from functools import cached_property
 from glob import glob
 from itertools import pairwise
@@ -21,7 +22,6 @@ from vdfmu.base.bars import Bars, errors
 from vdfmu.base.errors import LOG
 from vdfmu.base.option import Option
 from vdfmu.base.progress import showing
-from vdfmu.base.text import close_matches
 from vdfmu.base.version import __version__
 from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
 from vdfmu.cli.terminal import console, fail
@@ -47,19 +47,15 @@ class Described(click.Command):
     of_files: click.Command | None = None
     """Command of the same name for files."""
 
-    def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
+    def __init__(self, name: str | None, *, example: str = "", declare: Any = tuple, **settings: Any) -> None:
         super().__init__(name, **settings)
-        self.example = example
-        self._declared = vars(self).pop("params")
-
-    def declared_params(self) -> list[click.Parameter]:
-        """Return its parameters without those of all commands."""
-        return self._declared
+        self.example, self._declare = example, declare
+        del self.params
 
     @cached_property
     def params(self) -> list[click.Parameter]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Its parameters, made at first use."""
-        declared = self.declared_params()
+        declared: Sequence[click.Parameter] = self._declare()
         return [
             *declared,
             *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in declared) else []),
@@ -106,13 +102,8 @@ class FunctionCommand(Described):
     """A command: its options are declared by its function."""
 
     def __init__(self, name: str | None, *, callback: Callable[..., Any], example: str, **settings: Any) -> None:
-        attributes = {"help": inspect.getdoc(callback), **settings}
+        attributes = {"help": inspect.getdoc(callback), **settings, "declare": lambda: parameters_of(callback)}
         super().__init__(name, callback=callback, example=example, **attributes)
-        self._function = callback
-
-    def declared_params(self) -> list[click.Parameter]:
-        """Return the options that its function declares."""
-        return parameters_of(self._function)
 
 
 class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -177,7 +168,7 @@ def _usage(error: Any, words: Sequence[str]) -> str:
     """Return the message of wrong usage, with the way out."""
     if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
         spelled = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
-        close = [spelled[word] for word in close_matches(error.option_name.lstrip("-"), spelled)]
+        close = [spelled[word] for word in get_close_matches(error.option_name.lstrip("-"), spelled)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")
     # an option without its value has no context of its command
