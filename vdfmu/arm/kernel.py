@@ -99,16 +99,20 @@ class Kernel(Functions):
 
                 self._compiled[name] = compiled_rows(self.casadi_function(name))
         run = self._compiled.get(name)
-        if run is not None:
-            run([*arrays, self.p], out)
+        if run is None:
+            self.calculate(prepared, arrays, out)
         else:
-            values = np.hstack([np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays])
-            for result, row in zip(out, values, strict=True):
-                prepared.all[:] = row
-                prepared.run()
-                result[:] = prepared.result
+            run([*arrays, self.p], out)
         _finite(name, out)
         return out if any(array.ndim == 2 for array in arrays) else out[0]
+
+    def calculate(self, prepared: _Prepared, arrays: Sequence[Floats], out: Floats) -> None:
+        """Calculate the rows of `out` from `arrays`, each a batch or a single row, without the compiler."""
+        rows = np.hstack([np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays])
+        for result, row in zip(out, rows, strict=True):
+            prepared.all[:] = row
+            prepared.run()
+            result[:] = prepared.result
 
 
 class _Prepared:
