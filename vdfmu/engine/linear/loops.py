@@ -196,6 +196,14 @@ def loop_of_part(system: LinearSystem, opened: Sequence[str]) -> Loop:
     if loops.step is None and at_once[:, cut].any():  # sampled, nothing comes back in the same step
         raise UsageError(f"{', '.join(opened)}: expected loops with a state, got feed-through all around.")
     plant = Linear(loops.A, loops.B[:, cut])
+    if loops.step is not None:  # a waiting output without feedthrough is C x and G s, and no state by itself
+        follows = np.flatnonzero(~(system.links @ system.parts.D).any(axis=1))
+        n = len(loops.A) - len(system.links)
+        whole = np.eye(len(loops.A))
+        whole[n + follows, :n] = system.links[follows] @ np.hstack([system.parts.C, system.samples.G])
+        kept = np.delete(np.arange(len(whole)), n + follows)
+        whole = whole[:, kept]
+        plant, returned = Linear(plant.A[kept] @ whole, plant.B[kept]), returned @ whole
     while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # states without effect
         plant, returned = Linear(plant.A[np.ix_(seen, seen)], plant.B[seen]), returned[:, seen]
     return Loop(plant, returned, loops.step or system.step, loops.step is not None)
