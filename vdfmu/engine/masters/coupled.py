@@ -273,7 +273,7 @@ def jacobian_of(
     def calculate() -> Floats:
         jacobian = np.zeros((len(rows), len(columns)))
         # test all directions at once: a mode of a component may read none of its inputs
-        if some_direction().any():
+        if chosen and some_direction().any():
             jacobian[:, chosen] = directions().T[rows]
         return jacobian
 
