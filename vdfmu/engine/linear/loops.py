@@ -188,7 +188,7 @@ _spaced = lru_cache(np.geomspace)
 
 @lru_cache
 def _nudges(n: int) -> Floats:
-    return 1.0 + _NUDGE * np.random.default_rng(0).uniform(-1.0, 1.0, (n, n))
+    return 1.0 + _NUDGE * np.sin(np.arange(n * n) ** 2.0).reshape(n, n)  # numpy.random takes long to import
 
 
 def loop_of_part(system: LinearSystem, opened: Sequence[str]) -> Loop:
