@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ class Variable(Attributes):
     choices: tuple[str, ...] = ()
     """Names of the values 0, 1, .. of an integer."""
 
-    @property
+    @cached_property
     def name(self) -> str:
         """Structured FMI name, counted from 1: ``q[1]``, ``inertia[1,3,3]``, ``T``, ``der(q[1])``."""
         if self.group.endswith(")"):
