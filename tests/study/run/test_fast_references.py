@@ -193,7 +193,7 @@ def test_texts_of_functions_come_from_the_cache(own_cache, monkeypatch):
         return compiled.sources(system, ContinuousReference(system).lists)
 
     first = text()
-    monkeypatch.setattr(compiled, "kernel_source", None)
+    monkeypatch.setattr("vdfmu.compiler.c.functions.kernel_source", None)
     assert text() == first
 
 

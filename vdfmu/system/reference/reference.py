@@ -161,8 +161,6 @@ def runs(
 
 def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
     """Return file name to C text of lists of actions. None if a unit lacks C."""
-    from vdfmu.compiler.c.functions import kernel_source  # takes long to import
-
     code = Code(system)
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
@@ -229,9 +227,11 @@ class Code:
 
     def kernel(self, name: str) -> str:
         """Return the C text of a called function, from the cache if present. The text of a long arm takes 1 s."""
-        facts = name, self.joints[name], self._identities[name], source_digest("compiler.c")
+        facts = name, self.joints[name], self._identities[name]
         path = cache_folder() / "kernels" / sha256(repr(facts).encode()).hexdigest()
         if (kept := load(path)) is None:
+            from vdfmu.compiler.c.functions import kernel_source  # takes long to import
+
             kept = kernel_source(self.called[name], self.joints[name]).encode()
             store(path, kept)
         return kept.decode()
