@@ -70,8 +70,8 @@ class _RightHandSide:
         """
         if t <= self._asked or self._times == _KEPT:
             differences = _DIFFERENCE * (1.0 + np.abs(x))
-            first, *others = (self(t, each).copy() for each in (x, *(x + np.diag(differences))))
-            self._slopes, self._times = (np.array(others) - first) / differences[:, None], 0
+            here, *beside = (self(t, each).copy() for each in (x, *(x + np.diag(differences))))
+            self._slopes, self._times = (np.array(beside) - here) / differences[:, None], 0
         self._asked, self._times = t, self._times + 1
         return self._slopes
 
