@@ -23,6 +23,7 @@ from vdfmu.study.report import simulation
 from vdfmu.study.report import tracks as module
 from vdfmu.study.report.simulation import LESS, causes, keep_program, knobs, values_of
 from vdfmu.study.report.tracks import NOTCHES, factor, tracks
+from vdfmu.system import program
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 
@@ -154,9 +155,9 @@ def test_causes_are_those_that_the_system_has(described):
 
 def test_the_program_of_a_package_is_made_once_and_without_inputs_from_files(tmp_path, monkeypatch):
     made: list[bool] = []
-    page_program = simulation.page_program
+    page_program = program.page_program
     monkeypatch.setattr(simulation, "cache_folder", lambda: tmp_path / "cache")
-    monkeypatch.setattr(simulation, "page_program", lambda program: made.append(True) or page_program(program))
+    monkeypatch.setattr(program, "page_program", lambda system: made.append(True) or page_program(system))
     scenario = vdfmu.load_scenario("planar_tracking")
     fed = dataclasses.replace(scenario, inputs={"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])})
     (package := tmp_path / "system.ssp").write_bytes(b"a package has no inputs in it")

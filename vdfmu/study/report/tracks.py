@@ -179,8 +179,8 @@ class _MovedLoops:
         for row, loop in zip(rows, self.moved(knob, factors, rows), strict=True):
             slope, change = slopes[row], loop.K - self.loops[row].K
             for joint, by in factors.items():
-                own = np.isclose(change, (by - 1.0) * slope, rtol=_ROUNDING, atol=0.0)
-                parts[joint][row] = np.where(own, slope, 0.0)
+                belongs = np.isclose(change, (by - 1.0) * slope, rtol=_ROUNDING, atol=0.0)
+                parts[joint][row] = np.where(belongs, slope, 0.0)
             if not np.array_equal(sum(part[row] for part in parts.values()), slope):
                 return {}
         return parts
