@@ -144,13 +144,57 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
 @pytest.mark.parametrize("name", NAMES)
 def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenario):
     usual = reference(name, described(scenario), step=1e-3, stop=0.3)["plant.q"]
-    for tolerances in (solution.SHORT, solution._LONG):
+    for tolerances in (solution._SHORT, solution._LONG):
         monkeypatch.setitem(tolerances, "rtol", 3e-14)
         monkeypatch.setitem(tolerances, "atol", 1e-15)
     use(own_cache / "other", monkeypatch)
     tight = reference(name, described(scenario), step=1e-3, stop=0.3)["plant.q"]
     # the local error of 1e-12 a step of a loop that forgets within some hundred steps
     assert np.abs(usual - tight).max() < 1e-11
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Record the times of the calls of right-hand sides."""
+    plain, times = solution._RightHandSide.__call__, []
+    monkeypatch.setattr(solution._RightHandSide, "__call__", lambda self, t, x: [times.append(t), plain(self, t, x)][1])
+    return times
+
+
+def test_an_interval_of_a_smooth_motion_takes_one_step_of_scipy(own_cache, calls):
+    reference("sampled", described("tracking"), step=1e-3, stop=0.5)
+    evaluations = np.histogram(calls, np.linspace(0.0, 0.5, 501))[0]
+    assert evaluations[:20].min() > 60  # a joint at rest is stiff
+    assert np.median(evaluations[-100:]) <= 13  # twelve stages, and the derivatives at the start
+
+
+def test_lsoda_gets_an_old_jacobian_until_a_step_fails(own_cache, calls):
+    system = WiredUnits(described())
+    lists = ContinuousReference(system).lists
+    rate = right_hand_side(system, compiled.runs(system, lists, compiled.sources(system, lists)))
+    system.start()
+    x = system.memory[system.x] + 0.01
+    slopes = rate.slopes(0.1, x)
+    for i, row in enumerate(slopes):
+        change = 1e-4 * np.eye(x.size)[i]
+        central = (rate(0.1, x + change).copy() - rate(0.1, x - change)) / 2e-4
+        # differences of 1.5e-8 of rates with rounding of 1e-16, and curvature of friction over 1e-4 rad/s
+        np.testing.assert_allclose(row, central, rtol=1e-4, atol=1e-4 * np.abs(slopes).max())
+    calls.clear()
+    assert rate.slopes(0.2, 2.0 * x) is slopes and not calls
+    assert np.any(rate.slopes(0.15, 2.0 * x) != slopes) and len(calls) == x.size + 1
+    reference("continuous", described(), step=1e-3, stop=0.2)
+    assert len(calls) < 7_000  # 12,000 with a Jacobian each time
+
+
+def test_texts_of_functions_come_from_the_cache(own_cache, monkeypatch):
+    def text():
+        system = WiredUnits(described())
+        return compiled.sources(system, ContinuousReference(system).lists)
+
+    first = text()
+    monkeypatch.setattr("vdfmu.compiler.c.functions.kernel_source", None)
+    assert text() == first
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from ctypes import PyDLL, c_double, c_void_p
 from dataclasses import dataclass
-from functools import partial
 from hashlib import sha256
 from itertools import islice
 from typing import Any
@@ -38,12 +37,12 @@ from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.solution import SHORT, ContinuousReference, SampledReference
+from vdfmu.system.reference.solution import ContinuousReference, SampledReference
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Node, Run, TimeSetter, WiredUnits, shown_outputs
 
 BLOCK = 1024
 """Rows of a block: the part of a long run in memory."""
-RESOLUTION: float = SHORT["atol"]
+RESOLUTION = 1e-11
 """Smallest error of a position [rad or m] that a reference shows."""
 _KEPT = 2**24
 """Largest solution in the cache [byte]."""
@@ -152,29 +151,25 @@ def runs(
         with suppress(FmuError):  # such as a full disk
             # calls take less time than to let another thread run
             library = loaded(files, "system", PyDLL)
-            return {name: _run(library[name], system.memory.ctypes.data) for name in lists}
+            c_void_p.in_dll(library, "m").value = system.memory.ctypes.data
+            functions: dict[str, Any] = {name: library[name] for name in lists}
+            for function in functions.values():
+                function.argtypes, function.restype = (c_double,), None
+            return functions
     return {name: system.python(actions) for name, actions in lists.items()}
-
-
-def _run(function: Any, memory: int) -> Run:
-    """Return a compiled function of a time [s], with the memory at an address."""
-    function.argtypes, function.restype = (c_void_p, c_double), None
-    return partial(function, c_void_p(memory))
 
 
 def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
     """Return file name to C text of lists of actions. None if a unit lacks C."""
-    from vdfmu.compiler.c.functions import kernel_source  # takes long to import
-
     code = Code(system)
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
-        files = {f"kernel_{name}.c": kernel_source(made, code.joints[name]) for name, made in code.called.items()}
+        files = {f"kernel_{name}.c": code.kernel(name) for name in code.called}
     except KernelError as error:  # an operation without C text, or a unit in plain Python
         LOG.info("the references run in Python: %s", error)
         return None
     prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
-    text = "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions])
+    text = "\n".join(["#include <string.h>\n", SHOWN, "SHOWN double *m;", prototypes, *functions])
     files |= elementary_files() | {"system.c": text}
     return {name: content.encode() for name, content in files.items()}
 
@@ -182,17 +177,18 @@ def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[s
 class Code:
     """C text of actions. `called` are its traced functions, `joints` the numbers of joints of their robots."""
 
-    head = "double *m, double t"
+    head = "double t"
     unused = "(void)t;"
 
     def __init__(self, system: WiredUnits) -> None:
         self.system = system
         self.called: dict[str, ca.Function] = {}
         self.joints: dict[str, int] = {}
+        self._identities: dict[str, str] = {}
         self._taken: dict[str, ca.Function] = {}
 
     def function(self, name: str, actions: Sequence[Action]) -> str:
-        """Return ``void name(double *m, double t)``, with m the memory and t the time."""
+        """Return ``void name(double t)`` of the time, for a memory ``double *m``."""
         lines = [line for action in actions for line in self._lines(action)]
         body = "".join(f"    {line}\n" for line in [self.unused, *lines])
         return f"void {name}({self.head})\n{{\n{body}}}\n"
@@ -222,11 +218,23 @@ class Code:
         interface, begin = unit.interface, self.system.begin(name)
         function = self.take(interface.functions.casadi_function(call.function))
         self.joints[function.name()] = interface.joints
+        self._identities[function.name()] = f"{interface.functions.identity} {call.function}"
         names = (*function.name_in(), *function.name_out())
         places = {name: f"m + {begin + interface.arguments[call.group(name)].start}" for name in names}
         arguments = [places[name] for name in function.name_in()]
         made = [(key, places[key], function.numel_out(key), call.group(key) != key) for key in function.name_out()]
         yield from ("{", *(f"    {line}" for line in setting_lines(function.name(), arguments, made)), "}")
+
+    def kernel(self, name: str) -> str:
+        """Return the C text of a called function, from the cache if present. The text of a long arm takes 1 s."""
+        facts = name, self.joints[name], self._identities[name]
+        path = cache_folder() / "kernels" / sha256(repr(facts).encode()).hexdigest()
+        if (kept := load(path)) is None:
+            from vdfmu.compiler.c.functions import kernel_source  # takes long to import
+
+            kept = kernel_source(self.called[name], self.joints[name]).encode()
+            store(path, kept)
+        return kept.decode()
 
     def take(self, function: ca.Function) -> ca.Function:
         """Register a called function and return it, renamed if a function of another robot has its name."""
