@@ -63,7 +63,7 @@ class Trace:
             elif operation == ca.OP_INPUT:
                 leaf = source[0], source[1]
             else:
-                read = tuple(held[place] for place in source)
+                read = tuple([held[place] for place in source])
             held[target[0]] = self._append(operation, read, leaf)
 
     def _append(self, operation: int, read: tuple[int, ...], leaf: tuple[int, int] | float | None = None) -> int:
@@ -84,7 +84,7 @@ class Trace:
         while len(self._digests) <= depth:
             last = self._digests[-1]
             self._digests.append(
-                [hash((f, *(last[a] for a in read))) for f, read in zip(last, self.operands, strict=True)]
+                [hash((f, *map(last.__getitem__, read))) for f, read in zip(last, self.operands, strict=True)]
             )
         return self._digests[depth]
 
