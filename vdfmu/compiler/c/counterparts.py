@@ -184,8 +184,6 @@ class Counterparts:
 
     def _away(self, a: int, b: int) -> int:
         """Return the joints between the nearest inputs below two operations; 0 without inputs by joint."""
-        if a > b:
-            return -self._away(b, a)
         away, apart = self._trace.away, self._trace.apart
         if (a, b) not in away:
             seen: set[Pair] = set()
@@ -215,17 +213,16 @@ class Counterparts:
                 break
             failed += 1
             for a in reversed(listed[max(0, i - _TRIED) : i]):
-                free = [pair for pair in ((a, b), (b, a)) if pair[0] not in self.after and pair[1] not in self._taken]
-                pair = next(filter(self._is_a_joint_apart, free), None)
-                if pair is not None:
+                joints = self._away(a, b)
+                first, second = pair = (a, b) if joints > 0 else (b, a)
+                is_free = first not in self.after and second not in self._taken
+                if abs(joints) == self._period and is_free and self._is_a_joint_apart(pair):
                     self._pair([pair])
                     failed = 0
                     break
 
     def _is_a_joint_apart(self, pair: Pair) -> bool:
         """Whether the inputs below the second of two operations, down to counterparts, belong to the next joint."""
-        if self._away(*pair) != self._period:
-            return False
         for argument, first, second in self._inputs_below([pair], passed=self.after.items()):
             expected = first + self._period if self._by_joint[argument] else self._steps[argument].get(first)
             if expected not in (None, second):
