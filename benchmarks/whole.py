@@ -38,13 +38,19 @@ def run(report: Report, quick: bool = False) -> None:
     _dynamics(report, 5 if quick else 50)
 
 
+BYTECODE = tempfile.TemporaryDirectory(prefix="vdfmu-bench-")
+"""Folder of the modules that Python keeps compiled, as it does for users. The first command fills it."""
+
+
 def command(*arguments: str, cache: str = "") -> float:
     """Run a command and return the processor time [s] of it and of what it starts. `cache` is another cache."""
+    environment = {**os.environ, "PYTHONPYCACHEPREFIX": BYTECODE.name}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     before = os.times()
     code = "import vdfmu.cli; vdfmu.cli.main()"
     caches = {"VDFMU_CACHE_DIR": f"{cache}/vdfmu", "ZIG_GLOBAL_CACHE_DIR": f"{cache}/zig"} if cache else {}
     words, right = [sys.executable, "-c", code, *arguments], _UNKNOWN not in arguments
-    subprocess.run(words, check=right, capture_output=True, timeout=900, env=os.environ | caches)
+    subprocess.run(words, check=right, capture_output=True, timeout=900, env=environment | caches)
     after = os.times()
     return after.children_user + after.children_system - before.children_user - before.children_system
 

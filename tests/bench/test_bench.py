@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,6 +115,12 @@ def test_native(report):
     assert 0.0 < timings.in_units < timings.least(native.NATIVE)
     native.tabulate(timings, report)
     assert report.facts["compiled_over_interpreted"] < 1.0
+
+
+def test_measured_commands_keep_bytecode_as_for_users(monkeypatch):
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    whole.command("--version")
+    assert [*Path(whole.BYTECODE.name).rglob("app.*.pyc")]
 
 
 @needs_compiler

@@ -14,6 +14,7 @@ from tests.engine import texts
 from tests.engine.files import hard_results
 from tests.engine.reference import models
 from tests.engine.texts import connection, connector_list
+from tests.wild import write_strict
 from vdfmu.engine.run import Results, session
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import load_scenario
@@ -305,6 +306,17 @@ def arm_package(tmp_path_factory):
         return write_ssp(scenario, cached_fmus(scenario, folder / backend, backend), folder / f"{backend}.ssp")
 
     return make
+
+
+@pytest.fixture
+def package(arm_package) -> Path:
+    return arm_package()
+
+
+@pytest.fixture(scope="session")
+def strict(tmp_path_factory) -> Path:
+    """Return the FMU of strict.c, of which y is the time."""
+    return write_strict(tmp_path_factory.mktemp("strict"))
 
 
 class Xml:

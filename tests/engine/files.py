@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.results.results import Results, Signal
 
@@ -38,14 +37,6 @@ def edited(
     return zipped(members | dict(add or {}))
 
 
-def hard_numbers(m: int, reals: int, integers: int) -> tuple[Floats, np.ndarray]:
-    """Return (m, reals) floats of all sizes, the first rows with those that have no digits, and (m, integers) int32."""
-    rng = np.random.default_rng(7)
-    real = rng.standard_normal((m, reals)) * 10.0 ** rng.integers(-300, 300, (m, reals))
-    real[:2, :2] = [[np.nan, -np.inf], [-0.0, 5e-324]]
-    return real, rng.integers(-(2**31), 2**31 - 1, (m, integers), dtype=np.int32)
-
-
 def assert_same_bits(some: Results, expected: Results) -> None:
     """Assert that both have the same signals, units, kinds and numbers."""
     assert set(some.names) == set(expected.names)
@@ -58,9 +49,10 @@ def assert_same_bits(some: Results, expected: Results) -> None:
 
 def hard_results() -> Results:
     """Return signals of all kinds, with values and names that formats may spoil, and a copy."""
-    m = 1300
-    real, numbers = hard_numbers(m, 4, 2)
-    real[1, 2] = np.inf
+    m, rng = 1300, np.random.default_rng(7)  # more than two blocks of lines
+    real = rng.standard_normal((m, 4)) * 10.0 ** rng.integers(-300, 300, (m, 4))
+    real[:2, :3] = [[np.nan, -np.inf, 0.1], [-0.0, 5e-324, np.inf]]
+    numbers = rng.integers(-(2**31), 2**31 - 1, (m, 2), dtype=np.int32)
     signals = [
         Signal("a.q[1]", "real", "rad", 3), Signal("a.q[2]", "real", "m", 1), Signal("a.q", "integer", "", 1),
         Signal('b"\u00e4,\n', "real", "", 0), Signal("end", "real", "N.m", 2), Signal("a.K_p__", "integer", "", 0),
@@ -69,3 +61,9 @@ def hard_results() -> Results:
     data = {"real": real, "integer": numbers, "boolean": numbers[:, :1] % 2}
     summary = {"limit": np.inf, "path": "\u00e4"}
     return Results(0.001 * np.arange(m) - 0.5, signals, data, summary)
+
+
+def hollow_results() -> tuple[Results, Results]:
+    """Return results without rows, and results without signals."""
+    empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
+    return empty, Results(np.arange(3.0), [], {"real": np.empty((3, 0))})

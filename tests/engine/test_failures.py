@@ -123,18 +123,6 @@ def test_nothing_is_left_in_the_temporary_folder(fragile, tmp_path, monkeypatch)
     assert list((tmp_path / "tmp").iterdir()) == []
 
 
-@pytest.mark.heavy
-def test_many_runs_in_one_process(fragile):
-    for _ in range(20):
-        with pytest.raises(CosimError):
-            run(fragile, 0)
-        assert len(run(fragile, 2)) == 11
-    descriptors = len(os.listdir("/proc/self/fd")) if Path("/proc/self/fd").exists() else 0
-    for _ in range(5):
-        run(fragile, 2)
-    assert descriptors == (len(os.listdir("/proc/self/fd")) if descriptors else 0)
-
-
 def test_ctrl_c_ends_the_run_after_the_step_and_keeps_the_rows(fragile):
     def press(k: int, n: int) -> None:
         if k == 3:

@@ -104,6 +104,7 @@ def test_this_process_outlives_them(package):
     descriptors, before = len(os.listdir("/proc/self/fd")), children()
     for way in ("crash", "leave") * 3:
         fails(package, way)
+        simulate(package, step=0.25)
     gc.collect()  # the error holds the frames of its run
     assert len(os.listdir("/proc/self/fd")) == descriptors
     assert children() <= before
@@ -243,13 +244,6 @@ def test_only_foreign_components_are_isolated_by_default(package, arm_package):
 
 
 def test_ctrl_c_keeps_the_rows_of_another_process_and_ends_a_step_that_hangs(package):
-    def press(k: int, n: int) -> None:
-        if k == 2:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    with pytest.raises(Interrupted) as info:
-        simulate(package, step=0.25, isolate=True, progress=press)
-    assert len(info.value.results) in (3, 4)  # pressed after row 2; the step under way is completed
     pressed = []
 
     def press(k: int, n: int) -> None:

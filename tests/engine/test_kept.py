@@ -5,14 +5,12 @@ import os
 import subprocess
 import sys
 import threading
-import weakref
 
-import numpy as np
 import pytest
 
 from tests.engine.files import assert_same_bits, edited
 from tests.engine.reference import models
-from tests.wild import build, write, write_strict
+from tests.wild import build, write
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.fmu import instance
 from vdfmu.engine.run import KeptRuns, session, simulate
@@ -151,9 +149,8 @@ def test_the_end_of_each_run_is_told_with_its_results(pack, tmp_path, ours):
         assert info.value.results is not None and len(info.value.results) == 5
 
 
-def test_a_unit_that_ends_the_simulation_runs_again(pack, tmp_path, ours):
-    strict = write_strict(tmp_path).read_bytes()
-    runs = KeptRuns(pack(["unit Strict y:output"], extra={"resources/Strict.fmu": strict}))
+def test_a_unit_that_ends_the_simulation_runs_again(pack, strict, ours):
+    runs = KeptRuns(pack(["unit Strict y:output"], extra={"resources/Strict.fmu": strict.read_bytes()}))
     for end in (0.6, 9.0, 0.3):
         results = runs.run(stop=2.0, step=0.25, parameters={"unit.end": end})
         assert results.summary.get("ended") == ({"component": "unit", "time": end} if end < 2.0 else None)
@@ -212,16 +209,3 @@ def test_a_process_may_end_or_fork_between_runs(case, tmp_path, way, code):
     )  # fmt: skip
     assert (done.returncode, done.stderr, set(done.stdout.split())) == (code, "", {"1"})
     assert way == "exit" or not list(tmp_path.iterdir())
-
-
-def test_runs_are_freed_with_their_owner(case):
-    path, _ = case("arm native")
-    runs = KeptRuns(path)
-    reference = weakref.ref(runs)
-    results = runs.run(**ARM)
-    before = {name: results[name].copy() for name in results}
-    del runs
-    gc.collect()
-    assert reference() is None
-    for name, values in before.items():
-        np.testing.assert_array_equal(results[name], values)

@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import vdfmu
 from tests.added import installed
-from tests.engine.files import assert_same_bits
+from tests.engine.files import assert_same_bits, hollow_results
 from tests.study.identify.recorded import M, T, motion
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.package_run import run_system
@@ -48,9 +48,7 @@ def test_numbers_of_all_kinds_or_none_read_back_to_the_same_bits(results, tmp_pa
     text = path.read_bytes()
     results.write(path)
     assert path.read_bytes() == text and list(tmp_path.iterdir()) == [path]
-    empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
-    bare = Results(np.arange(3.0), [], {"real": np.empty((3, 0))})
-    for some in (empty, bare):
+    for some in hollow_results():
         some.write(tmp_path / "r.mcap")
         assert_same_bits(Results.read(tmp_path / "r.mcap"), some)
 

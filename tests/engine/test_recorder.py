@@ -19,11 +19,6 @@ from vdfmu.engine.results.recorder import ROWS, Recorder
 from vdfmu.engine.run import Results, Signal, simulate
 
 
-@pytest.fixture
-def package(arm_package) -> Path:
-    return arm_package()
-
-
 def cells(path):
     with path.open(newline="") as file:
         return list(csv.reader(file))

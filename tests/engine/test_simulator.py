@@ -5,15 +5,9 @@ import pytest
 
 import vdfmu
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.fmu import instance
 
 OPTIONS = {"stop": 0.05, "step": 1e-3}
 CHANGED = {"plant.I_m[1]": 2e-3}  # another rotor, so another run
-
-
-@pytest.fixture
-def package(arm_package):
-    return arm_package()
 
 
 def same(a, b):
@@ -36,27 +30,7 @@ def test_each_run_is_that_of_components_that_are_new(arm_package, backend, algor
     assert first.summary["notes"] == again.summary["notes"] == alone.summary["notes"]
 
 
-def test_components_are_loaded_once(package, monkeypatch):
-    made, plain = [], instance.Instance.instantiate
-
-    def instantiate(instance):
-        made.append(instance.name)
-        plain(instance)
-
-    monkeypatch.setattr(instance.Instance, "instantiate", instantiate)
-    with vdfmu.Simulator(package) as simulator:
-        for _ in range(3):
-            simulator.run(**OPTIONS)
-    assert sorted(made) == ["controller", "feedforward", "plant", "trajectory"]
-
-
-def test_results_of_a_run_stay_and_each_run_has_its_own_times_and_signals(package):
-    with vdfmu.Simulator(package) as simulator:
-        first = simulator.run(**OPTIONS)
-        before = {name: first[name].copy() for name in first}
-        simulator.run(parameters=CHANGED, **OPTIONS)
-    for name, values in before.items():
-        np.testing.assert_array_equal(first[name], values)
+def test_each_run_has_its_own_times_and_signals(package):
     with vdfmu.Simulator(package) as simulator:
         short = simulator.run(stop=0.01, step=2e-3, record=["plant.q[*]"])
         long = simulator.run(start=0.5, stop=0.53, step=1e-3)

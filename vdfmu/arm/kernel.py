@@ -22,7 +22,6 @@ from vdfmu.arm.equations.newton_euler import newton_euler
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.c.loaded import compiled_rows
 from vdfmu.compiler.functions.traced import Functions, KernelFunction, traced_function
 from vdfmu.compiler.scalar import from_sx, to_sx
 
@@ -85,7 +84,8 @@ class Kernel(Functions):
             prepared = _Prepared(self.casadi_function(name), sizes, self.p)
             setattr(self._prepared, name, prepared)
         if prepared.takes(arguments):
-            return _finite(name, prepared.calculated())
+            prepared.run()
+            return _finite(name, prepared.result.copy())
         names = list(prepared.buffers)
         arrays = [_checked(name, a, v, size) for a, v, size in zip(names, arguments, sizes, strict=True)]
         batches = {len(a) for a in arrays if a.ndim == 2}
@@ -95,6 +95,8 @@ class Kernel(Functions):
         with self._lock:
             self._states[name] += len(out)
             if name not in self._compiled and self._states[name] >= _WORTH:
+                from vdfmu.compiler.c.loaded import compiled_rows  # takes long to import
+
                 self._compiled[name] = compiled_rows(self.casadi_function(name))
         run = self._compiled.get(name)
         if run is None:
@@ -106,23 +108,23 @@ class Kernel(Functions):
 
     def calculate(self, prepared: _Prepared, arrays: Sequence[Floats], out: Floats) -> None:
         """Calculate the rows of `out` from `arrays`, each a batch or a single row, without the compiler."""
-        wide = [np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays]
-        for result, *row in zip(out, *wide, strict=True):
-            for buffer, array in zip(prepared.buffers.values(), row, strict=True):
-                buffer[:] = array
-            result[:] = prepared.calculated()
+        rows = np.hstack([np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays])
+        for result, row in zip(out, rows, strict=True):
+            prepared.all[:] = row
+            prepared.run()
+            result[:] = prepared.result
 
 
 class _Prepared:
     """A function of one result with buffers for one state; each thread has its own."""
 
     def __init__(self, function: ca.Function, sizes: Sequence[int], p: Floats) -> None:
-        self._all = np.zeros(sum(sizes))
-        parts = np.split(self._all, np.cumsum(sizes)[:-1])
+        self.all = np.zeros(sum(sizes))
+        parts = np.split(self.all, np.cumsum(sizes)[:-1])
         self.buffers = dict(zip(function.name_in(), parts, strict=False))
-        """Arguments except for the parameters, next to each other in memory."""
+        """Arguments except for the parameters, next to each other in `all`."""
         self._function = KernelFunction(function, {**self.buffers, "p": p})
-        (self.result,) = self._function.results.values()
+        (self.result,), self.run = self._function.results.values(), self._function.run
         self._places = [(buffer, buffer.shape) for buffer in parts]
 
     def takes(self, arguments: Sequence[npt.ArrayLike]) -> bool:
@@ -135,12 +137,7 @@ class _Prepared:
                 buffer[:] = array
         except (TypeError, ValueError, OverflowError):
             return False
-        return math.isfinite(self._all.dot(self._all))
-
-    def calculated(self) -> Floats:
-        """Return the result for the values in the buffers."""
-        self._function.run()
-        return self.result.copy()
+        return math.isfinite(self.all.dot(self.all))
 
 
 def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Floats:

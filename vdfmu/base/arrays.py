@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from heapq import heapify, heappop, heappush
 from importlib import import_module
@@ -19,12 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 
+def element_name(name: str, index: Sequence[int]) -> str:
+    """Return the name of an element of an array, counted from 1: ``inertia[1,3]``; of a scalar its name."""
+    return f"{name}[{','.join(str(i + 1) for i in index)}]" if index else name
+
+
 def with_named(numbers: ArrayLike, name: str, values: Mapping[str, Any]) -> Floats:
     """Return numbers, replaced by `values` of elements that it names, counted from 1: ``name[2,3]``."""
     replaced = np.array(numbers, dtype=np.float64)
     for place in np.ndindex(replaced.shape):
-        index = ",".join(str(i + 1) for i in place)
-        replaced[place] = values.get(f"{name}[{index}]" if index else name, replaced[place])
+        replaced[place] = values.get(element_name(name, place), replaced[place])
     return replaced
 
 

@@ -26,7 +26,7 @@ POSITIVE = 1e-12
 """Smallest positive value in SI units: smaller values underflow in products."""
 LARGEST_NUMBER = 1e12
 """Default bound of the absolute value of a number."""
-_BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _DERIVED = {
     "N": {"kg": 1, "m": 1, "s": -2}, "J": {"kg": 1, "m": 2, "s": -2}, "W": {"kg": 1, "m": 2, "s": -3},
     "Pa": {"kg": 1, "m": -1, "s": -2}, "Hz": {"s": -1}, "C": {"A": 1, "s": 1},
@@ -62,15 +62,15 @@ def measure(name: str) -> UnitOfMeasurement:
     for text, sign in ((upper, 1), (lower, -1)):
         for factor in text.split(".") if text != "1" and (text or slash or sign > 0) else ():
             match = _FACTOR.fullmatch(factor)
-            base = match and ({match[1]: 1} if match[1] in _BASE else _DERIVED.get(match[1]))
+            base = match and ({match[1]: 1} if match[1] in BASE_UNITS else _DERIVED.get(match[1]))
             if not match or not base:
                 raise UsageError(
                     f"expected a unit of measurement such as N.m, m/s2, 1/(N.m) or 1, got {name!r}. The symbols "
-                    f"are {', '.join((*_BASE, *_DERIVED))}."
+                    f"are {', '.join((*BASE_UNITS, *_DERIVED))}."
                 )
             for symbol, exponent in base.items():
                 exponents[symbol] = exponents.get(symbol, 0) + sign * exponent * int(match[2] or 1)
-    ordered = {symbol: exponents[symbol] for symbol in _BASE if exponents.get(symbol)}
+    ordered = {symbol: exponents[symbol] for symbol in BASE_UNITS if exponents.get(symbol)}
     return UnitOfMeasurement(name, ordered, _DISPLAY.get(name, {}))
 
 

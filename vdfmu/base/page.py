@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 from collections.abc import Iterable, Sequence
 from hashlib import sha256
 from html import escape
@@ -66,6 +67,11 @@ def page(
 {module}</body>
 </html>
 """.encode("utf-8", "backslashreplace")
+
+
+def compressed(content: bytes) -> str:
+    """Return content compressed for ``unzip`` of ``web/packed.js``."""
+    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
 def _policy(scripts: Sequence[str]) -> str:

@@ -30,9 +30,13 @@ class Linear(NamedTuple):
 
 def held(continuous: Linear, step: float) -> Linear:
     """Discretise exactly: the states after a step [s] through which the inputs are held."""
-    n, m = continuous.B.shape
-    whole = expm(step * np.block([[continuous.A, continuous.B], [np.zeros((m, n + m))]]))
-    return Linear(whole[:n, :n], whole[:n, n:])
+    A, B = continuous
+    acts = B.any(axis=0)
+    whole = np.zeros((len(A) + np.count_nonzero(acts),) * 2)
+    whole[: len(A)] = step * np.hstack([A, B[:, acts]])
+    power, Gamma = expm(whole)[: len(A)], np.zeros_like(B)
+    Gamma[:, acts] = power[:, len(A) :]
+    return Linear(power[:, : len(A)], Gamma)
 
 
 def expm(A: Floats) -> Floats:

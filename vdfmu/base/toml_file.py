@@ -148,7 +148,7 @@ def toml_value(value: Any, rounding: float = 0.0) -> str:
 
 
 def _lines(table: Mapping[str, Any], path: str, rounding: float) -> Iterator[str]:
-    inner = {key: value for key, value in table.items() if _is_table(value)}
+    inner = {key: v for key, v in table.items() if isinstance(v[0] if isinstance(v, list) and v else v, dict)}
     for key, value in table.items():
         if key not in inner:
             yield f"{key if key.isidentifier() else toml_value(key)} = {toml_value(value, rounding)}"
@@ -158,7 +158,3 @@ def _lines(table: Mapping[str, Any], path: str, rounding: float) -> Iterator[str
             yield ""
             yield f"[[{name}]]" if isinstance(value, list) else f"[{name}]"
             yield from _lines(each, name, rounding)
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))

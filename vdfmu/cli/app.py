@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
+from functools import cached_property
 from glob import glob
 from itertools import pairwise
 from typing import Any, NoReturn
@@ -46,16 +47,21 @@ class Described(click.Command):
     of_files: click.Command | None = None
     """Command of the same name for files."""
 
-    def __init__(self, name: str | None, *, example: str = "", **settings: Any) -> None:
-        params = settings.get("params", ())
-        settings["params"] = [
-            *params,
-            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in params) else []),
+    def __init__(self, name: str | None, *, example: str = "", declare: Any = tuple, **settings: Any) -> None:
+        super().__init__(name, **settings)
+        self.example, self._declare = example, declare
+        del self.params
+
+    @cached_property
+    def params(self) -> list[click.Parameter]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Its parameters, made at first use."""
+        declared: Sequence[click.Parameter] = self._declare()
+        return [
+            *declared,
+            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in declared) else []),
             parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
-        super().__init__(name, **settings)
-        self.example = example
 
     @property
     def summary(self) -> str:
@@ -96,11 +102,11 @@ class FunctionCommand(Described):
     """A command: its options are declared by its function."""
 
     def __init__(self, name: str | None, *, callback: Callable[..., Any], example: str, **settings: Any) -> None:
-        attributes = {"help": inspect.getdoc(callback), **settings, "params": parameters_of(callback)}
+        attributes = {"help": inspect.getdoc(callback), **settings, "declare": lambda: parameters_of(callback)}
         super().__init__(name, callback=callback, example=example, **attributes)
 
 
-class App(Described, click.Group):
+class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariableOverride]
     """All commands, or a group of them; `default` runs if none is named."""
 
     command_class = FunctionCommand

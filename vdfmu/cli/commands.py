@@ -122,7 +122,7 @@ app = App(
     "vdfmu",
     default=_say_first,
     help="Flexible-joint manipulators as co-simulation FMUs.",
-    params=[
+    declare=lambda: [
         click.Option(
             ["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
             help="Show the version.",

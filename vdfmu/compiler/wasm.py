@@ -14,9 +14,8 @@ import casadi as ca
 
 from vdfmu.base.errors import KernelError
 from vdfmu.base.files import data_path
-from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.c.text import EXPRESSIONS
-from vdfmu.compiler.functions.derivatives import instructions
+from vdfmu.compiler.functions.derivatives import instructions, lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
 INTEGER, NUMBER = b"\x7f", b"\x7c"

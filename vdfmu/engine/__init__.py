@@ -9,6 +9,6 @@ DOORS = (
     "masters.sampled", "options", "package.archive", "package.join", "package.limits", "package.parse",
     "package.read", "package.system", "package.writing", "package_run", "plan.check", "plan.grid", "plan.inputs",
     "results.figure", "results.folder", "results.formats", "results.parquet", "results.picture", "results.results",
-    "results.verdict", "rules", "run", "run.isolated",
+    "results.verdict", "rules", "run",
 )  # fmt: skip
 """Modules that other rooms import."""

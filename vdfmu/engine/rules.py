@@ -180,16 +180,11 @@ SRC002 note | No entry of such a file looks like a mistake | see the named entry
 """Number, with "note" for notes; requirement; way out."""
 
 
-def _rules() -> dict[str, Rule]:
-    rules: dict[str, Rule] = {}
-    for row in _TABLE.strip().splitlines():
-        head, title, way = row.split(" | ")
-        number, _, severity = head.partition(" ")
-        rules[number] = Rule(number, title, way, severity or "problem")
-    return rules
-
-
-RULES = _rules()
+RULES = {
+    number: Rule(number, title, way, *severity)
+    for head, title, way in (row.split(" | ") for row in _TABLE.strip().splitlines())
+    for number, *severity in [head.split()]
+}
 
 
 @dataclass

@@ -21,7 +21,8 @@ from vdfmu.engine.inspect.inspection import Report, inspect_file
 from vdfmu.engine.package.join import Connections, join
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
-from vdfmu.engine.run import KeptRuns, Results, Simulator
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run import KeptRuns, Simulator
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import scenario_of

@@ -17,8 +17,9 @@ from vdfmu.engine.algorithms import DEFAULT, DELAYED
 from vdfmu.engine.options import LoadedOptions, SpanOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, known_formats, known_pictures, replacing_results, write_summary
+from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import verdict_of
-from vdfmu.engine.run import Interrupted, Results, simulate
+from vdfmu.engine.run import Interrupted, simulate
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.referee import judge
 from vdfmu.study.report.content import write_pictures

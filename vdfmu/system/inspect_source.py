@@ -90,12 +90,8 @@ def _trace(interface: Interface) -> None:
         _ = interface.program
 
 
-def _robot(path: Path, robot: Robot) -> list[str]:
-    return robot_notes(load_robot(path))
-
-
 _CHECKS: dict[str, Callable[[Path, Robot], list[str]]] = {
-    "robot": _robot, "scenario": _scenario, "system": _system, "unit": _units,
+    "robot": lambda path, robot: robot_notes(load_robot(path)), "scenario": _scenario, "system": _system, "unit": _units
 }  # fmt: skip
 
 if __name__ == "__main__":

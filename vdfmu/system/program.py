@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import gzip
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,6 +11,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.page import compressed
 from vdfmu.compiler import wasm
 from vdfmu.compiler.unit.evaluate import Call, Traced, traced_margins, traced_requirements
 from vdfmu.compiler.unit.interface import Interface
@@ -235,11 +234,6 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
         "steps": program.grid.n,
         "last": program.grid.last,
     }
-
-
-def compressed(content: bytes) -> str:
-    """Return content compressed for ``unzip`` of ``web/packed.js``."""
-    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
 class _ModuleWriter:

@@ -75,7 +75,6 @@ def test_fmpy_finds_no_problem_and_the_plant_has_model_exchange(interface, versi
     assert description.fmiVersion == f"{version}.0"
     assert description.guid == GUID
     assert description.modelName == interface.model_name
-    description = read(root_of(interface, version))
     assert description.coSimulation.modelIdentifier == interface.model_name
     assert (description.modelExchange is not None) == (unit_name == "plant")
     n_x = interface.states.stop - interface.states.start

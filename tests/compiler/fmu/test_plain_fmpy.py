@@ -100,15 +100,3 @@ def test_of_the_parameter_and_the_tolerance_of_the_experiment_the_smaller_holds(
     assert np.array_equal(fall(1e-4, tolerance=1e-9), fine)
     assert np.array_equal(fall(1e-9, tolerance=1e-4), fine)
     assert not any(np.array_equal(*pair) for pair in ((default, coarse), (default, fine), (coarse, fine)))
-
-
-def test_an_arm_held_by_its_weight_stays(fmus, planar):
-    """The motor torques tau_s / ell of static equilibrium: nothing moves, to rounding."""
-    path = fmus["planar_2dof"]["plant"]
-    start = simulate(path, stop_time=1e-3, start_values={"q_0[1]": 0.4})[0]
-    names = [f"tau[{i}]" for i in (1, 2)]
-    torque = tuple(start[f"tau_s[{i + 1}]"] / planar.ell[i] for i in range(2))
-    signal = np.array([(0.0, *torque), (1.0, *torque)], dtype=[("time", float), *((n, float) for n in names)])
-    result = simulate(path, input=signal, stop_time=0.5, start_values={"q_0[1]": 0.4})
-    assert np.abs(result["q[1]"] - 0.4).max() < 1e-12
-    assert np.abs(result["q_dot[2]"]).max() < 1e-12

@@ -121,11 +121,10 @@ def test_what_no_fmu_would_take_is_refused(held):
         held().simulate({"u": [1.0, 2.0]}, stop=0.1)
 
 
-NOTED = '''
+NOTED = """
 from pathlib import Path
 
 from vdfmu.compiler.scalar.symbol import Symbol
-from vdfmu.unit import Input, Output, Parameter, Unit
 
 
 def note(word):
@@ -134,20 +133,7 @@ def note(word):
 
 
 note("run")
-
-
-class Gain(Unit):
-    """Gain."""
-
-    u = Input("1", text="in")
-    k = Parameter("1", text="factor", start={start})
-    y = Output("1", text="out")
-
-    def outputs(self):
-        if isinstance(self.u, Symbol):
-            note("trace")
-        self.y = self.k * self.u
-'''
+""" + GAIN.replace("(self):", "(self):\n        if isinstance(self.u, Symbol):\n            note('trace')")
 
 
 @pytest.mark.heavy

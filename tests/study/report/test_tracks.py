@@ -20,8 +20,10 @@ from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
 from vdfmu.study.report import simulation
+from vdfmu.study.report import tracks as module
 from vdfmu.study.report.simulation import LESS, causes, keep_program, knobs, values_of
 from vdfmu.study.report.tracks import NOTCHES, factor, tracks
+from vdfmu.system import program
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 
@@ -62,6 +64,15 @@ def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
         place = NOTCHES * np.log10(float(margins.gain[joint]))
         assert gain_tracks[1 + joint]["limits"][1] == pytest.approx(place - notches / 2.0, abs=notches)
     assert dict(zip(gain_tracks[0]["places"], gain_tracks[0]["modulus"], strict=True))[0] == round(least, 3)
+
+
+def test_joints_that_are_moved_at_once_have_the_tracks_of_each_moved_alone(planar, described, monkeypatch):
+    chosen = [GAIN, *(knob for knob in knobs(described) if knob["key"].startswith("controller."))]
+    monkeypatch.setattr(module, "load", lambda path: None)
+    at_once = tracks_of(planar, chosen)
+    monkeypatch.setattr(module._MovedLoops, "by_joint", lambda *_: {})
+    alone = tracks_of(planar, chosen)
+    assert alone == at_once and [len(each) for each in alone] == [3, 3, 3]
 
 
 def test_the_margin_at_the_end_of_a_slider_is_that_of_the_run_with_its_gains(planar, described):
@@ -144,9 +155,9 @@ def test_causes_are_those_that_the_system_has(described):
 
 def test_the_program_of_a_package_is_made_once_and_without_inputs_from_files(tmp_path, monkeypatch):
     made: list[bool] = []
-    page_program = simulation.page_program
+    page_program = program.page_program
     monkeypatch.setattr(simulation, "cache_folder", lambda: tmp_path / "cache")
-    monkeypatch.setattr(simulation, "page_program", lambda program: made.append(True) or page_program(program))
+    monkeypatch.setattr(program, "page_program", lambda system: made.append(True) or page_program(system))
     scenario = vdfmu.load_scenario("planar_tracking")
     fed = dataclasses.replace(scenario, inputs={"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])})
     (package := tmp_path / "system.ssp").write_bytes(b"a package has no inputs in it")

@@ -18,6 +18,7 @@ from vdfmu.engine.results.verdict import line_of
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import linearized, packaged
 from vdfmu.study.analysis.loops import TIED, margins_along
+from vdfmu.study.run import scenario_run
 from vdfmu.study.run.scenario_run import prepare
 
 SLOW = '''
@@ -64,6 +65,25 @@ def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
     assert '<li class="failed"><b>failed</b> Sampled loops' in (out / "report.html").read_text()
     verdict = json.loads((out / "summary.json").read_text())["verdict"]
     assert verdict["state"] == verdict["checks"][0]["state"] == "failed"
+
+
+def test_a_run_again_has_its_loops_from_the_cache_and_another_gain_end_or_master_has_its_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(scenario_run, "cache_folder", lambda: tmp_path)
+    times: list[float] = []
+    take = Poses.take
+    monkeypatch.setattr(Poses, "take", lambda self, k, time, each: times.append(time) or take(self, k, time, each))
+
+    def judged(**options):
+        times.clear()
+        results = run("planar_tracking", **({"stop": 0.02} | options))
+        return bool(times), results.summary["key_figures"]["margin"], checks(results)["Sampled loops"]
+
+    first = judged()
+    assert first[0] and judged() == (False, *first[1:])
+    for change in ({"stop": 0.03}, {"master": "jacobi"}, {"settings": {"controller.K_v": 35.0}}):
+        assert judged(**change)[0]
+    fed = {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}
+    assert judged(inputs=fed)[0] and not judged(inputs=fed)[0]
 
 
 @pytest.mark.heavy

@@ -20,6 +20,7 @@ from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.physical import requirements
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.arm.world.payload import link_body
+from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.scalar import ZERO, Symbol
@@ -113,6 +114,7 @@ class Robot(Parameters):
         """Tables of a joint in its file that its own drive adds."""
         return [*dict.fromkeys(row.section for name, row in cls.rows.items() if name not in PARAMETERS)]
 
+    @cached_per_command
     def entries(self) -> list[Entry]:
         """Run-time parameters, in the order of the parameter vector of every traced function.
 
@@ -168,6 +170,7 @@ class Robot(Parameters):
             array.flags.writeable = False
         return dataclasses.replace(self, **arrays)
 
+    @cached_per_command
     def key(self) -> str:
         """Key of the traced functions: equal for robots that differ in run-time parameters only."""
         entries = self.entries()

@@ -19,7 +19,7 @@ from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops, straight
 from vdfmu.compiler.c.operations import c_derivatives, c_operations
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
-from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, instructions
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, instructions, lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
 _MOST_IN_C = 1_700
@@ -298,13 +298,6 @@ static void {name}(const double *x, double *row)
 #endif
 
 """
-
-
-def lookup_table(function: ca.Function) -> tuple[list[float], list[float]]:
-    """Return the edges of a table, and its rows one after the other."""
-    constants = [k for k, operation, *_ in instructions(function) if operation == ca.OP_CONST]
-    edges, rows = (function.instruction_MX(k).to_DM().nonzeros() for k in constants)
-    return edges, rows
 
 
 def _listed(numbers: Iterable[float]) -> str:

@@ -14,7 +14,7 @@ from functools import cached_property
 import casadi as ca
 
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.c.functions import lookup_table
+from vdfmu.compiler.functions.derivatives import lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.unit.interface import Interface, general_description
 from vdfmu.compiler.unit.trace import Call, argument_name

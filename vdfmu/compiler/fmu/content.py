@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from hashlib import file_digest, sha256
 from importlib import import_module
-from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +60,9 @@ def installed_digest(backend: str, module: str | None, reader: str | None) -> st
 def _tool_of(backend: str) -> str:
     """Name and version of the tool that makes the library of an FMU."""
     if backend == "python":
-        return f"pythonfmu {version_of('pythonfmu')}"
+        from importlib.metadata import version  # takes long to import
+
+        return f"pythonfmu {version('pythonfmu')}"
     from vdfmu.base.platforms import compiler_version
 
     return compiler_version()

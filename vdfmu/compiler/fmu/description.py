@@ -131,7 +131,6 @@ def _root_element(interface: Interface, version: FmiVersion, guid: str, tool: st
 
 
 def _add_units(root: Element, variables: Iterable[Variable]) -> None:
-    """Add the definitions of the units of measurement of variables."""
     names = sorted({v.unit for v in variables if v.unit})
     definitions = SubElement(root, "UnitDefinitions") if names else root
     for name in names:

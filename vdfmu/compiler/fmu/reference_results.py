@@ -177,8 +177,7 @@ def _manifest(name: str, stop: float, has_inputs: bool) -> Element:
     outputs = (f"{name}_out.csv", "text/csv", "result", f"Outputs of an experiment of {stop:g} s")
     page = ("../../documentation/fmi-ls-ref.txt", "text/plain", "document", "What the experiment is")
     for source, kind, role, description in (*([inputs] if has_inputs else []), outputs, page):
-        about = {"type": kind, "source": source, "role": role, "description": description}
-        SubElement(root, "Related", about)
+        SubElement(root, "Related", type=kind, source=source, role=role, description=description)
     return root
 
 

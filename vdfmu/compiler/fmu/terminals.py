@@ -41,8 +41,7 @@ def terminals_and_icons(interface: Interface, version: FmiVersion) -> Element:
         about = {"name": terminal.name, "matchingRule": "bus", "description": terminal.description}
         element = SubElement(terminals, "Terminal", about)
         for name in _members(interface, terminal, version):
-            member = {"variableName": name, "memberName": name, "variableKind": "signal"}
-            SubElement(element, "TerminalMemberVariable", member)
+            SubElement(element, "TerminalMemberVariable", variableName=name, memberName=name, variableKind="signal")
         place = _extent(*_PLACES[terminal.side])
         line = {"defaultConnectionColor": _COLOR, "defaultConnectionStrokeSize": "2"}
         SubElement(element, "TerminalGraphicalRepresentation", line | place | {"iconBaseName": "terminal"})

@@ -76,6 +76,13 @@ def instructions(function: ca.Function) -> Iterator[tuple[int, int, list[int], l
         yield k, function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
 
 
+def lookup_table(function: ca.Function) -> tuple[list[float], list[float]]:
+    """Return the edges of a table, and its rows one after the other."""
+    constants = [k for k, operation, *_ in instructions(function) if operation == ca.OP_CONST]
+    edges, rows = (function.instruction_MX(k).to_DM().nonzeros() for k in constants)
+    return edges, rows
+
+
 def rebuilt(
     function: ca.Function, arguments: list[ca.SX], replace: Callable[[int, list[ca.SX]], ca.SX | None]
 ) -> list[ca.SX]:

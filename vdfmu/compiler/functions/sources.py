@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -12,7 +13,8 @@ import casadi as ca
 
 from vdfmu.base.files import PACKAGE, source_bytes
 
-_IMPORT = re.compile(r"^ *(?:from vdfmu([\w.]*) import (\([^)]*\)|.*)|import vdfmu([\w.]*))", re.MULTILINE)
+_IMPORT = re.compile(r"vdfmu(?<=from vdfmu|port vdfmu)\.?([\w.]*)(?: import (\([^)]*\)|.*))?")
+"""It begins with its text, for speed: 2 ms for the package, 12 ms with the line's begin."""
 _NAME = re.compile(r"\w+")
 
 
@@ -37,28 +39,26 @@ def imported(*roots: str) -> list[str]:
     names: set[str] = set()
     while new:
         names |= new
-        new = {each for name in new for each in _source(name)[1] if each in files} - names
+        new = set[str]().union(*(_source(name)[1] for name in new)) - names
     return sorted(names)
 
 
 @cache
 def _files() -> dict[str, Path]:
     """Return module, ``arm`` or ``arm.kernel``, to file."""
-    paths = {file.relative_to(PACKAGE).with_suffix("").parts: file for file in PACKAGE.rglob("*.py")}
-    named = {".".join(parts[:-1] if parts[-1] == "__init__" else parts): f for parts, f in paths.items()}
-    return {name: file for name, file in named.items() if name}
+    paths = {str(file)[len(str(PACKAGE)) + 1 : -3]: file for file in PACKAGE.rglob("*.py")}
+    return {path.replace(os.sep, ".").removesuffix(".__init__"): file for path, file in paths.items()}
 
 
 @cache
-def _source(name: str) -> tuple[str, frozenset[str]]:
-    """Return the digest of a module, and its imported names. Some are not modules."""
+def _source(name: str) -> tuple[str, set[str]]:
+    """Return the digest of a module, and the modules that it imports."""
     content = source_bytes(_files()[name])
     names = _imports(content.decode())
-    return sha256(content).hexdigest(), frozenset([name.rpartition(".")[0], *names])
+    return sha256(content).hexdigest(), _files().keys() & {name.rpartition(".")[0], *names}
 
 
 def _imports(text: str) -> Iterator[str]:
-    for source, names, module in _IMPORT.findall(text):
-        parts = (source or module).split(".")[1:]
-        yield from (".".join(parts[: i + 1]) for i in range(len(parts)))
-        yield from (".".join([*parts, name]) for name in _NAME.findall(names))
+    for module, names in _IMPORT.findall(text):
+        yield module
+        yield from (f"{module}.{name}" if module else name for name in _NAME.findall(names))

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Literal, Protocol, Self, overload
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, element_name
 from vdfmu.base.errors import UnitError
 
 
@@ -274,7 +274,7 @@ class Entry:
     @property
     def name(self) -> str:
         """Structured name, counted from 1: ``centroid[1,3]``."""
-        return self.field + (f"[{','.join(str(i + 1) for i in self.index)}]" if self.index else "")
+        return element_name(self.field, self.index)
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,6 @@ def _of_variable(declared: Declared, robot: Machine | None) -> Iterator[str]:
 
 
 def _texts(value: object) -> bool:
-    """Whether a value is a sequence of texts."""
     return isinstance(value, Sequence) and all(isinstance(each, str) for each in cast("Sequence[object]", value))
 
 

@@ -46,7 +46,7 @@ class Program:
 
 
 class UnitFunctions(Functions):
-    """The traced functions of a unit for the structure of a robot. `calls` has the calls of each method.
+    """The traced functions of a unit for the structure of a robot.
 
     `cache`: see :class:`~vdfmu.compiler.functions.traced.Functions`. Only functions of units of the package are cached:
     others may come from any module.
@@ -55,17 +55,29 @@ class UnitFunctions(Functions):
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, cache: Path | None | str = "default") -> None:
         self.unit, self.robot = unit, robot
         self.name = unit_name(unit)
-        instance = unit(robot)
-        self.calls = {phase: list(calls_of(instance, phase, {})) for phase in PHASES}
-        self._traced = {call.function: (phase, call) for phase, calls in self.calls.items() for call in calls}
-        self._related: dict[str, tuple[str, str]] = {}  # function to its kind, and the derivatives that it belongs to
-        for call in self.calls["derivatives"]:
-            for kind in ("step", "jacobian", *(["left"] if "t" in call.reads else [])):
-                self._related[self.related(call.function, kind)] = kind, call.function
         self.shipped = is_shipped(unit)
         key = robot.key() if robot is not None else "no-robot"
         module = [unit.__module__.partition(".")[2]] if self.shipped else []
         super().__init__(f"{key}-{source_digest('compiler', *module)[:16]}", cache if self.shipped else None)
+
+    @cached_property
+    def calls(self) -> dict[str, list[Call]]:
+        """Calls of each method. UnitError for a wrong method."""
+        instance = self.unit(self.robot)
+        return {phase: list(calls_of(instance, phase, {})) for phase in PHASES}
+
+    @cached_property
+    def _traced(self) -> dict[str, tuple[str, Call]]:
+        return {call.function: (phase, call) for phase, calls in self.calls.items() for call in calls}
+
+    @cached_property
+    def _related(self) -> dict[str, tuple[str, str]]:
+        """Function to its kind, and the derivatives that it belongs to."""
+        return {
+            self.related(call.function, kind): (kind, call.function)
+            for call in self.calls["derivatives"]
+            for kind in ("step", "jacobian", *(["left"] if "t" in call.reads else []))
+        }
 
     def names(self) -> list[str]:
         """Names of the functions, except for derivatives of them."""
@@ -85,8 +97,9 @@ class UnitFunctions(Functions):
             digest.update(sha256(content).digest())
         for variable in scalar_variables(self.unit, self.robot):
             digest.update(repr(variable).encode())
-        for name in self._traced if self.unit.backend == "native" else ():
-            digest.update(self.casadi_function(name).serialize().encode())
+        for name in self._traced:  # this checks the methods of Python FMUs too
+            if self.unit.backend == "native":
+                digest.update(self.casadi_function(name).serialize().encode())
         return digest.hexdigest()
 
     @property

@@ -37,18 +37,20 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
     "requirements": (),
 }
 _MEMORY = "Memory from one call to the next is a Sampled state. Within a call use a local variable"
-_TAKEN = re.compile(
-    r"p|x|x_dot|t|h|tolerance|norm|ratio|factors|given|made|w|[svw]\d+|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
+_TAKEN = CALLED.union(
+    "p x x_dot t h tolerance norm ratio factors given made w null jac hess"
     # keywords of C, and what it defines that traced functions use
-    r"|auto|bool|break|case|char|const|continue|default|do|double|else|enum|extern|false|float|for|goto|if|inline|int"
-    r"|long|register|restrict|return|short|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void"
-    rf"|volatile|while|NAN|INFINITY|NULL|memcpy|{'|'.join(CALLED)}"
+    " auto bool break case char const continue default do double else enum extern false float for goto if inline int"
+    " long register restrict return short signed sizeof static struct switch true typedef typeof union unsigned void"
+    " volatile while NAN INFINITY NULL memcpy".split()
 )
+_FORMS = re.compile(r"[svw]\d+|(own|d|bar|rate)_.*|.*_(new|out)")
+"""Names of further forms with other uses."""
 
 
 def argument_name(name: str) -> str:
     """Name of a variable as an argument or result of traced functions; some names have other uses there."""
-    return f"own_{name}_" if _TAKEN.fullmatch(name) else name
+    return f"own_{name}_" if name in _TAKEN or _FORMS.fullmatch(name) else name
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from vdfmu.base.arrays import element_name
 from vdfmu.base.measure import POSITIVE, derivative_of, measure, unit_of
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import (
@@ -49,13 +51,12 @@ class Variable(Attributes):
     choices: tuple[str, ...] = ()
     """Names of the values 0, 1, .. of an integer."""
 
-    @property
+    @cached_property
     def name(self) -> str:
         """Structured FMI name, counted from 1: ``q[1]``, ``inertia[1,3,3]``, ``T``, ``der(q[1])``."""
-        if not self.index:
-            return self.group
-        indices = f"[{','.join(str(i + 1) for i in self.index)}]"
-        return f"{self.group[:-1]}{indices})" if self.group.endswith(")") else self.group + indices
+        if self.group.endswith(")"):
+            return element_name(self.group[:-1], self.index) + ")"
+        return element_name(self.group, self.index)
 
     @property
     def display_unit(self) -> str | None:

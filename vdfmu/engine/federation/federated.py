@@ -221,10 +221,6 @@ class Federated(Elsewhere):
         federates = {name: {"components": [*parts[name]]} | unit.facts() for name, unit in self._federates.items()}
         return {"federates": federates, "core": self._plan.core}
 
-    def notes(self) -> list[str]:
-        """Return no notes."""
-        return []
-
     def close(self) -> CosimError | None:
         """Free all, end the processes, the broker's last, and return the first failure."""
         failures = [federate.close() for federate in reversed(self._federates.values())]

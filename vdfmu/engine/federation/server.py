@@ -43,15 +43,6 @@ _FAREWELL = 2000
 """Time limit [ms] of the broker for the farewell of the federates."""
 
 
-def start_broker(core: str, federates: int) -> tuple[Any, str]:
-    """Start a broker in this process, on loopback; return it and its address."""
-    name = f"vdfmu_{os.getpid()}"
-    ports = "" if core == "ipc" else f"--port={_free_ports(2 * federates + 2)} "
-    place = f"{ports}{_loopback(core)}" if ports else f"--local_interface={name}"
-    broker = h.helicsCreateBroker(core, name, f"--federates={federates} {_QUIET} {place}")
-    return broker, h.helicsBrokerGetAddress(broker)
-
-
 def _free_ports(number: int) -> int:
     """Return the first of some consecutive free ports below the ephemeral range."""
     while True:
@@ -127,8 +118,10 @@ class HelicsLink:
                 said = json.loads(h.helicsInputGetString(words)) if h.helicsInputIsUpdated(words) else {}
                 heard.append(Heard(peer, h.helicsInputGetVector(values), said))
         except h.HelicsException as error:
-            self._left = True
-            raise self._failure(time, f"the others cannot be reached any more: {self._named(str(error))}") from None
+            self._left, text = True, str(error)
+            for number, name in self._cores.items():
+                text = text.replace(number, f"federate {name}")
+            raise self._failure(time, f"the others cannot be reached any more: {text}") from None
         for peer, values, words in heard:
             if "failed" in words:
                 match words["failed"]:
@@ -159,12 +152,6 @@ class HelicsLink:
                 h.helicsFederateDisconnect(self._federate)
             except h.HelicsException:  # the peers are gone
                 pass
-
-    def _named(self, text: str) -> str:
-        """Return a message of HELICS with names of federates instead of numbers of cores."""
-        for number, name in self._cores.items():
-            text = text.replace(number, f"federate {name}")
-        return text
 
 
 class _FederateExchange(Exchange):
@@ -209,9 +196,12 @@ class FederateServer(Server):
     _link: HelicsLink | None = None
 
     def broker(self, core: str, federates: int) -> str:
-        """Start a broker; return its address."""
-        self._broker, address = start_broker(core, federates)
-        return address
+        """Start a broker in this process, on loopback; return its address."""
+        name = f"vdfmu_{os.getpid()}"
+        ports = "" if core == "ipc" else f"--port={_free_ports(2 * federates + 2)} "
+        place = f"{ports}{_loopback(core)}" if ports else f"--local_interface={name}"
+        self._broker = h.helicsCreateBroker(core, name, f"--federates={federates} {_QUIET} {place}")
+        return h.helicsBrokerGetAddress(self._broker)
 
     def join(self, name: str, plan: FederationPlan, address: str, start: bytes) -> None:
         """Join the peers, and load the components in `start`."""
@@ -263,7 +253,6 @@ class FederateServer(Server):
             self._exchange(stop)
 
     def _exchange(self, time: float) -> None:
-        """Send the outputs and receive the peers' outputs."""
         self._reals[: self._places.size] = self._components.exchange.banks[0].memory[self._places]
         for i, port in enumerate(self._sent.rest):
             for bank, at in self._place(port):

@@ -54,7 +54,7 @@ class Transfer:
         The window.
     dtype : type
         Type in the memory of the call.
-    known, failure : callables
+    values_of, failure : callables
         Return the values of all elements of a variable by its value reference, and the error of a call by its name and
         the reason.
     """

@@ -74,7 +74,6 @@ class Library:
         """The instance as an argument, prepared once."""
 
     def _symbol(self, name: str) -> str:
-        """Return the name of an FMI function in the library."""
         return name
 
     def _look_up(self, name: str, arguments: list[Any] | None, result: Any) -> Any:
@@ -130,7 +129,6 @@ class Library:
         raise CosimError(self.name, call[0].lower() + call[1:], self.box.time, f"{reason} (status {label})")
 
     def _reason(self) -> str:
-        """Return why a call failed."""
         error = taken_error() if self.python else None
         if error is None:
             return self.box.reason(self.name)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from fmpy.model_description import ModelDescription
 
+from vdfmu.base.arrays import element_name
 from vdfmu.base.standards import MASTER_VERSIONS
 from vdfmu.engine.package.system import UnitFactor, Value
 
@@ -130,9 +131,7 @@ def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
 
 def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
     """Return the names of the elements of a variable, row by row, counted from 1; for a scalar its name."""
-    if not shape:
-        return [name]
-    return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
+    return [element_name(name, index) for index in np.ndindex(*(shape or ()))]
 
 
 def read_variables(

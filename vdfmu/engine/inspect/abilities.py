@@ -41,11 +41,7 @@ def try_abilities(path: Path, start: float, step: float, watch: Watch) -> Findin
         ("event mode (hasEventMode)", description.event_mode, _event_mode),
         ("inputs, set to their start values", _inputs(description), _stepped),
         ("FMU state (canGetAndSetFMUState)", simulated and description.saves_state, _state),
-        (
-            "FMU state (canSerializeFMUState)",
-            simulated and description.serializes_state,
-            partial(_state, serialized=True),
-        ),
+        ("FMU state (canSerializeFMUState)", simulated and description.serializes_state, _serialized),
         ("directional derivatives", description.derives_unknowns, _derivatives),
     ]
     for ability, declared, attempt in attempts:

@@ -135,25 +135,16 @@ _PLAIN = re.compile(rf"{_IDENTIFIER}(\.{_IDENTIFIER})*|der\({_IDENTIFIER}(\.{_ID
 
 
 class _Dangling:
-    """Finds and removes the dangling references of a description."""
+    """Finds and removes the dangling references of a description, of every kind in fmpy."""
 
     def __init__(self, root: Any) -> None:
         self.faults: list[Finding] = []
-        self.root = root
         self.version = str(root.get("fmiVersion"))[0]
         self.variables = list(variables_of(root))
         self.units = {u.get("name") for u in root.iterfind("UnitDefinitions/Unit")}
         self.references = {int(item.get("valueReference")): item for item, _ in self.variables}
-        self._check()
-
-    def fault(self, rule: str, item: Any, text: str) -> None:
-        name = f"variable {item.get('name')!r}" if item.get("name") is not None else item.tag
-        self.faults.append(finding(rule, f"{line_of(item)}: {name}: {text}", item))
-
-    def _check(self) -> None:
-        """Check every kind of reference in fmpy."""
-        types = types_of(self.root)
-        for kind in self.root.iterfind("TypeDefinitions/*") if self.version == "3" else ():
+        types = types_of(root)
+        for kind in root.iterfind("TypeDefinitions/*") if self.version == "3" else ():
             for attribute in set(kind.attrib) - {*_TYPE_ATTRIBUTES}:
                 del kind.attrib[attribute]
         for item, value in self.variables:
@@ -170,8 +161,12 @@ class _Dangling:
             if self.version == "3":
                 self._references(item)
         for path in _UNKNOWNS.get(self.version, {}).values():
-            for item in self.root.findall(f"ModelStructure/{path}"):
+            for item in root.findall(f"ModelStructure/{path}"):
                 self._unknown(item)
+
+    def fault(self, rule: str, item: Any, text: str) -> None:
+        name = f"variable {item.get('name')!r}" if item.get("name") is not None else item.tag
+        self.faults.append(finding(rule, f"{line_of(item)}: {name}: {text}", item))
 
     def _causality(self, item: Any, value: Any) -> None:
         causality, variability = item.get("causality", "local"), item.get("variability")

@@ -160,7 +160,6 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
 
 
 def _experiment(description: Any) -> list[Finding]:
-    """Return the faults of the times of the default experiment."""
     experiment = description.defaultExperiment
     problems: list[Finding] = []
 
@@ -280,7 +279,6 @@ def _nominal_fault(text: str | None) -> str:
 
 
 def _manifest_faults(name: str, root: Any) -> list[Finding]:
-    """Return the missing attributes of the manifest of a layered standard."""
     stated = {QName(each).localname for each, text in root.attrib.items() if text}
     missing = [key for key in ("fmi-ls-name", "fmi-ls-version") if key not in stated]
     return [finding("FMI021", f"{name}: lacks {', '.join(missing)}", root)] if missing else []

@@ -113,7 +113,6 @@ def _inspect(path: Path, suffix: str, run: bool, anyway: bool) -> Report:
 
 
 def _renamed(findings: Findings, old: str, new: str) -> Findings:
-    """Return findings with another name for a place."""
     problems, notes = (
         [Finding(text.replace(old, new), text.rule, text.file.replace(old, new), text.line) for text in texts]
         for texts in (findings.problems, findings.notes)

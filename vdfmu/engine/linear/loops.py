@@ -43,8 +43,9 @@ _BETWEEN = np.linspace(-1.0, 1.0, 11)[1:-1]
 """Places for a second calculation, between the neighbours of the frequency with the least modulus."""
 _SLOWEST = 1e-4
 """Lowest frequency, as a share of half the sampling frequency."""
-_FAST = 0.05
-"""Eigenvalues up to this size, most of them delays, are not separated: their part of S is a power series in 1 / z."""
+_FAST, _DELAY = 0.05, 1e-6
+"""Eigenvalues up to the first size are not separated if their eigenvectors are ill-conditioned, as of delays in a row;
+up to the second they never are. Their part of S is a power series in 1 / z."""
 _TERMS, _LEAST = 12, 1e-15
 """Most terms of it, with the first omitted term at 1e-15 of the first; and states that count as 0."""
 _NUDGE = 1e-11
@@ -75,7 +76,7 @@ class _LoopModes(NamedTuple):
     """Modes of closed loops: of n loops, k modes."""
 
     poles: Complex
-    """Eigenvalues, (k,), without those near 0 of a sampled system."""
+    """Eigenvalues, (k,), without the small ones of :func:`_separated`."""
     s: Complex
     """The same in continuous time [1/s]."""
     parts: Complex
@@ -110,7 +111,7 @@ class Loop:
             return _LoopModes(none[0], none[0], none, never, never[0], np.zeros((0, n)))
         closed = A + B @ K
         closed *= _nudges(len(closed))
-        poles, right, left = _separated(closed, _FAST if self.sampled else -1.0)
+        poles, right, left = _separated(closed, self.sampled)
         parts = (K @ right) * (left @ B).T
         rest: list[Floats] = []
         if len(poles) < len(A):
@@ -165,6 +166,11 @@ class Loop:
         again = np.abs(self._inverse(more.ravel()))
         return np.where(self.lost, 0.0, np.minimum(size.min(axis=0), again.min(axis=0)))
 
+    @property
+    def least(self) -> float:
+        """The least modulus margin of all loops; 0 if a loop lacks it."""
+        return 0.0 if self.lost.any() else float(self.modulus.min())
+
     def margins(self) -> Margins:
         """Return all margins."""
         w, n = self._grid(_GRID), len(self.K)
@@ -182,7 +188,7 @@ _spaced = lru_cache(np.geomspace)
 
 @lru_cache
 def _nudges(n: int) -> Floats:
-    return 1.0 + _NUDGE * np.random.default_rng(0).uniform(-1.0, 1.0, (n, n))
+    return 1.0 + _NUDGE * np.sin(np.arange(n * n) ** 2.0).reshape(n, n)  # numpy.random takes long to import
 
 
 def loop_of_part(system: LinearSystem, opened: Sequence[str]) -> Loop:
@@ -196,6 +202,14 @@ def loop_of_part(system: LinearSystem, opened: Sequence[str]) -> Loop:
     if loops.step is None and at_once[:, cut].any():  # sampled, nothing comes back in the same step
         raise UsageError(f"{', '.join(opened)}: expected loops with a state, got feed-through all around.")
     plant = Linear(loops.A, loops.B[:, cut])
+    if loops.step is not None:  # a waiting output without feedthrough is C x and G s, and no state by itself
+        follows = np.flatnonzero(~(system.links @ system.parts.D).any(axis=1))
+        n = len(loops.A) - len(system.links)
+        whole = np.eye(len(loops.A))
+        whole[n + follows, :n] = system.links[follows] @ np.hstack([system.parts.C, system.samples.G])
+        kept = np.delete(np.arange(len(whole)), n + follows)
+        whole = whole[:, kept]
+        plant, returned = Linear(plant.A[kept] @ whole, plant.B[kept]), returned @ whole
     while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # states without effect
         plant, returned = Linear(plant.A[np.ix_(seen, seen)], plant.B[seen]), returned[:, seen]
     return Loop(plant, returned, loops.step or system.step, loops.step is not None)
@@ -269,17 +283,19 @@ def _tied_places(
     return places
 
 
-def _separated(A: Floats, above: float) -> tuple[Any, Any, Any]:
-    """Return the eigenvalues of a matrix above a size, right eigenvectors, and left ones as rows: pairs have product 1.
+def _separated(A: Floats, sampled: bool) -> tuple[Any, Any, Any]:
+    """Return the eigenvalues of a matrix, right eigenvectors, and left ones as rows: pairs have product 1.
 
-    LinAlgError if there are not as many eigenvectors.
+    Of a sampled system without small ones. LinAlgError if there are not as many eigenvectors.
     """
     poles, right = np.linalg.eig(A)
-    kept = np.flatnonzero(np.abs(poles) > above)
+    sizes = np.abs(poles)
     with suppress(np.linalg.LinAlgError):
         inverse = np.linalg.inv(right)
         if np.linalg.norm(right) * np.linalg.norm(inverse) < _APART:
+            kept = np.flatnonzero(sizes > (_DELAY if sampled else -1.0))
             return poles[kept].astype(complex), right[:, kept], inverse[kept]
+    kept = np.flatnonzero(sizes > (_FAST if sampled else -1.0))
     same, left = np.linalg.eig(A.T)  # delays in a row have one eigenvector
     left, right = left[:, np.argsort(-np.abs(same))[: len(kept)]].T, right[:, kept]
     return poles[kept].astype(complex), right, np.linalg.solve(left @ right, left)

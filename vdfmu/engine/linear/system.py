@@ -196,18 +196,18 @@ class LinearSystem:
         C, n = np.hstack([C, G]), n_x + n_s
         ends = np.hstack([self.links @ C @ Phi, np.zeros((m, m))])  # L y at the end of the step, by (x, w)
         by_u = self.links @ (C @ Gamma + D)
-        fresh = np.diag(self.fresh.astype(float))
-        late = np.hstack([np.zeros((m, n)), np.eye(m) - fresh])
-        keep = np.eye(m)
-        keep[cut, cut] = 0.0
+        fresh = self.fresh[:, None].astype(float)
+        late = np.hstack([np.zeros((m, n)), np.diag(1.0 - fresh[:, 0])])
+        keep = np.ones((m, 1))
+        keep[cut] = 0.0
         U: Any = np.linalg.solve(
-            np.eye(m) - keep @ fresh @ by_u, np.hstack([keep @ (fresh @ ends + late), np.eye(m)])
+            np.eye(m) - keep * fresh * by_u, np.hstack([keep * (fresh * ends + late), np.eye(m)])
         )  # u by (x, w, d)
         none = np.zeros((m, m))
         waits = np.hstack([ends, none]) + by_u @ U
         x = np.hstack([Phi, np.zeros((n, 2 * m))]) + Gamma @ U
         y = np.hstack([C, np.zeros((len(C), 2 * m))]) + D @ U
-        back = fresh @ waits + np.hstack([late, none])
+        back = fresh * waits + np.hstack([late, none])
         return self._named(np.vstack([x, waits]), np.vstack([y, back[cut]]), cut, self.step)
 
     def _named(self, motion: Floats, outputs: Floats, cut: list[int], step: float | None) -> StateSpace:

@@ -164,7 +164,6 @@ class CompiledSteps:
         return master.row
 
     def _make(self, exchange: Exchange) -> None:
-        """Make the plan, in the order of the schedule."""
         checked, banks = exchange.checked, exchange.banks
         fresh, early = checked.schedule.fresh, checked.early if checked.multiples else ()
         for name in checked.schedule.units:
@@ -232,7 +231,6 @@ class CompiledSteps:
         )  # fmt: skip
 
     def _step(self, instance: Instance, at_end: bool) -> None:
-        """Add the call of a step."""
         grid, multiples = self._grid, self._exchange.checked.multiples
         every = multiples.get(instance.name, 1)
         begun = grid.begin + (grid.n - 1) // every * every * grid.step

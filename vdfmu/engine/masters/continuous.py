@@ -131,7 +131,8 @@ class ContinuousStepper(Stepper):
         self.box.time = time
         self._coupled.begin()
         for unit in self._repeated:
-            self._save(unit.instance)
+            self._free(unit.instance)
+            self._states[unit.instance.name] = unit.instance.saved_state()
         start = self._coupled.begun[0]
         if self._last > 0.0:
             np.multiply(start - self._previous, h / self._last, self._outputs)
@@ -293,10 +294,6 @@ class ContinuousStepper(Stepper):
                 clock.value = time + i * h / n
                 size.value = largest_step(clock.value, time + h) if i and i == n - 1 else h / n
                 unit.instance.run(calls)
-
-    def _save(self, instance: Instance) -> None:
-        self._free(instance)
-        self._states[instance.name] = instance.saved_state()
 
     def _restore(self, units: list[CoupledUnit]) -> None:
         for unit in units:

@@ -244,7 +244,6 @@ class Exchange:
             self._carry(link, self._value(link))
 
     def _value(self, link: Link) -> Any:
-        """Return the value that a connection carries now."""
         value: Any = self._source(link)
         if link.conversion.table is not None:
             return link.conversion.table.get(int(value), int(value))

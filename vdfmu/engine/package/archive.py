@@ -6,8 +6,8 @@ import stat
 import tempfile
 import zipfile
 from bisect import bisect
-from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 from urllib.parse import unquote, urlsplit
@@ -176,12 +176,10 @@ class Archive:
             self._budget.packages += 1
         return self._inner[name]
 
-    @contextmanager
-    def opened(self, name: str, label: str = "") -> Generator[Archive]:
+    def opened(self, name: str, label: str) -> Archive:
         """Open a package or FMU inside the package, for a ``with`` block."""
         archive, name = self._split(name) or (self, name)
-        with archive._open(name, label) as inner:
-            yield inner
+        return archive._open(name, label)
 
     def _open(self, name: str, label: str = "") -> Archive:
         """Unpack a package into an anonymous temporary file."""

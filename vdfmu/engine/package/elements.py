@@ -10,11 +10,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
+from vdfmu.base.measure import BASE_UNITS
 from vdfmu.base.standards import SSP_1
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.package.archive import INSIDE, Archive, is_inside, resolve
 from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, OSP_TYPE, parse_ssp_xml
-from vdfmu.engine.package.system import BASE_UNITS, Connector, Experiment, Shape, Transformation, UnitFactor
+from vdfmu.engine.package.system import Connector, Experiment, Shape, Transformation, UnitFactor
 from vdfmu.engine.rules import Finding, breach, finding, place_of
 
 _SSC = f"{{{NAMESPACES['ssc']}}}"

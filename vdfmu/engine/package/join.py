@@ -10,12 +10,13 @@ from typing import Any
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing
+from vdfmu.base.measure import BASE_UNITS
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN
-from vdfmu.engine.package.system import BASE_UNITS, UnitFactor, Value, spread
+from vdfmu.engine.package.system import UnitFactor, Value, spread
 from vdfmu.engine.package.writing import META, add, root, to_bytes
 from vdfmu.engine.results.recorded import group_of
 
@@ -81,7 +82,9 @@ def join(
     read = ports.descriptions.values()
     stop = max((each.stop for each in read if each.stop is not None), default=1.0) if stop is None else stop
     step = min((each.step for each in read if each.step is not None), default=1e-3 * stop) if step is None else step
-    pairs = [pair for start, ends in _each(connections) for end in ends for pair in ports.pairs(start, end)]
+    items: Any = connections.items() if isinstance(connections, Mapping) else connections
+    ends = [(start, end) for start, listed in items for end in ([listed] if isinstance(listed, str) else listed)]
+    pairs = [pair for start, end in ends for pair in ports.pairs(start, end)]
     bound = ports.bound(values or {})
     if ports.faults:
         raise UsageError("\n".join(dict.fromkeys(ports.faults)))
@@ -100,11 +103,6 @@ def _described(component: str, path: Path) -> Description:
     if description is None:
         raise SspError([problem.within(component) for problem in problems])
     return description
-
-
-def _each(connections: Connections) -> list[tuple[str, Sequence[str]]]:
-    items: Any = connections.items() if isinstance(connections, Mapping) else connections
-    return [(start, [ends] if isinstance(ends, str) else ends) for start, ends in items]
 
 
 class _Ports:
@@ -130,9 +128,11 @@ class _Ports:
         matches = sorted(matches, key=lambda v: group_of(v.name)[1])
         if not matches:
             allowed = [v.name for v in description.named(causalities[0])]
-            near = close_to(wanted, [*allowed, *dict.fromkeys(group_of(each)[0] for each in allowed)])
+            groups = list(dict.fromkeys(group_of(each)[0] for each in allowed))
+            more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
             self.faults.append(
-                f"{where}: {component} has no variable {wanted!r}{near}. {_listed(causalities[0], allowed)}"
+                f"{where}: {component} has no variable {wanted!r}{close_to(wanted, [*allowed, *groups])}. "
+                f"Its {causalities[0]}s: {', '.join(groups[:12]) or 'none'}{more}."
             )
         elif matches[0].causality not in causalities:
             got = f"{component}.{matches[0].name} is of causality {matches[0].causality}"
@@ -142,17 +142,16 @@ class _Ports:
 
     def pairs(self, start: str, end: str) -> list[tuple[tuple[str, FmuVariable], tuple[str, FmuVariable]]]:
         """Return the pairs of variables of a connection, element by element."""
-        where = f"{start} -> {end}"
+        where, source, sink = f"{start} -> {end}", start.partition(".")[0], end.partition(".")[0]
         sources = self.elements(start, _CAUSALITIES["from"], where)
         sinks = self.elements(end, _CAUSALITIES["to"], where)
         if sources and sinks and len(sources) != len(sinks):
             self.faults.append(
                 f"{where}: lengths must be equal, got {len(sources)} and {len(sinks)}. Connect elements: "
-                f"{start.partition('.')[0]}.{sources[0].name} -> {end.partition('.')[0]}.{sinks[0].name}."
+                f"{source}.{sources[0].name} -> {sink}.{sinks[0].name}."
             )
             return []
-        owners = start.partition(".")[0], end.partition(".")[0]
-        return [((owners[0], a), (owners[1], b)) for a, b in zip(sources, sinks, strict=False)]
+        return [((source, a), (sink, b)) for a, b in zip(sources, sinks, strict=False)]
 
     def bound(self, values: Mapping[str, Any]) -> dict[str, list[tuple[FmuVariable, Value]]]:
         """Return the values of each component's variables."""
@@ -178,19 +177,12 @@ class _Ports:
         return units
 
 
-def _listed(causality: str, names: Sequence[str]) -> str:
-    groups = list(dict.fromkeys(group_of(name)[0] for name in names))
-    more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
-    return f"Its {causality}s: {', '.join(groups[:12]) or 'none'}{more}."
-
-
-def is_plain(unit: UnitFactor | None) -> bool:
+def _is_plain(unit: UnitFactor | None) -> bool:
     """Whether a unit of measurement is 1, so that a signal may stand for any quantity."""
     return unit is not None and unit.exponents is not None and not any(unit.exponents) and unit.factor == 1.0
 
 
 def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tuple[Any, Any, Any]) -> Any:
-    """Return the root of the SSD."""
     units = ports.units
     top = root(
         "ssd:SystemStructureDescription", {"version": "1.0", "name": name, **META}, ("ssd", "ssc", "ssv", *FOREIGN)
@@ -221,18 +213,14 @@ def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tup
                 add(add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=text)
     wires = add(system, "ssd:Connections") if pairs else None
     for (start, source), (end, sink) in pairs:
-        plain = source.unit != sink.unit and (is_plain(source.unit) or is_plain(sink.unit))
+        plain = source.unit != sink.unit and (_is_plain(source.unit) or _is_plain(sink.unit))
         add(wires, "ssd:Connection", startElement=start, startConnector=source.name, endElement=end,
              endConnector=sink.name, suppressUnitConversion="true" if plain else None)  # fmt: skip
     if units:
         box = add(top, "ssd:Units")
         for unit in units.values():
             powers = {base: power for base, power in zip(BASE_UNITS, unit.exponents or (), strict=True) if power}
-            scale = {
-                key: value
-                for key, value, usual in (("factor", unit.factor, 1.0), ("offset", unit.offset, 0.0))
-                if value != usual
-            }
+            scale = {"factor": unit.factor if unit.factor != 1.0 else None, "offset": unit.offset or None}
             add(add(box, "ssc:Unit", name=unit.name), "ssc:BaseUnit", **powers, **scale)
     stop, step, algorithm = experiment
     default = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=stop)

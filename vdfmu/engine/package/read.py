@@ -125,7 +125,6 @@ def variants(archive: Archive) -> list[str]:
 
 
 def _structure(scope: Scope) -> Any:
-    """Return the root of the SSD of a scope."""
     if scope.document not in scope.archive:
         names = variants(scope.archive)
         has = f"; it has {', '.join(names)}" if names else ""

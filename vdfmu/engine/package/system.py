@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.base.measure import BASE_UNITS
 from vdfmu.base.standards import SSP_1
 from vdfmu.engine.rules import Finding, Place
 
@@ -19,7 +20,6 @@ _DIGITS = 1e-6
 """Relative difference of equal units; survey foot and engineering foot differ by 2e-6."""
 Shape = tuple[int | None, ...]
 """Sizes of an array, empty for a scalar; None for an open size."""
-BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 @dataclass(frozen=True)

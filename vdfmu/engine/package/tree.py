@@ -61,13 +61,13 @@ class TreeReader:
             child_name = child.get("name")
             if child_name in node.children:
                 self._fault("SSP017", f"{scope.label}: two elements are named {node.dotted(child_name)!r}", child)
-            readers = {"System": self._inner, "Component": self._component}
-            read = readers.get(child.tag.rsplit("}", 1)[1], self._dictionary)
-            node.children[child_name] = read(child, node, child_name)
+            kind = child.tag.rsplit("}", 1)[1]
+            if kind == "System":
+                node.children[child_name] = self.system(child, scope, node, child_name)
+            else:
+                read = self._component if kind == "Component" else self._dictionary
+                node.children[child_name] = read(child, node, child_name)
         return node
-
-    def _inner(self, element: Any, parent: Node, name: str) -> Node:
-        return self.system(element, parent.scope, parent, name)
 
     def _component(self, element: Any, parent: Node, name: str) -> Node:
         """Read a component: an FMU, or a system in a package, an SSD or an element of this SSD."""

@@ -211,7 +211,6 @@ def _expected(kinds: Sequence[str], flows: set[tuple[str, str]]) -> str:
 
 
 def _index_faults(index: Index, shape: Shape, name: str) -> list[str]:
-    """Return the faults of indices of an array."""
     if len(index) > len(shape):
         return [f"{len(index)} for {name}, {show_shape(shape)}"]
     return [

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.measure import coherent, measure
+from vdfmu.base.measure import BASE_UNITS, coherent, measure
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable, limit_fault
-from vdfmu.engine.package.system import BASE_UNITS, UnitFactor
+from vdfmu.engine.package.system import UnitFactor
 from vdfmu.engine.plan.conversion import SOURCE, Conversion, Link, Port, between
 from vdfmu.engine.plan.inputs import Course, InputTable
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, element_name
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_text
 
@@ -125,8 +125,7 @@ def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[st
     if t.ndim != 1 or not t.size or values.shape[:1] != t.shape:
         problems.append(f"{where}: expected times (m,) and values (m,) or (m, n), got {t.shape} and {values.shape}")
         return None
-    indices = np.ndindex(values.shape[1:])
-    names = [name + (f"[{','.join(str(i + 1) for i in index)}]" if index else "") for index in indices]
+    names = [element_name(name, index) for index in np.ndindex(values.shape[1:])]
     columns = values.reshape(len(t), -1)
     _check_rows(where, lambda i: f"element {i}", names, t, columns, problems)
     return InputTable(where, tuple(names), ("",) * len(names), t, columns, hold, group=name)

@@ -34,9 +34,14 @@ def joined(
                 _move(path, kept, files)
         if files:
             _move(path, kept, files)
-        m = sum(map(len, times))
-        rows = {kind: _read(arrays, files.get(kind), m) for kind, arrays in kept.items()}
-        return Recorded(np.concatenate(times), signals, rows, summary)
+        time = np.concatenate(times)
+        rows: dict[str, NDArray[Any]] = {
+            kind: np.memmap(files[kind], arrays[0].dtype, "c", shape=(len(time), arrays[0].shape[1]))
+            if kind in files
+            else np.concatenate(arrays)
+            for kind, arrays in kept.items()
+        }
+        return Recorded(time, signals, rows, summary)
     finally:
         for file in files.values():
             file.close()  # a map stays
@@ -63,12 +68,6 @@ def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, I
             f"{path}: the folder of temporary files cannot hold its numbers: {error.strerror or error}. Free space, or "
             "choose another folder with TMPDIR."
         ) from None
-
-
-def _read(arrays: Sequence[NDArray[Any]], file: IO[bytes] | None, m: int) -> NDArray[Any]:
-    if file is None:
-        return np.concatenate(arrays)
-    return np.memmap(file, arrays[0].dtype, "c", shape=(m, arrays[0].shape[1]))
 
 
 def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:

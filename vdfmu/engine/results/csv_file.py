@@ -105,10 +105,10 @@ def csv_lines(time: Floats, signals: Sequence[Signal], data: Mapping[str, NDArra
         return ""
     if all(signal.kind == "real" for signal in signals):
         table = np.column_stack([time, data["real"][rows][:, [signal.column for signal in signals]]])
-        characters = np.frombuffer(bytearray(_numbers(table.T)), np.uint8)
-        ends = np.flatnonzero(characters == ord("\n"))
-        characters[np.delete(ends, np.s_[table.shape[1] - 1 :: table.shape[1]])] = ord(",")
-        return characters.tobytes().decode()
+        characters = np.frombuffer(text := bytearray(_numbers(table.T)), np.uint8)
+        ends = np.flatnonzero(characters == ord("\n")).reshape(table.shape)
+        characters[ends[:, :-1]] = ord(",")
+        return text.decode()
     texts = {kind: _texts(array[rows]) for kind, array in data.items()}
     columns = [*_texts(time[:, None]), *(texts[s.kind][s.column] for s in signals)]
     return "".join(line + "\n" for line in map(",".join, zip(*columns, strict=True)))
@@ -136,7 +136,10 @@ def _numbers(array: Floats) -> bytes:
 
         stream = io.BytesIO()
         mmwrite(stream, array, symmetry="general")
-    return stream.getvalue().split(b"\n", 3)[-1]  # below its head
+    stream.seek(0)
+    for _ in range(3):  # its head
+        stream.readline()
+    return stream.read()
 
 
 FORMAT = Format(lambda: None, write_csv, read_csv, Stream(csv_head, csv_lines))

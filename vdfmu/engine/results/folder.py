@@ -56,30 +56,15 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
 
     UsageError if the folder cannot be written to, or, without `overwrite`, has files of these names that no run wrote.
     """
+    made, owned = not folder.exists(), None
     names = (f"partial_{os.getpid()}" + (f"_{k}" if k > 1 else "") for k in count(1))
     with _LOCK:
         partial = folder / next(name for name in names if (folder / name).absolute() not in _TAKEN)
         taken = partial.absolute()
         _TAKEN.add(taken)
     try:
-        with _replacing(partial, folder, outputs, overwrite):
-            yield partial
-    finally:
-        _TAKEN.remove(taken)
-
-
-_TAKEN: set[Path] = set()
-"""Folders of current runs of this process."""
-_LOCK = Lock()
-
-
-@contextmanager
-def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> Generator[None]:
-    made = not folder.exists()
-    owned = None
-    try:
         owned = _prepare(partial, folder, outputs, overwrite)
-        yield
+        yield partial
         with InterruptGuard(), _LOCK, _one_process(folder):
             _publish(partial, folder, outputs)
     except BaseException as error:
@@ -96,8 +81,14 @@ def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: b
                     empty.rmdir()
         raise
     finally:
+        _TAKEN.remove(taken)
         if owned is not None:
             os.close(owned)
+
+
+_TAKEN: set[Path] = set()
+"""Folders of current runs of this process."""
+_LOCK = Lock()
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import math
 import mmap
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -22,6 +22,7 @@ _BLOCK = 512
 _ELEMENT = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
 
 
+@lru_cache(2**14)
 def group_of(name: str) -> tuple[str, tuple[int, ...]]:
     """Return the name of a signal without indices, and its indices."""
     match = _ELEMENT.fullmatch(name)

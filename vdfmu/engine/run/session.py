@@ -139,7 +139,8 @@ class Session:
         """Return the plan of a run."""
         wanted, plan = (grid, None if record is None else tuple(record)), self.plan
         if plan is not None and plan.wanted == wanted and not (files or taps):
-            plan.again()
+            assert plan.compiled is not None
+            plan.compiled.row = 0
             return plan
         self.plan = None
         plan = RunPlan(self, wanted, self._coupling, files, taps, paced)
@@ -180,11 +181,6 @@ class RunPlan:
 
         self.do_step = do_step
 
-    def again(self) -> None:
-        """Begin another run."""
-        assert self.compiled is not None
-        self.compiled.row = 0
-
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
     """Unpack the FMUs of a system; return their folders by source, and whether to isolate them by default.
@@ -223,7 +219,6 @@ def no_room(folder: str, error: OSError) -> VdfmuError:
 
 
 def _needed(member: str) -> bool:
-    """Whether a member of an FMU is needed to run it."""
     places = "resources/", f"binaries/{fmpy.platform}/", f"binaries/{fmpy.platform_tuple}/"
     return member == "modelDescription.xml" or member.startswith(places)
 
@@ -310,7 +305,6 @@ class Run:
         self._show(k)
 
     def _show(self, k: int) -> None:
-        """Show row `k` to the taps that are due."""
         for tap in self._taps:
             if tap.due(k) == k:
                 tap.take(k, self._grid.time(k), self._session.components)

@@ -138,9 +138,8 @@ class Simulator:
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         self._end_by_hand()
-        session, self._session, self._checked = self._session, None, None
-        if session is not None:
-            session.__exit__(None, error)
+        self._checked = None
+        self._free(error)
 
     @with_options
     def run(
@@ -264,7 +263,6 @@ class Simulator:
             raise
 
     def _free(self, error: BaseException | None = None) -> None:
-        """Free the components."""
         session, self._session, self._by_hand = self._session, None, None
         if session is not None:
             session.__exit__(error and type(error), error)
@@ -310,20 +308,17 @@ class Simulator:
     def _ready(self, checked: Checked) -> Session:
         """Return the components in their state after loading."""
         self._end_by_hand()
-        session = self._session
-        if session is not None and session.isolated:
-            self._session = None
-            session.__exit__(None, None)
-            session = None
-        if session is None:
-            options = self._options
-            self._session = session = Session(
-                checked, options["log"], options["isolate"], self._limits, self._apart,
-                (options["adaptive"], options["convergence"]),
-            ).__enter__()  # fmt: skip
-        else:
-            session.reset(checked)
-        return session
+        if self._session is not None and self._session.isolated:
+            self._free()
+        if self._session is not None:
+            self._session.reset(checked)
+            return self._session
+        options = self._options
+        self._session = Session(
+            checked, options["log"], options["isolate"], self._limits, self._apart,
+            (options["adaptive"], options["convergence"]),
+        ).__enter__()  # fmt: skip
+        return self._session
 
     def _initialize(self, session: Session, grid: Grid) -> None:
         convergence = self._options["convergence"] or CONVERGENCE

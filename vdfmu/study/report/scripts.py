@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from functools import lru_cache
+from hashlib import sha256
 from html import escape
 from pathlib import Path
 from typing import Any, cast
@@ -13,10 +14,10 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.page import style_sheet
+from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.page import compressed, style_sheet
 from vdfmu.base.text import to_json
 from vdfmu.compiler.fmu.content import THIRD_PARTY
-from vdfmu.system.program import compressed
 
 _BUNDLES = Path(__file__).parent / "bundles"
 _LIBRARIES = "three_uplot.min.js"
@@ -51,8 +52,10 @@ def libraries() -> str:
     text = bundle(_LIBRARIES)
     units = THIRD_PARTY.replace("libraries in binaries/", "units that a page simulates")
     licences = "\n".join([*re.findall(r"/\*!(.*?)\*/", text, re.DOTALL), units])
-    packed = compressed(text.encode())
-    return f'<!--\n{licences}-->\n<script type="text/plain" id="vendor">{packed}</script>'
+    place = cache_folder() / "pages" / sha256(text.encode()).hexdigest()  # to compress it takes 13 ms
+    if (packed := load(place)) is None:
+        store(place, packed := compressed(text.encode()).encode())
+    return f'<!--\n{licences}-->\n<script type="text/plain" id="vendor">{packed.decode()}</script>'
 
 
 def data_element(content: Mapping[str, Any]) -> str:

@@ -17,6 +17,7 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import distinct
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.page import compressed
 from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
@@ -26,7 +27,6 @@ from vdfmu.study.report.tracks import GOOD, Names, tracks
 from vdfmu.study.run.key_figures import STANDING, off_from
 from vdfmu.study.run.summary import LIMITED
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.program import SystemProgram, compressed, page_program
 
 ROWS = 100
 """Intervals between the recorded rows that the page compares with its own run."""
@@ -97,6 +97,8 @@ def keep_program(system: SystemDescription, package: Path) -> None:
     place = _kept(package)
     if not system.scenario.inputs and b'"module"' in (load(place) or b""):  # inputs are not in the package
         return
+    from vdfmu.system.program import SystemProgram, page_program  # takes long to import
+
     try:
         content = page_program(SystemProgram(system)) | {"knobs": list(knobs(system))}
     except VdfmuError as error:

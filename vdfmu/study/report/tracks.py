@@ -11,7 +11,7 @@ recommendation (Astrom and Hagglund, Advanced PID Control, 2006, section 4.5). B
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
@@ -119,14 +119,15 @@ class _MovedLoops:
         self.rows = [*rows][:_ROWS]
         """Some rows, first the row with the least margin."""
 
-    def moved(self, knob: Mapping[str, Any], place: float, joint: int | None, rows: Sequence[int]) -> list[Loop]:
-        """Return the loops at rows with a slider at a place, of all joints or of one."""
+    def moved(self, knob: Mapping[str, Any], by: float | Mapping[str, float], rows: Sequence[int]) -> list[Loop]:
+        """Return the loops at rows with the parameters of a slider times a factor, or a factor by joint, ``1``."""
         changes = {unit: dict(values) for unit, values in self.still.items()}
         for target in knob["targets"]:
             for name, value in self.parameters[target["unit"]].items():
                 group, _, index = name.partition("[")
-                if group == target["name"] and (joint is None or index.rstrip("]").split(",")[0] == str(joint + 1)):
-                    changes.setdefault(target["unit"], {})[name] = factor(knob, place) * value
+                if group == target["name"]:
+                    times = by.get(index.rstrip("]").split(",")[0], 1.0) if isinstance(by, Mapping) else by
+                    changes.setdefault(target["unit"], {})[name] = times * value
         return self._poses.moved(changes, rows)
 
     def worst(self, knob: Mapping[str, Any]) -> list[int]:
@@ -136,34 +137,63 @@ class _MovedLoops:
         """
         first, *more = self.rows
         tried = {self.loops[row].K.shape: row for row in self.rows}
-        slopes = {slope.shape: slope for slope in (self.feedback(knob, [*tried.values()], None) or {}).values()}
+        slopes = {slope.shape: slope for slope in (self.feedback(knob, [*tried.values()]) or {}).values()}
         alike = [row for row, loop in enumerate(self.loops) if row % 2 == 0 and loop.K.shape in slopes]
         ends: list[int] = []
         for place in (-NOTCHES, NOTCHES) if alike else ():
             by = factor(knob, place) - 1.0
             moved = (replace(loop, K=loop.K + by * slopes[loop.K.shape]) for loop in map(self.loops.__getitem__, alike))
-            ends.append(alike[int(np.argmin([loop.modulus.min() for loop in moved]))])
+            ends.append(alike[int(np.argmin(_margins(moved)))])
         return [*dict.fromkeys([first, *ends, *more])]
 
     def same_plant(self, row: int, loop: Loop) -> bool:
         """Whether a loop differs from the run's in its feedback at most."""
         return all(np.array_equal(*pair) for pair in zip(loop.plant, self.loops[row].plant, strict=True))
 
-    def feedback(self, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> dict[int, Floats] | None:
-        """Return by how much the feedback at rows changes if a slider adds 1 to its factor.
+    def feedback(
+        self, knob: Mapping[str, Any], rows: Sequence[int], joint: str | None = None
+    ) -> dict[int, Floats] | None:
+        """Return by how much the feedback at rows changes if a slider, of all joints or of one, adds 1 to its factor.
 
         None if the slider changes more than the feedback, or this not in proportion.
         """
         slopes: list[list[Floats]] = []
-        for place in (-NOTCHES, NOTCHES):
-            loops = self.moved(knob, place, joint, rows)
+        for by in (factor(knob, place) for place in (-NOTCHES, NOTCHES)):
+            loops = self.moved(knob, {joint: by} if joint else by, rows)
             if not all(map(self.same_plant, rows, loops)):
                 return None
-            by = factor(knob, place) - 1.0
-            slopes.append([(loop.K - self.loops[row].K) / by for row, loop in zip(rows, loops, strict=True)])
+            slopes.append([(loop.K - self.loops[row].K) / (by - 1.0) for row, loop in zip(rows, loops, strict=True)])
         if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *slopes)):
             return None
         return dict(zip(rows, slopes[0], strict=True))
+
+    def by_joint(
+        self, knob: Mapping[str, Any], rows: Sequence[int], slopes: Mapping[int, Floats]
+    ) -> dict[str, dict[int, Floats]]:
+        """Return the numbers of a slider's :meth:`feedback` that belong to each joint; empty if some belong to two.
+
+        Each joint is given another factor, and so shows its numbers.
+        """
+        factors = {str(joint): 1.0 + joint for joint in range(1, len(knob["values"]) + 1)}
+        parts: dict[str, dict[int, Floats]] = {joint: {} for joint in factors}
+        for row, loop in zip(rows, self.moved(knob, factors, rows), strict=True):
+            slope, change = slopes[row], loop.K - self.loops[row].K
+            for joint, by in factors.items():
+                belongs = np.isclose(change, (by - 1.0) * slope, rtol=_ROUNDING, atol=0.0)
+                parts[joint][row] = np.where(belongs, slope, 0.0)
+            if not np.array_equal(sum(part[row] for part in parts.values()), slope):
+                return {}
+        return parts
+
+
+def _margins(loops: Iterable[Loop]) -> list[float]:
+    """Return the least margin of each loop, up to the first that lacks it."""
+    margins: list[float] = []
+    for loop in loops:
+        margins.append(loop.least)
+        if not margins[-1]:
+            break
+    return margins
 
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
@@ -172,35 +202,34 @@ def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | No
     if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
         yield None
         return
-    (moved,) = loops.moved(knob, NOTCHES, None, rows[:1])
+    (moved,) = loops.moved(knob, factor(knob, NOTCHES), rows[:1])
     alike = loops.same_plant(rows[0], moved)
     if alike and np.array_equal(moved.K, loops.loops[rows[0]].K):  # none of its parameters is in a loop
         yield None
         return
     rows = loops.worst(knob) if alike else rows[:_WORST]
-    yield _track(loops, knob, rows, None)
+    slopes = loops.feedback(knob, rows) if alike else None
+    yield _track(loops, knob, rows, slopes)
     joints = len(knob["values"])
     if alike and 1 < joints <= _JOINTS:
-        for joint in range(joints):
-            yield _track(loops, knob, rows[:_FIRST], joint)
+        rows = rows[:_FIRST]
+        parts = loops.by_joint(knob, rows, slopes) if slopes else {}
+        for joint in map(str, range(1, joints + 1)):
+            yield _track(loops, knob, rows, parts.get(joint) or loops.feedback(knob, rows, joint), joint)
 
 
-def _track(loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], joint: int | None) -> Track:
-    feedback = loops.feedback(knob, rows, joint)
+def _track(
+    loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], slopes: Mapping[int, Floats] | None,
+    joint: str | None = None,
+) -> Track:  # fmt: skip
+    def moved(place: float) -> Iterable[Loop]:
+        by = factor(knob, place)
+        if slopes is None:
+            return loops.moved(knob, {joint: by} if joint else by, rows)
+        pairs = [(loops.loops[row], (by - 1.0) * slopes[row]) for row in rows]
+        return (replace(loop, K=loop.K + more) for loop, more in pairs)
 
-    def moved(place: float) -> list[Loop]:
-        if feedback is None:
-            return loops.moved(knob, place, joint, rows)
-        pairs = [(loops.loops[row], (factor(knob, place) - 1.0) * feedback[row]) for row in rows]
-        return [replace(loop, K=loop.K + more) for loop, more in pairs]
-
-    def least(place: float) -> float:
-        at_rows = moved(place)
-        if any(loop.lost.any() for loop in at_rows):
-            return 0.0
-        return min(float(loop.modulus.min()) for loop in at_rows)
-
-    margins = {place: least(place) if place else loops.least for place in _PLACES}
+    margins = {place: min(_margins(moved(place))) if place else loops.least for place in _PLACES}
     limits: list[float | None] = []
     for side in (-1, 1):
         ordered = [side * abs(place) for place in _PLACES if place >= 0]

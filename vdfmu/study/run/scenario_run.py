@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
 from collections.abc import Iterable, Iterator
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
 
 from vdfmu.arm.robot import load_robot
+from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
@@ -21,6 +24,7 @@ from vdfmu.base.progress import doing, report
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.text import nearest
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
+from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
 from vdfmu.engine.plan.grid import count_steps
@@ -36,7 +40,7 @@ from vdfmu.study.run import summary as numbers
 from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
 from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.scene import arm_of, scene_of
-from vdfmu.study.run.verdict import VISIBLE, explain, loop_checks, verdict
+from vdfmu.study.run.verdict import VISIBLE, LoopCheck, explain, loop_checks, verdict
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
@@ -140,6 +144,18 @@ class ScenarioRun:
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(self.scenario, fmus, self._backend, self._options["fmi_version"])
             self.package = write_ssp(self.scenario, built, folder / "system.ssp", values, mixed=True)
+        self._place = self._place_of_loops()
+        self._loops = LoopCheck.read(load(self._place)) if self._place else None
+
+    def _place_of_loops(self) -> Path | None:
+        """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
+        scenario, algorithm = self.scenario, ALGORITHMS[self.scenario.master]
+        if not algorithm.stepper.startswith("vdfmu."):
+            return None
+        facts = [source_digest("study.runs"), np.__version__, sha256(self.package.read_bytes()).hexdigest(), algorithm]
+        facts += [table.digest for table in read_inputs(scenario.inputs, scenario.input_hold)]
+        facts += [scenario.coupling, scenario.stop, scenario.step, bool(self._options["simulate"])]
+        return cache_folder() / "loops" / sha256(repr(facts).encode()).hexdigest()
 
     def simulate(self) -> Results:
         """Co-simulate; return rows and the numbers that need no reference. A failed run keeps its summary."""
@@ -149,7 +165,7 @@ class ScenarioRun:
             results = self._simulated(
                 progress=partial(report, "co-simulation"), log=options["log"],
                 about=self._facts, observer=options["observer"],
-                taps=[witness.probe, self.poses, *([self._bond] if self._bond else [])],
+                taps=[witness.probe, *([self.poses] if self._loops is None else []), *filter(None, [self._bond])],
                 pace=options["pace"], record=self._recorded(),
                 stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
@@ -210,7 +226,9 @@ class ScenarioRun:
                 meant=self._options["meant"], **coupling,
             )  # fmt: skip
             summary["judgement"] = judgement.to_dict()
-        loops = list(loop_checks(self.poses, self.system))
+        loops = self._loops if self._loops is not None else list(loop_checks(self.poses, self.system))
+        if self._place and self.poses.seconds and not self.poses.lacking:
+            store(self._place, json.dumps(loops).encode())
         figures: dict[str, Any] = summary.get("key_figures", {})
         if scenario.robot is not None:
             plant = robot_with(scenario.plant_robot, values.get("plant", {}))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib import import_module
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -34,7 +34,7 @@ _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 def run_facts(scenario: Scenario) -> dict[str, Any]:
     """Return the facts of a scenario before a run, with versions of the software."""
-    robot = scenario.robot
+    robot, versions = scenario.robot, {name: import_module(name).__version__ for name in _PACKAGES}
     return {
         "scenario": scenario.name,
         **({"scenario_file": scenario.file} if scenario.file else {}),
@@ -43,7 +43,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
         "vdfmu": __version__,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "format": FORMAT,
-        "versions": {"Python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "versions": {"Python": platform.python_version()} | versions,
         "master": scenario.master,
         "adaptive": scenario.adaptive,
         "step": scenario.step,

@@ -5,6 +5,7 @@ First come unstable loops, joints at their limits, and an arm off its path.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -42,6 +43,11 @@ class LoopCheck(NamedTuple):
     check: Check
     figures: dict[str, Any]
     """Entries of ``key_figures`` of a summary: ``margin``; if disturbances grow, ``unstable``."""
+
+    @classmethod
+    def read(cls, stored: bytes | None) -> list[LoopCheck] | None:
+        """Return checks from the cache, None if they are not there."""
+        return None if stored is None else [cls(Check(*check), figures) for check, figures in json.loads(stored)]
 
 
 def explain(error: CosimError | Interrupted, poses: Poses) -> list[LoopCheck]:

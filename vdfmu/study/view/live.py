@@ -21,7 +21,7 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.process import Child
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run.isolated import mapped
+from vdfmu.engine.run import mapped
 from vdfmu.study.run.scene import arm_of
 from vdfmu.study.view.server import PERIOD
 

@@ -161,7 +161,6 @@ class SystemDescription:
 
     @cached_property
     def _signal_of(self) -> dict[tuple[str, str], PackageSignal]:
-        """Component and name of a variable to its signal."""
         return {(name, v.name): s for name, signals in self._signals.items() for s in signals for v in s.variables}
 
     @cached_property

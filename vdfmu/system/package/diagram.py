@@ -277,13 +277,9 @@ def _branches(lines: Sequence[Sequence[Point]]) -> list[Point]:
     pieces = {(a, b) for line in lines for a, b in pairwise(line) if a != b}
     for corner in {point for piece in pieces for point in piece}:
         for a, b in pieces:
-            if _on(corner, a, b):
+            if all(min(p, q) <= c <= max(p, q) for c, p, q in zip(corner, a, b, strict=True)):
                 ways.setdefault(corner, set()).update(_direction(corner, end) for end in (a, b) if end != corner)
     return sorted(point for point, directions in ways.items() if len(directions) > 2)
-
-
-def _on(point: Point, a: Point, b: Point) -> bool:
-    return all(min(p, q) <= c <= max(p, q) for c, p, q in zip(point, a, b, strict=True))
 
 
 def _direction(start: Point, end: Point) -> tuple[int, int]:

@@ -73,7 +73,13 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
         sources = (source for *_, source in places.values() if source.endswith(".svg") and source in archive)
         icons = {source: archive.read(source) for source in sources}
     links = [(c.start, c.end) for c in system.connections]
-    picture = _draw(kinds, words, links, _sizes(system), places, icons, held)
+    sizes = {
+        (c.name, name): " × ".join(str(size or "n") for size in port.dimensions)
+        for c in system.components
+        for name, port in c.connectors.items()
+        if port.dimensions
+    }
+    picture = _draw(kinds, words, links, sizes, places, icons, held)
     boxes = _boxes(links)
     if not boxes:
         return picture + _key(_in_order(kinds, places), links)
@@ -147,15 +153,6 @@ def _places(ssd: Any) -> dict[str, tuple[float, float, str]]:
         name: (float(place.get("x1")), -float(place.get("y2")), place.get("iconSource", ""))
         for name, place in geometry.items()
         if place is not None
-    }
-
-
-def _sizes(system: Any) -> dict[Port, str]:
-    return {
-        (component.name, name): " × ".join(str(size or "n") for size in connector.dimensions)
-        for component in system.components
-        for name, connector in component.connectors.items()
-        if connector.dimensions
     }
 
 

@@ -85,7 +85,11 @@ def _add_component(elements: Any, description: SystemDescription, component: str
     for kind, x in _SIDES.items():
         signals = description.signals(component, kind)
         for signal, y in zip(signals, positions(signals), strict=True):
-            _add_connector(connectors, signal, x, y)
+            connector = add(connectors, "ssd:Connector", name=signal.name, kind=kind, description=signal.description)
+            add(connector, f"ssc:{signal.type}", unit=signal.unit)
+            for size in signal.shape:
+                add(connector, "ssc:Dimension", size=size)
+            add(connector, "ssd:ConnectorGeometry", x=x, y=y)
     add(
         element, "ssd:ElementGeometry", x1=x1, y1=y1, x2=x2, y2=y2, iconSource=icon_source(component),
         iconFixedAspectRatio="true",
@@ -100,14 +104,6 @@ def _add_component(elements: Any, description: SystemDescription, component: str
 def mapping_name(component: str, file: str) -> str:
     """Return the name of the file that maps a parameter set to a component."""
     return f"{component}.{file.removesuffix('.ssv')}.ssm"
-
-
-def _add_connector(connectors: Any, signal: PackageSignal, x: float, y: float) -> None:
-    connector = add(connectors, "ssd:Connector", name=signal.name, kind=signal.kind, description=signal.description)
-    add(connector, f"ssc:{signal.type}", unit=signal.unit)
-    for size in signal.shape:
-        add(connector, "ssc:Dimension", size=size)
-    add(connector, "ssd:ConnectorGeometry", x=x, y=y)
 
 
 def _add_experiment(top: Any, description: SystemDescription) -> None:

@@ -32,7 +32,6 @@ from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.compile import SHOWN, loaded
 from vdfmu.base.errors import LOG, FmuError, KernelError, UsageError
 from vdfmu.base.platforms import native_available
-from vdfmu.compiler.c.functions import kernel_source
 from vdfmu.compiler.c.text import c_prototype, elementary_files, setting_lines
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.evaluate import Call, Traced
@@ -165,6 +164,8 @@ def _run(function: Any, memory: int) -> Run:
 
 def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
     """Return file name to C text of lists of actions. None if a unit lacks C."""
+    from vdfmu.compiler.c.functions import kernel_source  # takes long to import
+
     code = Code(system)
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]

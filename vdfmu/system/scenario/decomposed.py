@@ -17,6 +17,7 @@ from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Row
 from vdfmu.arm.units import find_unit
 from vdfmu.arm.units.feedforward import Feedforward
 from vdfmu.arm.units.plant import Plant
+from vdfmu.base.arrays import element_name
 from vdfmu.base.errors import UsageError
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, Variables
 from vdfmu.system.scenario.system_file import Part, SystemFile
@@ -172,8 +173,8 @@ def _values(
             array = np.asarray(body.get(v.group, getattr(robot, v.group)[i if row.per_joint else ...]))
             yield v.name, float(array[v.index])
         elif v.causality in ("input", "parameter"):
-            inner = f"{v.group}[{','.join(str(k + 1) for k in (i, *v.index))}]"  # the joint of the whole arm
-            yield v.name, values.get(inner, values.get(v.name, v.start))
+            of_arm = element_name(v.group, (i, *v.index))  # with the joint of the whole arm
+            yield v.name, values.get(of_arm, values.get(v.name, v.start))
 
 
 def _is_off(robot: Robot, row: Row, i: int) -> bool:

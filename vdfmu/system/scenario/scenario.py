@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,9 +25,9 @@ from vdfmu.compiler.unit import Input, Output, Unit
 from vdfmu.compiler.unit.interface import Interface, Variable, interface_of
 from vdfmu.engine.fmu.variables import element_names, start_values, type_of
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
+from vdfmu.engine.results.results import group_of
 from vdfmu.system.scenario.system_file import SystemFile
 
-_INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
 _TYPES = ("Real", "Integer", "Boolean")
 
 
@@ -81,11 +80,9 @@ def _variables(v: Any) -> Iterator[Variable]:
     unit = v.unit or getattr(v.declaredType, "unit", None)
     settable = v.start is not None and v.causality != "output"
     for name, start in zip(element_names(v.name, v.shape), start_values(v), strict=True):
-        match = _INDEXED.fullmatch(name)
-        group = match[1] if match else name
-        index = tuple(int(i) - 1 for i in match[2].split(",")) if match else ()
+        group, index = group_of(name)
         yield Variable(
-            group, index, type_of(v.type), v.causality, v.variability or "continuous", unit,
+            group, tuple(i - 1 for i in index), type_of(v.type), v.causality, v.variability or "continuous", unit,
             start if settable else None, v.description or "", minimum=low, maximum=high,
         )  # fmt: skip
 

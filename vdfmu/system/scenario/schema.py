@@ -113,7 +113,6 @@ def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
 
 
 def _motion() -> Schema:
-    """Return the schema of a motion, by its kind."""
     kinds = [
         _table({"kind": {"const": kind}, **dict.fromkeys((*keys, *["file"] * (kind in OF_FILE)), {})}, ["kind"])
         for kind, (_, keys) in KINDS_OF_MOTION.items()
@@ -122,7 +121,6 @@ def _motion() -> Schema:
 
 
 def _visual() -> Schema:
-    """Return the schema of the look of a link."""
     number: Schema = {"type": "number"}
     return _table(
         {
@@ -156,7 +154,6 @@ def _required(part: Section) -> list[str]:
 
 
 def _row(row: Row) -> Schema:
-    """Return the schema of a parameter of the robot."""
     smallest = -row.largest if row.smallest is None else row.smallest
     number: Schema = {"type": "number", "minimum": smallest, "maximum": row.largest}
     text: Schema = {"description": f"{row.description} [{_units(row.quantity)}]"}

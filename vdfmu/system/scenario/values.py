@@ -12,8 +12,8 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import nearest
-from vdfmu.compiler.unit import Unit
-from vdfmu.compiler.unit.declaration import NO_LIMIT, Derivative
+from vdfmu.compiler.unit import Derivative, Unit
+from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.compiler.unit.evaluate import unmet
 from vdfmu.compiler.unit.interface import Interface, Variable, interface_of
 from vdfmu.engine.package.system import spread
@@ -176,7 +176,6 @@ def _set_all(resolved: ResolvedSystem, settings: Mapping[str, Any]) -> dict[str,
 
 
 def _has_parameter(table: Variables, name: str) -> bool:
-    """Whether a component has a parameter of the robot."""
     rows = getattr(table.robot, "rows", {})
     of_robot = (v for v in table if v.group in rows and v.causality == "parameter")
     return any(name in (v.group, v.name) for v in of_robot)
@@ -211,7 +210,6 @@ def _named(table: Variables, name: str, key: str) -> list[Variable]:
 
 
 def _spread(variables: Sequence[Variable], key: str, value: Any) -> Values:
-    """Return the values of the variables of a setting."""
     try:
         values = spread(value, [variable.name for variable in variables])
     except ValueError as error:
