@@ -23,8 +23,6 @@ _FAILED = 200
 """Operations of recursions in a row without a counterpart that end the search."""
 _GLANCE = 20
 """Pairs of operands below two elements of a result that are compared."""
-_LOOK = 1000
-"""The same below the elements in the middle of a result."""
 
 Pair = tuple[int, int]
 """An operation and its possible counterpart."""
@@ -122,7 +120,7 @@ class Counterparts:
         pairs = [pair for pair in pairs if not self._is_further_apart(pair)]
         middle = len(pairs) // 2
         risen = Counter[int]()
-        for argument, first, second in self._inputs_below(pairs[middle : middle + 20], _LOOK):
+        for argument, first, second in self._inputs_below(pairs[middle : middle + 20], 20 * _GLANCE):
             risen[argument] += int(np.sign(second - first))
         return pairs if sum(map(np.sign, risen.values())) >= 0 else [(b, a) for a, b in pairs]
 
