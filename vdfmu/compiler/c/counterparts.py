@@ -6,8 +6,9 @@ no such result, as the pose of the last link or a sum over the joints. Then the 
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Container, Iterable, Iterator, Sequence
+from math import inf
 
 import casadi as ca
 import numpy as np
@@ -20,10 +21,11 @@ _TRIED = 3
 """Candidates for the counterpart of an operation in a recursion."""
 _FAILED = 200
 """Operations of recursions in a row without a counterpart that end the search."""
-_LOOK = 1000
-"""Pairs of operands below two operations that are compared."""
 _GLANCE = 20
 """Pairs of operands below two elements of a result that are compared."""
+
+Pair = tuple[int, int]
+"""An operation and its possible counterpart."""
 
 
 class Trace:
@@ -39,8 +41,10 @@ class Trace:
         """Argument and element of an input, value of a constant, else None."""
         self.results: list[tuple[int, int, int]] = []
         """Result, element and operation. An input or a constant is copied by an operation."""
-        self.away: dict[tuple[int, int], int] = {}
+        self.away: dict[Pair, int] = {}
         """Distances that :class:`Counterparts` of any period have found."""
+        self.apart: set[Pair] = set()
+        """Pairs for which the search ended without inputs by joint."""
         self._digests: list[list[int]] = []  # by depth
         held: dict[int, int] = {}  # place in CasADi's memory to the operation of its value
         for k, operation, source, target in instructions(function):
@@ -57,7 +61,7 @@ class Trace:
             elif operation == ca.OP_INPUT:
                 leaf = source[0], source[1]
             else:
-                read = tuple(held[place] for place in source)
+                read = tuple([held[place] for place in source])
             held[target[0]] = self._append(operation, read, leaf)
 
     def _append(self, operation: int, read: tuple[int, ...], leaf: tuple[int, int] | float | None = None) -> int:
@@ -78,7 +82,7 @@ class Trace:
         while len(self._digests) <= depth:
             last = self._digests[-1]
             self._digests.append(
-                [hash((f, *(last[a] for a in read))) for f, read in zip(last, self.operands, strict=True)]
+                [hash((f, *map(last.__getitem__, read))) for f, read in zip(last, self.operands, strict=True)]
             )
         return self._digests[depth]
 
@@ -106,7 +110,7 @@ class Counterparts:
                 self._pair(self._of_results(columns[result], self._next_elements(result, columns[result])))
         self._pair_recursions()
 
-    def _of_results(self, column: dict[int, int], following: dict[int, int]) -> list[tuple[int, int]]:
+    def _of_results(self, column: dict[int, int], following: dict[int, int]) -> list[Pair]:
         """Return the pairs of operations of a result."""
         pairs = [
             (operation, column[following[element]])
@@ -116,11 +120,11 @@ class Counterparts:
         pairs = [pair for pair in pairs if not self._is_further_apart(pair)]
         middle = len(pairs) // 2
         risen = Counter[int]()
-        for argument, first, second in self._inputs_below(pairs[middle : middle + 20], _LOOK):
+        for argument, first, second in self._inputs_below(pairs[middle : middle + 20], 20 * _GLANCE):
             risen[argument] += int(np.sign(second - first))
         return pairs if sum(map(np.sign, risen.values())) >= 0 else [(b, a) for a, b in pairs]
 
-    def _is_further_apart(self, pair: tuple[int, int]) -> bool:
+    def _is_further_apart(self, pair: Pair) -> bool:
         """Whether inputs just below two operations belong to joints that are not a period apart."""
         return any(
             abs(second - first) != self._period
@@ -153,15 +157,22 @@ class Counterparts:
         score = {k: np.count_nonzero((digests[k:] == digests[:-k]) & (digests[k:] != 0)) for k in tried}
         return min((k for k in tried if score[k] >= 0.95 * max(score.values())), default=1)
 
-    def _inputs_below(self, waiting: Iterable[tuple[int, int]], limit: int) -> Iterator[tuple[int, int, int]]:
-        """Yield the argument and both elements of pairs of inputs below pairs of operations, the nearest first."""
+    def _inputs_below(
+        self, pairs: Iterable[Pair], limit: float = inf, passed: Container[Pair] = (), seen: set[Pair] | None = None
+    ) -> Iterator[tuple[int, int, int]]:
+        """Yield the argument and both elements of pairs of inputs below pairs of operations, the nearest first.
+
+        The search passes over some pairs, puts the others in `seen`, and ends after `limit` of them.
+        """
         operations, operands, leaves = self._trace.operations, self._trace.operands, self._trace.leaves
-        waiting = deque(waiting)
-        seen: set[tuple[int, int]] = set()
-        while waiting and len(seen) < limit:
-            a, b = pair = waiting.popleft()
-            if a == b or pair in seen or operations[a] != operations[b]:
+        seen = set() if seen is None else seen
+        waiting = list(pairs)
+        for pair in waiting:  # it grows meanwhile
+            a, b = pair
+            if a == b or pair in seen or operations[a] != operations[b] or pair in passed:
                 continue
+            if len(seen) >= limit:
+                return
             seen.add(pair)
             first, second = leaves[a], leaves[b]
             if first is None:
@@ -171,12 +182,13 @@ class Counterparts:
 
     def _away(self, a: int, b: int) -> int:
         """Return the joints between the nearest inputs below two operations; 0 without inputs by joint."""
-        if a > b:
-            return -self._away(b, a)
-        away = self._trace.away
+        away, apart = self._trace.away, self._trace.apart
         if (a, b) not in away:
-            below = self._inputs_below([(a, b)], _LOOK)
+            seen: set[Pair] = set()
+            below = self._inputs_below([(a, b)], passed=apart, seen=seen)
             away[a, b] = next((second - first for argument, first, second in below if self._by_joint[argument]), 0)
+            if not away[a, b]:
+                apart |= seen
         return away[a, b]
 
     def _pair_recursions(self) -> None:
@@ -199,24 +211,23 @@ class Counterparts:
                 break
             failed += 1
             for a in reversed(listed[max(0, i - _TRIED) : i]):
-                free = [pair for pair in ((a, b), (b, a)) if pair[0] not in self.after and pair[1] not in self._taken]
-                pair = next(filter(self._is_a_joint_apart, free), None)
-                if pair is not None:
+                joints = self._away(a, b)
+                first, second = pair = (a, b) if joints > 0 else (b, a)
+                is_free = first not in self.after and second not in self._taken
+                if abs(joints) == self._period and is_free and self._is_a_joint_apart(pair):
                     self._pair([pair])
                     failed = 0
                     break
 
-    def _is_a_joint_apart(self, pair: tuple[int, int]) -> bool:
-        """Whether the inputs below the second of two operations belong to the next joint."""
-        if self._away(*pair) != self._period:
-            return False
-        for argument, first, second in self._inputs_below([pair], _LOOK):
+    def _is_a_joint_apart(self, pair: Pair) -> bool:
+        """Whether the inputs below the second of two operations, down to counterparts, belong to the next joint."""
+        for argument, first, second in self._inputs_below([pair], passed=self.after.items()):
             expected = first + self._period if self._by_joint[argument] else self._steps[argument].get(first)
             if expected not in (None, second):
                 return False
         return True
 
-    def _pair(self, waiting: list[tuple[int, int]]) -> None:
+    def _pair(self, waiting: list[Pair]) -> None:
         """Pair operations, and down from them their operands."""
         trace, alike = self._trace, self._alike
         while waiting:

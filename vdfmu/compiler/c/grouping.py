@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 LANES = 4
 """Numbers in a call, as in ``elementary.h``."""
-_CALL = re.compile(r"w\d+ = (exp|expm1|tanh|atan|sin|cos)\(w(\d+)\);")
+_CALL = re.compile(r"w\d+ = (exp|expm1|tanh|atan|sin|cos)\(w\d+\);")
 _VALUE = re.compile(r"\bw(\d+)\b( = )?")
 """A value, and whether the text writes it."""
 
@@ -40,10 +40,10 @@ def grouped(operations: list[Operation]) -> list[Operation]:
         levels.append(max((levels[j] + (calls[j] is not None) for j in before), default=0))
         if call is not None:
             name = "sin_cos" if call[1] in ("sin", "cos") else call[1]
-            groups[levels[k], name].setdefault(int(call[2]), []).append(k)
+            groups[levels[k], name].setdefault(operation.reads[0], []).append(k)
     if all(sum(map(len, operands.values())) < 2 for operands in groups.values()):
         return operations
-    ordered: list[Operation] = []
+    ordered: list[tuple[Operation, Operation]] = []  # with values written once, and as its text names them
     left = dict.fromkeys(range(len(single)))
     for (_, name), operands in sorted(groups.items()):
         needed: set[int] = set()
@@ -52,15 +52,14 @@ def grouped(operations: list[Operation]) -> list[Operation]:
             if (k := missing.pop()) in left and k not in needed:
                 needed.add(k)
                 missing += [makers[i] for i in single[k].reads]
-        ordered += [single[k] for k in sorted(needed)]
+        ordered += [(single[k], operations[k]) for k in sorted(needed)]
         items = list(operands.items())
         for i in range(0, len(items), LANES):
-            ordered.append(
-                _call(name, [(operand, [single[k] for k in each]) for operand, each in items[i : i + LANES]])
-            )
+            call = _call(name, [(operand, [single[k] for k in each]) for operand, each in items[i : i + LANES]])
+            ordered.append((call, call))
         for k in (*needed, *(k for each in operands.values() for k in each)):
             del left[k]
-    return _in_few_places([*ordered, *(single[k] for k in left)])
+    return _in_few_places([*ordered, *((single[k], operations[k]) for k in left)])
 
 
 def _call(name: str, calls: Sequence[tuple[int, list[Operation]]]) -> Operation:
@@ -79,42 +78,42 @@ def _call(name: str, calls: Sequence[tuple[int, list[Operation]]]) -> Operation:
     return Operation(text, reads, tuple(writes))
 
 
-def _renumbered(operation: Operation, read: dict[int, int], written: dict[int, int]) -> Operation:
-    """Return an operation with other numbers of its values."""
-    text = _VALUE.sub(lambda m: f"w{(written if m[2] else read)[int(m[1])]}{m[2] or ''}", operation.text)
-    reads, writes = tuple(read[i] for i in operation.reads), tuple(written[i] for i in operation.writes)
-    return operation._replace(text=text, reads=reads, writes=writes)
-
-
 def _written_once(operations: list[Operation]) -> list[Operation]:
-    """Return operations that write each value once."""
+    """Return operations that write each value once, without a change of their texts."""
     now: dict[int, int] = {}
     made: list[Operation] = []
     count = 0
-    for operation in operations:
-        new = dict(zip(operation.writes, range(count, count := count + len(operation.writes)), strict=True))
-        made.append(_renumbered(operation, now, new))
-        now |= new
+    for text, reads, writes, *names in operations:
+        new = range(count, count := count + len(writes))
+        made.append(Operation(text, tuple([now[i] for i in reads]), tuple(new), *names))
+        now.update(zip(writes, new, strict=True))
     return made
 
 
-def _in_few_places(operations: list[Operation]) -> list[Operation]:
+def _in_few_places(operations: list[tuple[Operation, Operation]]) -> list[Operation]:
     """Return operations with the same place for values that are not needed at the same time."""
-    last = {i: k for k, operation in enumerate(operations) for i in (*operation.writes, *operation.reads)}
+    last = {i: k for k, (operation, _) in enumerate(operations) for i in (*operation.writes, *operation.reads)}
     places: dict[int, int] = {}
     free: list[int] = []
     made: list[Operation] = []
     count = 0
-    for k, operation in enumerate(operations):
-        read = {i: places[i] for i in operation.reads}
+    for k, ((_, reads, writes, *names), named) in enumerate(operations):
+        read = {i: places[i] for i in reads}
         free += [places.pop(i) for i in read if last[i] == k]
         new: dict[int, int] = {}
-        for i in operation.writes:
+        for i in writes:
             if not free:
                 free.append(count)
                 count += 1
             new[i] = free.pop()
         places |= new
         free += [places.pop(i) for i in new if last[i] == k]
-        made.append(_renumbered(operation, read, new))
+        at = tuple([read[i] for i in reads]), tuple([new[i] for i in writes])
+        text = _renumbered(named.text, *(dict(zip(*pair, strict=True)) for pair in zip(named[1:3], at, strict=True)))
+        made.append(Operation(text, *at, *names))
     return made
+
+
+def _renumbered(text: str, read: dict[int, int], written: dict[int, int]) -> str:
+    """Return a text with other numbers of its values."""
+    return _VALUE.sub(lambda m: f"w{written[int(m[1])]} = " if m[2] else f"w{read[int(m[1])]}", text)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import heapq
 from collections import defaultdict
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -108,7 +108,8 @@ class Loops:
 
     def __init__(self, layout: Layout) -> None:
         self.layout, self.series, self.trace = layout, layout.series, layout.trace
-        self.segments = [list(_segments(layout, k)) for k in range(len(self.series))]
+        leaves = {k: _leaf(leaf) for k, leaf in enumerate(self.trace.leaves) if leaf is not None}
+        self.segments = [list(_segments(layout, k, leaves)) for k in range(len(self.series))]
         """Segments of each series."""
         self.lines = sum(map(len, self.segments))
         self.stores = _stores(layout)
@@ -193,13 +194,13 @@ class Loops:
         return Pass(low, high, blocks, shared, len(block_of) == len(segments))
 
 
-def _segments(layout: Layout, k: int) -> Iterator[Segment]:
+def _segments(layout: Layout, k: int, leaves: Mapping[int, Operand]) -> Iterator[Segment]:
     """Yield the members of a series in runs with a common rule for the operands."""
     members = layout.series[k].members
     begin = 0
-    operands = _operands(layout, members[0])
+    operands = _operands(layout, members[0], leaves)
     for i in range(1, len(members)):
-        following = _operands(layout, members[i])
+        following = _operands(layout, members[i], leaves)
         joined = [_joined(*pair, i - begin) for pair in zip(operands, following, strict=True)]
         kept = [operand for operand in joined if operand is not None]
         if len(kept) < len(joined):
@@ -210,14 +211,15 @@ def _segments(layout: Layout, k: int) -> Iterator[Segment]:
     yield Segment(k, begin, len(members) - 1, operands)
 
 
-def _operands(layout: Layout, operation: int) -> list[Operand]:
-    trace, operands = layout.trace, []
-    for read in trace.operands[operation]:
-        leaf: Any = trace.leaves[read]
-        if isinstance(leaf, tuple):
-            operands.append(Operand(argument=leaf[0], base=leaf[1]))
-        elif leaf is not None:
-            operands.append(Operand(number=c_constant(leaf)))
+def _leaf(leaf: tuple[int, int] | float) -> Operand:
+    return Operand(argument=leaf[0], base=leaf[1]) if isinstance(leaf, tuple) else Operand(number=c_constant(leaf))
+
+
+def _operands(layout: Layout, operation: int, leaves: Mapping[int, Operand]) -> list[Operand]:
+    operands: list[Operand] = []
+    for read in layout.trace.operands[operation]:
+        if read in leaves:
+            operands.append(leaves[read])
         else:
             series, at = layout.places[read]
             ahead = 0 if layout.series[series].alone else at - layout.places[operation][1]

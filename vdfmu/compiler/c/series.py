@@ -33,7 +33,7 @@ class Series:
     """Index of the first member."""
     turn: int = BEFORE
     """Number of its pass. Even passes run up, odd passes down."""
-    reads: dict[int, Counter[int]] = field(default_factory=lambda: defaultdict(Counter))
+    reads: dict[int, dict[int, int]] = field(default_factory=lambda: defaultdict(lambda: defaultdict(int)))
     """Series that it reads to the distance from reader to member, and its count."""
 
     @property
@@ -72,30 +72,37 @@ def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int], mo
     layout = _grouped(trace, Counterparts(trace, joints, period, alike).after)
     if len(layout.series) >= most:
         return None
+    _set_reads(layout)
     _number(layout, joints, period)
     layout.ordered = _order(layout)
     return layout
 
 
 def _grouped(trace: Trace, after: dict[int, int]) -> Layout:
-    heads = set(range(len(trace.operations))) - set(after.values())
+    """Return the series of counterparts. Their `reads` are empty."""
     series: list[Series] = []
     places: dict[int, tuple[int, int]] = {}
-    ring = set(range(len(trace.operations))) - heads  # an operation may be its own counterpart some joints later
-    for head in [*sorted(heads), *sorted(ring)]:
-        if trace.is_leaf(head) or head in places:
+    following = set(after.values())
+    # an operation of a ring, its own counterpart some joints later, is alone
+    for head in sorted(range(len(trace.operations)), key=following.__contains__):
+        if trace.leaves[head] is not None or head in places:
             continue
         members = [head]
-        while members[-1] in after and head in heads:
+        while head not in following and members[-1] in after:
             members.append(after[members[-1]])
-        places.update({operation: (len(series), k) for k, operation in enumerate(members)})
+        for k, operation in enumerate(members):
+            places[operation] = len(series), k
         series.append(Series(members))
-    for operation, (reader, k) in places.items():
-        for read in trace.operands[operation]:
-            if not trace.is_leaf(read):
-                other, at = places[read]
-                series[reader].reads[other][at - k] += 1
     return Layout(trace, series, places)
+
+
+def _set_reads(layout: Layout) -> None:
+    for operation, (reader, k) in layout.places.items():
+        reads = layout.series[reader].reads
+        for read in layout.trace.operands[operation]:
+            if read in layout.places:
+                other, at = layout.places[read]
+                reads[other][at - k] += 1
 
 
 def _number(layout: Layout, joints: int, period: int) -> None:

@@ -55,6 +55,9 @@ EXPRESSIONS = {
 CALLED = frozenset(re.findall(r"\b(\w+)\(", " ".join(EXPRESSIONS.values())))
 """Functions in the expressions."""
 _WIDTH = 110
+_PLAIN = {*range(32, 127)} - {*b'?"\\'}  # no trigraphs
+_BYTES = [chr(k) if k in _PLAIN else f"\\{chr(k)}" if k in b'"\\' else f"\\{k:03o}" for k in range(256)]
+"""Text of each byte in a string literal."""
 
 
 @cache
@@ -102,9 +105,7 @@ def comment(text: str) -> str:
 
 def string(text: str) -> str:
     """Return a string literal, with octal escapes of UTF-8 for bytes beyond ASCII."""
-    written = {byte: chr(byte) for byte in range(32, 127) if byte != ord("?")}  # no trigraphs
-    written |= {byte: f"\\{chr(byte)}" for byte in b'"\\'}
-    content = "".join(written.get(byte, f"\\{byte:03o}") for byte in text.encode())
+    content = "".join(_BYTES[byte] for byte in text.encode())
     return f'"{content}"'
 
 
