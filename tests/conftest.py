@@ -20,6 +20,7 @@ from vdfmu.arm.robot.parameters import JOINT_OPTIONS, section
 from vdfmu.arm.units import shipped_units
 from vdfmu.base import plugins
 from vdfmu.base.cache import cache_folder
+from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import UnitFunctions
@@ -78,6 +79,29 @@ def heavy(*values: object) -> list[Any]:
     """Return values of a parametrized test as heavy ones; a tuple has a value for each of several names."""
     cases = [value if isinstance(value, tuple) else (value,) for value in values]
     return [pytest.param(*case, marks=pytest.mark.heavy) for case in cases]
+
+
+def ran(*words: object, code: int = 0) -> Any:
+    """Run a command that ends with a code; return its result."""
+    done = invoked(*words)
+    assert done.exit_code == code, f"{done.output}{done.exception}"
+    return done
+
+
+def refused(*words: object) -> str:
+    """Return the UsageError of a command."""
+    done = invoked(*words)
+    assert isinstance(done.exception, UsageError), f"{done.output}{done.exception}"
+    return str(done.exception)
+
+
+def invoked(*words: object) -> Any:
+    """Run a command; return its result."""
+    from click.testing import CliRunner
+
+    from vdfmu.cli.commands import app
+
+    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.fixture(scope="session", autouse=True)

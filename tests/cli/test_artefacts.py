@@ -1,8 +1,8 @@
 """Everything that a command writes passes the check of this project, which is that of the standards."""
 
 import pytest
-from click.testing import CliRunner
 
+from tests.conftest import ran
 from vdfmu.cli.commands import app
 from vdfmu.engine.inspect.inspection import inspect_file
 
@@ -27,8 +27,7 @@ def test_every_command_that_writes_is_among_these():
 @pytest.mark.parametrize(("command", "count"), WRITERS, ids=[text for text, _ in WRITERS])
 def test_what_a_command_writes_has_no_problems(command, count, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, command.split())
-    assert done.exit_code == 0, done.output
+    ran(*command.split())
     files = [path for pattern in ("*.fmu", "*.ssp", "*.ssd") for path in tmp_path.rglob(pattern)]
     assert len(files) == count
     for path in files:

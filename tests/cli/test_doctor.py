@@ -43,7 +43,7 @@ def test_what_is_missing_is_said_with_its_price_and_the_way_to_it_for_every_extr
     assert "error: casadi>=3.7 not installed, without which nothing runs" in less.output
 
 
-def test_the_shell_completes_names(monkeypatch):
+def test_the_shell_completes_names():
     def completed(words: str) -> list[str]:
         variables = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1), "_VDFMU_COMPLETE": "bash_complete"}
         offered = CliRunner().invoke(app, [], env=variables).output.split()

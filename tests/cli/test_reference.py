@@ -5,17 +5,15 @@ import subprocess
 import sys
 
 import pytest
-from click.testing import CliRunner
 
-from vdfmu.cli.commands import app
+from tests.conftest import ran
 from vdfmu.engine.run import simulate
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reference") / "made"
-    done = CliRunner().invoke(app, ["ssp", "planar_tracking", "--reference", "--out", str(folder)])
-    assert done.exit_code == 0, done.output
+    ran("ssp", "planar_tracking", "--reference", "--out", folder)
     return folder
 
 
@@ -76,7 +74,6 @@ def test_results_that_are_a_row_late_differ_and_names_of_other_tools_are_underst
     late = [*rows[:3], *([now[0], *before[1:]] for before, now in zip(rows[2:], rows[3:], strict=False))]
     assert compare(folder, written(tmp_path / "late.csv", late))[0] == 1
     assert compare(folder, folder / "planar_tracking_gauss-seidel.csv")[0] == 1
-    rows = rows_of(folder)
     head = ["Time [s]", *(f"root::{name.replace('.', '::', 1)} [rad]" for name in rows[0][1:])]
     code, said = compare(folder, written(tmp_path / "mine.csv", [head, *rows[2:]], ";"))
     assert code == 0, said

@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.cli.terminals import on_terminal
+from tests.conftest import ran
 from vdfmu.cli.commands import app
 
 WORKS = """
@@ -117,8 +118,7 @@ def invoked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def run(*words):
-        done = CliRunner().invoke(app, list(words))
-        assert done.exit_code == 0, done.output
+        done = ran(*words)
         return done.stdout.splitlines(), done.stderr.splitlines()
 
     return run

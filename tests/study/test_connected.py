@@ -1,7 +1,5 @@
 """`vdfmu.build`, `vdfmu.connect` and `vdfmu.load`: FMUs and systems in one call each."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

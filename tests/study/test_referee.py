@@ -1,19 +1,16 @@
 """`judge`: against closed forms, sampled laws, and systems that it must not decide."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from html import unescape
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import vdfmu
+from tests.conftest import invoked, ran, refused
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import data_path
-from vdfmu.cli.commands import app
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.study.referee import OPEN, RIGHT, WRONG, differences, error_of, judge, verdict_of
 from vdfmu.study.report.sheets import facts
@@ -132,8 +129,7 @@ def test_a_run_says_what_the_referee_says(tmp_path, lags):
     assert expected.text in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
     package = str(lags.write(tmp_path / "lags.ssp"))
     for wanted, code, said in (("1%", 0, RIGHT), ("1e-4", 1, WRONG)):
-        result = CliRunner().invoke(app, ["run", package, "--judge", wanted, "--out", str(tmp_path / "out")])
-        assert result.exit_code == code, result.output
+        ran("run", package, "--judge", wanted, "--out", tmp_path / "out", code=code)
         summary = read_summary(tmp_path / "out" / "summary.json")
         assert summary["judgement"]["verdict"] == said
         assert ("Coupling", summary["judgement"]["text"]) in facts(summary)
@@ -141,7 +137,7 @@ def test_a_run_says_what_the_referee_says(tmp_path, lags):
 
 def test_the_judged_run_begins_and_ends_as_the_run_does(tmp_path, lags):
     package, out = str(lags.write(tmp_path / "lags.ssp")), tmp_path / "out"
-    result = CliRunner().invoke(app, ["run", package, "--start", "1", "--stop", "2", "--judge", "5", "--out", str(out)])
+    result = invoked("run", package, "--start", "1", "--stop", "2", "--judge", "5", "--out", out)
     assert result.exit_code != 2, result.output
     judgement = read_summary(out / "summary.json")["judgement"]
     assert all(1.0 <= signal["time"] <= 2.0 for signal in judgement["signals"])
@@ -155,9 +151,7 @@ def test_the_judged_run_begins_and_ends_as_the_run_does(tmp_path, lags):
 @pytest.mark.parametrize("of", ["planar_tracking", "package"])
 def test_options_of_the_judgement_are_refused_before_a_run(tmp_path, lags, of, options, said):
     source = of if of != "package" else str(lags.write(tmp_path / "lags.ssp"))
-    result = CliRunner().invoke(app, ["run", source, *options, "--out", str(tmp_path / "out")])
-    assert isinstance(result.exception, UsageError)
-    assert said in str(result.exception)
+    assert said in refused("run", source, *options, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

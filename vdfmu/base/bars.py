@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -142,7 +142,7 @@ def _progress() -> Progress:
     )  # fmt: skip
 
 
-def plain_table(*headings: str, title: str = "", show_header: bool = True) -> Table:
+def plain_table(*headings: str, rows: Iterable[Sequence[str]] = (), title: str = "", show_header: bool = True) -> Table:
     """Return a table with a line below its headings. Long cells wrap."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
@@ -155,4 +155,6 @@ def plain_table(*headings: str, title: str = "", show_header: bool = True) -> Ta
     )  # fmt: skip
     for heading in headings:
         table.add_column(Text(heading), overflow="fold")
+    for row in rows:
+        table.add_row(*row)
     return table

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, wraps
 from numbers import Integral, Real
-from typing import Any, ForwardRef, ParamSpec, TypeVar, cast, get_args
+from typing import Any, ForwardRef, ParamSpec, TypeVar, Unpack, cast, get_args, get_origin
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
@@ -92,8 +92,7 @@ def taken_options(function: Callable[..., Any]) -> Any:
     annotation = inspect.unwrap(function).__annotations__.get("options")
     if isinstance(annotation, str) and annotation.startswith("Unpack["):
         annotation = eval(annotation, inspect.unwrap(function).__globals__)
-        return get_args(annotation)[0]
-    return None
+    return get_args(annotation)[0] if get_origin(annotation) is Unpack else None
 
 
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:

@@ -8,24 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from vdfmu.base.option import Option, option_of
+from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, refuse, target_file
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import (
-    JsonOption,
-    OverwriteOption,
-    RobotOption,
-    console,
-    known_scenarios,
-    load,
-    refuse,
-    say,
-    say_error,
-    say_json,
-    say_notes,
-    say_written,
-    table,
-    target_file,
-    tell,
-)
+from vdfmu.cli.terminal import console, say, say_error, say_json, say_notes, say_written, table, tell
 from vdfmu.engine.options import master_option, settings_option
 from vdfmu.study.options import JudgeOptions, LoopOptions, known_robots
 
@@ -191,14 +176,12 @@ def _modes_along(path: str, robot: str | None, dry: bool, out: Path | None, over
     if as_json:
         say_json({"t": list(times)} | {f"motors_{name}": list(map(_numbers, each)) for name, each in along.items()})
         return
-    shown = table("mode", *(f"motors {motors}, Hz" for motors in MOTORS))
     columns = [
         [f"{pair[0]:.2f} to {pair[1]:.2f}" if pair else "does not oscillate" for pair in ranges(along[motors], n)]
         for motors in MOTORS
     ]  # fmt: skip
-    for i, cells in enumerate(zip(*columns, strict=True)):
-        shown.add_row(str(i + 1), *cells)
-    console.print(shown)
+    rows = zip([str(i + 1) for i in range(n)], *columns, strict=True)
+    console.print(table("mode", *(f"motors {motors}, Hz" for motors in MOTORS), rows=rows))
     say_written(target, more=f": natural frequencies over the motion, at rest at {len(times)} poses")
 
 

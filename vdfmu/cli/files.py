@@ -14,8 +14,7 @@ from vdfmu.base.plugins import added
 from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS
 from vdfmu.base.text import first_few
 from vdfmu.base.toml_file import shipped_names
-from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import (
+from vdfmu.cli.options import (
     BackendOption,
     FmiOption,
     ForeignOption,
@@ -24,14 +23,11 @@ from vdfmu.cli.terminal import (
     ScenarioArgument,
     SetOption,
     UnpackOption,
-    fail,
     load,
     refuse,
-    say,
-    say_json,
-    say_notes,
-    say_written,
 )
+from vdfmu.cli.parameters import Positional
+from vdfmu.cli.terminal import fail, say, say_json, say_notes, say_written
 from vdfmu.engine.rules import Finding
 from vdfmu.study.options import RobotOptions
 

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from vdfmu.base.option import Option, option_of, read_settings
+from vdfmu.cli.options import OverwriteOption, refuse, target_file
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import OverwriteOption, console, refuse, say, say_notes, say_written, table, target_file
+from vdfmu.cli.terminal import console, say, say_notes, say_written, table
 from vdfmu.engine.options import TEXTS
 from vdfmu.study.options import RobotOptions
 

@@ -11,19 +11,9 @@ from rich.markup import escape
 
 from vdfmu.base.option import Option
 from vdfmu.cli.app import App
+from vdfmu.cli.options import JsonOption, OverwriteOption, RobotArgument, target_file
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import (
-    JsonOption,
-    OverwriteOption,
-    RobotArgument,
-    console,
-    say_json,
-    say_list,
-    say_notes,
-    say_written,
-    table,
-    target_file,
-)
+from vdfmu.cli.terminal import console, say_json, say_list, say_notes, say_written, table
 
 app = App("robot", no_args_is_help=True, help="List, show, import and export robots.")
 
@@ -188,10 +178,8 @@ def list_drives(
         numbers = (f"{gear[number]:g}" for number in ("rated", "repeated", "K1", "K3"))
         shown.add_row(key, *numbers, f"{math.degrees(residual) * 60.0:.2f} arcmin, {share:.1%}")
     console.print(shown)
-    shown = table("motor", "inertia\nkg.m2", "winding", title=" ")
-    for key, motor in motors.items():
-        shown.add_row(key, f"{motor['inertia']:g}", "yes" if "winding" in motor else "no")
-    console.print(shown)
+    rows = ((key, f"{motor['inertia']:g}", "yes" if "winding" in motor else "no") for key, motor in motors.items())
+    console.print(table("motor", "inertia\nkg.m2", "winding", title=" ", rows=rows))
 
 
 def _number(value: Any) -> str:

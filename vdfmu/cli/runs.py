@@ -13,22 +13,11 @@ from rich.text import Text
 
 from vdfmu.base.bars import errors
 from vdfmu.base.errors import LOG, CosimError, UsageError
-from vdfmu.base.files import inside, replacing_foreign, require_ours
+from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
+from vdfmu.cli.options import ForeignOption, ScenarioArgument, UnpackOption, load, refuse
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import (
-    ForeignOption,
-    ScenarioArgument,
-    UnpackOption,
-    console,
-    load,
-    refuse,
-    say_error,
-    say_notes,
-    say_written,
-    tell,
-    unit_messages,
-)
+from vdfmu.cli.terminal import console, say_error, say_notes, say_written, tell, unit_messages
 from vdfmu.cli.view import LiveOption, PortOption, live_view
 from vdfmu.engine.options import SystemOptions
 from vdfmu.study.options import JudgeOptions, RobotOptions, ScenarioOptions, ScenarioRunOptions
@@ -240,24 +229,14 @@ def report(
     opened: OpenOption = False, overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""
-    from vdfmu.study.report.page import write_report
-    from vdfmu.study.report.sheets import LATEX, sheets, write_tables
-    from vdfmu.study.report.shown_run import INDEX, NAME, is_gallery, newest_run, read_run, run_folder, write_gallery
+    from vdfmu.study.report.page import report_of
+    from vdfmu.study.report.sheets import LATEX
 
-    gallery = bool(folders) and len(folders) == 1 and is_gallery(folders[0])
-    folders = folders or [newest_run(Path("results"))]
-    runs = [] if gallery else [read_run(folder) for folder in folders]
-    if out is None:
-        place = folders[0] if gallery or len(runs) == 1 else folders[0].parent
-        name = INDEX if gallery else "comparison.html"
-        out = inside(place, run_folder(place) / NAME if len(runs) == 1 else place / name)
     with replacing_foreign(overwrite):
-        require_ours(out)
-    if out.suffix == LATEX and not gallery:
-        say_written(write_tables((sheet for run in runs for sheet in sheets(run.summary)), out))
-        return
-    say_written(write_gallery(folders[0], out) if gallery else write_report(runs, out, simulate=simulate))
-    _say_page(out, opened)
+        page = report_of(folders or (), out, simulate=simulate)
+    say_written(page)
+    if page.suffix != LATEX:
+        _say_page(page, opened)
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:

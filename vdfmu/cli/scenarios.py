@@ -7,22 +7,9 @@ from typing import Annotated
 
 from vdfmu.base.option import Option
 from vdfmu.cli.app import App
+from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, target_file
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import (
-    JsonOption,
-    OverwriteOption,
-    RobotOption,
-    console,
-    known_scenarios,
-    load,
-    say,
-    say_json,
-    say_list,
-    say_notes,
-    say_written,
-    table,
-    target_file,
-)
+from vdfmu.cli.terminal import console, say, say_json, say_list, say_notes, say_written, table
 
 app = App("scenario", no_args_is_help=True, help="List and show scenarios and motions.")
 
@@ -98,10 +85,9 @@ def motion(
         joints = [dict(zip(headings, map(float, row), strict=True)) for row in rows]
         say_json({"duration": float(t[-1]), "closed": bool(closed), "joints": joints})
     else:
-        shown = table("joint", *headings)
-        for label, row in zip(arm.joint_labels, rows, strict=True):
-            shown.add_row(label, *(f"{round(value, 9) + 0.0:.4g}" for value in row))
-        console.print(shown)
+        cells = [[f"{round(value, 9) + 0.0:.4g}" for value in row] for row in rows]
+        by_joint = ((label, *row) for label, row in zip(arm.joint_labels, cells, strict=True))
+        console.print(table("joint", *headings, rows=by_joint))
         ends = ", and ends where it starts" if closed else ""
         say(f"{t[-1]:.6g} s {pieces}{ends}. Units: rad or m, s, N.m or N on the link side.")
     if target is not None:

@@ -8,20 +8,9 @@ from typing import Annotated, Any, Unpack
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
 from vdfmu.cli.app import App
+from vdfmu.cli.options import ForeignOption, JsonOption, ScenarioArgument, known_scenarios
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import (
-    ForeignOption,
-    JsonOption,
-    ScenarioArgument,
-    console,
-    known_scenarios,
-    say,
-    say_json,
-    say_notes,
-    say_written,
-    table,
-    tell,
-)
+from vdfmu.cli.terminal import console, say, say_json, say_notes, say_written, table, tell
 from vdfmu.study.options import SweepOptions, TuneOptions
 
 
@@ -94,10 +83,8 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
     if as_json:
         say_json({name: row for name, row in sensitivity.rows()})
         return
-    shown = table("axis", *sensitivity.values)
-    for name, row in sensitivity.rows():
-        shown.add_row(name, *(row.get(index, "") for index in sensitivity.values))
-    console.print(shown)
+    rows = [(name, *(row.get(index, "") for index in sensitivity.values)) for name, row in sensitivity.rows()]
+    console.print(table("axis", *sensitivity.values, rows=rows))
     say(f"± the half-width of the {100 * sensitivity.confidence:.0f} % confidence interval, by bootstrap.")
 
 

@@ -1,34 +1,28 @@
-"""Parts that all commands share: options, output, progress, and the way they end."""
+"""Output of commands, and the way they end."""
 
 from __future__ import annotations
 
 import logging
 import os
-import re
 import sys
 import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
-import click
 from rich.markup import escape
 
 from vdfmu.base.bars import Bars, EscapedTerminal, errors
 from vdfmu.base.bars import plain_table as table
-from vdfmu.base.errors import LOG, UsageError
-from vdfmu.base.option import Option, option_of
+from vdfmu.base.errors import LOG
 from vdfmu.base.text import elided, error_text, first_few
-from vdfmu.cli.parameters import Positional
-from vdfmu.study.options import RobotOptions, ScenarioRunOptions, known_robots
 
 if TYPE_CHECKING:
     from rich.panel import Panel
     from rich.table import Table
 
     from vdfmu.engine.run import LogMessage
-    from vdfmu.system.scenario import Scenario
 
 
 class _StandardOutput(EscapedTerminal):
@@ -54,34 +48,6 @@ class _StandardOutput(EscapedTerminal):
 
 
 console = _StandardOutput()
-
-
-def known_scenarios() -> list[str]:
-    """Return the names of scenarios."""
-    from vdfmu.system.scenario import scenario_names
-
-    return [*scenario_names(), "reach"]
-
-
-def _bytes(text: str) -> int:
-    """Read a size such as ``500M`` or ``4G``."""
-    match = re.fullmatch(r"([1-9]\d{0,11})([KMGT]?)(i?B)?", text.strip(), re.IGNORECASE)
-    if not match:
-        raise click.BadParameter(f"expected a size such as 500M or 4G, got {text!r}")
-    return int(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " ")
-
-
-ScenarioArgument = Annotated[str, Positional("Name of a scenario, TOML file, or reach.", names=known_scenarios)]
-RobotArgument = Annotated[str, Positional("Name of a robot, or a TOML file.", names=known_robots)]
-RobotOption = Annotated[str | None, option_of(RobotOptions, "robot")]
-BackendOption = Annotated[str | None, option_of(RobotOptions, "backend")]
-OverwriteOption = Annotated[bool, Option("Replace a file of this name.")]
-ForeignOption = Annotated[bool, Option("Replace files that vdfmu did not write too.")]
-JsonOption = Annotated[bool, Option("Print JSON instead of tables.", flag="--json")]
-FmiOption = Annotated[str, option_of(ScenarioRunOptions, "fmi_version")]
-SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "settings")]
-UnpackOption = Annotated[int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE",
-    typed=str, read=_bytes)]  # fmt: skip
 
 
 def say(text: str) -> None:
@@ -118,25 +84,8 @@ def say_list(heading: str, texts: Mapping[str, str], as_json: bool) -> None:
     """Print names with their descriptions."""
     if as_json:
         say_json(dict(texts))
-        return
-    shown = table(heading, "what it is")
-    for name, text in texts.items():
-        shown.add_row(name, escape(text))
-    console.print(shown)
-
-
-def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
-    """Return the file to write; UsageError if it exists and may not be replaced."""
-    target = out if out is not None else Path(name)
-    if target.exists() and not overwrite:
-        raise UsageError(f"{target}: expected no file of this name. --overwrite replaces it, -o names another.")
-    return target
-
-
-def refuse(options: Mapping[str, Any], why: str) -> None:
-    """Raise UsageError for the options that have a value: they do not fit, and `why`."""
-    if unfit := [name for name, value in options.items() if value not in (None, "", [], {}) and value is not False]:
-        raise UsageError("\n".join(f"{name} {why}." for name in unfit))
+    else:
+        console.print(table(heading, "what it is", rows=((name, escape(text)) for name, text in texts.items())))
 
 
 def _aside(text: str, markup: bool = False) -> None:
@@ -155,19 +104,6 @@ def say_notes(notes: Sequence[str]) -> None:
     """Print notes on standard error."""
     for note in first_few(notes):
         _aside(f"note: {elided(note)}")
-
-
-def load(scenario: str, robot: str | None, settings: Mapping[str, str] | None = None) -> Scenario:
-    """Load a scenario for settings; missing files are named before slow imports."""
-    from vdfmu.base.toml_file import locate
-
-    if scenario != "reach" or Path(scenario).exists():
-        locate(scenario, "scenarios")
-    if robot is not None:
-        locate(robot, "robots")
-    from vdfmu.study.analysis.reach import scenario_of
-
-    return scenario_of(scenario, robot, settings or ())
 
 
 def folder_is_gone() -> bool:

@@ -9,8 +9,9 @@ from rich.markup import escape
 
 from vdfmu.base.option import Option
 from vdfmu.cli.app import App
+from vdfmu.cli.options import JsonOption
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import JsonOption, console, say, say_json, say_written, table
+from vdfmu.cli.terminal import console, say, say_json, say_written, table
 
 app = App("unit", no_args_is_help=True, help="List and show units, and write your own.")
 
@@ -23,11 +24,8 @@ def list_units(as_json: JsonOption = False) -> None:
     units = [(name, _kind(unit)[0] or "system", unit.description()) for name, unit in known_units().items()]
     if as_json:
         say_json({name: {"kind": kind, "description": text} for name, kind, text in units})
-        return
-    shown = table("unit", "kind", "what it is")
-    for row in sorted(units, key=lambda row: row[1]):
-        shown.add_row(*row)
-    console.print(shown)
+    else:
+        console.print(table("unit", "kind", "what it is", rows=sorted(units, key=lambda row: row[1])))
 
 
 @app.command("show", example="vdfmu unit show pd_gravity")

@@ -119,10 +119,7 @@ class System:
         return self._runs.run(**self._with(values, stop=stop, step=step, **options))
 
     def instance(self, values: Mapping[str, Any] | None = None, **options: Any) -> Simulator:
-        """Return the system loaded once: for many runs, or for steps by hand, in a ``with`` block.
-
-        See :class:`vdfmu.Simulator`.
-        """
+        """Return the system as a loaded :class:`vdfmu.Simulator`, for many runs or steps by hand, used by ``with``."""
         return Simulator(self.path, **self._with(values, **options))
 
     def check(self, run: bool = True) -> Report:

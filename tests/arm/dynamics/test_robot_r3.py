@@ -106,7 +106,7 @@ def test_the_motion_keeps_its_limits_and_reaches_one_of_each(scenario):
     assert accelerations.max() == pytest.approx(1.0, rel=1e-9)
 
 
-def test_dampers_take_what_the_plant_loses(scenario):
+def test_dampers_take_what_the_plant_loses():
     """Rates of all energies, with and without dampers from the same state, differ by d (kappa_dot - q_dot)^2."""
     robot = load_robot(FOLDER / "robot.toml")
     random = np.random.default_rng(7)

@@ -41,7 +41,6 @@ def test_inverse_dynamics_are_those_of_mujoco_from_a_base_to_a_tip(mjcf):
     robot = vdfmu.robot_from_mjcf(path)
     assert robot.joint_types == ("revolute", "prismatic", "revolute")
     assert largest_difference(path, robot, ["turn", "slide", "last"]) < 1e-12  # some 100 n roundings
-    path = mjcf(ARM)
     imported = import_robot(path, tip="two")
     assert largest_difference(path, imported.robot, ["turn", "slide"]) < 1e-12  # as above
     assert "held at 0, beside the arm: last." in imported.notes
@@ -58,7 +57,6 @@ def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):
     assert str(robot.source_of("joints[2].friction.f_v")).startswith("Assumed")  # 0 is what MuJoCo has without one
     assert robot.gravity.tolist() == [-1.0, -2.0, 9.0]
     assert second["limits"]["q_max"] == 1e6
-    robot = vdfmu.robot_from_mjcf(mjcf(ARM))
     looks = [(visual.joint, visual.shape, visual.size.tolist()) for visual in robot.visuals]
     assert looks[:2] == [(0, "box", [0.2, 0.2, 0.2]), (1, "box", [0.2, 0.4, 0.6])]
     assert [shape for _, shape, _ in looks[2:]] == ["capsule", "sphere"]

@@ -17,14 +17,13 @@ def test_the_dynamics_and_the_tool_are_those_of_pinocchio(urdf):
     path = urdf(ARM)
     robot = vdfmu.robot_from_urdf(path)
     assert robot.joint_types == ("revolute", "revolute", "prismatic")
-    inverse, forward = differences(robot, pinocchio_arm(path, ["a", "b", "c"]), 20)
+    model = pinocchio_arm(path, ["a", "b", "c"])
+    inverse, forward = differences(robot, model, 20)
     assert inverse < 1e-13  # some 100 n roundings
     assert forward < 1e-11  # times the condition number of M, below 100
-    path = urdf(ARM)
-    model = pinocchio_arm(path, ["a", "b", "c"])
     data, q = model.createData(), np.array([0.3, -0.8, 0.2])
     pin.framesForwardKinematics(model, data, q)
-    p_O, R_O = vdfmu.forward_kinematics(vdfmu.robot_from_urdf(path), q)
+    p_O, R_O = vdfmu.forward_kinematics(robot, q)
     pose = data.oMf[model.getFrameId("tool")]
     # Lengths of 1 m, some ten products.
     np.testing.assert_allclose(p_O, pose.translation, rtol=0, atol=1e-14)

@@ -201,7 +201,6 @@ def test_vdc_is_the_required_motion_in_joint_space_and_its_link_gain_dissipates_
         # Some 1000 products of the size of the largest torque.
         np.testing.assert_allclose(torques.tau_s, tau, rtol=0, atol=1000 * EPS * np.abs(tau).max())
     # (50): the power of K_V (V_r - V) on the velocity error is K_V |V_r - V|^2 >= 0, link by link.
-    desired = inside(chain)
     still = np.zeros(chain.n)
     strong, weak = gains(chain)._replace(K_V=np.full(chain.n, 7.0)), gains(chain)._replace(K_V=still)
     for state in draw(chain, 5, seed=30):

@@ -49,7 +49,6 @@ def test_derivatives_and_peaks_are_those_of_an_independent_spline_and_of_differe
         slope = 120.0 * np.abs(motion.coefficients[:, 5]).max()
         assert np.abs(difference - motion.at(t[1:-1])[order + 1]).max() < h * slope
     assert np.abs(motion.at(TIMES)[0] - POINTS).max() < 1e-13  # positions of size 1 through the points
-    motion = motions.waypoints(POINTS, TIMES)
     dense = np.abs(motion.at(np.linspace(0.0, 2.5, 250_001))[1:]).max(axis=1)
     # between two of 250000 times a smooth maximum is lower by (pi dt / T)^2 / 2 at most: 1e-9 of it; snap is linear, so
     # lower by its slope times 1e-5 s, some 1e-4

@@ -5,16 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
+from tests.conftest import ran, refused
 from vdfmu.arm.drive.dahl import dahl_rate
 from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivative
 from vdfmu.arm.equations.torque_estimation import torque_of_deformation
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.arm.robot.catalogue import catalogue, catalogue_torsion, fit_spring
 from vdfmu.base.errors import ModelError
-from vdfmu.cli.commands import app
 
 CATALOGUE = catalogue()
 GEARS, MOTORS = CATALOGUE["gears"], CATALOGUE["motors"]
@@ -86,7 +85,6 @@ def test_the_loop_of_a_gear_is_as_wide_as_its_loss_and_its_efficiency_that_at_ra
     # turned back at +- rated torque; the loop is the same from the other side
     assert 2.0 * deformation(robot, np.full(2, tau_s))[0] == pytest.approx(gear["hysteresis_loss"], rel=1e-4)
     robot = robot_from_dict(of_catalogue(load_loss={}))
-    gear = GEARS["CSG-25-100"]
     friction = robot.f_c + robot.f_v * SPEED / robot.ell
     np.testing.assert_allclose(friction / robot.ell, gear["running"], rtol=1e-4)
 
@@ -142,11 +140,9 @@ def test_what_the_catalogue_has_not_is_refused(change, words):
 
 @pytest.mark.heavy
 def test_the_command_lists_the_catalogue_and_shows_an_entry():
-    run = CliRunner().invoke
-    listed = run(app, ["robot", "drives"]).output
+    listed = ran("robot", "drives").output
     assert all(name in listed for name in (*GEARS, *MOTORS)) and "arcmin" in listed
-    shown = run(app, ["robot", "drives", "CSG-20-100"]).output
+    shown = ran("robot", "drives", "CSG-20-100").output
     assert "K1 16000" in shown and "hysteresis_loss: Assumed" in shown and "TPI 275" in shown
-    assert "winding k_t 0.078" in run(app, ["robot", "drives", "TBM-6025-B"]).output
-    unknown = run(app, ["robot", "drives", "CSG-20-10"])
-    assert unknown.exit_code != 0 and 'Did you mean "CSG-20-100"' in str(unknown.exception)
+    assert "winding k_t 0.078" in ran("robot", "drives", "TBM-6025-B").output
+    assert 'Did you mean "CSG-20-100"' in refused("robot", "drives", "CSG-20-10")

@@ -118,7 +118,6 @@ def test_forms_of_inertia_and_defaults():
     np.testing.assert_array_equal(robot_from_dict(data).inertia[0], np.diag([1, 2, 2.5]))
     link["inertia"] = [[1, 0.1, 0], [0.1, 2, 0], [0, 0, 2.5]]
     np.testing.assert_array_equal(robot_from_dict(data).inertia[0], link["inertia"])
-    data = load_robot("planar_2dof").to_dict()
     for key in ("description", "friction", "tool_offset", "sources"):
         del data[key]
     for joint in data["joints"]:

@@ -125,7 +125,6 @@ def test_a_cycle_has_a_duration_of_whole_samples(tmp_path):
         unit.t = k * PERIOD
         unit.update()
         assert not unit.u.any() and unit.cycle == 0.0 and unit.tau.all()
-    robot = vdfmu.load_robot("planar_2dof")
     (path,) = vdfmu.build_fmus(robot, tmp_path, units=["iterative_learning"], backend="python").values()
     for right in ({}, {"T": 0.123}):
         simulate_fmu(str(path), stop_time=0.01, start_values=right)

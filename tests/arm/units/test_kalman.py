@@ -13,6 +13,9 @@ from vdfmu.base.errors import UsageError
 
 PERIOD, POSE = 1e-3, 0.4
 SIGMAS = {"sigma_tau": 0.02, "sigma_q": 0.5, "sigma_kappa": 1e-5}
+M, J, K, b, ell = 0.04 + 2.0 * 0.25**2, 0.001 * 100.0, 5e3, 0.5, 100.0
+K_g = -2.0 * 9.81 * 0.25 * np.sin(POSE)
+"""Numbers of the pendulum's joint."""
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +31,6 @@ def pendulum():
 @pytest.fixture(scope="module")
 def by_hand():
     """Return ``A, B, G`` of x = [q, q_dot, kappa, kappa_dot] less the pose, over a period, of the file's numbers."""
-    M, J, K, b, ell = 0.04 + 2.0 * 0.25**2, 0.001 * 100.0, 5e3, 0.5, 100.0
-    K_g = -2.0 * 9.81 * 0.25 * np.sin(POSE)
     rates = np.zeros((6, 6))
     rates[0, 1] = rates[2, 3] = 1.0
     rates[1, :3] = [-(K + K_g) / M, 0.0, K / M]
@@ -57,9 +58,6 @@ def test_model_and_gain_are_those_of_a_joint_written_by_hand_and_of_python_contr
     held = 2.0 * 9.81 * 0.25 * np.cos(POSE)
     np.testing.assert_allclose(unit.rest[0], [POSE, POSE + held / 5e3, held / 100.0], rtol=1e-9)
     # The continuous model, sampled and filtered by python-control.
-    unit = designed(pendulum)
-    M, J, K, b, ell = 0.04 + 2.0 * 0.25**2, 0.001 * 100.0, 5e3, 0.5, 100.0
-    K_g = -2.0 * 9.81 * 0.25 * np.sin(POSE)
     A = [[0.0, 1.0, 0.0, 0.0], [-(K + K_g) / M, 0.0, K / M, 0.0], [0.0, 0.0, 0.0, 1.0], [K / J, 0.0, -K / J, -b / J]]
     B = [[0.0, 0.0], [0.0, 1.0 / M], [0.0, 0.0], [ell / J, 0.0]]
     C = [[0.0, 0.0, 1.0, 0.0]]
@@ -100,7 +98,6 @@ def test_errors_fade_by_the_poles_of_the_filter_and_have_the_variance_of_the_ric
     assert abs(errors[-1, 0]) < 1e-5
     A, _, G = by_hand
     C = np.array([[0.0, 0.0, 1.0, 0.0]])
-    unit = designed(pendulum)
     errors = follow(unit, by_hand, 10_000, np.zeros(4), noise=True)[500:]
     P = solve_discrete_are(A.T, C.T, G @ G.T, np.array([[SIGMAS["sigma_kappa"] ** 2]]))
     # Of m samples that are alike by l^k, l the slowest pole, a variance is known to sqrt(2 / m (1 + l^2) / (1 - l^2))

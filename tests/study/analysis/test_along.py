@@ -6,11 +6,10 @@ import tomllib
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import vdfmu
+from tests.conftest import ran
 from vdfmu.base.errors import CosimError
-from vdfmu.cli.commands import app
 from vdfmu.engine.linear.growth import Growth
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
@@ -131,14 +130,14 @@ def test_all_commands_have_one_margin(master, tmp_path):
     reach = margins_along(path).judged
     np.testing.assert_array_equal(written.margins.modulus, reach.loops.margins().modulus)
     options = ["--master", master, "--no-reference", "--out", str(tmp_path / "run")]
-    assert CliRunner().invoke(app, ["run", str(path), *options]).exit_code == 0
+    ran("run", path, *options)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     said = summary["verdict"]["checks"][0]["text"]
     assert ("a mode grows by 1 1/s at joint 4, slower than 2 1/s" in said) == (master == "jacobi")
     margins = margins_along(path, master=master).judged
     assert margins.words[1] == said and (master == "jacobi" or reach.words == margins.words)
-    along = CliRunner().invoke(app, ["linear", str(path), "--master", master, "--json"])
-    assert along.exit_code == 0 and json.loads(along.output)["text"] == said
+    along = ran("linear", path, "--master", master, "--json")
+    assert json.loads(along.output)["text"] == said
     least, shown = margins.loops.modulus, summary["key_figures"]["margin"]["value"]
     assert shown == least.min() > 0.3
     problem = make_problem(path, ["controller.K_p"], "rms(plant.q)", margin="same", master=master)

@@ -5,14 +5,13 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import vdfmu
+from tests.conftest import invoked, ran
 from tests.study.analysis.lift import MASS, POSES
 from tests.study.analysis.lift import roots as poles_of
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.commands import app
 from vdfmu.study.analysis.bode import bode, joint_bode
 
 
@@ -63,7 +62,7 @@ def text(values):
     return " ".join(repr(float(v)) for v in values)
 
 
-def test_the_arm_has_mujocos_transition(tmp_path):
+def test_the_arm_has_mujocos_transition():
     """The planar arm with springs of the slope at the pose: MuJoCo's semi-implicit Euler step, differenced."""
     robot = dataclasses.replace(vdfmu.load_robot("planar_2dof"), rotor_coupling=False)
     n, q, h = robot.n, np.array(POSES["planar_2dof"]), 1e-3
@@ -107,15 +106,15 @@ def test_the_arm_has_mujocos_transition(tmp_path):
 @pytest.mark.heavy
 def test_the_command_draws_a_joint(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = CliRunner().invoke(app, ["linear", "planar_2dof", "--pose", "0.3 -0.5", "--bode", "2"])
-    assert said.exit_code == 0 and (tmp_path / "planar_2dof_bode.png").read_bytes().startswith(b"\x89PNG")
+    said = ran("linear", "planar_2dof", "--pose", "0.3 -0.5", "--bode", "2")
+    assert (tmp_path / "planar_2dof_bode.png").read_bytes().startswith(b"\x89PNG")
     curves = joint_bode(vdfmu.load_robot("planar_2dof"), [0.3, -0.5], 2)
     assert all(f"{f:.2f}" in said.output for f in (*curves.resonance, *curves.antiresonance[0]))
     for options, message in (
         (["--bode", "3"], "--bode 3: expected a joint, 1 to 2"),
         (["--bode", "1", "--modes"], "--modes is for a scenario, and planar_2dof is a robot"),
     ):
-        failed = CliRunner().invoke(app, ["linear", "planar_2dof", *options, "--overwrite"])
+        failed = invoked("linear", "planar_2dof", *options, "--overwrite")
         assert isinstance(failed.exception, UsageError) and message in str(failed.exception), options
         assert "Hz" not in failed.output  # it fails before it prints anything
 

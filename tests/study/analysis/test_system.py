@@ -4,15 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.linalg import expm
 
 import vdfmu
+from tests.conftest import ran, refused
 from tests.engine.system_loops import system_loop
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
-from vdfmu.cli.commands import app
 from vdfmu.engine.linear.loops import Loop
 from vdfmu.study.analysis.arm_space import linearized
 from vdfmu.study.analysis.loops import margins_along
@@ -118,23 +117,20 @@ def test_sampling_without_feedback_is_the_matrix_exponential():
 @pytest.mark.heavy
 def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run = CliRunner().invoke
     wanted = margins_along("planar_tracking", at=[0.5], master="jacobi")
     assert wanted.names == ("plant.tau[1]", "plant.tau[2]") and wanted.step == 1e-3
-    said = run(app, ["linear", "planar_tracking", "--master", "jacobi", "--at", "0.5"])
-    assert said.exit_code == 0, said.output
+    said = ran("linear", "planar_tracking", "--master", "jacobi", "--at", "0.5")
     assert "Stepped by 0.001 s, jacobi" in said.output
     assert all(f"{m:.3f}" in said.output for m in wanted.margins[0].modulus)
     (marked,) = [line for line in said.output.splitlines() if "smallest" in line]
     assert f" {min(wanted.margins[0].modulus):.3f} " in marked
-    refused = run(app, ["linear", "planar_tracking", "--adaptive", "1e-4"])  # gauss-seidel samples
-    assert isinstance(refused.exception, UsageError) and str(refused.exception).startswith("adaptive: gauss-seidel")
-    assert run(app, ["ssp", "planar_tracking", "--out", "p.ssp"]).exit_code == 0
-    again = run(app, ["linear", "p.ssp", "--master", "jacobi", "--at", "0.5"])
-    assert again.exit_code == 0 and again.output.splitlines()[2:] == said.output.splitlines()[2:]
-    said = run(app, ["linear", "planar_tracking", "--loop", "controller.q"])
-    rows = [line.split()[0] for line in said.output.splitlines()[3:5]]
-    assert said.exit_code == 0 and rows == ["controller.q[1]", "controller.q[2]"]
+    # gauss-seidel samples
+    assert refused("linear", "planar_tracking", "--adaptive", "1e-4").startswith("adaptive: gauss-seidel")
+    ran("ssp", "planar_tracking", "--out", "p.ssp")
+    again = ran("linear", "p.ssp", "--master", "jacobi", "--at", "0.5")
+    assert again.output.splitlines()[2:] == said.output.splitlines()[2:]
+    said = ran("linear", "planar_tracking", "--loop", "controller.q")
+    assert [line.split()[0] for line in said.output.splitlines()[3:5]] == ["controller.q[1]", "controller.q[2]"]
 
 
 def test_an_input_is_opened_once():

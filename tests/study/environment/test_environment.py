@@ -146,7 +146,7 @@ def test_devices_of_a_system_are_part_of_what_the_agent_acts_through(tmp_path):
     ),
     ({"vary": {"plant.mass[2]": 1.0}}, "expected two finite numbers, the lower first, got 1.0"),
     ({"vary": {"plant.mas[2]": (0.5, 1.5)}}, "plant.mas"),
-    ({"vary": {"plant.mass": (0.5, 1.5)}}, "vary: plant.mass: expected one parameter"),
+    ({"vary": {"plant.mass": (0.5, 1.5)}}, "vary: plant.mass: must be one parameter"),
     ({"vary": 3}, "^vary: expected a mapping with texts as keys, got 3"),
     ({"seen": "plant.q"}, "^seen: expected a sequence of texts, got 'plant.q'. Put it into a list"),
 ])  # fmt: skip

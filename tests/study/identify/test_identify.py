@@ -5,15 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.io
-from click.testing import CliRunner
 
 import vdfmu
+from tests.conftest import ran
 from tests.study.identify.recorded import noisy, thinned
 from vdfmu.arm import motion
 from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.commands import app
 from vdfmu.study.identify.fit import identified_robot, identify, robot_text, score
 from vdfmu.study.identify.log import Log, read_log
 from vdfmu.study.report.drawings import draw_torques
@@ -199,12 +198,8 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
     columns = np.column_stack([log.t, np.rad2deg(log.kappa), log.q, log.tau * robot.ell])
     names = "stamp,m_1 [deg],m_2 [deg],q[1] [rad],q[2] [rad],tau_link[1] [N.m],tau_link[2] [N.m]"
     np.savetxt("log.csv", columns, delimiter=",", header=names, comments="", fmt="%.12g")
-    said = CliRunner().invoke(
-        app,
-        ["identify", "log.csv", "--robot", "./guess.toml", "--column", "kappa=m_{}", "--truth", "planar_2dof",
-         "-o", "found.toml", "--plot", "found.png"],
-    )  # fmt: skip
-    assert said.exit_code == 0, said.exception
+    words = ["identify", "log.csv", "--robot", "./guess.toml", "--column", "kappa=m_{}", "--truth", "planar_2dof"]
+    said = ran(*words, "-o", "found.toml", "--plot", "found.png")
     assert (tmp_path / "found.png").read_bytes().startswith(b"\x89PNG")
     assert "note: times are those of stamp, in s" in said.output
     fit = identify(log, guess)
@@ -257,16 +252,6 @@ def test_a_file_of_the_kuka_data_set_is_read(tmp_path):
     scipy.io.savemat(tmp_path / "other.mat", {"x": t})
     with pytest.raises(UsageError, match="expected a column time; there are x. Name it by --time"):
         read_log(tmp_path / "other.mat", robot)
-
-
-@pytest.mark.heavy
-def test_a_parquet_file_of_a_run_is_read_like_its_csv(run, clean, robot, tmp_path):
-    from vdfmu.engine.run import Results
-
-    Results.read(run / "results.csv").write(tmp_path / "results.parquet")
-    log = read_log(tmp_path / "results.parquet", robot)
-    for mine, other in zip(log[1:], clean[1:], strict=True):
-        np.testing.assert_array_equal(mine, other)
 
 
 def write(path, t, columns, names):

@@ -8,7 +8,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import show
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.comparison import answer, change, difference_sheet, joint_sheets, settings_of
+from vdfmu.study.report.comparison import answer, change, difference_sheet, joint_sheets
 from vdfmu.study.report.page import report_page, write_report
 from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.system.scenario.values import system_values
@@ -26,8 +26,7 @@ def two(tmp_path_factory):
 
 def sheet_of(folders, without=False):
     runs = [read_run(folder) for folder in folders]
-    packages = [folder / ("none" if without else "system.ssp") for folder in folders]
-    return difference_sheet(["a", "b"], [run.summary for run in runs], packages)
+    return difference_sheet(["a", "b"], [run._replace(package=Path("none")) for run in runs] if without else runs)
 
 
 def test_what_differs_has_the_values_of_both_or_the_settings_and_nothing_else(two):
@@ -76,7 +75,7 @@ def run_of(state="good", **figures):
 
 
 def answered(names, runs):
-    return answer(names, runs, settings_of(names, runs))
+    return answer(names, runs, difference_sheet(names, runs))
 
 
 def test_the_answer_says_which_run_is_better_in_what_and_by_how_much():

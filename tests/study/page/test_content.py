@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from rich.console import Console
 
 import vdfmu
+from tests.conftest import ran
 from tests.study.page.shown import numbers
 from vdfmu.base.arrays import extremes
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.commands import app
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.results.verdict import Check, checks_of, verdict_of
 from vdfmu.study.report import content, page
@@ -246,10 +245,7 @@ def test_several_runs_stand_beside_each_other(planar):
 
 def test_the_command_writes_one_page_of_its_folders_and_says_which_has_no_run(planar, tmp_path, monkeypatch):
     folder, _ = planar
-    done = CliRunner().invoke(
-        app, ["report", str(folder), str(folder), "--no-simulate", "--out", str(tmp_path / "both.html")]
-    )
-    assert done.exit_code == 0, done.output
+    ran("report", folder, folder, "--no-simulate", "--out", tmp_path / "both.html")
     assert [run["name"] for run in data_of(tmp_path / "both.html")["runs"]] == [
         f"{folder.name} (1)",
         f"{folder.name} (2)",
@@ -321,7 +317,7 @@ def test_a_comparison_names_the_robots_of_all_runs(planar):
     assert "Robot planar_2dof; robot another, 2 runs of vdfmu" in report_page([run, other]).decode()
 
 
-def test_the_file_is_written_where_it_belongs(planar, tmp_path, monkeypatch):
+def test_the_file_is_written_where_it_belongs(planar, tmp_path):
     folder, _ = planar
     assert newest_run(folder.parent).exists()
     assert "report.html" in json.loads((folder / "summary.json").read_text())["files"]

@@ -6,12 +6,10 @@ import re
 import shutil
 
 import pytest
-from click.testing import CliRunner
 
 import vdfmu
-from vdfmu.base.errors import UsageError
+from tests.conftest import ran, refused
 from vdfmu.cli import runs
-from vdfmu.cli.commands import app
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.verdict import line_of
 from vdfmu.study.report.shown_run import gallery_page, is_gallery, read_run
@@ -96,18 +94,18 @@ def test_the_newest_run_is_first_and_the_command_writes_the_list(results, tmp_pa
         changed(results / "first run", date=date)
         page = gallery_page(results, results)
         assert next(iter(rows(page))) == first and f"{date[:10]} 04:05 UTC" in rows(page)["first run"]
-    done = CliRunner().invoke(app, ["report", str(results)])
-    assert done.exit_code == 0 and (results / "index.html").exists(), done.output
-    done = CliRunner().invoke(app, ["report", str(results), "--out", str(tmp_path / "all.html")])
-    assert done.exit_code == 0 and b'href="results/first%20run/report.html"' in (tmp_path / "all.html").read_bytes()
+    ran("report", results)
+    assert (results / "index.html").exists()
+    ran("report", results, "--out", tmp_path / "all.html")
+    assert b'href="results/first%20run/report.html"' in (tmp_path / "all.html").read_bytes()
 
 
 def test_a_failed_run_has_a_page_and_a_row(results, monkeypatch):
     monkeypatch.chdir(results.parent)
     words = ["run", "planar_tracking", "--set", "controller.K_p=1e9", "--stop", "0.05", "--out", "results/failed"]
-    done = CliRunner().invoke(app, words)
+    done = ran(*words, code=1)
     page = results / "failed" / "partial" / "report.html"
-    assert done.exit_code == 1 and page.exists()
+    assert page.exists()
     *_, said, last = done.output.splitlines()
     assert last == "Open results/failed/partial/report.html", done.output
     assert said.startswith("error: plant failed at t =") and "unstable from the start" in said
@@ -115,7 +113,8 @@ def test_a_failed_run_has_a_page_and_a_row(results, monkeypatch):
     assert 'failed">Failed: unstable from the start' in row and 'href="failed/partial/report.html"' in row
     page.unlink()
     assert not is_gallery(results / "failed")
-    assert CliRunner().invoke(app, ["report", "results/failed", "--no-simulate"]).exit_code == 0 and page.exists()
+    ran("report", "results/failed", "--no-simulate")
+    assert page.exists()
     assert "report.html" in json.loads((page.parent / "summary.json").read_text())["files"]
 
 
@@ -127,15 +126,14 @@ def test_a_file_of_others_is_not_replaced(results):
         [results, "-o", results / "keep.csv"],
         [results / "first run", "-o", results / "keep.csv"],
     ):
-        done = CliRunner().invoke(app, ["report", "--no-simulate", *map(str, words)])
-        assert isinstance(done.exception, UsageError) and "replace it with --overwrite" in str(done.exception)
+        assert "replace it with --overwrite" in refused("report", "--no-simulate", *words)
     assert (results / "index.html").read_text() == "<p>mine</p>" and (results / "keep.csv").read_text() == "mine"
     for words in (["--overwrite"], []):  # the second time it is ours
-        assert CliRunner().invoke(app, ["report", str(results), *words]).exit_code == 0
+        ran("report", results, *words)
 
 
 def test_the_page_of_several_is_opened(results, monkeypatch):
     opened = []
     monkeypatch.setattr(runs.webbrowser, "open", lambda address: opened.append(address) or True)
-    done = CliRunner().invoke(app, ["report", str(results), "--open"])
+    done = ran("report", results, "--open")
     assert opened == [(results / "index.html").as_uri()] and f"Open {results / 'index.html'}" in done.output

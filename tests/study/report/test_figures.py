@@ -92,7 +92,6 @@ def test_torques_are_link_side_the_feedforward_dashed_on_top_and_errors_have_one
             assert feedforward.is_dashed() and not control.is_dashed()
             assert feedforward.get_linewidth() < control.get_linewidth()
         assert axes.get_ylabel() == ("Control forces [N]" if kind == "prismatic" else "Control torques [N m]")
-    results, robot, figures = figures_of(made, types)
     error = results["trajectory.q_d"] - results["plant.q"]
     compensation = robot.ell * (results["controller.tau"] - results["feedforward.tau_m"])
     for kind in set(types):

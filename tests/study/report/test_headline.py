@@ -4,16 +4,15 @@ import io
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 from rich.console import Console
 
 import vdfmu
+from tests.conftest import ran
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.measure import quantity
 from vdfmu.base.toml_file import locate
 from vdfmu.cli import runs
-from vdfmu.cli.commands import app
 from vdfmu.engine.results.verdict import Check, checks_line, line_of, state_of, verdict_of
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.page import report_page, run_command
@@ -246,7 +245,6 @@ def test_the_command_has_each_option_that_differs(planar, tmp_path):
 def test_a_command_ends_with_the_verdict_and_what_opens_the_page(planar, monkeypatch):
     opened = []
     monkeypatch.setattr(runs.webbrowser, "open", lambda address: opened.append(address) or True)
-    said = CliRunner().invoke(app, ["report", str(planar[1]), "--no-simulate", "--open"])
-    assert said.exit_code == 0, said.output
+    said = ran("report", planar[1], "--no-simulate", "--open")
     page = planar[1] / "report.html"
     assert said.output.splitlines()[-1] == f"Open {page}" and opened == [page.as_uri()]

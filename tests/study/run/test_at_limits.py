@@ -5,11 +5,10 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import vdfmu
+from tests.conftest import ran
 from vdfmu.arm.robot import load_robot
-from vdfmu.cli.commands import app
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.sheets import limits_sheet, sheets
@@ -85,8 +84,7 @@ def test_a_row_counts_with_the_length_of_its_step_and_the_largest_share_has_its_
 ])  # fmt: skip
 def test_a_run_at_its_torque_limit_says_so_first_and_has_a_page_with_sliders(tmp_path, tau_max, code, line):
     options = ["--set", f"controller.tau_max={tau_max}", "--no-reference", "--out", str(tmp_path / "run")]
-    done = CliRunner().invoke(app, ["run", "planar_tracking", *options])
-    assert done.exit_code == code, done.output
+    done = ran("run", "planar_tracking", *options, code=code)
     verdict, *_, last = done.stdout.splitlines()
     assert len(done.stdout.splitlines()) <= 21
     assert re.match(line, verdict) and last == f"Open {tmp_path / 'run' / 'report.html'}"

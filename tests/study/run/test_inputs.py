@@ -4,12 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import vdfmu
+from tests.conftest import ran, refused
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.files import data_path
-from vdfmu.cli.commands import app
 from vdfmu.engine.run import Results
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import reference
@@ -93,8 +92,7 @@ def test_both_commands_take_files_and_say_what_is_wrong_with_them(tmp_path, monk
     (tmp_path / "moment.csv").write_text("time,plant.F_e[6] [N.m]\n0,0.1\n0.05,0.3\n")
     options = ["--stop", "0.05", "--input", "wrench.csv", "--input", "moment.csv", "--input-hold"]
     for words in (["run", "planar_tracking", "--no-reference", "--out", "a"], ["run", "a/system.ssp", "--out", "b"]):
-        done = CliRunner().invoke(app, [*words, *options])
-        assert done.exit_code == 0, done.output
+        ran(*words, *options)
     a, b = (Results.read(tmp_path / name / "results.csv") for name in "ab")
     np.testing.assert_array_equal(a["plant.q[1]"], b["plant.q[1]"])
     # held: until 21.3 ms the first row, then the second
@@ -102,9 +100,6 @@ def test_both_commands_take_files_and_say_what_is_wrong_with_them(tmp_path, monk
     assert a["plant.F_e[6]"].tolist() == [0.1] * 51
     (tmp_path / "wrench.csv").write_text("time,plant.F_e[1] [N.m],plant.tau[1]\n0,0,0\n")
     for command in (["run", "planar_tracking", "--out", "a"], ["run", "a/system.ssp", "--out", "b"]):
-        done = CliRunner().invoke(app, [*command, "--stop", "0.05", "--input", "wrench.csv"])
-        assert isinstance(done.exception, UsageError)
-        assert "wrench.csv: plant.F_e[1]: unit mismatch, 'N.m'" in str(done.exception)
-        assert "plant.tau[1]: expected an input that nothing is connected to; controller.tau[1] feeds it" in str(
-            done.exception
-        )
+        text = refused(*command, "--stop", "0.05", "--input", "wrench.csv")
+        assert "wrench.csv: plant.F_e[1]: unit mismatch, 'N.m'" in text
+        assert "plant.tau[1]: expected an input that nothing is connected to; controller.tau[1] feeds it" in text

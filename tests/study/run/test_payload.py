@@ -95,7 +95,7 @@ def test_an_unknown_payload_costs_what_statics_say(scenario_file):
     assert np.abs(solved(scenario, 0.1, **values | {"plant.q_0": q_d}) - q).max() > 1e-3
 
 
-def test_a_setting_gives_a_robot_a_payload(scenario_file):
+def test_a_setting_gives_a_robot_a_payload():
     scenario = prepare("planar_tracking", ["plant.payload_mass"])
     values = system_values(scenario, {"plant.payload_mass": 2.0})
     assert values["plant"]["payload_mass"] == 2.0

@@ -27,7 +27,6 @@ def test_a_run_writes_results_summary_package_and_every_connected_output_with_it
     names = {path.name for path in folder.iterdir()}
     assert {"results.csv", "summary.json", "system.ssp"} <= names
     assert json.loads((folder / "summary.json").read_text()) == json.loads(json.dumps(results.summary))
-    folder, results = planar_run
     read = Results.read(folder / "results.csv")
     system = vdfmu.load_ssp(folder / "system.ssp")
     assert {".".join(c.start) for c in system.connections} <= set(read.names)
@@ -49,8 +48,7 @@ def test_the_summary_holds_the_errors_of_the_recorded_signals_and_against_both_r
     assert summary["max_position_error_deg"] == pytest.approx(np.abs(error).max(axis=0), rel=1e-12)
     assert summary["rms_torque_compensation_error_nm"] == pytest.approx(np.sqrt((torque**2).mean(axis=0)), rel=1e-9)
     assert summary["real_time_factor"] == pytest.approx(0.2 / summary["wall_s"])
-    _, results = planar_run
-    compared = results.summary["reference"]
+    compared = summary["reference"]
     assert compared["sampled"]["name"] == "sampled"
     # 1e-7 rad and 1e-4 N.m hold at the scenario's tolerance 1e-7 too: errors there scale with the tolerance
     assert compared["sampled"]["max_position_difference_rad"] < 1e-7

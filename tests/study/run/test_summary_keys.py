@@ -53,7 +53,6 @@ def test_a_factor_may_have_a_number_for_each_joint_and_a_later_version_is_refuse
     file = tmp_path / "summary.json"
     file.write_text(json.dumps(summary))
     assert read_summary(file)["plant_factors"] == {"mass": [1.1, 0.9]}
-    file = tmp_path / "summary.json"
     file.write_text(json.dumps(planar_run[1].summary | {"format": 2}))
     with pytest.raises(UsageError, match=r"summary.json: format: expected 1, got 2. A later vdfmu"):
         read_summary(file)

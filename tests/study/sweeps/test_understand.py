@@ -6,13 +6,12 @@ import re
 import matplotlib.image
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from matplotlib.colors import to_rgb
 
 import vdfmu
+from tests.conftest import ran, refused
 from tests.study.sweeps.conftest import study_of
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.commands import app
 from vdfmu.study.sweeps.answer import cause_of, failed_groups
 from vdfmu.study.sweeps.axes import shares
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
@@ -160,18 +159,17 @@ def test_a_measure_without_values_is_shown_as_such_and_what_cannot_be_drawn_said
 
 @pytest.mark.heavy
 def test_the_commands_write_figures_a_page_and_a_table(saltelli, tmp_path):
-    runner = CliRunner()
-    made = runner.invoke(app, ["sweep", "indices", str(saltelli.folder), "--by", "y"])
-    assert made.exit_code == 0 and re.search(r"f\.x1 +0\.\d+ ± 0\.\d+", made.output), made.output
-    made = runner.invoke(app, ["sweep", "plot", str(saltelli.folder), "--kind", "tornado", "--out", str(tmp_path)])
-    assert made.exit_code == 0 and (tmp_path / "y_tornado.png").exists()
-    made = runner.invoke(app, ["sweep", "plot", str(saltelli.folder), "--out", str(tmp_path / "p.png")])
-    assert f"out: expected a folder for MEASURE_KIND.png, got the name of a file, {tmp_path}" in str(made.exception)
+    made = ran("sweep", "indices", saltelli.folder, "--by", "y")
+    assert re.search(r"f\.x1 +0\.\d+ ± 0\.\d+", made.output), made.output
+    ran("sweep", "plot", saltelli.folder, "--kind", "tornado", "--out", tmp_path)
+    assert (tmp_path / "y_tornado.png").exists()
+    text = refused("sweep", "plot", saltelli.folder, "--out", tmp_path / "p.png")
+    assert f"out: expected a folder for MEASURE_KIND.png, got the name of a file, {tmp_path}" in text
     (tmp_path / "p.html").write_text("mine")
     words = ["sweep", "report", str(saltelli.folder), "--no-simulate", "-o", str(tmp_path / "p.html")]
-    assert "replace it with --overwrite" in str(runner.invoke(app, words).exception)
+    assert "replace it with --overwrite" in refused(*words)
     for more in (["--overwrite"], []):  # the second time it is ours
-        assert runner.invoke(app, [*words, *more]).exit_code == 0
+        ran(*words, *more)
 
 
 @pytest.mark.heavy

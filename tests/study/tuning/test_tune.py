@@ -15,12 +15,11 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow.parquet
 import pytest
-from click.testing import CliRunner
 
 import vdfmu
+from tests.conftest import ran
 from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.commands import app
 from vdfmu.study.analysis.loops import run_along
 from vdfmu.study.sweeps.job import Job, WiredSystem
 from vdfmu.study.sweeps.sweep import Sweep
@@ -239,14 +238,8 @@ def test_runs_that_fail_cost_infinity_and_limits_hold_for_every_robot(tmp_path):
 
 @pytest.mark.heavy
 def test_the_command_shows_before_and_after(tmp_path):
-    result = CliRunner().invoke(
-        app,
-        [
-            "tune", "planar_tracking", "--vary", "controller.K_p[1]", "--cost", ERRORS, "--evaluations", "3",
-            "--stop", "0.1", "--method", "local", "--out", str(tmp_path / "search"),
-        ],
-    )  # fmt: skip
-    assert result.exit_code == 0, result.output
+    words = ["tune", "planar_tracking", "--vary", "controller.K_p[1]", "--cost", ERRORS, "--evaluations", "3"]
+    result = ran(*words, "--stop", "0.1", "--method", "local", "--out", tmp_path / "search")
     assert re.search(r"peak_error\[1\]\s+\S+\s+\S+\s+rad", result.output)
     assert "[controller]\nK_p = [" in result.output
     study = Sweep(tmp_path / "search")

@@ -11,12 +11,11 @@ from queue import Empty
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import vdfmu
+from tests.conftest import invoked, refused
 from vdfmu.base.bars import Bars, errors
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.cli.commands import app
 from vdfmu.cli.terminal import console
 from vdfmu.cli.view import live_view
 from vdfmu.engine.results.results import Results, Signal
@@ -262,13 +261,9 @@ def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
         with pytest.raises(UsageError, match=f"port {port}: expected a free port of 127.0.0.1, got: .* in use"):
             PageServer(port)
         for words in (f"run tracking --live --port {port}", f"view planar_2dof --port {port}"):
-            done = CliRunner().invoke(app, words.split())
-            assert isinstance(done.exception, UsageError)
-            assert "Without it, one is chosen." in str(done.exception)
+            assert "Without it, one is chosen." in refused(*words.split())
     for words in ("run tracking --port 8000", "run x.ssp --robot planar_2dof"):
-        done = CliRunner().invoke(app, words.split())
-        assert isinstance(done.exception, UsageError)
-        assert "needs --live" in str(done.exception)
+        assert "needs --live" in refused(*words.split())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -307,7 +302,7 @@ def test_quiet_leaves_the_address_of_a_view_and_bars_end_before_it_waits(monkeyp
 def test_the_address_of_a_robot_ends_its_line(monkeypatch):
     """What is copied to the end of the line is the address: a comma after it would be part of it."""
     monkeypatch.setattr(RobotView, "run", lambda self, ended: None)
-    done = CliRunner().invoke(app, ["view", "planar_2dof"])
+    done = invoked("view", "planar_2dof")
     assert re.fullmatch(r"planar_2dof, until Ctrl-C: http://127\.0\.0\.1:\d+/[\w-]+/\n", done.output)
 
 

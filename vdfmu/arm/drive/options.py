@@ -50,10 +50,7 @@ def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tupl
 
 
 def dry_friction(names: Collection[str]) -> set[str]:
-    """Return the `names` of a unit's parameters that are at their smallest value without dry friction.
-
-    The set is empty for a unit without parameters of a spring: it is not an arm.
-    """
+    """Return `names` of an arm's parameters that are smallest without dry friction. A unit without springs has none."""
     if "K_f0" not in names:
         return set()
     replaced = any(option.replaces_dry_friction and {*option.dry_parameters} & {*names} for option in OPTIONS.values())

@@ -255,10 +255,7 @@ def _sliding(robot: Any, state: PlantState) -> Sliding:
 
 
 def rest_state(robot: Any, tau_s: Any) -> dict[str, Any]:
-    """Options' states, (n,) each, of an arm that springs and motors hold at rest, without temperatures.
-
-    Hysteresis and bristles are relaxed: the springs carry the load.
-    """
+    """Options' states at rest, (n,) each, without temperatures. Hysteresis and bristles are relaxed, springs loaded."""
     rest = {option.state.name: option.rest(robot, tau_s) for option, _ in options_of(robot) if option.state}
     return {name: value for name, value in rest.items() if value is not None}
 

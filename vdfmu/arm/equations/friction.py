@@ -85,10 +85,7 @@ def joint_friction(
 
 
 def friction_loss(robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None) -> Any:
-    """Power that friction turns into heat, never negative: (n,) [W]. Parameters: see :func:`joint_friction`.
-
-    It is the power that friction takes, without the power that bristles store and give back.
-    """
+    """Heat of friction, without power that bristles store: (n,) [W], at least 0. Parameters: :func:`joint_friction`."""
     xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot, load, states)
     velocity = friction_velocity(robot, q_dot, kappa_dot)
     stored = friction_terms(robot, sliding_at(robot, velocity, kappa_dot, load), states).stored

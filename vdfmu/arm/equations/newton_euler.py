@@ -22,10 +22,7 @@ def _cross(a: Any, b: Any) -> np.ndarray:
 def newton_euler(
     robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, F_e: np.ndarray | None = None
 ) -> np.ndarray:
-    """Joint torques of the rigid arm by forward and backward recursion on 3-vectors in link frames.
-
-    Gravity enters as an upward acceleration of the base. Parameters and result as in :func:`.inverse_dynamics`.
-    """
+    """Joint torques by the recursion on 3-vectors in link frames. Parameters, result: :func:`.inverse_dynamics`."""
     n = robot.n
     rotations, arms, centres, forces, moments = [], [], [], [], []
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import MOVING, Body, Joint, Mass, Placement, RigidLink, Tree, aligned, few, joined
+from vdfmu.arm.imports.tree import HERE, MOVING, Body, Joint, Mass, Placement, RigidLink, Tree, aligned, few, joined
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.physical import check_inertia
 from vdfmu.arm.robot.visual import Visual
@@ -15,15 +15,10 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_tables import Problems
 
-_HERE = Placement(np.eye(3), np.zeros(3))
-
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """An arm: bodies from base to tip, the tip's placement in the last, gravity (3,) in the base's frame.
-
-    `standard`: gravity is not from the file.
-    """
+    """An arm: bodies from base to tip, the tip's placement in the last, gravity (3,) at the base, or `standard`."""
 
     base: str
     tip: str
@@ -64,23 +59,23 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> SerialChain
     """Join the links of each joint of the arm to a body."""
     on_path = {joint.name for joint in path if joint.kind != "fixed"}
     held: list[Joint] = []
-    carried = _carried(tree, base, _HERE, on_path, held)
+    carried = _carried(tree, base, HERE, on_path, held)
     owner = {link.name: 0 for link, _ in carried}  # number of the joint that moves it
     visuals = _looks(0, np.eye(3), carried)
     bodies: list[Body] = []
-    into = _HERE  # the last body's frame, in the file's frame of the same link
-    at = _HERE
+    into = HERE  # the last body's frame, in the file's frame of the same link
+    at = HERE
     for joint in path:
         at = at @ joint.placement
         if joint.kind == "fixed":
             continue
         frame = Placement(aligned(joint.axis), np.zeros(3))
-        carried = _carried(tree, joint.child, _HERE, on_path, held)
+        carried = _carried(tree, joint.child, HERE, on_path, held)
         placement = Placement(into.R.T, np.zeros(3)) @ at @ frame
         bodies.append(_body(tree, joint, frame.R, placement, carried))
         visuals += _looks(len(bodies), frame.R, carried)
         owner |= {link.name: len(bodies) for link, _ in carried}
-        into, at = frame, _HERE
+        into, at = frame, HERE
     tool = Placement(into.R.T, np.zeros(3)) @ at
     for name, first, second in tree.loops:
         if owner.get(first, 0) != owner.get(second, 0):
@@ -117,7 +112,7 @@ def _root(tree: Tree) -> str | None:
     elif not tree.problems.lines:
         queue = roots[:]
         for link in queue:
-            queue += [joint.child for joint in tree.below(link)]
+            queue += [joint.child for joint in tree.below[link]]
         reached = set(queue)
         circle = [link for link in tree.links if link not in reached]
         if circle:
@@ -146,18 +141,15 @@ def _only_tip(tree: Tree, base: str) -> str | None:
 def _rigid(tree: Tree, link: str, far: int = 0) -> Iterator[tuple[int, str]]:
     """Yield a link and the links fixed to it, outward, with the number of fixed joints to them."""
     yield far, link
-    for joint in tree.below(link):
+    for joint in tree.below[link]:
         if joint.kind == "fixed":
             yield from _rigid(tree, joint.child, far + 1)
 
 
 def _onward(tree: Tree, link: str) -> tuple[str, list[Joint]]:
-    """Return the last link that is fixed to a link, and the joints that go on from there.
-
-    Coupled joints, as in a gripper, are not joints of an arm.
-    """
+    """Return the last link that is fixed to a link, and the joints from there, except coupled ones, as of a gripper."""
     rigid = list(_rigid(tree, link))
-    moving = [joint for _, name in rigid for joint in tree.below(name) if joint.kind != "fixed"]
+    moving = [joint for _, name in rigid for joint in tree.below[name] if joint.kind != "fixed"]
     onward = [joint for joint in moving if not joint.follows and joint.name not in tree.coupled]
     return max(rigid, key=lambda entry: entry[0])[1], onward
 
@@ -180,7 +172,7 @@ def _path(tree: Tree, base: str, tip: str) -> list[Joint] | None:
     path: list[Joint] = []
     link = tip
     while link != base:
-        joint = tree.above(link)
+        joint = tree.above.get(link)
         if joint is None:
             above = [joint.parent for joint in path]
             way_out = f"Choose the base among {', '.join(above)}." if above else "It is the root of the file."
@@ -218,7 +210,7 @@ def _carried(
 ) -> list[tuple[RigidLink, Placement]]:
     """Return the links that move with a link, and their placements in its frame."""
     carried = [(tree.links[link], at)]
-    for joint in tree.below(link):
+    for joint in tree.below[link]:
         if joint.name in on_path:
             continue
         if joint.kind != "fixed":
@@ -233,7 +225,7 @@ def _body(
     """Join links to one body, in the frame whose axes in the child's frame are the columns of R."""
     heavy = [(link, at) for link, at in carried if link.mass > 0.0 or link.inertia.any()]
     names = tuple(link.name for link, _ in heavy or carried)
-    parts = heavy or [(RigidLink(""), _HERE)]
+    parts = heavy or [(RigidLink(""), HERE)]
     whole = joined([Mass(ln.mass, at.p + at.R @ ln.centroid, at.R @ ln.inertia @ at.R.T) for ln, at in parts])
     shapes = _looks(0, R, [(replace(link, visuals=link.solid), at) for link, at in carried])
     inertia = R.T @ whole.inertia @ R
@@ -263,5 +255,5 @@ def _looks(joint: int, R: Floats, carried: list[tuple[RigidLink, Placement]]) ->
 
 def _pose(tree: Tree, link: str) -> Placement:
     """Return the placement of a link in the root's frame, all joints at 0."""
-    joint = tree.above(link)
-    return _HERE if joint is None else _pose(tree, joint.parent) @ joint.placement
+    joint = tree.above.get(link)
+    return HERE if joint is None else _pose(tree, joint.parent) @ joint.placement

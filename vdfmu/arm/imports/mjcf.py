@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import Joint, Placement, RigidLink, Tree, aligned
+from vdfmu.arm.imports.tree import HERE, Joint, Placement, RigidLink, Tree, aligned
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
@@ -32,10 +32,7 @@ _VISIBLE = 3
 
 
 def read_mjcf(path: Path, problems: Problems) -> Tree:
-    """Return the tree of a MuJoCo file: its bodies become links, the world the root.
-
-    Raises ModelError if MuJoCo does not compile it, UsageError if the package mujoco is missing.
-    """
+    """Return the tree of a MuJoCo file, bodies as links. ModelError if MuJoCo refuses it, UsageError without it."""
     try:
         mujoco: Any = import_module("mujoco")
     except ImportError as error:
@@ -153,7 +150,7 @@ class _MjcfReader:
                     at @ Placement(np.eye(3), anchor - here) @ zero, axis, self.joint_numbers(j, kind), self.follows(j),
                 )
             )  # fmt: skip
-            parent, at, here = child, Placement(np.eye(3), np.zeros(3)), anchor
+            parent, at, here = child, HERE, anchor
         if parent != name:
             fixed = at @ Placement(np.eye(3), -here)
             joints.append(Joint(f"{name} (fixed)", "fixed", parent, name, fixed, np.array([1.0, 0.0, 0.0])))
@@ -167,7 +164,7 @@ class _MjcfReader:
     def zero(self, j: int, kind: int, axis: Floats) -> Placement:
         """Return the place of q = 0: the file's pose is at the joint's `ref`."""
         if kind not in (_SLIDE, _HINGE):
-            return Placement(np.eye(3), np.zeros(3))
+            return HERE
         ref = float(self.model.qpos0[self.model.jnt_qposadr[j]])
         if kind == _SLIDE:
             return Placement(np.eye(3), -ref * axis)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -33,12 +34,13 @@ class Placement(NamedTuple):
         return Placement(self.R @ inner.R, self.p + self.R @ inner.p)
 
 
+HERE = Placement(np.eye(3), np.zeros(3))
+"""A frame in itself."""
+
+
 @dataclass(frozen=True, eq=False)
 class RigidLink:
-    """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, both in the link's frame.
-
-    `collisions` are for links without inertia.
-    """
+    """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, in its frame. `collisions` without it."""
 
     name: str
     mass: float = 0.0
@@ -110,23 +112,17 @@ class Tree:
     notes: list[str]
     loops: tuple[tuple[str, str, str], ...] = ()
 
-    def above(self, link: str) -> Joint | None:
-        """Return the joint that carries a link, None for a root."""
-        return self._above.get(link)
-
-    def below(self, link: str) -> list[Joint]:
-        """Return the joints that a link carries."""
-        return self._below.get(link, [])
-
     @cached_property
-    def _above(self) -> dict[str, Joint]:
+    def above(self) -> dict[str, Joint]:
+        """Link to the joint that carries it; not the roots."""
         return {joint.child: joint for joint in self.joints}
 
     @cached_property
-    def _below(self) -> dict[str, list[Joint]]:
-        below: dict[str, list[Joint]] = {}
+    def below(self) -> dict[str, list[Joint]]:
+        """Link to the joints that it carries."""
+        below: dict[str, list[Joint]] = defaultdict(list)
         for joint in self.joints:
-            below.setdefault(joint.parent, []).append(joint)
+            below[joint.parent].append(joint)
         return below
 
     @cached_property

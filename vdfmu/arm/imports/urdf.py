@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import MOVING, Joint, Placement, RigidLink, Tree, few
+from vdfmu.arm.imports.tree import HERE, MOVING, Joint, Placement, RigidLink, Tree, few
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
@@ -98,7 +98,7 @@ class _UrdfReader:
         """Return the placement of <origin>: xyz and, about fixed axes, roll, pitch, yaw."""
         origin = parent.find("origin")
         if origin is None:
-            return Placement(np.eye(3), np.zeros(3))
+            return HERE
         xyz, rpy = (self.numbers(origin, key, 3, f"{label}: origin") for key in ("xyz", "rpy"))
         (sr, sp, sy), (cr, cp, cy) = (f(np.zeros(3) if rpy is None else rpy) for f in (np.sin, np.cos))
         R = np.array(
@@ -171,10 +171,7 @@ class _UrdfReader:
         )  # fmt: skip
 
     def mesh(self, name: str) -> str:
-        """Return the absolute path of a mesh; its name in the file, with a note, if the file does not exist.
-
-        The file of package:// may be in any folder above the URDF.
-        """
+        """Return a mesh's path, else its name with a note. A package:// is in any folder above the URDF."""
         scheme, separator, rest = name.partition("://")
         rest = rest if separator else name
         places = [self.path.parent / rest]

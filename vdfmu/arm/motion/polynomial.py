@@ -109,10 +109,7 @@ class Motion:
     def fitted(
         self, velocity: Floats | None = None, acceleration: Floats | None = None, duration: float | None = None
     ) -> Motion:
-        """Return the motion over `duration` [s], or over the shortest time for limits, (n,) each.
-
-        UsageError if the duration breaks a limit.
-        """
+        """Return the motion over `duration` [s], or the shortest within limits, (n,). UsageError beyond them."""
         factors = [
             (peak / limit) ** (1.0 / order)
             for order, (peak, limit) in enumerate(zip(self.peaks, (velocity, acceleration), strict=False), 1)
@@ -143,10 +140,7 @@ class Motion:
         return self if np.array_equal(seconds, 0.0) else joined([self, rest(self.end, seconds)])
 
     def unit(self) -> type[Played]:
-        """Return the unit that plays the motion, for ``units={"trajectory": motion.unit()}``.
-
-        UsageError for a motion of too many pieces.
-        """
+        """Return the unit that plays it, ``units={"trajectory": motion.unit()}``. UsageError for too many pieces."""
         if self.coefficients.size > MOST_NUMBERS:
             raise UsageError(
                 f"motion: expected at most {MOST_NUMBERS} coefficients, got {self.coefficients.size}, "

@@ -42,10 +42,7 @@ def assumed(gear: dict[str, Any], part: str = "hysteresis") -> list[str]:
 
 
 def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, ell: Any = None) -> Tables:
-    """Return the tables of the gear and the motor that a joint at `path` of a file names.
-
-    `kind` is revolute or prismatic, and `ell` the joint's own reduction ratio, if it has one.
-    """
+    """Return the tables of a joint's gear and motor, for its `kind` and its own reduction ratio `ell`, if any."""
     tables: Tables = {}
     entries: dict[str, dict[str, Any]] = {}
     for part in NAMED:

@@ -32,10 +32,7 @@ def drive_text(value: str, folder: Path) -> str:
 
 @lru_cache(maxsize=32)
 def robot_class(text: str) -> type[Robot]:
-    """Run the text of a drive and return the class of its robots.
-
-    UnitError if it fails or declares no drive, CodeNotRunError if no code may run.
-    """
+    """Run a drive's text. Return its robots' class. UnitError for faults, CodeNotRunError if no code may run."""
     check_may_run(Path("drive"))
     module = ModuleType(f"_vdfmu_drive_{sha256(text.encode()).hexdigest()[:12]}")
     sys.modules[module.__name__] = module

@@ -1,7 +1,4 @@
-"""Physical conditions of robots: as checks that add to `Problems`, and as margins of parameters at run time.
-
-The margins can be traced, for native units: inertias without eigenvalues.
-"""
+"""Physical conditions of robots: checks that add to `Problems`, and margins that can be traced, without eigenvalues."""
 
 from __future__ import annotations
 

@@ -22,10 +22,7 @@ PLAIN = {
 
 
 def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") -> tuple[Any, dict[str, str]]:
-    """Return a joint's table with the paper's keys for plain words, and the sources of these numbers by key.
-
-    `path` is the joint's in the file. A word beside the paper's keys is a problem.
-    """
+    """Return a joint's table with the paper's keys for plain words, and sources. Both together are a problem."""
     drive = joint.get("drive") if isinstance(joint, dict) else None
     if not isinstance(drive, dict) or PLAIN.keys().isdisjoint(drive):
         return joint, {}

@@ -184,10 +184,7 @@ class Robot(Parameters):
         return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]
 
     def shorter(self) -> list[Self]:
-        """Two robots without joints of the middle, if these repeat after one, two or four joints; else none.
-
-        The traced functions of a long robot follow from theirs.
-        """
+        """Two robots without a middle that repeats after 1, 2 or 4 joints. Its functions follow from theirs."""
         n, entries = self.n, self.entries()
         fixed = self.with_values([0.0] * len(entries))
         arrays = {name: getattr(self, name) for name, row in self.rows.items() if row.per_joint}
@@ -220,10 +217,7 @@ class Robot(Parameters):
         return [f"{i} {name}".rstrip() for i, name in enumerate(names, 1)]
 
     def to_dict(self, looks: bool = True) -> dict[str, Any]:
-        """Return the robot in the layout of its TOML file, as plain lists, numbers and strings; `looks` with visuals.
-
-        `vdfmu.arm.robot.robot_file.robot_from_dict` is the inverse.
-        """
+        """Return the layout of its TOML file, `looks` with visuals, the inverse of `robot_from_dict`."""
 
         def numbers(name: Section, entry: Any) -> dict[str, Any]:
             return {r.key: getattr(self, r.name)[entry].tolist() for r in self.rows.values() if r.section == name}
@@ -257,10 +251,7 @@ class Robot(Parameters):
         return dataclasses.replace(self, folded=False, payload=True)
 
     def with_parameters(self, **arrays: npt.ArrayLike) -> Robot:
-        """Return a copy with other numbers by field name, unchecked. A scalar sets every joint.
-
-        UsageError if a name is not in `PARAMETERS`, or a value does not fit its shape.
-        """
+        """Return an unchecked copy with other numbers, scalars for all joints. UsageError for a wrong name or shape."""
         new: dict[str, Array] = {}
         for key, value in arrays.items():
             row = self.rows.get(key)
@@ -288,10 +279,7 @@ class Robot(Parameters):
         return unit, (-row.largest if row.smallest is None else row.smallest), row.largest, text
 
     def source_of(self, key: str) -> str | None:
-        """Return the source of the number at `key`, such as ``joints[2].link.mass``, or None.
-
-        An entry of a joint overrides the entry of all joints, ``joints.link.mass``.
-        """
+        """Return the source of ``joints[2].link.mass``, else of all joints' ``joints.link.mass``, or None."""
         return self.sources.get(key, self.sources.get(joint_free(key)))
 
 

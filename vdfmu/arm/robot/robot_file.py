@@ -38,10 +38,7 @@ JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIO
 
 
 def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
-    """Build a robot from the content of a TOML file, the inverse of `Robot.to_dict`.
-
-    Messages name the data `where`. ModelError has every problem found.
-    """
+    """Build a robot from a TOML file, the inverse of `Robot.to_dict`. ModelError has every problem of `where`."""
     problems = Problems(where)
     file = Table(problems, data, "", ROBOT_KEYS)
     name = file.label("name")

@@ -92,10 +92,7 @@ def base_load(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base:
 def tool_motion(
     robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base, load: Load | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return V_O, without the base's linear velocity, and A_O of :func:`tool_acceleration`: (6,) each, in {O}.
-
-    Arguments as in :func:`.plant_derivative`.
-    """
+    """Return V_O, without the base's linear velocity, and A_O, in {O}: (6,). Arguments: :func:`.plant_derivative`."""
     state = split_state(robot, x)
     tau_l, _, F_Dk, hanging = driven(robot, state, tau, base, load)
     q_ddot = forward_dynamics(robot, state.q, state.q_dot, tau_l, F_e, F_Dk, base, hanging)

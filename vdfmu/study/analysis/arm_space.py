@@ -196,9 +196,6 @@ def linearized(
     settings: Mapping[str, Any] | None = None,
     backend: str | None = None,
 ) -> LinearSystem:
-    """Linearise the components of a scenario or package at a time of its run, by default its start.
-
-    For the others see :func:`packaged`, for errors :func:`vdfmu.engine.linear.linearise.linear_system`.
-    """
+    """Linearise components, see :func:`packaged`, at a time of the run, by default its start."""
     with packaged(system, settings, backend, master) as (package, options):
         return linear_system(package, at, **options)

@@ -72,10 +72,7 @@ def bode(system: StateSpace, source: str, outputs: Sequence[str]) -> Bode:
 
 
 def _oscillating(s: Any, fastest: float) -> Floats:
-    """Frequencies [Hz] of lightly damped poles or zeros, from low to high.
-
-    Zeros at infinity are, by rounding, beyond 100 times the `fastest` pole [1/s].
-    """
+    """Frequencies [Hz] of lightly damped poles or zeros, up to 100 times the `fastest` [1/s]: beyond is infinity."""
     size = np.abs(s)
     chosen = (s.imag > 0.0) & (size > 2.0 * np.pi * _SLOWEST) & (size <= 100.0 * fastest)
     chosen &= np.abs(s.real) < _DAMPED * size

@@ -43,7 +43,23 @@ class Judged(NamedTuple):
     @property
     def words(self) -> tuple[str, str]:
         """State of a run by its loops, ``good``, ``doubtful`` or ``failed``, and its words in all commands."""
-        return _words(self)
+        loops, growth, excited = self
+        before = f"friction 'split' excites itself, most at {excited}; without dry friction " if excited else ""
+        if growth.unstable:
+            factor = math.exp(growth.rate * loops.system.step)
+            return "failed", (
+                f"{before}unstable {since(growth.begin)}, {place_of(growth.state, loops)}: disturbances grow by a "
+                f"factor of {factor:.3g} a step; its gains are too high, or too low, for this step"
+            )
+        growing, nearest = growth_words(loops), loops.nearest()
+        text = f"stable; its margins are not known: {loops.lacking}"
+        if nearest is not None:
+            where = f"at {place_of(nearest.name, loops)}, {nearest.time:.3g} s"
+            text = f"stable with a modulus margin of {nearest.modulus:.2g} {where}"
+            if not nearest.modulus:
+                text = f"stable over the run, but without a margin {where}"
+        doubtful = grown(loops).doubtful or (nearest is not None and not nearest.modulus)
+        return "doubtful" if doubtful else "good", before + "; ".join(filter(None, (text, growing)))
 
 
 def poses_of(system: SystemDescription, **options: Any) -> Poses:
@@ -78,26 +94,6 @@ def growth_words(loops: Along) -> str:
         f"a mode grows by {growth.rate:.2g} 1/s at {place_of(growth.state, loops)}{slow}, from {growth.begin:.3g} s to "
         f"{growth.end:.3g} s, by a factor of {math.exp(growth.exponent):.3g} at most"
     )
-
-
-def _words(verdict: Judged) -> tuple[str, str]:
-    growth, loops, excited = verdict.growth, verdict.loops, verdict.excited
-    before = f"friction 'split' excites itself, most at {excited}; without dry friction " if excited else ""
-    if growth.unstable:
-        factor = math.exp(growth.rate * loops.system.step)
-        return "failed", (
-            f"{before}unstable {since(growth.begin)}, {place_of(growth.state, loops)}: disturbances grow by a "
-            f"factor of {factor:.3g} a step; its gains are too high, or too low, for this step"
-        )
-    growing, nearest = growth_words(loops), loops.nearest()
-    text = f"stable; its margins are not known: {loops.lacking}"
-    if nearest is not None:
-        where = f"at {place_of(nearest.name, loops)}, {nearest.time:.3g} s"
-        text = f"stable with a modulus margin of {nearest.modulus:.2g} {where}"
-        if not nearest.modulus:
-            text = f"stable over the run, but without a margin {where}"
-    doubtful = grown(loops).doubtful or (nearest is not None and not nearest.modulus)
-    return "doubtful" if doubtful else "good", before + "; ".join(filter(None, (text, growing)))
 
 
 def since(time: float) -> str:

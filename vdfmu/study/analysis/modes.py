@@ -136,10 +136,7 @@ def modes_along(scenario: Scenario, *, dry: bool = False, points: int = 101) -> 
 
 
 def desired_motion(scenario: Scenario, outputs: Sequence[str], points: int) -> tuple[Floats, Floats]:
-    """Return times (m,) [s], evenly spread, and outputs of the component ``trajectory``, (k, m, n).
-
-    UsageError if the component or an output is missing.
-    """
+    """Return even times (m,) [s] and outputs of ``trajectory``, (k, m, n). UsageError if one is missing."""
     system = WiredUnits(SystemDescription(scenario, system_values(scenario)))
     trajectory = system.units.get("trajectory")
     if lacking := [name for name in outputs if trajectory is None or name not in trajectory.interface.groups]:

@@ -156,10 +156,7 @@ FLAGS = ("-ffp-contract=fast-honor-pragmas",)
 
 
 def make_program(description: SystemDescription, varied: Iterable[str]) -> BatchProgram:
-    """Compile a system whose `varied` parameters, ``component.variable``, differ from run to run.
-
-    UsageError, with all reasons, if it cannot be run in lanes.
-    """
+    """Compile a system with `varied` parameters for lanes. UsageError, with all reasons, if it cannot run in them."""
     try:
         zig()
     except FmuError:

@@ -15,7 +15,7 @@ from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.batch.engine import SteppedLanes
 from vdfmu.study.batch.make import make_program
-from vdfmu.study.environment.tasks import Task, TrackingTask, episode, named_in, opened
+from vdfmu.study.environment.tasks import Task, TrackingTask, episode, opened
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
 
@@ -99,7 +99,7 @@ class Environment(gymnasium.Env[Floats, Floats]):
         values: Mapping[str, Any] | None = None,
     ) -> None:
         seen = observations if isinstance(observations, Mapping) else dict.fromkeys(observations)
-        self._system, vary = system, vary or {}  # a System has the folder of its FMUs
+        self._system = system  # a System has the folder of its FMUs
         with ExitStack() as stack:
             simulator = stack.enter_context(self._simulator_of(system, [*actions], [*seen], values, stack))
             checked = simulator.checked
@@ -107,16 +107,10 @@ class Environment(gymnasium.Env[Floats, Floats]):
             fed = {".".join(link.end).partition("[")[0] for link in checked.links}
             if taken := [name for name in actions if name.partition("[")[0] in fed]:
                 raise UsageError(f"{taken[0]!r}: action must be a free input, but a connection feeds it. Leave it out.")
-            parameters = [
-                f"{name}.{v.name}" for name, table in tables.items() for v in table if v.causality == "parameter"
-            ]
-            if unknown := sorted(vary.keys() - {*parameters}):
-                raise UsageError(f"vary: {unknown[0]}: must be one parameter of a component, with its index.")
             grid = simulator.grid(None, stop, step)
             task = Task(
-                named_in(tables), actions, seen, reward, hold=hold, lost=lost, ended=ended, vary=vary,
+                tables, actions, seen, reward, hold=hold, lost=lost, ended=ended, vary=vary,
                 length=episode(grid.end - grid.begin, grid.step, hold),
-                seeds=[name for name in parameters if name.endswith(".seed") and name not in vary],
             )  # fmt: skip
             self._begin(task, simulator, {"start": grid.begin, "stop": grid.end, "step": grid.step}, stack)
 

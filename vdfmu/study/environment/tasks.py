@@ -21,16 +21,16 @@ LIMITS = {"rad": 2.0 * math.pi, "rad/s": 50.0, "m": 5.0, "m/s": 10.0, "N.m": 1e3
 SEEN = ("plant.q", "plant.q_dot", "plant.kappa_dot", "plant.tau_s", "trajectory.q_d", "trajectory.q_d_dot")
 
 
-Named = Callable[[str, str], tuple[list[str], list[str]]]
-"""Names and units of measurement of the elements of ``component.group`` with a causality."""
+Tables = Mapping[str, Iterable[Any]]
+"""Component to its variables."""
 
 
 class Task:
     """Actions and observations of an agent, their bounds, and the reward.
 
     For `actions`, `observations`, `reward`, `lost`, `ended`, `hold` and `vary` see
-    :class:`vdfmu.study.environment.environments.Environment`; `length` is the number of actions in an episode, `seeds`
-    are parameters that get a whole number below 2^31 at each reset.
+    :class:`vdfmu.study.environment.environments.Environment`; `length` is the number of actions in an episode. Each
+    parameter ``seed`` that is not in `vary` gets a whole number below 2^31 at each reset.
 
     Attributes
     ----------
@@ -41,16 +41,19 @@ class Task:
     """
 
     def __init__(
-        self, named: Named, actions: Mapping[str, Any], observations: Mapping[str, Any],
+        self, tables: Tables, actions: Mapping[str, Any], observations: Mapping[str, Any],
         reward: Callable[[dict[str, Floats], dict[str, Floats]], Any], *, length: int, hold: int, lost: float = 0.0,
         ended: Callable[[dict[str, Floats]], Any] | None = None, vary: Mapping[str, tuple[float, float]] | None = None,
-        seeds: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        self.length, self.hold, self.vary, self.seeds = length, hold, dict(vary or {}), list(seeds)
+        self.length, self.hold, self.vary = length, hold, dict(vary or {})
         self._reward, self._lost, self._ended = reward, lost, ended
-        self.inputs, self.action_units, self.least, self.limit, self.actions = _groups(named, actions, "input")
-        self.signals, self.units, self.low, self.high, self.seen = _groups(named, observations, "output")
+        self.inputs, self.action_units, self.least, self.limit, self.actions = _groups(tables, actions, "input")
+        self.signals, self.units, self.low, self.high, self.seen = _groups(tables, observations, "output")
+        parameters = [f"{name}.{v.name}" for name, table in tables.items() for v in table if v.causality == "parameter"]
+        self.seeds = [name for name in parameters if name.endswith(".seed") and name not in self.vary]
         for name, bounds in self.vary.items():
+            if name not in parameters:
+                raise UsageError(f"vary: {name}: must be one parameter of a component, with its index.")
             if np.shape(bounds) != (2,) or not (np.isfinite(bounds).all() and bounds[0] <= bounds[1]):
                 raise UsageError(f"vary: {name}: expected two finite numbers, the lower first, got {bounds}.")
 
@@ -147,7 +150,6 @@ class TrackingTask(Task):
         tables = self.scenario.resolved.tables
         if missing := {*track, *(limits or {})} - {*seen}:
             raise UsageError(f"{', '.join(sorted(missing))}: expected one of what is seen: {', '.join(seen)}.")
-        parameters = [f"{name}.{v.name}" for name, table in tables.items() for v in table if v.causality == "parameter"]
 
         def reward(seen: dict[str, Floats], actions: dict[str, Floats]) -> Floats:
             e = (seen[track[0]] - seen[track[1]]) / error
@@ -156,15 +158,12 @@ class TrackingTask(Task):
             )
 
         super().__init__(
-            named_in(tables), {action: limit}, {name: (limits or {}).get(name) for name in seen}, reward,
+            tables, {action: limit}, {name: (limits or {}).get(name) for name in seen}, reward,
             length=episode(loaded.stop, loaded.step, hold), hold=hold, lost=-(1.0 + effort), vary=vary,
-            seeds=[name for name in parameters if name.endswith(".seed") and name not in (vary or {})],
         )  # fmt: skip
         for name, bounds in self.vary.items():
             for value in bounds:
                 override(self.scenario, {name: float(value)})
-            if name not in parameters:
-                raise UsageError(f"vary: {name}: expected one parameter of a component, such as {parameters[0]}.")
 
 
 def episode(stop: float, step: float, hold: int) -> int:
@@ -175,29 +174,21 @@ def episode(stop: float, step: float, hold: int) -> int:
     return length
 
 
-def named_in(tables: Mapping[str, Iterable[Any]]) -> Named:
-    """Return the names of the variables of components, whose names may have an index."""
-
-    def named(group: str, causality: str) -> tuple[list[str], list[str]]:
-        component, _, wanted = group.partition(".")
+def _groups(
+    tables: Tables, groups: Mapping[str, Any], causality: str
+) -> tuple[list[str], list[str], Floats, Floats, Any]:
+    """Return names, units and bounds of the elements of groups, ``component.group``, and the place of each group."""
+    names, units, ends, places = list[str](), list[str](), list[Any](), dict[str, slice]()
+    for name, bounds in groups.items():
+        component, _, wanted = name.partition(".")
         variables = [
             v for v in tables.get(component, ())
             if wanted in (v.name, v.name.partition("[")[0]) and v.causality == causality
         ]  # fmt: skip
         if not variables:
-            raise UsageError(f"{group!r}: expected a group of {causality}s of one of {', '.join(tables)}.")
-        return [f"{component}.{v.name}" for v in variables], [getattr(v.unit, "name", v.unit) or "1" for v in variables]
-
-    return named
-
-
-def _groups(
-    named: Named, groups: Mapping[str, Any], causality: str
-) -> tuple[list[str], list[str], Floats, Floats, Any]:
-    """Return names, units and bounds of the elements of groups, and the place of each group."""
-    names, units, ends, places = list[str](), list[str](), list[Any](), dict[str, slice]()
-    for name, bounds in groups.items():
-        elements, measures = named(name, causality)
+            raise UsageError(f"{name!r}: expected a group of {causality}s of one of {', '.join(tables)}.")
+        elements = [f"{component}.{v.name}" for v in variables]
+        measures = [getattr(v.unit, "name", v.unit) or "1" for v in variables]
         label = "limit" if causality == "input" else f"limits: {name}"
         if bounds is None:
             bounds = [LIMITS.get(unit, LIMITS["1"]) for unit in measures]

@@ -48,10 +48,7 @@ class Rows(NamedTuple):
 def rows_of(
     log: Log, robot: Robot, band: float | None, lag: Floats | None = None, fewest: int = _FEWEST, share: float = 1.0
 ) -> Rows:
-    """Return the rows of a log. The delay of encoders of links is estimated, if it is not given.
-
-    `share` narrows the band of the first filter.
-    """
+    """Return the rows of a log, in a band narrowed by `share`. A missing delay of link encoders is estimated."""
     h = log.step
     if band is None:
         last = max(fastest(column) for column in np.diff(log.kappa, axis=0).T)

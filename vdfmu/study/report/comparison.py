@@ -38,11 +38,6 @@ def comparison(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) 
     yield f'<section id="comparison" class="card"><h2>Compared</h2><div class="tables">{tables}</div></section>'
 
 
-def settings_of(names: Sequence[str], runs: Sequence[ShownRun]) -> Sheet:
-    """Return the different settings of runs; reads their packages."""
-    return difference_sheet(names, [run.summary for run in runs], [run.package for run in runs])
-
-
 def answer(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> str:
     """Return which run is better, in what, by how much, and what differs in their settings."""
     summaries = [run.summary for run in runs]
@@ -106,8 +101,9 @@ Values = Mapping[str, Mapping[str, tuple[Any, str]]]
 """Array, ``component.name``, to its elements: value and unit of measurement."""
 
 
-def difference_sheet(names: Sequence[str], summaries: Sequence[Summary], packages: Sequence[Path]) -> Sheet:
+def difference_sheet(names: Sequence[str], runs: Sequence[ShownRun]) -> Sheet:
     """Return the different settings of runs: facts, and values of their packages, or of ``--set``."""
+    summaries = [run.summary for run in runs]
     tables = [
         {name: text for name, text in facts(summary) if name not in _MEASURED}
         | {f"Plant, {key}": f"× {factor}" for key, factor in (summary.get("plant_factors") or {}).items()}
@@ -115,7 +111,7 @@ def difference_sheet(names: Sequence[str], summaries: Sequence[Summary], package
         for summary in summaries
     ]
     rows = _compared(tables, _MISSING)
-    values = [_package_values(path) for path in packages]
+    values = [_package_values(run.package) for run in runs]
     notes: list[str] = []
     if None not in values:
         rows += _value_rows([each or {} for each in values])

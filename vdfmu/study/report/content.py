@@ -140,10 +140,7 @@ def run_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure
 
 
 def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
-    """Yield positions, torques, their errors and torsion; revolute and prismatic joints in separate figures.
-
-    `before` and `of` are prefixes of keys and titles.
-    """
+    """Yield figures of an arm by type of joint. `before` and `of` are prefixes of keys and titles."""
     for kind, unit in JOINT_UNITS.items():
         joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""

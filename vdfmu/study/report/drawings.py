@@ -43,10 +43,7 @@ def _recorded(t: Floats, groups: Mapping[str, Floats]) -> Recorded:
 
 
 def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
-    """Draw a motion, a column for each type of joint.
-
-    It has times `t`, (m,) [s], and positions and four derivatives `q`, (5, m, n) [rad or m, and per s .. s4].
-    """
+    """Draw `q`, (5, m, n) [rad or m, s], and four derivatives over `t`, (m,) [s], a column for each type of joint."""
     results = _recorded(t, {order: q[k] for order, k in _ORDERS.items()})
     kinds = sorted(set(robot.joint_types), reverse=True)
     figures: list[Figure] = []
@@ -59,10 +56,7 @@ def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
 
 
 def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str]) -> Picture:
-    """Draw measured torques (m, n) over time, link-side, with the model over them, and their differences.
-
-    Beside the differences stand their histograms.
-    """
+    """Draw measured torques (m, n), link-side, under the model, and the differences with their histograms."""
     results = _recorded(t, {"measured": torque, "model": torque - error, "difference": error})
     figures: list[Figure] = []
     for i, unit in enumerate(units, 1):

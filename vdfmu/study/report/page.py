@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
-from vdfmu.base.files import write_whole
+from vdfmu.base.files import inside, require_ours, write_whole
 from vdfmu.base.page import page
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.text import error_text
@@ -28,10 +28,11 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import line_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
-from vdfmu.study.report.comparison import answer, comparison, settings_of
+from vdfmu.study.report.comparison import answer, comparison, difference_sheet
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.parts import checks, facts_table, marks, page_title, tables, tiles
-from vdfmu.study.report.shown_run import NAME, ShownRun, read_run
+from vdfmu.study.report.sheets import LATEX, sheets, write_tables
+from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder, write_gallery
 from vdfmu.study.report.simulation import simulation_of
 from vdfmu.study.run.key_figures import cut_figures
 from vdfmu.study.run.scene import wired_arm
@@ -64,6 +65,26 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
     """Write the page of one run or of several; `simulate`: it can run them again, by units compiled for it."""
     write_whole(path, [report_page(runs, simulate=simulate)])
     return path
+
+
+def report_of(folders: Sequence[Path], out: Path | None = None, *, simulate: bool = False) -> Path:
+    """Write the page of runs, by default of the newest in ``results``, or of a folder of runs; for ``.tex`` tables.
+
+    UsageError without results, or for a file that others made. Returns the path.
+    """
+    gallery = len(folders) == 1 and is_gallery(folders[0])
+    folders = folders or [newest_run(Path("results"))]
+    runs = [] if gallery else [read_run(folder) for folder in folders]
+    if out is None:
+        place = folders[0] if len(folders) == 1 else folders[0].parent
+        name = "index.html" if gallery else "comparison.html"
+        out = inside(place, run_folder(place) / NAME if len(runs) == 1 else place / name)
+    require_ours(out)
+    if gallery:
+        return write_gallery(folders[0], out)
+    if out.suffix == LATEX:
+        return write_tables((sheet for run in runs for sheet in sheets(run.summary)), out)
+    return write_report(runs, out, simulate=simulate)
 
 
 def write_failed(
@@ -111,7 +132,7 @@ def report_page(
     data |= ({"study": study.content} if study else {}) | ({"live": live} if live else {})
     diagram = next(filter(None, (system_diagram(run.package, run.summary.get("held", ())) for run in runs)), "")
     summaries = [run.summary for run in runs]
-    settings = settings_of(names, runs) if len(runs) > 1 and not arm_alone else None
+    settings = difference_sheet(names, runs) if len(runs) > 1 and not arm_alone else None
     body = "\n".join(
         [
             *([study.body] if study else ()),

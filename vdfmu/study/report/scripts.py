@@ -31,10 +31,7 @@ _ICON = (
 
 
 def look(*more: str, icon: str = "data:,") -> str:
-    """Return the content of a page's head: icon, and style, light or dark.
-
-    `more` are further style sheets.
-    """
+    """Return the content of a page's head: its icon, the style, light or dark, and `more` style sheets."""
     style = style_sheet() + "".join(map(bundle, ("report.css", *more)))
     return f'<link rel="icon" href="{icon}"><style>{style}</style>'
 

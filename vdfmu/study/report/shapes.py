@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vdfmu.arm.equations.kinematics import joint_placements, poses
+from vdfmu.arm.equations.kinematics import poses
 from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
@@ -61,10 +61,6 @@ class Chain:
         self.reach = max(0.05, float(np.linalg.norm([*self.offset, self.tool_offset], axis=1).sum()))
         """Length of the stretched arm at q = 0 [m], at least 5 cm."""
         self._robot = SimpleNamespace(joint_types=self.types, **vars(self))
-
-    def placements(self, q: Floats) -> list[tuple[Floats, Floats]]:
-        """Rotation and origin of every {B_i} in {B_(i-1)}, Eq. (34)-(36)."""
-        return joint_placements(self._robot, q)
 
     def points(self, q: Floats) -> Floats:
         """Origins of {I}, of every {B_i} and of {O} in {I}: (n + 2, 3) [m]."""
@@ -164,10 +160,7 @@ def half_axes(mass: float, moments: Floats) -> Floats:
 
 
 def inertia_parts(robot: Robot) -> tuple[list[DrawnShape], list[str]]:
-    """Ellipsoids of inertia of the links and the payload, and notes on links without one.
-
-    An axis of less than a hundredth of the longest is drawn as that much.
-    """
+    """Ellipsoids of inertia of links and payload, axes at least 1 % of the longest, and notes on missing ones."""
     of_link = zip(robot.mass, robot.centroid, robot.inertia, strict=True)
     bodies = [(f"link {i}", i, *numbers) for i, numbers in enumerate(of_link, 1)]
     if robot.payload:
@@ -199,10 +192,7 @@ def centres(robot: Robot) -> list[tuple[int, Floats]]:
 
 
 def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]], list[str]]:
-    """Meshes of a robot, as parts of its drawing for the page, and notes on files in `folder` that cannot be shown.
-
-    A missing mesh hides all: half an arm would look like all of it.
-    """
+    """Meshes of a robot, and notes on unreadable files. One of these hides all: half an arm looks like all of it."""
     meshes = [visual for visual in robot.visuals if visual.shape == "mesh"] if folder else []
     parts: list[dict[str, Any]] = []
     notes: list[str] = []

@@ -23,7 +23,7 @@ from vdfmu.engine.results.verdict import STATES, line_of, state_of
 from vdfmu.study.report.scripts import look
 from vdfmu.study.run.summary_keys import read_summary
 
-NAME, INDEX = "report.html", "index.html"
+NAME = "report.html"
 
 
 class ShownRun(NamedTuple):
@@ -93,10 +93,7 @@ def write_gallery(folder: Path, path: Path) -> Path:
 
 
 def gallery_page(folder: Path, place: Path) -> bytes:
-    """Return the list of all runs in a folder, newest first, from their summaries.
-
-    Links are relative to the folder `place`. Results, packages and pages of the runs are not opened.
-    """
+    """Return the list of runs in a folder, newest first, by their summaries alone. Links are relative to `place`."""
     runs, states, problems = list[tuple[float, list[str]]](), Counter[str](), list[str]()
     for run in _run_folders(folder):
         name = run.relative_to(folder).as_posix()

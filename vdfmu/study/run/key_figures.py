@@ -62,7 +62,7 @@ def key_figures(
             away, error = (np.linalg.norm(place - other, axis=1) for other in (first, actual))
             peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - q)), error]))
             reached.add(part.time, np.column_stack([scale * q_d, -scale * q_d, away]))
-        comparable = same_frames(robot, plant)
+        comparable = all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items())
         figures["joint_error"] = peaks.worst([unit.position for unit in units])
         if comparable:
             figures["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
@@ -106,16 +106,6 @@ def cut_figures(results: Results) -> dict[str, Any]:
     return figures
 
 
-def same_frames(robot: Robot, plant: Robot) -> bool:
-    """Whether the plant has the geometry of the robot, as a tool error needs."""
-    return all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items())
-
-
-def length(robot: Robot) -> float:
-    """Length of the arm from its first axis to the end effector along the links [m]."""
-    return float(np.linalg.norm(robot.offset[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
-
-
 class _Peaks:
     """Largest values of columns, and their times."""
 
@@ -143,7 +133,8 @@ def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, 
     `peaks` are errors of the joints [deg, mm] and of the tool [m], `sizes` those of the joints' motions, `tool` that of
     the tool's motion, infinite without a tool error.
     """
-    kinds, arm = robot.joint_types, length(robot)
+    kinds = robot.joint_types
+    arm = float(np.linalg.norm(robot.offset[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
     least = [_SMALL * JOINT_UNITS[kind].factor * (1.0 if kind == "revolute" else arm) for kind in kinds]
     each = [max(least[i], *(sizes[j] for j in range(robot.n) if kinds[j] == kinds[i])) for i in range(robot.n)]
     size = np.array([*each, max(tool, _SMALL * arm)])

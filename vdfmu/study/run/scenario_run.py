@@ -92,10 +92,7 @@ def prepare(
 
 
 class ScenarioRun:
-    """The run of a scenario of :func:`prepare` in stages: pack, simulate, judge.
-
-    If the option `out` is False, the run writes its package only.
-    """
+    """The run of a scenario of :func:`prepare`: pack, simulate, judge. If `out` is False, it only packs files."""
 
     def __init__(self, scenario: Scenario, options: ScenarioRunOptions) -> None:
         self.scenario, self._options = scenario, options

@@ -148,10 +148,7 @@ def _estimates(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]
 
 
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the drawn facts of a robot: geometry, ratios, and the shapes of its file except meshes.
-
-    `values` of the plant, such as ``offset[2,3]``, replace the robot's.
-    """
+    """Return drawn facts of a robot: geometry, ratios, shapes except meshes. `values` of the plant override them."""
     numbers = frames(robot) | {"gravity": robot.gravity, "ell": robot.ell}
     return {
         "types": list(robot.joint_types),
@@ -184,10 +181,7 @@ def joints_of(results: Results) -> list[str]:
 
 
 def wired_arm(results: Results, package: Path) -> dict[str, Any]:
-    """Return the entries ``arm`` and ``joint_signals``, array to its joints' signals, of an arm of joint components.
-
-    Empty if no joints were recorded, or if they are not one chain.
-    """
+    """Return ``arm`` and ``joint_signals``, array to signals, of a chain of joint components. Else it is empty."""
     names = joints_of(results)
     if not names or not package.is_file():
         return {}

@@ -179,10 +179,7 @@ _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
 def read_summary(file: Path) -> dict[str, Any]:
-    """Return a summary whose keys have the types of `KEYS`, without keys that are null.
-
-    UsageError with every problem if it cannot be read, or is another table.
-    """
+    """Return a summary of the types of `KEYS`, without null keys. UsageError has every problem."""
     try:
         content = json.loads(file.read_bytes())
     except RecursionError:

@@ -1,7 +1,4 @@
-"""The verdict on a run: its checks in one order, and the words of each result.
-
-First come unstable loops, joints at their limits, and an arm off its path.
-"""
+"""The verdict on a run: unstable loops, joints at limits, an arm off its path, then other checks, and their words."""
 
 from __future__ import annotations
 

@@ -81,10 +81,7 @@ class Axis:
 
 
 def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
-    """Read axes, ``TARGET=FORM`` texts, or a mapping of target to form or to a sequence of values.
-
-    UsageError with a line for each that cannot be read.
-    """
+    """Read axes, ``TARGET=FORM``, or target to form or values. UsageError has a line for each that cannot be read."""
     check_type("vary", "Mapping[str, Any] | Sequence[str]", over)
     pairs: list[tuple[str, Any]] = []
     problems: list[str] = []

@@ -48,11 +48,7 @@ class DaskWorkers:
             raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
 
     def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
-        """Run chunks; call `tell` with rows as they are done; see `LocalWorkers.run`.
-
-        VdfmuError if the scheduler or its workers are gone for longer than `_PATIENCE`, or a chunk kills all that run
-        it.
-        """
+        """Run chunks as `LocalWorkers.run`. VdfmuError if scheduler or workers are gone too long or keep dying."""
         waiting: list[tuple[list[Task], int]] = []
         while True:
             try:

@@ -49,10 +49,7 @@ class Indices:
 
 
 def indices(study: StudyTable, measure: str | None = None) -> Indices:
-    """Return the indices of a measure, of a study with ``sample`` ``saltelli`` or ``morris``.
-
-    UsageError if it has other points, or not all of them: every index takes points together.
-    """
+    """Return the indices of a measure of a ``saltelli`` or ``morris`` study. UsageError unless it has all points."""
     sample, n, d = study.facts["sample"], study.facts["n"], len(study.axes)
     if sample not in ("saltelli", "morris"):
         raise UsageError(f"{study.path}: indices need --sample saltelli or morris, got {sample}. Try 'sweep plot'.")

@@ -87,6 +87,8 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Lt: operator.lt, ast.Gt: operator.gt,
     ast.LtE: operator.le, ast.GtE: operator.ge,
 }  # fmt: skip
+_KEEPING = (ast.Add, ast.Sub, ast.USub, ast.UAdd)
+"""Operators whose value has the unit of their operands."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ class Measure:
                 array = np.asarray(self.function(results), dtype=float)
             else:
                 with np.errstate(all="ignore"):
-                    array = np.asarray(_evaluate(ast.parse(self.text, mode="eval").body, results), dtype=float)
+                    array = np.asarray(_read(self.text).of(results), dtype=float)
             if array.ndim > 1 or not array.size:
                 raise ValueError(f"expected a number, or some, got the shape {array.shape}")
         except Exception as error:  # the user's function may raise any
@@ -127,10 +129,7 @@ class Measure:
 
 
 def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
-    """Read ``NAME=EXPRESSION`` texts, or a mapping of name to expression or to a function of the results.
-
-    UsageError with a line for each that cannot be read.
-    """
+    """Read ``NAME=EXPRESSION``, or name to expression or function. UsageError has a line for each wrong one."""
     if isinstance(measures, Mapping):
         pairs = list(measures.items())
     else:
@@ -149,11 +148,11 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
             listed.append(Measure(name, getattr(text, "__qualname__", "function"), needs, text))
             continue
         try:
-            tree = ast.parse(text, mode="eval").body
-            signals = tuple(dict.fromkeys(_signals(tree)))
+            read = _read(text)
+            signals = tuple(dict.fromkeys(read.signals))
             if not signals:
                 raise ValueError("expected a signal in it, such as plant.q")
-            if _over_time(tree):
+            if read.over_time:
                 raise ValueError(f"expected one value for all times; put {', '.join(REDUCTIONS)} around it")
             listed.append(Measure(name, text, signals))
         except (ValueError, SyntaxError, RecursionError, MemoryError) as error:
@@ -174,25 +173,78 @@ def measured(measures: Sequence[Measure], results: Results) -> dict[str, float]:
 
 
 def unit_of(measure: Measure, units: Mapping[str, str]) -> str:
-    """Return the unit of a measure's value; nothing where that is not plain, as for products.
-
-    The signals have `units`, by their names with and without indices.
-    """
-    return "" if measure.function is not None else _unit(ast.parse(measure.text, mode="eval").body, units)
+    """Return a measure's unit from `units` of signals and arrays. It is empty if not plain, as for products."""
+    return "" if measure.function is not None else _read(measure.text).unit(units)
 
 
-def _unit(node: ast.expr, units: Mapping[str, str]) -> str:
+class _Term(NamedTuple):
+    """A part of an expression, and how its value and its unit follow from the signals'."""
+
+    of: Callable[[Results], Any]
+    unit: Callable[[Mapping[str, str]], str] = lambda units: ""
+    signals: tuple[str, ...] = ()
+    over_time: bool = False
+    """Whether it has a value for each time."""
+
+
+def _read(text: str) -> _Term:
+    return _term(ast.parse(text, mode="eval").body)
+
+
+def _term(node: ast.expr) -> _Term:
+    """Read a part; ValueError for anything but signals, numbers, functions and operators."""
     if (name := _signal(node)) is not None:
-        return units.get(name, "")
-    if isinstance(node, ast.UnaryOp):
-        return _unit(node.operand, units)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)):
-        left, right = _unit(node.left, units), _unit(node.right, units)
-        return left if left == right else ""
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        unit = _FUNCTIONS[node.func.id].unit
-        return _unit(node.args[0], units) if unit is None else unit
-    return ""
+        values = lambda results: results[name].astype(float, copy=False)  # noqa: E731
+        return _Term(values, lambda units: units.get(name, ""), (name,), True)
+    match node:
+        case ast.Constant(int() | float() as value):
+            return _Term(lambda _: float(value))  # powers of whole numbers would have any number of digits
+        case ast.Call(ast.Name(name), [_, *_], []):
+            return _call(node, name)
+        case ast.BinOp(left, op, right) | ast.Compare(left, [op], [right]) if type(op) in _OPERATORS:
+            terms = _term(left), _term(right)
+        case ast.UnaryOp(op, operand) if type(op) in _OPERATORS:
+            terms = (_term(operand),)
+        case _:
+            raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
+
+    def of(results: Results) -> Any:
+        return _OPERATORS[type(op)](*(term.of(results) for term in terms))
+
+    def unit(units: Mapping[str, str]) -> str:
+        first, last = terms[0].unit(units), terms[-1].unit(units)
+        return first if isinstance(op, _KEEPING) and first == last else ""
+
+    signals = tuple(signal for term in terms for signal in term.signals)
+    return _Term(of, unit, signals, any(term.over_time for term in terms))
+
+
+def _call(node: ast.Call, name: str) -> _Term:
+    """Read the call of a function."""
+    if name not in _FUNCTIONS:
+        names = nearest(name, [*_FUNCTIONS]).rstrip(".")
+        raise ValueError(f"expected a known function, got {name}. {names}")
+    function, reduces = _FUNCTIONS[name], name in REDUCTIONS
+    least, most = function.numbers
+    if not least <= len(node.args) - 1 <= most:
+        count = f"{1 + least} to {1 + most}" if least < most else str(1 + most)
+        raise ValueError(f"expected {count} arguments of {name}, got {len(node.args)}")
+    first, *further = map(_term, node.args)
+    if reduces and not first.over_time:
+        raise ValueError(f"expected a signal over time in {name}, got {ast.unparse(node.args[0])}")
+    if any(term.signals for term in further):
+        raise ValueError(f"expected a number after the signal of {name}, got {ast.unparse(node.args[1])}")
+
+    def of(results: Results) -> Any:
+        value, *numbers = (term.of(results) for term in (first, *further))
+        if function.elements and np.ndim(value) < 1 + first.over_time:
+            raise ValueError(f"expected a signal of several elements in {name}, got {ast.unparse(node.args[0])}")
+        return function.of(value, *([results.time] if reduces else []), *numbers)
+
+    def unit(units: Mapping[str, str]) -> str:
+        return first.unit(units) if function.unit is None else function.unit
+
+    return _Term(of, unit, first.signals, first.over_time and not reduces)
 
 
 def _signal(node: ast.expr) -> str | None:
@@ -207,62 +259,3 @@ def _signal(node: ast.expr) -> str | None:
         parent = node.value.id if isinstance(node.value, ast.Name) else _signal(node.value)
         return None if parent is None else f"{parent}.{node.attr}"
     return None
-
-
-def _signals(node: ast.expr) -> list[str]:
-    """Signals of an expression; ValueError for anything else."""
-    if (name := _signal(node)) is not None:
-        return [name]
-    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
-        return []
-    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        return _signals(node.left) + _signals(node.right)
-    if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
-        return _signals(node.operand)
-    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _OPERATORS:
-        return _signals(node.left) + _signals(node.comparators[0])
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords and node.args:
-        if node.func.id not in _FUNCTIONS:
-            names = nearest(node.func.id, [*_FUNCTIONS]).rstrip(".")
-            raise ValueError(f"expected a known function, got {node.func.id}. {names}")
-        least, most = _FUNCTIONS[node.func.id].numbers
-        if not least <= len(node.args) - 1 <= most:
-            count = f"{1 + least} to {1 + most}" if least < most else str(1 + most)
-            raise ValueError(f"expected {count} arguments of {node.func.id}, got {len(node.args)}")
-        signals, *further = map(_signals, node.args)
-        if node.func.id in REDUCTIONS and not _over_time(node.args[0]):
-            raise ValueError(f"expected a signal over time in {node.func.id}, got {ast.unparse(node.args[0])}")
-        if any(further):
-            raise ValueError(f"expected a number after the signal of {node.func.id}, got {ast.unparse(node.args[1])}")
-        return signals
-    raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
-
-
-def _over_time(node: ast.expr) -> bool:
-    """Whether a value is one for each time."""
-    if _signal(node) is not None:
-        return True
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in REDUCTIONS:
-        return False
-    return any(_over_time(part) for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr))
-
-
-def _evaluate(node: ast.expr, results: Results) -> Any:
-    if (name := _signal(node)) is not None:
-        return results[name].astype(float, copy=False)
-    if isinstance(node, ast.Constant):
-        value: Any = node.value
-        return float(value)  # powers of whole numbers would have any number of digits
-    if isinstance(node, ast.BinOp):
-        return _OPERATORS[type(node.op)](_evaluate(node.left, results), _evaluate(node.right, results))
-    if isinstance(node, ast.UnaryOp):
-        return _OPERATORS[type(node.op)](_evaluate(node.operand, results))
-    if isinstance(node, ast.Compare):
-        return _OPERATORS[type(node.ops[0])](_evaluate(node.left, results), _evaluate(node.comparators[0], results))
-    assert isinstance(node, ast.Call)
-    assert isinstance(node.func, ast.Name)
-    first, *further = (_evaluate(argument, results) for argument in node.args)
-    if _FUNCTIONS[node.func.id].elements and np.ndim(first) < 1 + _over_time(node.args[0]):
-        raise ValueError(f"expected a signal of several elements in {node.func.id}, got {ast.unparse(node.args[0])}")
-    over_time = (results.time,) if node.func.id in REDUCTIONS else ()
-    return _FUNCTIONS[node.func.id].of(first, *over_time, *further)

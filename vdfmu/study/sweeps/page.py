@@ -26,10 +26,7 @@ from vdfmu.study.sweeps.table import Side, StudyTable, view
 
 
 def write_page(study: StudyTable, answer: Answer, path: Path | None = None, *, simulate: bool = True) -> Path:
-    """Write the answer of a study, its points, the range of each measure, and failures; with `simulate` the run.
-
-    Default ``report.html`` in the folder of the study; VdfmuError if it cannot be written.
-    """
+    """Write a study's page, default ``report.html`` in its folder, with `simulate` with a run. VdfmuError on errors."""
     path = inside(study.folder, study.folder / NAME) if path is None else path
     with temporary_folder("vdfmu_page_") as folder:
         part, run = _part(study, answer, Path(folder) / "run", simulate)

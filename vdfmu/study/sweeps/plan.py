@@ -39,11 +39,7 @@ TRACKING = {
 
 
 def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict[str, str], tuple[float, float]]:
-    """Check a system, and the axes by one of their values.
-
-    Returns the signals that it can record, the units of its variables by names with and without indices, and start and
-    stop [s].
-    """
+    """Check a system and its axes. Return signals to record, units by name and by array, start and stop [s]."""
     parameters = dict(system.options.get("parameters", {}))
     for axis in axes:
         if axis.target in system.bindings:

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
-from numpy.typing import NDArray
 
 from vdfmu.base import style
 from vdfmu.base.errors import UsageError
@@ -42,7 +40,9 @@ def new_figure(shown: View, title: str, words: str, height: float, width: float 
 def dress(axes: Axes, side: Side, which: str, label: bool = True) -> None:
     """Give an axis, ``x`` or ``y``, the scale, the words and the name of a side."""
     axis: Any = getattr(axes, f"{which}axis")
-    words = (side.label if side.words or side.log else fitted_label(axis, side)).replace(" (", "\n(")
+    if not side.words and not side.log:
+        side = replace(side, unit=style.fit_axis(axis, side.unit, float(np.nanmax(np.abs(side.values)))))
+    words = side.label.replace(" (", "\n(")
     if len(words) > _LONG:
         words = words.replace(" [", "\n[")
     getattr(axes, f"set_{which}label")(words if label else "")
@@ -56,23 +56,6 @@ def dress(axes: Axes, side: Side, which: str, label: bool = True) -> None:
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_minor_locator(NullLocator())
             axis.set_major_formatter("{x:g}")
-
-
-def fitted_label(axis: Axis, side: Side) -> str:
-    """Let a linear axis show the values of a side in a unit that fits; return its name with this unit."""
-    unit = style.fit_axis(axis, side.unit, float(np.nanmax(np.abs(side.values))))
-    return replace(side, unit=unit).label
-
-
-def legend_of(shown: View) -> list[Line2D]:
-    """Return the legend of failed points, if there are any."""
-    look: dict[str, Any] = {"color": FAILED, "marker": "x", "linestyle": "none"}
-    return [Line2D([], [], label="no value: the run failed", **look)] if shown.failed.any() else []
-
-
-def at_bottom(axes: Axes, x: NDArray[Any]) -> None:
-    """Mark failed points below the axes."""
-    axes.plot(x, np.full(len(x), 0.03), "x", color=FAILED, ms=4, transform=axes.get_xaxis_transform())
 
 
 _BARS = 20
@@ -108,11 +91,14 @@ def plot(study: StudyTable, kind: str | None = None, measure: str | None = None,
 @style.styled
 def _curve(shown: View) -> Figure:
     side, value, failed = shown.sides[0], shown.value, shown.failed
-    figure = new_figure(shown, f"{value.label} over {side.name}", "", 4.0, legend=legend_of(shown))
+    missing = Line2D([], [], label="no value: the run failed", color=FAILED, marker="x", linestyle="none")
+    legend = [missing] if failed.any() else []
+    figure = new_figure(shown, f"{value.label} over {side.name}", "", 4.0, legend=legend)
     axes: Axes = figure.subplots()
     order = np.argsort(side.values)
     axes.plot(side.values[order], value.values[order], ".-", color=LOW)
-    at_bottom(axes, side.values[failed])
+    below = side.values[failed]
+    axes.plot(below, np.full(len(below), 0.03), "x", color=FAILED, ms=4, transform=axes.get_xaxis_transform())
     axes.margins(0.03)
     dress(axes, side, "x")
     dress(axes, value, "y")
@@ -210,10 +196,6 @@ def _indices(shown: View) -> Figure:
     return figure
 
 
-def _no_curve(shown: View) -> str:
-    return "" if len(shown.sides) == 1 and not shown.sides[0].words else "one axis of numbers"
-
-
 def _no_indices(shown: View) -> str:
     if shown.study.facts["sample"] not in ("saltelli", "morris"):
         return f"a study with --sample saltelli or morris, got {shown.study.facts['sample']}"
@@ -221,7 +203,7 @@ def _no_indices(shown: View) -> str:
 
 
 KINDS: dict[str, tuple[Callable[[View], Figure], Callable[[View], str]]] = {
-    "curve": (_curve, _no_curve),
+    "curve": (_curve, lambda shown: "one axis of numbers" if len(shown.sides) != 1 or shown.sides[0].words else ""),
     "tornado": (_tornado, lambda shown: "" if len(shown.sides) > 1 else "two axes that vary"),
     "indices": (_indices, _no_indices),
 }

@@ -36,10 +36,7 @@ class LocalWorkers:
         self._threads = ThreadPoolExecutor(count)
 
     def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
-        """Run chunks; call `tell` with rows as they are done, even of a chunk that is interrupted.
-
-        `advance` is called with the number of points done since the last time.
-        """
+        """Run chunks. Call `tell` with their rows, also if interrupted, and `advance` with the number of new points."""
         done: queue.SimpleQueue[list[Row] | BaseException | int | None] = queue.SimpleQueue()
 
         def work(worker: Worker) -> None:
@@ -128,10 +125,7 @@ class Study:
         self, points: Sequence[int] | NDArray[np.intp], task: Callable[[int], Task],
         advance: Callable[[int], None] = lambda points: None,
     ) -> None:  # fmt: skip
-        """Run points, in ascending order, by their tasks, and keep their rows, in chunks as they are done.
-
-        `advance` is called with the number of points done since the last time. VdfmuError if points are missing.
-        """
+        """Run points, in ascending order, and keep their rows. VdfmuError if any are missing. `advance`: see `run`."""
         chunks = Chunks(np.array(points, dtype=int), task, self._chunk, self._together)
         self._missing = len(points)
         self._workers.run(chunks, self.tell, advance)

@@ -60,17 +60,11 @@ class Sweep(StudyTable):
     def plot(
         self, kind: str | None = None, measure: str | None = None, out: str | os.PathLike[str] | None = None
     ) -> list[Path]:
-        """Draw figures of a measure, see `vdfmu.study.sweeps.plots.plot`; return their files.
-
-        Kinds are curve, tornado and indices.
-        """
+        """Draw a measure: curve, tornado and indices, see `vdfmu.study.sweeps.plots.plot`. Return their files."""
         return plot(self, kind, measure, None if out is None else Path(out))
 
     def report(self, out: str | os.PathLike[str] | None = None, *, simulate: bool = True) -> Path:
-        """Write a page of the answer, points and measures, default ``report.html`` in the folder; return its path.
-
-        With `simulate` it has a run of the scenario, if it can be run, and runs any point again.
-        """
+        """Write the page, default ``report.html`` in the folder. With `simulate` it runs any point. Return its path."""
         return write_page(self, self.answer, None if out is None else Path(out), simulate=simulate)
 
 

@@ -171,10 +171,7 @@ def _poses(scenario: Scenario, settings: Mapping[str, Any], varied: Sequence[str
 def _elements(
     scenario: Any, vary: Mapping[str, Any] | Sequence[str], settings: Mapping[str, Any], together: bool
 ) -> tuple[list[Axis], list[float]]:
-    """Return one axis for each number, within its bounds of values, and its value in the scenario.
-
-    If they vary `together`, one for each parameter, of factors.
-    """
+    """Return an axis and the scenario's value for each number, or of factors for each parameter if `together`."""
     check_type("vary", "Mapping[str, Any] | Sequence[str]", vary)
     axes = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
     values = system_values(scenario, settings)
