@@ -140,15 +140,19 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
         np.testing.assert_allclose(plain[group], values, rtol=1e-9, atol=1e-9, err_msg=group)
 
 
-@pytest.mark.parametrize("scenario", ["planar_tracking", "two_joint"])  # in the second four joints stand still: stiff
+@pytest.mark.parametrize(("scenario", "step", "stop", "settings"), [
+    ("planar_tracking", 1e-3, 0.3, {}),
+    ("two_joint", 1e-3, 0.3, {}),  # four joints stand still: stiff
+    ("tracking", 0.02, 1.2, {"trajectory.T": 1e5}),  # all stand still, so that a run is judged by 1e-11 rad
+])  # fmt: skip
 @pytest.mark.parametrize("name", NAMES)
-def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenario):
-    usual = reference(name, described(scenario), step=1e-3, stop=0.3)["plant.q"]
+def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenario, step, stop, settings):
+    usual = reference(name, described(scenario, settings), step=step, stop=stop)["plant.q"]
     for tolerances in (solution._SHORT, solution._LONG):
         monkeypatch.setitem(tolerances, "rtol", 3e-14)
         monkeypatch.setitem(tolerances, "atol", 1e-15)
     use(own_cache / "other", monkeypatch)
-    tight = reference(name, described(scenario), step=1e-3, stop=0.3)["plant.q"]
+    tight = reference(name, described(scenario, settings), step=step, stop=stop)["plant.q"]
     # the local error of 1e-12 a step of a loop that forgets within some hundred steps
     assert np.abs(usual - tight).max() < 1e-11
 
