@@ -82,7 +82,7 @@ REFUSED = {
     r'got mini\. Did you mean "min"\? There are: rms, ': ["m=mini(a.y)"],
     r"expected a signal over time in rms, got rms\(plant.q\)": ["m=rms(rms(plant.q))"],
     "expected a number after the signal of at, got plant.q": ["m=at(plant.q, plant.q)"],
-    "a shorter expression": ["m=rms(plant.q)" + 3000 * " + 0"],
+    "a shorter expression": [f"m=rms(plant.q){n * ' + 0'}" for n in (600, 3000)],
     "expected signals, numbers and functions": [
         "m=rms(plant.q.__class__())", "m=rms(plant.q[x])", "m=rms([1, 2])", "m=rms('text')",
     ],

@@ -206,6 +206,7 @@ def test_failures_are_grouped_by_cause_and_units_are_kept_by_expressions(tmp_pat
     texts = {
         "rms(a.q - a.q[1])": "rad", "worst(peak(b.tau))": "N.m", "degrees(final(a.q))": "deg", "settling(a.q)": "s",
         "mean(a.q * b.tau)": "", "rms(a.q - b.tau)": "", "integral(a.q)": "", "-max(abs(a.q))": "rad",
+        40 * "-" + "rms(a.q)": "rad",  # each part is read once, not twice in the part around it
     }  # fmt: skip
     for text, unit in texts.items():
         assert unit_of(read_measures([f"m={text}"])[0], units) == unit, text

@@ -202,18 +202,20 @@ def _term(node: ast.expr) -> _Term:
         case ast.Call(ast.Name(name), [_, *_], []):
             return _call(node, name)
         case ast.BinOp(left, op, right) | ast.Compare(left, [op], [right]) if type(op) in _OPERATORS:
-            terms = _term(left), _term(right)
+            operands = [left, right]
         case ast.UnaryOp(op, operand) if type(op) in _OPERATORS:
-            terms = (_term(operand),)
+            operands = [operand]
         case _:
             raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
+    # a generator takes a frame: what is too long for values or units is too long to read
+    first, *others = terms = tuple(_term(each) for each in operands)
 
     def of(results: Results) -> Any:
-        return _OPERATORS[type(op)](*(term.of(results) for term in terms))
+        return _OPERATORS[type(op)](first.of(results), *(term.of(results) for term in others))
 
     def unit(units: Mapping[str, str]) -> str:
-        first, last = terms[0].unit(units), terms[-1].unit(units)
-        return first if isinstance(op, _KEEPING) and first == last else ""
+        of_first = first.unit(units) if isinstance(op, _KEEPING) else ""
+        return of_first if of_first and all(term.unit(units) == of_first for term in others) else ""
 
     signals = tuple(signal for term in terms for signal in term.signals)
     return _Term(of, unit, signals, any(term.over_time for term in terms))
