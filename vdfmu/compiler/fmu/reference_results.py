@@ -23,7 +23,7 @@ from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.solver import TOLERANCE, ScipySolver, margin
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
-INTERVALS = 20
+INTERVALS = 10
 """Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
 _MOST_SOLVED = 1280
 """Limit of intervals times continuous states, or joints, for some seconds. Beyond it the results end sooner."""
