@@ -208,14 +208,14 @@ def _term(node: ast.expr) -> _Term:
         case _:
             raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
     # a generator takes a frame: what is too long for values or units is too long to read
-    first, *others = terms = tuple(_term(each) for each in operands)
+    first, *more = terms = tuple(_term(each) for each in operands)
 
     def of(results: Results) -> Any:
-        return _OPERATORS[type(op)](first.of(results), *(term.of(results) for term in others))
+        return _OPERATORS[type(op)](first.of(results), *(term.of(results) for term in more))
 
     def unit(units: Mapping[str, str]) -> str:
         of_first = first.unit(units) if isinstance(op, _KEEPING) else ""
-        return of_first if of_first and all(term.unit(units) == of_first for term in others) else ""
+        return of_first if of_first and all(term.unit(units) == of_first for term in more) else ""
 
     signals = tuple(signal for term in terms for signal in term.signals)
     return _Term(of, unit, signals, any(term.over_time for term in terms))
