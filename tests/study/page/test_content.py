@@ -270,12 +270,12 @@ def test_checks_pass_and_fail_by_their_limits_and_a_chaotic_loop_by_statistics()
     summary["reference"]["sampled"]["max_position_difference_rad"] = 1.8e-8
     (check,) = run_checks(summary)
     assert check.state == "failed" and "differ by 1.8e-08 rad at most; limit 1.75e-08" in check.text
-    # an arm that has hardly moved, with errors of 1e-7 degrees: the reference shows errors from 1e-11 rad on
+    # an arm that has hardly moved, with errors of 1e-7 degrees: the reference is solved to 1e-11 rad
     summary["max_position_error_deg"] = [1e-7]
     for apart, state in ((9e-12, "good"), (1.1e-11, "failed")):
         summary["reference"]["sampled"]["max_position_difference_rad"] = apart
         (check,) = run_checks(summary)
-        assert check.state == state and "limit 1e-11, the smallest error" in check.text
+        assert check.state == state and "limit 1e-11, the absolute tolerance" in check.text
     sampled = {"name": "sampled", "max_position_difference_rad": 1.0, "rms_position_difference": 0.01,
                "rms_torque_difference": 0.02}  # fmt: skip
     summary = {"reference": {"sampled": sampled}, "separation": {}, "max_position_error_deg": [1.0],

@@ -183,7 +183,7 @@ def _reference(summary: Summary) -> Iterator[Check]:
     largest = max(si[u] * error for error, u in zip(errors, units, strict=True))
     limit, of = VISIBLE * largest, f"{100.0 * VISIBLE:g} % of the largest error"
     if limit < RESOLUTION:  # an arm that has hardly moved: the reference knows no more
-        limit, of = RESOLUTION, "the smallest error that the reference shows"
+        limit, of = RESOLUTION, "the absolute tolerance of the reference's solver"
     apart = compared["max_position_difference_rad"]
     text = f"positions differ by {number(apart)} rad at most; limit {number(limit)}, {of}"
     if apart > limit and summary.get("tolerance"):

@@ -37,12 +37,12 @@ from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.solution import ContinuousReference, SampledReference
+from vdfmu.system.reference.solution import SHORT, ContinuousReference, SampledReference
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Node, Run, TimeSetter, WiredUnits, shown_outputs
 
 BLOCK = 1024
 """Rows of a block: the part of a long run in memory."""
-RESOLUTION = 1e-11
+RESOLUTION: float = SHORT["atol"]
 """Smallest error of a position [rad or m] that a reference shows."""
 _KEPT = 2**24
 """Largest solution in the cache [byte]."""
