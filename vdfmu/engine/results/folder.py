@@ -197,11 +197,11 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
 
     Files of the earlier run are kept until then, and restored if a move fails.
     """
-    new = [name for name in written(partial, outputs) if name != "summary.json"] + ["summary.json"]
     ours, before = _ours(folder), partial / "before"
-    old = [name for name in written(folder, outputs) if name in ours or name in new]
     moved: list[tuple[Path, Path]] = []
     try:
+        new = [name for name in written(partial, outputs) if name != "summary.json"] + ["summary.json"]
+        old = [name for name in written(folder, outputs) if name in ours or name in new]
         before.mkdir()
         for source, target, names in ((folder, before, old), (partial, folder, new)):
             for name in names:
@@ -222,7 +222,16 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
 def written(folder: Path, outputs: Sequence[str]) -> list[str]:
     """Return the names of existing files of a run, with figures and results in formats of plugins."""
     names = {*outputs, *result_files(folder), *figure_files(folder)}
-    return sorted(name for name in names if os.path.lexists(folder / name))
+    return sorted(name for name in names if _exists(folder / name))
+
+
+def _exists(path: Path) -> bool:
+    """Whether a file exists, be it a broken link. OSError if that cannot be told."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
 
 
 def write_summary(summary: dict[str, Any], folder: Path) -> None:
