@@ -198,8 +198,11 @@ def compiler(platform: str = "") -> Compiler:
 def _compiler(chosen: str) -> Compiler:
     """Return the compiler of a choice; "" is the default."""
     if chosen == "zig" or (not chosen and find_spec("ziglang")):
-        # from the name of its metadata: importlib.metadata takes 10 ms to import
-        names = sorted(each.stem for each in Path(zig()).parents[1].glob("ziglang-*-info")) or ["ziglang"]
+        names = sorted(each.stem for each in Path(zig()).parents[1].glob("ziglang-*-info"))
+        if not names:
+            from importlib.metadata import version  # takes 10 ms to import
+
+            names = [f"ziglang {version('ziglang')}"]
         return Compiler(" ".join(names).replace("-", " "), (zig(), "cc"), True)
     for program in (chosen,) if chosen else _PROGRAMS:
         processor = _MACHINES.get(_answer(program, "-dumpmachine").partition("-")[0])
