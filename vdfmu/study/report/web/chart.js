@@ -256,7 +256,7 @@ export class Chart {
           })),
         ],
         hooks: {
-          setCursor: [() => this.showTip()],
+          setCursor: [() => this.unpacked && this.showTip()],
           draw: [
             (plot) => this.unpacked && drawEnds(plot, this, names),
             () => this.moveMark(),
