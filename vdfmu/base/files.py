@@ -77,11 +77,20 @@ def storing(path: Path) -> Generator[None]:
         raise StorageError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
 
 
+def exists(path: Path) -> bool:
+    """Whether there is a file, a folder or a link, be it broken. OSError if that cannot be told."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
+
+
 def regular_target(path: Path) -> Path:
     """Return the target of `path` after its links. StorageError if it exists and is not a regular file."""
     try:
         target = path.resolve()
-        if not os.path.lexists(target):
+        if not exists(target):
             return target
         mode = target.lstat().st_mode
     except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle, before Python 3.13

@@ -13,6 +13,7 @@ from threading import Lock
 from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.files import exists
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.measure import inches
 from vdfmu.base.text import to_json
@@ -222,16 +223,7 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
 def written(folder: Path, outputs: Sequence[str]) -> list[str]:
     """Return the names of existing files of a run, with figures and results in formats of plugins."""
     names = {*outputs, *result_files(folder), *figure_files(folder)}
-    return sorted(name for name in names if _exists(folder / name))
-
-
-def _exists(path: Path) -> bool:
-    """Whether a file exists, be it a broken link. OSError if that cannot be told."""
-    try:
-        path.lstat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    return True
+    return sorted(name for name in names if exists(folder / name))
 
 
 def write_summary(summary: dict[str, Any], folder: Path) -> None:
