@@ -10,6 +10,7 @@ import operator
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -187,6 +188,7 @@ class _Term(NamedTuple):
     """Whether it has a value for each time."""
 
 
+@lru_cache
 def _read(text: str) -> _Term:
     return _term(ast.parse(text, mode="eval").body)
 
