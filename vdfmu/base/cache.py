@@ -123,6 +123,13 @@ def load(path: Path) -> bytes | None:
     return data[_LINE:]
 
 
+def load_or_make(path: Path, make: Callable[[], bytes]) -> bytes:
+    """Return the content of an entry, made and stored if it is not there."""
+    if (content := load(path)) is None:
+        store(path, content := make())
+    return content
+
+
 def store(path: Path, content: bytes) -> None:
     """Write an entry ``cache / kind / name`` atomically and evict old entries. Ignore errors of the disk."""
     temporary = None

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element, SubElement, register_namespace
 
 import numpy as np
 
-from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.cache import cache_folder, load_or_make
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.description import document
 from vdfmu.compiler.unit.evaluate import Evaluation, Plain, evaluation
@@ -55,13 +55,8 @@ def _stored(content: Content) -> dict[str, Any]:
     """Return inputs and results by group, from the cache: they are the same for both versions of FMI."""
     identity = {"model": content.model_key, "start": content.interface.start_values().tolist()}
     file = cache_folder() / "reference" / sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-    cached = load(file)
-    if cached is not None:
-        return json.loads(cached)
     with np.errstate(all="ignore"):
-        results = reference_results(content.interface)
-    store(file, json.dumps(results).encode())
-    return results
+        return json.loads(load_or_make(file, lambda: json.dumps(reference_results(content.interface)).encode()))
 
 
 def reference_results(interface: Interface) -> dict[str, dict[str, list[list[float]]]]:

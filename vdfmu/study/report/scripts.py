@@ -14,7 +14,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.cache import cache_folder, load_or_make
 from vdfmu.base.page import compressed, style_sheet
 from vdfmu.base.text import to_json
 from vdfmu.compiler.fmu.content import THIRD_PARTY
@@ -50,8 +50,7 @@ def libraries() -> str:
     units = THIRD_PARTY.replace("libraries in binaries/", "units that a page simulates")
     licences = "\n".join([*re.findall(r"/\*!(.*?)\*/", text, re.DOTALL), units])
     place = cache_folder() / "pages" / sha256(text.encode()).hexdigest()  # to compress it takes 13 ms
-    if (packed := load(place)) is None:
-        store(place, packed := compressed(text.encode()).encode())
+    packed = load_or_make(place, lambda: compressed(text.encode()).encode())
     return f'<!--\n{licences}-->\n<script type="text/plain" id="vendor">{packed.decode()}</script>'
 
 

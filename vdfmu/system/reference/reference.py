@@ -27,7 +27,7 @@ import numpy as np
 import scipy
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.cache import cache_folder, load, load_or_make, store
 from vdfmu.base.compile import SHOWN, loaded
 from vdfmu.base.errors import LOG, FmuError, KernelError, UsageError
 from vdfmu.base.platforms import native_available
@@ -175,7 +175,7 @@ def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[s
 
 
 class Code:
-    """C text of actions. `called` are its traced functions, `joints` the numbers of joints of their robots."""
+    """C text of actions. `called` are its traced functions."""
 
     head = "double t"
     unused = "(void)t;"
@@ -183,8 +183,8 @@ class Code:
     def __init__(self, system: WiredUnits) -> None:
         self.system = system
         self.called: dict[str, ca.Function] = {}
-        self.joints: dict[str, int] = {}
-        self._identities: dict[str, str] = {}
+        self._origins: dict[str, tuple[int, str]] = {}
+        """Called function to the joints of its robot and its identity."""
         self._taken: dict[str, ca.Function] = {}
 
     def function(self, name: str, actions: Sequence[Action]) -> str:
@@ -217,8 +217,7 @@ class Code:
         """Yield the lines of a call."""
         interface, begin = unit.interface, self.system.begin(name)
         function = self.take(interface.functions.casadi_function(call.function))
-        self.joints[function.name()] = interface.joints
-        self._identities[function.name()] = f"{interface.functions.identity} {call.function}"
+        self._origins[function.name()] = interface.joints, f"{interface.functions.identity} {call.function}"
         names = (*function.name_in(), *function.name_out())
         places = {name: f"m + {begin + interface.arguments[call.group(name)].start}" for name in names}
         arguments = [places[name] for name in function.name_in()]
@@ -227,14 +226,15 @@ class Code:
 
     def kernel(self, name: str) -> str:
         """Return the C text of a called function, from the cache if present. The text of a long arm takes 1 s."""
-        facts = name, self.joints[name], self._identities[name]
-        path = cache_folder() / "kernels" / sha256(repr(facts).encode()).hexdigest()
-        if (kept := load(path)) is None:
+        joints, identity = self._origins[name]
+
+        def make() -> bytes:
             from vdfmu.compiler.c.functions import kernel_source  # takes long to import
 
-            kept = kernel_source(self.called[name], self.joints[name]).encode()
-            store(path, kept)
-        return kept.decode()
+            return kernel_source(self.called[name], joints).encode()
+
+        path = cache_folder() / "kernels" / sha256(repr((name, joints, identity)).encode()).hexdigest()
+        return load_or_make(path, make).decode()
 
     def take(self, function: ca.Function) -> ca.Function:
         """Register a called function and return it, renamed if a function of another robot has its name."""
