@@ -57,7 +57,9 @@ class Tap:
     wanted: Sequence[str] = ()
     """Names of real signals for `block`, with ``*`` for any text; they need not exist."""
     size = 1024
-    """Rows of a block."""
+    """Most rows that a block adds."""
+    overlap = 0
+    """Rows of the run before them with which a block begins, so that ``overlap + 1`` rows in a row are in one block."""
 
     def begin(self, grid: Grid, names: Sequence[str]) -> None:
         """Begin a run; `names` are the existing signals of `wanted`."""
@@ -70,7 +72,7 @@ class Tap:
         """Look at the components in row `k`, at a time [s]."""
 
     def block(self, times: Floats, values: Floats) -> None:
-        """Look at the signals (m, names) in the next m rows, `size` of them or the last."""
+        """Look at the signals (m, names) in the next rows, after the last `overlap` rows before them."""
 
     def end(self, components: Any) -> None:
         """Look at the components after the last row of a run that reached its end."""

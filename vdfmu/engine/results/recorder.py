@@ -53,12 +53,12 @@ class RowsInMemory:
 
 
 class Blocks(RowsInMemory):
-    """Brings the rows of the signals that a tap wants to it, block by block."""
+    """Brings the rows of the signals that a tap wants to it, block by block, each with its overlap."""
 
     def __init__(self, tap: Tap, grid: Grid, names: Sequence[str], memory: Floats, places: Sequence[int]) -> None:
-        rows = np.empty((tap.size, len(names)))
+        rows = np.empty((tap.overlap + tap.size, len(names)))
         super().__init__({"real": rows}, {"real": places}, row_store(rows, memory, places))
-        self._tap, self._rows, self._times, self._first = tap, rows, grid.times, 0
+        self._tap, self._rows, self._times, self._first, self._shown = tap, rows, grid.times, 0, 0
 
     def room(self, k: int) -> tuple[int, int]:
         """See `RowsInMemory.room`."""
@@ -68,9 +68,12 @@ class Blocks(RowsInMemory):
 
     def flush(self, end: int) -> None:
         """Bring the remaining rows before row `end` to the tap."""
-        if end > self._first:
-            self._tap.block(self._times(self._first, end), self._rows[: end - self._first])
-            self._first = end
+        if end > self._shown:
+            rows = self._rows[: end - self._first]
+            self._tap.block(self._times(self._first, end), rows)
+            self._first, self._shown = max(self._first, end - self._tap.overlap), end
+            kept = end - self._first
+            self._rows[:kept] = rows[len(rows) - kept :]
 
 
 class Recorder(RowsInMemory):

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.robot import Robot
@@ -50,16 +51,17 @@ def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterat
     if not has_signals(results, f"{name}.tau_s", f"{name}.tau_m", f"{name}.kappa_dot_d", q_d_dot):
         return
     lacking, largest = np.zeros(robot.n), np.zeros(robot.n)
-    for part in results.blocks(BLOCK):
-        h, motion = np.diff(part.time), part[q_d_dot]
+    for part in results.blocks(BLOCK, overlap=6):  # seven rows, the third difference over the middle four
         largest = np.maximum(largest, np.abs(part[f"{name}.tau_m"]).max(axis=0))
-        if len(h) < 3 or np.ptp(h) > 1e-6 * h[0]:
+        if len(part) < 7:
             continue
-        reaction = np.abs(np.diff(robot.I_m * (part[f"{name}.kappa_dot_d"] - motion), 3, axis=0)) / h[0] ** 3
+        motion, steps = part[q_d_dot], sliding_window_view(np.diff(part.time), 6)
+        h = steps[:, 3]
+        valid = sliding_window_view(np.any(motion, axis=1), 7).all(axis=1) & (np.ptp(steps, axis=1) <= 1e-6 * h)
+        reaction = np.abs(np.diff(robot.I_m * (part[f"{name}.kappa_dot_d"] - motion), 3, axis=0))[2:-1] / h[:, None] ** 3
         after = np.cumsum(reaction[:, ::-1], axis=1)[:, ::-1] - reaction
-        lost = robot.I_m * deformation_derivative(robot, part[f"{name}.tau_s"][1:-2]) * after
-        moving = np.convolve(np.any(motion, axis=1), np.ones(7), "same")[1:-2] > 6.5
-        lacking = np.maximum(lacking, lost[moving].max(axis=0, initial=0.0))
+        lost = robot.I_m * deformation_derivative(robot, part[f"{name}.tau_s"][3:-3]) * after
+        lacking = np.maximum(lacking, lost[valid].max(axis=0, initial=0.0))
     share = lacking / np.maximum(largest, 1e-300)
     i = int(share.argmax())
     if share[i] > _SHOWN:
@@ -79,7 +81,7 @@ def _phases(results: Results, robot: Robot, name: str, values: Mapping[str, Any]
     if not has_signals(results, f"{name}.tau_s"):
         return
     largest, squares, rows = np.zeros(robot.n), np.zeros(robot.n), 0
-    for part in results.blocks(BLOCK):
+    for part in results.blocks(BLOCK, overlap=2):
         tau_s = part[f"{name}.tau_s"]
         largest = np.maximum(largest, np.abs(tau_s).max(axis=0))
         bends = np.diff(tau_s, 2, axis=0)  # of noise of size 1 it is the root of 6
@@ -114,6 +116,8 @@ class PowerBond(Tap):
     plant or takes from it (trapezoidal rule). Error control steps between the rows; then this is an estimate.
     """
 
+    overlap = 1
+
     def __init__(self, robot: Robot) -> None:
         self._ell, self._energies = robot.ell, np.zeros((3, robot.n))
         self.wanted = [f"{group}[{i + 1}]" for group in _READ for i in range(robot.n)]
@@ -122,15 +126,14 @@ class PowerBond(Tap):
     def begin(self, grid: Grid, names: Sequence[str]) -> None:
         """Begin a run."""
         self._columns = [names.index(name) for name in self.wanted] if len(names) == len(self.wanted) else []
-        self._time, self._energies[:] = grid.begin, 0.0
+        self._energies[:] = 0.0
 
     def block(self, times: Floats, values: Floats) -> None:
         """Add the energies of rows."""
         if not self._columns:
             return
-        tau, kappa_dot, transmitted, received = np.split(values[:, self._columns], 4, axis=1)
-        h = np.diff(times, prepend=self._time)[:, None]  # 0 at the first row, which ends no step
-        self._time = times[-1]
+        tau, kappa_dot, transmitted, received = np.split(values[1:, self._columns], 4, axis=1)
+        h = np.diff(times)[:, None]
         taken = self._ell * tau * kappa_dot
         residual = 0.5 * h * (taken - self._ell * transmitted * received)
         self._energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)

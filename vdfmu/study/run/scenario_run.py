@@ -260,7 +260,7 @@ class ScenarioRun:
             report(stage, 0, 1)
             solution = reference_blocks(
                 name, self.system, step=scenario.step, stop=scenario.stop,
-                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot),
+                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot), overlap=1,
                 progress=partial(report, stage),
             )  # fmt: skip
             try:

@@ -66,9 +66,11 @@ class Reference:
 
 def reference_blocks(
     name: str, description: SystemDescription, *, step: float, stop: float, substeps: int = 1,
-    groups: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None,
+    groups: Sequence[str] | None = None, overlap: int = 0, progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Reference]:  # fmt: skip
     """Compute a reference in blocks of `BLOCK` communication points. The last may be shorter.
+
+    Each begins with the last `overlap` points before it, as in :meth:`vdfmu.engine.results.recorded.Recorded.blocks`.
 
     A sampled reference holds outputs over `substeps` equal parts of a `step` [s]. `groups` are the outputs,
     ``unit.group``, by default all. `progress` is called with the number of finished steps and their total.
@@ -97,12 +99,15 @@ def reference_blocks(
     ends = np.cumsum([len(nodes) for nodes in shown.values()]).tolist()
     where = {group: slice(end - len(shown[group]), end) for group, end in zip(shown, ends, strict=True)}
     blocks: list[Floats] = []
+    block = np.empty((0, sum(map(len, shown.values()))))
     for first in range(0, m + 1, BLOCK):
-        block = np.array(list(islice(rows, BLOCK)))
+        more = np.array(list(islice(rows, BLOCK)))
         if path is not None and kept is None:
-            blocks.append(block)
+            blocks.append(more)
+        block = np.concatenate([block[max(0, len(block) - overlap) :], more])
         signals = {group: block[:, columns] for group, columns in where.items()}
-        yield Reference(name, t[first : first + BLOCK], signals)
+        end = first + len(more)
+        yield Reference(name, t[end - len(block) : end], signals)
         if progress is not None:
             progress(min(first + BLOCK, m), m)
     if path is not None and blocks:
