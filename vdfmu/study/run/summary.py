@@ -15,7 +15,7 @@ from vdfmu.arm.drive.limits import at_limits, motor_torque
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats, with_named
-from vdfmu.base.measure import JOINT_UNITS, unit_of
+from vdfmu.base.measure import JOINT_UNITS, quantity, unit_of
 from vdfmu.base.version import FORMAT, __version__
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Recorded, Results
@@ -68,10 +68,15 @@ def start_notes(results: Results, scenario: Scenario) -> Iterator[str]:
             apart = np.abs(start[f"{leader}.q_d"][0] - start[q][0])
             i = int(apart.argmax())
             if apart[i] > _APART:
-                unit = unit_of("position", (scenario.system.parts[plant].robot or scenario.arm).joint_types[i])
+                arm = scenario.system.parts[plant].robot or scenario.arm
+                kind, tau = arm.joint_types[i], scenario.system.fed.get(f"{plant}.tau", f"{plant}.tau")
+                first = ""
+                if has_signals(results, tau):
+                    torque = quantity(float(arm.ell[i] * start[tau][0, i]), JOINT_UNITS[kind].torque)
+                    first = f", and the first torque there is {torque}, link-side"
                 yield (
-                    f"{plant} starts {apart[i]:.4g} {unit} from the position that {leader} wants "
-                    f"of joint {i + 1}: set {plant}.q_0, or share it in [shared.start] of the system's file."
+                    f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the position that {leader} wants "
+                    f"of joint {i + 1}{first}: set {plant}.q_0, or share it in [shared.start] of the system's file."
                 )
 
 
