@@ -107,7 +107,7 @@ class _WitnessedUnit:
     def __init__(self, interface: Interface, values: Mapping[str, Any], free: Sequence[int]) -> None:
         self._names = [v.name for v in interface.memory]
         _, first, self._groups = np.unique([v.group for v in interface.memory], return_index=True, return_inverse=True)
-        self._alike = np.unique([interface.memory[i].unit for i in first], return_inverse=True)[1]
+        self._alike = np.unique([str(interface.memory[i].unit) for i in first], return_inverse=True)[1]
         self._plain = plain = Plain(interface, interface.memory_of(values))
         self._initial = plain.memory.copy()
         roles = np.array([v.causality for v in interface.memory])
