@@ -168,9 +168,9 @@ class ScenarioRun:
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             unstable = explain(error, self.poses)
-            if isinstance(error, CosimError) and not unstable and error.results is not None and len(error.results):
-                for note in numbers.start_notes(error.results, self.scenario):
-                    error.add_note(f"The start is the likely cause: {note.removesuffix('.')}")
+            if isinstance(error, CosimError) and error.results is not None and len(error.results):
+                for note in numbers.start_notes(error.results, self.scenario, numbers.FAR):
+                    error.add_note(f"A likely cause: {note.removesuffix('.')}")
             if written:
                 if error.results is not None and unstable:
                     error.results.summary["key_figures"] = unstable[0].figures
