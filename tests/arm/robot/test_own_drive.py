@@ -153,6 +153,7 @@ def test_the_example_runs_as_its_reference():
 
 HEAD = "from dataclasses import dataclass\nfrom vdfmu.drive import *\n"
 ROWS = HEAD + "@dataclass(frozen=True, eq=False, kw_only=True)\nclass Rows:\n    {}: Array = row('mine', '1', 'x')\n"
+LAW = "def law(friction, robot, sliding, state):\n    return {}\nMINE = DriveOption(friction=law)\n"
 STATE = HEAD + "MINE = DriveOption(state=OptionState('tau_s', '1', 'x', 'y'))\n"
 
 
@@ -162,10 +163,20 @@ STATE = HEAD + "MINE = DriveOption(state=OptionState('tau_s', '1', 'x', 'y'))\n"
     ("x = 1\ny = 1 / 0\n", r"drive, line 2: .*division by zero"),
     ("x = 1\n", r"the file must have a DriveOption of vdfmu\.drive"),
     (ROWS.format("K_f0") + "MINE = DriveOption()\n", r"K_f0: a name must be new"),
+    (HEAD + LAW.format("friction._replace(dry=0.1 * sliding)"), r"drive, line 4: the law friction fails: TypeError: .*"),
+    (HEAD + LAW.format("0.1 * sliding.velocity"), r"drive, line 3: the law friction must return Friction\(dry, f_v, "),
+    (HEAD + LAW.format("friction._replace(dry=state * friction.dry)"), r"drive, line 4: .*NoneType"),
 ])  # fmt: skip
 def test_a_file_that_is_no_drive_is_refused(text, message):
     with pytest.raises(ModelError, match=message):
-        robot_from_dict(data_of(text, mine={}))
+        robot_from_dict(data_of(text, limits=LIMITS) if "law" in text else data_of(text, mine={}))
+
+
+def test_a_law_that_cannot_be_traced_has_its_own_line_in_the_message():
+    text = HEAD + LAW.format("friction._replace(dry=friction.dry if sliding.velocity[0] > 0.0 else friction.dry)")
+    robot = robot_from_dict(data_of(text, limits=LIMITS))  # it does work on numbers
+    with pytest.raises(UnitError, match=r"^drive, line 4: derivatives\(\) of Plant cannot be traced: "):
+        Interface(Plant, robot).functions.casadi_function("plant_derivatives")
 
 
 @pytest.mark.parametrize(
