@@ -5,6 +5,7 @@ import pytest
 
 import vdfmu
 from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.results.recorder import Blocks
 from vdfmu.study.run import accuracy
 from vdfmu.study.run.accuracy import PowerBond
 
@@ -14,10 +15,15 @@ NAMES = [f"{name}[{i}]" for name in ("plant.kappa_dot", "controller.tau", "x.y",
 
 def shown(tap, times, rows, names=NAMES):
     recorded = [name for name in names if name in tap.wanted]
-    tap.begin(Grid(times[0], times[-1], times[1] - times[0], len(times) - 1), recorded)
+    grid = Grid(times[0], times[-1], times[1] - times[0], len(times) - 1)
+    tap.begin(grid, recorded)
     columns = [NAMES.index(name) for name in recorded]
-    for first in range(0, len(times), 7):
-        tap.block(times[first : first + 7], rows[first : first + 7, columns])
+    memory = np.zeros(len(recorded))
+    blocks = Blocks(tap, grid, recorded, memory, range(len(recorded)))
+    for k, row in enumerate(rows[:, columns]):
+        memory[:] = row
+        blocks.keep(k)
+    blocks.flush(len(times))
     return tap.summary()
 
 
@@ -31,6 +37,7 @@ def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(count):
     supplied = robot.ell * signals["controller.tau"] * signals["controller.kappa_dot"]
     residual = 0.5 * np.diff(times, prepend=times[0])[:, None] * (taken - supplied)
     tap = PowerBond(robot)
+    tap.size = 7
     for _ in range(2):  # a tap begins each run anew
         energies = shown(tap, times, rows)["power_bond"]
         # sums of 50 numbers in another order: 50 roundings of 1.1e-16 of sums of absolute values, which are up to 50

@@ -58,7 +58,9 @@ def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterat
         motion, steps = part[q_d_dot], sliding_window_view(np.diff(part.time), 6)
         h = steps[:, 3]
         valid = sliding_window_view(np.any(motion, axis=1), 7).all(axis=1) & (np.ptp(steps, axis=1) <= 1e-6 * h)
-        reaction = np.abs(np.diff(robot.I_m * (part[f"{name}.kappa_dot_d"] - motion), 3, axis=0))[2:-1] / h[:, None] ** 3
+        reaction = (
+            np.abs(np.diff(robot.I_m * (part[f"{name}.kappa_dot_d"] - motion), 3, axis=0))[2:-1] / h[:, None] ** 3
+        )
         after = np.cumsum(reaction[:, ::-1], axis=1)[:, ::-1] - reaction
         lost = robot.I_m * deformation_derivative(robot, part[f"{name}.tau_s"][3:-3]) * after
         lacking = np.maximum(lacking, lost[valid].max(axis=0, initial=0.0))

@@ -169,9 +169,11 @@ def estimation_errors(results: Results, substeps: int) -> dict[str, Any]:
     """RMS of the spring torque and of the estimates' errors, link-side [N m or N].
 
     A sampled master gives the estimator the plant's signals a substep before, when its step began, and the torque that
-    the step that ended there had.
+    the step that ended there had. Empty for a run that ended before its first step did.
     """
     late, squares = min(1, substeps), 0.0
+    if len(results) <= late:
+        return {}
     for k, part in enumerate(results.blocks(BLOCK, overlap=1)):
         rows = slice(min(1, late + k), None)
         seen = _earlier(part["plant.tau_s"], substeps)[rows]
