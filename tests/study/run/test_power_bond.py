@@ -8,6 +8,7 @@ from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.recorder import Blocks
 from vdfmu.study.run import accuracy
 from vdfmu.study.run.accuracy import PowerBond
+from vdfmu.study.run.verdict import run_checks
 
 NAMES = [f"{name}[{i}]" for name in ("plant.kappa_dot", "controller.tau", "x.y", "plant.tau", "controller.kappa_dot")
          for i in (2, 1)]  # fmt: skip
@@ -51,3 +52,14 @@ def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(count):
 def test_a_run_without_one_of_the_signals_has_no_entry():
     tap = PowerBond(vdfmu.load_robot("planar_2dof"))
     assert shown(tap, np.array([0.0, 1.0]), np.zeros((2, len(NAMES))), NAMES[1:]) == {}
+
+
+ENERGIES = [(0.5, 10.0, "failed"), (0.3, 10.0, "failed"), (0.01, 10.0, "good"), (1.0, 1e-5, "good")]
+
+
+@pytest.mark.parametrize(("share", "exchanged", "state"), ENERGIES)
+def test_a_coupling_that_makes_half_of_the_energy_it_passes_on_is_not_good(share, exchanged, state):
+    """Half would be more than a real drive loses by friction. A residual below 1 mJ is that of an arm at rest."""
+    energies = {"residual_energy_abs_j": [share * exchanged, 0.0], "exchanged_energy_j": [exchanged, 0.0]}
+    (check,) = run_checks({"power_bond": energies})
+    assert check.state == state
