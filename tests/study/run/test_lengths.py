@@ -86,13 +86,15 @@ def facts_of(results, system):
     robot = system.scenario.robot
     limits, facts = limits_of(robot), dict[str, object]()
     other = results_of(len(results), seed=4)
+
+    def reference_of(name):
+        for part in other.blocks(BLOCK, overlap=1):
+            yield Reference(name, part.time, {group: part[group] for group in GROUPS})
+
     for name, substeps in (("sampled", 1), ("continuous", 1), ("continuous", 2), ("continuous", 0)):
-        solution = (
-            Reference(name, part.time, {group: part[group] for group in GROUPS})
-            for part in other.blocks(BLOCK, overlap=1)
-        )
-        facts[f"compared with {name}, {substeps}"] = numbers.compare(results, solution, robot, substeps)
+        facts[f"compared with {name}, {substeps}"] = numbers.compare(results, reference_of(name), robot, substeps)
         facts[f"estimated with {substeps}"] = numbers.estimation_errors(results, substeps)
+    facts["compared without a robot"] = numbers.compare(results, reference_of("sampled"), None, 1)
     facts["tracking"] = numbers.tracking_errors(results, robot, limits)
     facts["limits"] = numbers.time_at_limits(results, limits)
     facts["figures"] = key_figures(results, robot, limits, robot), cut_figures(results)
