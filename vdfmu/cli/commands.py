@@ -44,7 +44,13 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Installation": ((doctor.doctor, "vdfmu doctor"),),
 }
 """The commands in groups, each with an example; subcommands have their examples."""
-FIRST = {"Run": ("run", "sweep", "tune"), "Look": ("report",), "Analyse": ("linear",), "Exchange": ("ssp", "check")}
+FIRST = {
+    "Run": ("run", "sweep", "tune"),
+    "Look": ("report",),
+    "Analyse": ("linear",),
+    "Exchange": ("ssp", "check"),
+    "Models": ("robot",),
+}
 """The most used commands, named by ``vdfmu``."""
 
 
