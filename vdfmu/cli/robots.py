@@ -39,7 +39,10 @@ def show_robot(
     out: Annotated[Path | None, Option("Page to write (default NAME.html).")] = None,
     opened: OpenOption = False, overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
-    """Show the parameters of a robot, with their sources, or write its page."""
+    """Show the parameters of a robot, or write its page.
+
+    Each parameter is shown with its source.
+    """
     from vdfmu.arm.robot import load_robot
 
     robot = load_robot(name)
