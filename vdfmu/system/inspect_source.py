@@ -10,6 +10,7 @@ from typing import Any
 
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.plausible import robot_notes
+from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.toml_file import kind_of, read_toml
 from vdfmu.compiler.unit.interface import Interface, interface_of
@@ -63,9 +64,20 @@ def _run(words: str, path: Path, *_: Any) -> Findings:
         return Findings([*_findings("SRC001", str(error).splitlines(), path)])
 
 
+def _robot(path: Path, robot: Robot) -> list[str]:
+    robot = load_robot(path)
+    for name in ("feedforward", "plant") if robot.own_options else ():
+        _trace(interface_of(find_unit(name), robot))
+    return robot_notes(robot)
+
+
 def _scenario(path: Path, robot: Robot) -> list[str]:
     scenario = load_scenario(path)
-    _ = SystemDescription(scenario).links
+    system = SystemDescription(scenario)
+    _ = system.links
+    for table in system.tables.values():
+        if isinstance(table, Interface) and table.robot is not None and table.robot.own_options:
+            _trace(table)
     return model_notes(scenario)
 
 
@@ -91,7 +103,7 @@ def _trace(interface: Interface) -> None:
 
 
 _CHECKS: dict[str, Callable[[Path, Robot], list[str]]] = {
-    "robot": lambda path, robot: robot_notes(load_robot(path)), "scenario": _scenario, "system": _system, "unit": _units
+    "robot": _robot, "scenario": _scenario, "system": _system, "unit": _units
 }  # fmt: skip
 
 if __name__ == "__main__":

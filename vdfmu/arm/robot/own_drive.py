@@ -12,9 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
-
-from vdfmu.arm.drive.option import DriveOption, Friction, JointMotion, Law, LinkTorque, Parallel, Sliding, Spring
+from vdfmu.arm.drive.option import DriveOption
 from vdfmu.arm.robot.parameters import PARAMETERS, Row
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.base.errors import UnitError, UsageError
@@ -32,16 +30,6 @@ def drive_text(value: str, folder: Path) -> str:
         raise UsageError(f"drive must be a file of Python, got {value!r}: {kind_text(error)}.") from None
 
 
-_FILE = "drive"
-"""Name of the file in tracebacks and messages."""
-
-
-def _place(error: BaseException) -> str:
-    """Return the last line of the file that an error went through."""
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == _FILE]
-    return f"{_FILE}, line {lines[-1]}" if lines else _FILE
-
-
 @lru_cache(maxsize=32)
 def robot_class(text: str) -> type[Robot]:
     """Run a drive's text. Return its robots' class. UnitError for faults, CodeNotRunError if no code may run."""
@@ -49,11 +37,12 @@ def robot_class(text: str) -> type[Robot]:
     module = ModuleType(f"_vdfmu_drive_{sha256(text.encode()).hexdigest()[:12]}")
     sys.modules[module.__name__] = module
     try:
-        exec(compile(text, _FILE, "exec"), vars(module))
+        exec(compile(text, "drive", "exec"), vars(module))
     except SyntaxError as error:
         raise UnitError(f"drive, line {error.lineno}: {error.msg}.") from None
     except Exception as error:  # whatever code of others raises
-        raise UnitError(f"{_place(error)}: {kind_text(error)}.") from None
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == "drive"]
+        raise UnitError(f"drive, line {lines[-1]}: {kind_text(error)}." if lines else f"drive: {error}.") from None
     members: dict[str, Any] = dict(vars(module))
     options = {n: value for n, value in members.items() if isinstance(value, DriveOption) and not n.startswith("_")}
     tables = [t for t in members.values() if dataclasses.is_dataclass(t) and t.__module__ == module.__name__]
@@ -75,40 +64,6 @@ def _check(options: Mapping[str, DriveOption], rows: Mapping[str, Row]) -> None:
     every = {f.name for f in dataclasses.fields(Robot)}
     if taken := {name for name in names if name in every or names.count(name) > 1}:
         raise UnitError(f"drive: {', '.join(sorted(taken))}: a name must be new, every arm has these. Rename them.")
-
-
-def check_laws(robot: Robot) -> None:
-    """Call each law of its own drive once, with 0.1 for every number of a joint. UnitError for one that fails."""
-    x = np.full(robot.n, 0.1)
-    friction, sliding, motion = Friction(x, x), Sliding(x, x, x, x), JointMotion(x, x, x, x, x, x, x)
-    for option in robot.own_options:
-        state = x if option.state else None
-        calls: list[tuple[str, type, tuple[Any, ...]]] = [
-            ("spring", Spring, (Spring(x, x, x), robot, x)),
-            ("parallel", Parallel, (robot, x, state)),
-            ("friction", Friction, (friction, robot, sliding, state)),
-            ("friction", Friction, (friction, robot, sliding, None)),  # along a planned motion
-            ("link", LinkTorque, (robot, x, x)),
-            ("motor", object, (x, robot, x, state)),
-            ("rate", object, (robot, motion, state)),
-            ("rest", object, (robot, x)),
-        ]
-        for name, kind, arguments in calls:
-            if (law := getattr(option, name)) is not None:
-                _check_law(name, law, kind, arguments)
-
-
-def _check_law(name: str, law: Law, kind: Any, arguments: tuple[Any, ...]) -> None:
-    """Raise UnitError if a law fails for its arguments, or returns something of another kind."""
-    try:
-        with np.errstate(all="ignore"):
-            result = law(*arguments)
-    except Exception as error:  # whatever code of others raises
-        raise UnitError(f"{_place(error)}: the law {name} fails: {kind_text(error).rstrip('.')}.") from None
-    if not isinstance(result, kind):
-        where = f"{_FILE}, line {code.co_firstlineno}" if (code := getattr(law, "__code__", None)) else _FILE
-        expected = f"{kind.__name__}({', '.join(kind._fields)})"
-        raise UnitError(f"{where}: the law {name} must return {expected}, got {type(result).__name__}.")
 
 
 def _reduced(robot: Robot) -> tuple[Any, ...]:

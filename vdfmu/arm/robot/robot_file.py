@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.robot.catalogue import NAMED, filled_from_catalogue
-from vdfmu.arm.robot.own_drive import check_laws, drive_text, robot_class
+from vdfmu.arm.robot.own_drive import drive_text, robot_class
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
 from vdfmu.arm.robot.plain import PLAIN, in_paper_words
@@ -82,17 +82,11 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         name: read_only(whole[name] if name in whole else [joint.get(name, 0.0) for joint in read])
         for name in made.rows
     }
-    robot = made(
+    return made(
         name=name, description=description, joint_types=tuple(cast(str, joint["type"]) for joint in read),
         joint_names=tuple(names), friction=friction, rotor_coupling=rotor_coupling, sources=of_catalogue | sources,
         payload="payload" in file.data or not folded, folded=folded, visuals=visuals, **options, **flags, **arrays,
     )  # fmt: skip
-    try:
-        check_laws(robot)
-    except UnitError as error:
-        problems.take(error)
-    problems.raise_any()
-    return robot
 
 
 def robot_names() -> list[str]:

@@ -6,7 +6,6 @@ import math
 import os
 import re
 import sys
-import sysconfig
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -368,12 +367,10 @@ def _fail(unit: BaseUnit, phase: str, error: Exception, reason: str, symbols: bo
     file, frames = source_file(type(unit)), traceback.extract_tb(error.__traceback__)
     lines = [frame.lineno for frame in frames if frame.filename == str(file)]
     where = f"{shown(type(unit))}, line {lines[-1]}" if lines else shown(type(unit))
-    laws: list[traceback.FrameSummary] = []
-    if file is not None and PACKAGE in file.parents:  # the package's units call laws of a user's drive
-        libraries = str(PACKAGE), *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
-        laws = [frame for frame in frames if not frame.filename.startswith(("<", *libraries))]
-        where = f"{laws[-1].filename}, line {laws[-1].lineno}" if laws else where
+    ours = "<", str(PACKAGE), sys.prefix, sys.base_prefix
+    if str(file).startswith(ours) and (laws := [each for each in frames if not each.filename.startswith(ours)]):
+        where = f"{laws[-1].filename}, line {laws[-1].lineno}"  # a law of a drive, which a unit of the package calls
     if symbols:  # the error of a symbol that is compared has its way out already
-        reason += ("" if "Write it with" in reason else _WAY_OUT) + ("" if laws else _OTHER_WAY_OUT)
+        reason += ("" if "Write it with" in reason else _WAY_OUT) + _OTHER_WAY_OUT
     method = f"{phase}() of {type(unit).__name__} {'cannot be traced' if symbols else 'fails'}"
     raise UnitError(f"{where}: {method}: {reason}.") from None

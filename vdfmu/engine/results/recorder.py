@@ -69,11 +69,9 @@ class Blocks(RowsInMemory):
     def flush(self, end: int) -> None:
         """Bring the remaining rows before row `end` to the tap."""
         if end > self._shown:
-            rows = self._rows[: end - self._first]
-            self._tap.block(self._times(self._first, end), rows)
-            self._first, self._shown = max(self._first, end - self._tap.overlap), end
-            kept = end - self._first
-            self._rows[:kept] = rows[len(rows) - kept :]
+            first, self._first, self._shown = self._first, max(self._first, end - self._tap.overlap), end
+            self._tap.block(self._times(first, end), self._rows[: end - first])
+            self._rows[: end - self._first] = self._rows[self._first - first : end - first]
 
 
 class Recorder(RowsInMemory):

@@ -168,7 +168,7 @@ class ScenarioRun:
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             unstable = explain(error, self.poses)
-            if isinstance(error, CosimError) and error.results is not None and len(error.results):
+            if isinstance(error, CosimError) and error.results:
                 for note in numbers.start_notes(error.results, self.scenario, numbers.FAR):
                     error.add_note(f"A likely cause: {note.removesuffix('.')}")
             if written:

@@ -99,15 +99,14 @@ def reference_blocks(
     ends = np.cumsum([len(nodes) for nodes in shown.values()]).tolist()
     where = {group: slice(end - len(shown[group]), end) for group, end in zip(shown, ends, strict=True)}
     blocks: list[Floats] = []
-    block = np.empty((0, sum(map(len, shown.values()))))
+    before: Sequence[Floats] = ()
     for first in range(0, m + 1, BLOCK):
-        more = np.array(list(islice(rows, BLOCK)))
+        block = np.array([*before, *islice(rows, BLOCK)])
         if path is not None and kept is None:
-            blocks.append(more)
-        block = np.concatenate([block[max(0, len(block) - overlap) :], more])
+            blocks.append(block[len(before) :])
         signals = {group: block[:, columns] for group, columns in where.items()}
-        end = first + len(more)
-        yield Reference(name, t[end - len(block) : end], signals)
+        yield Reference(name, t[first - len(before) : first + BLOCK], signals)
+        before = block[max(0, len(block) - overlap) :]
         if progress is not None:
             progress(min(first + BLOCK, m), m)
     if path is not None and blocks:

@@ -12,8 +12,8 @@ with the methods of the units and the parameters of the scenario: no trace, no c
 
 Both sides round: a number may be off by `_ROUNDING` of the largest value of its group. A chain of n operations rounds
 by up to 1e-16 n. 1e4 operations lead to an output of six joints, and 1e-9 leaves three digits for cancellation. A
-group that is smaller than the rounding of the component's largest number of that unit counts as large as that
-rounding, such as the energy of springs that carry nothing, 1e-35 J, beside a potential energy of 10 J. An
+group that is smaller than the rounding of the component's largest number counts as large as that rounding, such as the
+energy of springs that carry nothing, 1e-35 J, beside a potential energy of 10 J. An
 acceleration in equilibrium cancels more. So a number may also be off by its change if all its sources change by
 `_ROUNDING` of themselves.
 """
@@ -106,8 +106,7 @@ class _WitnessedUnit:
 
     def __init__(self, interface: Interface, values: Mapping[str, Any], free: Sequence[int]) -> None:
         self._names = [v.name for v in interface.memory]
-        _, first, self._groups = np.unique([v.group for v in interface.memory], return_index=True, return_inverse=True)
-        self._alike = np.unique([str(interface.memory[i].unit) for i in first], return_inverse=True)[1]
+        self._groups = np.unique([v.group for v in interface.memory], return_inverse=True)[1]
         self._plain = plain = Plain(interface, interface.memory_of(values))
         self._initial = plain.memory.copy()
         roles = np.array([v.causality for v in interface.memory])
@@ -212,9 +211,7 @@ class _WitnessedUnit:
         sizes = np.zeros(self._groups.max() + 1)
         for each in comparisons:
             np.maximum.at(sizes, self._groups[each.places], np.abs(each.expected))
-        largest = np.zeros(self._alike.max() + 1)
-        np.maximum.at(largest, self._alike, sizes)
-        sizes = np.maximum(sizes, np.spacing(1.0) * largest[self._alike])
+        sizes = np.maximum(sizes, np.spacing(sizes.max()))
         faults: list[tuple[float, str]] = []
         for each in comparisons:
             groups = self._groups[each.places]
