@@ -92,7 +92,7 @@ def identify(
     if len(targets) < len(wanted):
         raise UsageError(f"identify: expected files of different names, got {', '.join(map(str, wanted))}.")
     if true is not None and (difference := _difference(arm, true)):
-        raise UsageError(f"identify: --truth must have the joints and gear ratios of --robot, got {difference}.")
+        raise UsageError(f"identify: --truth must have the joints of --robot, got {difference}.")
     columns = column or {}
     rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
@@ -201,14 +201,11 @@ def _print(fit: Identified, labels: list[str], true: list[float] | None) -> None
 
 def _difference(robot: Robot, other: Robot) -> str:
     """Return the first difference between the joints of two robots in words; empty if they are the same."""
-    if robot.joint_types != other.joint_types:
-        kinds = (", ".join(each.joint_types) for each in (other, robot))
-        return "the joints {} instead of {}".format(*kinds)
-    for name, words in {"ell": "the gear ratio", "offset": "the offset", "rotation": "the rotation"}.items():
-        for i, (expected, got) in enumerate(zip(getattr(robot, name), getattr(other, name), strict=True), 1):
-            if (expected != got).any():
-                return f"{words} {got.tolist()} of joint {i} instead of {expected.tolist()}"
-    return ""
+    import numpy as np
+
+    words = {"joint_types": "types", "ell": "gear ratios", "offset": "offsets", "rotation": "rotations"}
+    pairs = ((name, *(np.array(getattr(each, name)).tolist() for each in (other, robot))) for name in words)
+    return next((f"{words[name]} {got} instead of {expected}" for name, got, expected in pairs if got != expected), "")
 
 
 def _weak(fit: Identified) -> list[str]:

@@ -65,19 +65,14 @@ def _run(words: str, path: Path, *_: Any) -> Findings:
 
 
 def _robot(path: Path, robot: Robot) -> list[str]:
-    robot = load_robot(path)
-    for name in ("feedforward", "plant") if robot.own_options else ():
-        _trace(interface_of(find_unit(name), robot))
+    _trace_drive(robot := load_robot(path))
     return robot_notes(robot)
 
 
 def _scenario(path: Path, robot: Robot) -> list[str]:
     scenario = load_scenario(path)
-    system = SystemDescription(scenario)
-    _ = system.links
-    for table in system.tables.values():
-        if isinstance(table, Interface) and table.robot is not None and table.robot.own_options:
-            _trace(table)
+    _ = SystemDescription(scenario).links
+    _trace_drive(scenario.robot)
     return model_notes(scenario)
 
 
@@ -95,6 +90,13 @@ def _units(path: Path, robot: Robot) -> list[str]:
     for unit in load_units(path).values():
         _trace(interface_of(unit, robot if unit.needs_robot() else None))
     return []
+
+
+def _trace_drive(robot: Robot | None) -> None:
+    """Trace the laws of a robot's own drive, in the units that use them."""
+    if robot is not None and robot.own_options:
+        for name in ("feedforward", "plant"):
+            _trace(interface_of(find_unit(name), robot))
 
 
 def _trace(interface: Interface) -> None:

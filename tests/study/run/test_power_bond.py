@@ -38,7 +38,7 @@ def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(count):
     supplied = robot.ell * signals["controller.tau"] * signals["controller.kappa_dot"]
     residual = 0.5 * np.diff(times, prepend=times[0])[:, None] * (taken - supplied)
     tap = PowerBond(robot)
-    tap.size = 7
+    tap.size = 7  # rows of a block
     for _ in range(2):  # a tap begins each run anew
         energies = shown(tap, times, rows)["power_bond"]
         # sums of 50 numbers in another order: 50 roundings of 1.1e-16 of sums of absolute values, which are up to 50

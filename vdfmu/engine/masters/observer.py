@@ -53,9 +53,7 @@ class Tap:
     wanted: Sequence[str] = ()
     """Names of real signals for `block`, with ``*`` for any text; they need not exist."""
     size = 1024
-    """Most rows that a block adds."""
-    overlap = 0
-    """Rows of the run before them with which a block begins, so that ``overlap + 1`` rows in a row are in one block."""
+    """Rows of a block."""
 
     def begin(self, grid: Grid, names: Sequence[str]) -> None:
         """Begin a run; `names` are the existing signals of `wanted`."""
@@ -68,7 +66,7 @@ class Tap:
         """Look at the components in row `k`, at a time [s]."""
 
     def block(self, times: Floats, values: Floats) -> None:
-        """Look at the signals (m, names) in the next rows, after the last `overlap` rows before them."""
+        """Look at the signals (m, names) in the next m rows, `size` of them or the last."""
 
     def end(self, components: Any) -> None:
         """Look at the components after the last row of a run that reached its end."""

@@ -53,12 +53,12 @@ class RowsInMemory:
 
 
 class Blocks(RowsInMemory):
-    """Brings the rows of the signals that a tap wants to it, block by block, each with its overlap."""
+    """Brings the rows of the signals that a tap wants to it, block by block."""
 
     def __init__(self, tap: Tap, grid: Grid, names: Sequence[str], memory: Floats, places: Sequence[int]) -> None:
-        rows = np.empty((tap.overlap + tap.size, len(names)))
+        rows = np.empty((tap.size, len(names)))
         super().__init__({"real": rows}, {"real": places}, row_store(rows, memory, places))
-        self._tap, self._rows, self._times, self._first, self._shown = tap, rows, grid.times, 0, 0
+        self._tap, self._rows, self._times, self._first = tap, rows, grid.times, 0
 
     def room(self, k: int) -> tuple[int, int]:
         """See `RowsInMemory.room`."""
@@ -68,10 +68,9 @@ class Blocks(RowsInMemory):
 
     def flush(self, end: int) -> None:
         """Bring the remaining rows before row `end` to the tap."""
-        if end > self._shown:
-            first, self._first, self._shown = self._first, max(self._first, end - self._tap.overlap), end
-            self._tap.block(self._times(first, end), self._rows[: end - first])
-            self._rows[: end - self._first] = self._rows[self._first - first : end - first]
+        if end > self._first:
+            self._tap.block(self._times(self._first, end), self._rows[: end - self._first])
+            self._first = end
 
 
 class Recorder(RowsInMemory):

@@ -118,8 +118,6 @@ class PowerBond(Tap):
     plant or takes from it (trapezoidal rule). Error control steps between the rows; then this is an estimate.
     """
 
-    overlap = 1
-
     def __init__(self, robot: Robot) -> None:
         self._ell, self._energies = robot.ell, np.zeros((3, robot.n))
         self.wanted = [f"{group}[{i + 1}]" for group in _READ for i in range(robot.n)]
@@ -128,14 +126,15 @@ class PowerBond(Tap):
     def begin(self, grid: Grid, names: Sequence[str]) -> None:
         """Begin a run."""
         self._columns = [names.index(name) for name in self.wanted] if len(names) == len(self.wanted) else []
-        self._energies[:] = 0.0
+        self._time, self._energies[:] = grid.begin, 0.0
 
     def block(self, times: Floats, values: Floats) -> None:
         """Add the energies of rows."""
         if not self._columns:
             return
-        tau, kappa_dot, transmitted, received = np.split(values[1:, self._columns], 4, axis=1)
-        h = np.diff(times)[:, None]
+        tau, kappa_dot, transmitted, received = np.split(values[:, self._columns], 4, axis=1)
+        h = np.diff(times, prepend=self._time)[:, None]  # 0 at the first row, which ends no step
+        self._time = times[-1]
         taken = self._ell * tau * kappa_dot
         residual = 0.5 * h * (taken - self._ell * transmitted * received)
         self._energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)

@@ -71,10 +71,9 @@ def start_notes(results: Results, scenario: Scenario, least: float = _APART) -> 
             i = int(apart.argmax())
             if apart[i] > least:
                 arm = scenario.system.parts[plant].robot or scenario.arm
-                kind, tau = arm.joint_types[i], scenario.system.fed.get(f"{plant}.tau", f"{plant}.tau")
-                first = ""
+                kind, tau, first = arm.joint_types[i], scenario.system.fed.get(f"{plant}.tau", ""), ""
                 if has_signals(results, tau):
-                    torque = quantity(float(arm.ell[i] * start[tau][0, i]), JOINT_UNITS[kind].torque)
+                    torque = quantity(arm.ell[i] * start[tau][0, i], JOINT_UNITS[kind].torque)
                     first = f", and the first torque there is {torque}, link-side"
                 yield (
                     f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the position that {leader} wants "

@@ -115,9 +115,9 @@ def reference_blocks(
 
 def reference(name: str, description: SystemDescription, *, step: float, stop: float) -> Reference:
     """Compute a whole reference. See :func:`reference_blocks`."""
-    blocks = list(reference_blocks(name, description, step=step, stop=stop))
-    signals = {key: np.concatenate([block.signals[key] for block in blocks]) for key in blocks[0].signals}
-    return Reference(name, np.concatenate([block.t for block in blocks]), signals)
+    # the last block, with all points before it
+    *_, whole = reference_blocks(name, description, step=step, stop=stop, overlap=round(stop / step))
+    return whole
 
 
 def _key(description: SystemDescription) -> str:
