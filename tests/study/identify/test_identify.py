@@ -14,6 +14,7 @@ from vdfmu.arm import motion
 from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
+from vdfmu.cli.identify import _difference
 from vdfmu.study.identify.fit import Identified, identified_robot, identify, robot_text, score
 from vdfmu.study.identify.log import Log, read_log
 from vdfmu.study.report.drawings import draw_torques
@@ -327,6 +328,14 @@ def test_differences_of_torques_have_a_zero_line_and_a_histogram_of_the_same_val
         assert share == pytest.approx(1.0, rel=1e-9)
         ends = min(bar.get_y() for bar in bars), max(bar.get_y() + bar.get_height() for bar in bars)
         assert ends == pytest.approx((error[:, i].min(), error[:, i].max()), rel=1e-9)
+
+
+def test_a_truth_with_other_joints_is_refused_with_what_differs():
+    arm = vdfmu.load_robot("planar_2dof")
+    other = dataclasses.replace(arm, ell=np.array([100.0, 120.0]))
+    assert _difference(arm, other) == "gear ratios [100.0, 120.0] instead of [100.0, 100.0]"
+    assert _difference(arm, vdfmu.load_robot("slider_3dof")).startswith("types ['revolute', 'prismatic'")
+    assert _difference(arm, dataclasses.replace(arm, mass=2.0 * arm.mass)) == ""
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():

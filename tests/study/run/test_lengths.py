@@ -13,11 +13,14 @@ import pytest
 import vdfmu
 from tests.conftest import ran
 from vdfmu.arm.robot import load_robot
+from vdfmu.base.errors import CosimError
+from vdfmu.base.text import error_text
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.results.recorder import Blocks
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report import content
+from vdfmu.study.report.parts import tiles_of
 from vdfmu.study.run import accuracy
 from vdfmu.study.run import key_figures as key_figures_of_run
 from vdfmu.study.run import summary as numbers
@@ -180,6 +183,28 @@ def test_the_page_of_any_length_has_the_first_the_last_and_the_largest_values(sy
     for suffix in ("csv", "parquet", "mat"):
         results.write(tmp_path / f"results.{suffix}")
         assert Results.read(tmp_path / f"results.{suffix}")["plant.q"].shape == (rows, 2)
+
+
+def test_a_motor_without_torque_has_no_share_of_its_limit(system):
+    results, robot = results_of(9), system.scenario.robot
+    (arm,) = limits_of(robot)
+    torques = [
+        key_figures(results, robot, [arm._replace(robot=None, tau_max=np.array(most))], robot)["torque"]
+        for most in ([0.0, 0.0], [0.0, 0.05])
+    ]
+    assert [(torque["joint"], torque["limit"]) for torque in torques] == [(1, 0.0), (2, 0.05 * robot.ell[1])]
+    assert torques[0]["value"] == 0.0
+    assert all("nan" not in tile.note for torque in torques for tile in tiles_of({"key_figures": {"torque": torque}}))
+
+
+@pytest.mark.heavy
+def test_a_start_far_from_the_motion_is_named_where_the_run_fails():
+    """The first torque is the gain times the difference, here over a hundred times what the springs carry."""
+    with pytest.raises(CosimError) as failed:
+        vdfmu.run("planar_tracking", settings={"plant.q_0": [0.3, -0.5]}, out=False)
+    assert "A likely cause: plant starts 1.871 rad from the position that trajectory wants of joint 1" in (
+        error_text(failed.value)
+    )
 
 
 @pytest.mark.heavy

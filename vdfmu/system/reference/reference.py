@@ -99,7 +99,7 @@ def reference_blocks(
     ends = np.cumsum([len(nodes) for nodes in shown.values()]).tolist()
     where = {group: slice(end - len(shown[group]), end) for group, end in zip(shown, ends, strict=True)}
     blocks: list[Floats] = []
-    before: Sequence[Floats] = ()
+    before: Sequence[Floats] | Floats = ()
     for first in range(0, m + 1, BLOCK):
         block = np.array([*before, *islice(rows, BLOCK)])
         if path is not None and kept is None:
