@@ -176,12 +176,35 @@ class Compiler(NamedTuple):
     name: str
     command: tuple[str, ...]
     is_zig: bool
+    environment: Mapping[str, str]
+    """All that its processes inherit of the environment; see :func:`_environment`."""
+
+    @property
+    def identity(self) -> str:
+        """What distinguishes its libraries from those of other compilers. Zig brings all its parts with its version."""
+        return self.name if self.is_zig else repr((self.name, self.command, sorted(self.environment.items())))
 
     def arguments(self, target: Platform, flags: Sequence[str]) -> list[str]:
         """Return the arguments of a call with zig's flags."""
         if self.is_zig:
             return ["-target", target.target, *flags]
         return ["-fPIC", *(_WORDS.get(flag, flag) for flag in flags)]
+
+
+def _environment(program: str) -> dict[str, str]:
+    """Return the environment of the processes of a compiler.
+
+    Compilers obey many variables: CPATH and C_INCLUDE_PATH add headers, COMPILER_PATH and PATH replace the assembler,
+    CCC_OVERRIDE_OPTIONS changes options. A library may only depend on what its key in the cache contains, so a compiler
+    gets the variables listed here and no others. Its messages are in English, as they are searched for words.
+    """
+    if sys.platform == "win32":
+        return {"SYSTEMROOT": os.environ.get("SYSTEMROOT", r"C:\Windows")}
+    variables = {"LC_ALL": "C", "PATH": os.pathsep.join([str(Path(program).parent), os.defpath])}
+    if sys.platform == "darwin":  # the folders of Apple's tools and of the SDK with the headers of the C library
+        chosen = {name: os.environ.get(name, "") for name in ("DEVELOPER_DIR", "SDKROOT")}
+        variables |= {name: folder for name, folder in chosen.items() if os.path.isabs(folder) and os.path.isdir(folder)}
+    return variables
 
 
 def compiler(platform: str = "") -> Compiler:
@@ -203,21 +226,26 @@ def _compiler(chosen: str) -> Compiler:
             from importlib.metadata import version  # takes 10 ms to import
 
             names = [f"ziglang {version('ziglang')}"]
-        return Compiler(" ".join(names).replace("-", " "), (zig(), "cc"), True)
-    for program in (chosen,) if chosen else _PROGRAMS:
-        processor = _MACHINES.get(_answer(program, "-dumpmachine").partition("-")[0])
+        return Compiler(" ".join(names).replace("-", " "), (zig(), "cc"), True, _environment(zig()))
+    for name in (chosen,) if chosen else _PROGRAMS:
+        if (place := shutil.which(name)) is None:
+            continue
+        program = os.path.abspath(place)
+        environment = _environment(program)
+        processor = _MACHINES.get(_answer(program, "-dumpmachine", environment).partition("-")[0])
         if processor == _MACHINES.get(machine.machine().lower(), ""):
-            return Compiler(_answer(program, "--version").splitlines()[0], (program,), False)
+            version_line = _answer(program, "--version", environment).splitlines()[0]
+            return Compiler(version_line, (program,), False, environment)
     if chosen:
         raise UsageError(f"compiler must be zig or a gcc or clang for this machine, got {chosen!r}. Install it.")
     raise FmuError(_NO_COMPILER)
 
 
-def _answer(program: str, question: str) -> str:
-    """Return the answer of a program; "" if there is none."""
-    if shutil.which(program) is None:
-        return ""
-    return subprocess.run([program, question], stdin=subprocess.DEVNULL, capture_output=True, text=True).stdout
+def _answer(program: str, question: str, environment: Mapping[str, str]) -> str:
+    """Return the answer of a program."""
+    return subprocess.run(
+        [program, question], stdin=subprocess.DEVNULL, capture_output=True, text=True, env=environment
+    ).stdout
 
 
 def compiler_version() -> str:
