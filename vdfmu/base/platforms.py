@@ -202,8 +202,9 @@ def _environment(program: str) -> dict[str, str]:
         return {"SYSTEMROOT": os.environ.get("SYSTEMROOT", r"C:\Windows")}
     variables = {"LC_ALL": "C", "PATH": os.pathsep.join([str(Path(program).parent), os.defpath])}
     if sys.platform == "darwin":  # the folders of Apple's tools and of the SDK with the headers of the C library
-        chosen = {name: os.environ.get(name, "") for name in ("DEVELOPER_DIR", "SDKROOT")}
-        variables |= {name: folder for name, folder in chosen.items() if os.path.isabs(folder) and os.path.isdir(folder)}
+        for name in ("DEVELOPER_DIR", "SDKROOT"):
+            folder = os.environ.get(name, "")
+            variables |= {name: folder} if os.path.isabs(folder) and os.path.isdir(folder) else {}
     return variables
 
 

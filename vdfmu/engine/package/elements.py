@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
+from vdfmu.base.errors import SspError
 from vdfmu.base.measure import BASE_UNITS
 from vdfmu.base.standards import SSP_1
 from vdfmu.engine.algorithms import ALGORITHMS, choice
@@ -51,6 +52,8 @@ class Scope:
     """All unit definitions of the tree."""
     files: dict[str, Document] = field(default_factory=dict)
     """All files that were read, each once."""
+    refused: dict[str, SspError] = field(default_factory=dict)
+    """Errors of the files that could not be read, so that none is tried again at each reference to it."""
 
     def member(self, source: str, where: str, at: Any = ("", 0)) -> str:
         """Return the member that a URI of the SSD names; SspError if it leaves the package."""
@@ -64,9 +67,15 @@ class Scope:
         """Return the root of a file of the package, or of an FMU in it; SspError if the schema refuses it."""
         archive = archive or self.archive
         key = f"{self.prefix}{archive.label}{INSIDE}{member}"
+        if key in self.refused:
+            raise SspError(self.refused[key].problems)
         if key not in self.files:
             where, version = f"{self.label}: {member}", None if kind == "ssd" else self.version
-            self.files[key] = Document(kind, parse_ssp_xml(archive.read(member), kind, where, version), where)
+            try:
+                self.files[key] = Document(kind, parse_ssp_xml(archive.read(member), kind, where, version), where)
+            except SspError as error:
+                self.refused[key] = error
+                raise
         return self.files[key].root
 
     def define(self, root: Any, kind: str = "ssd") -> None:

@@ -38,6 +38,10 @@ class TreeReader:
         self._structure = structure
         self._open: list[str] = []
         """Systems under reading, from files or by reference, to find circles."""
+        self._systems: dict[Any, dict[str | None, Any]] = {}
+        """Systems by their ids, for the root of each file."""
+        self._files: dict[tuple[str, str], tuple[Scope, Any]] = {}
+        """Scopes and systems of other files by package and name, since a file may be referred to many times."""
         self._count = 0
 
     def _fault(self, rule: str, text: str, at: Any) -> None:
@@ -112,34 +116,38 @@ class TreeReader:
         member = outer.member(file, where, element)
         if member not in outer.archive:
             raise breach("SSP011", f"{where}: the package has no {member!r}", element)
-        scope = replace(outer, aliases={})
-        if kind == PACKAGE_TYPE:
-            scope = replace(
-                scope, archive=outer.archive.inside(member), prefix=f"{outer.prefix}{member}{INSIDE}", base="",
-                document=fragment or "SystemStructure.ssd", label=f"{outer.label}: {member}",
-            )  # fmt: skip
-        elif fragment:
+        if kind != PACKAGE_TYPE and fragment:
             text = f"{where}: a fragment, '#{fragment}', can follow the name of a package only"
             raise breach("SSP012", text, element)
-        else:
-            scope = replace(scope, base=posixpath.dirname(member), document=member)
-        with self._opened(scope.prefix + scope.document, where, element):
-            root = self._structure(scope)
-            scope = replace(scope, version=version_of(root))
-            scope.define(root)
-            return self._stand_in(node, root.find("ssd:System", NAMESPACES), scope, where)
+        inner = f"{outer.prefix}{member}{INSIDE}" if kind == PACKAGE_TYPE else outer.prefix
+        document = (fragment or "SystemStructure.ssd") if kind == PACKAGE_TYPE else member
+        with self._opened(inner + document, where, element):
+            if (inner, document) not in self._files:
+                scope = replace(outer, aliases={}, base=posixpath.dirname(member), document=document)
+                if kind == PACKAGE_TYPE:
+                    archive, label = outer.archive.inside(member), f"{outer.label}: {member}"
+                    scope = replace(scope, archive=archive, prefix=inner, base="", label=label)
+                root = self._structure(scope)
+                scope = replace(scope, version=version_of(root))
+                scope.define(root)
+                self._files[inner, document] = scope, root.find("ssd:System", NAMESPACES)
+            scope, system = self._files[inner, document]
+            return self._stand_in(node, system, scope, where)
 
     def _by_reference(self, node: Node, source: str, where: str) -> Node:
         """Read a system of the same SSD once more, to replace a component."""
-        tree = node.element.getroottree()
-        named = [s for s in tree.getroot().iterfind(".//ssd:System", NAMESPACES) if s.get("id") == source[1:]]
-        if not named:
+        root = node.element.getroottree().getroot()
+        if root not in self._systems:
+            listed = reversed(list(root.iterfind(".//ssd:System", NAMESPACES)))  # the first of an id counts
+            self._systems[root] = {system.get("id"): system for system in listed}
+        named = self._systems[root].get(source[1:])
+        if named is None:
             raise breach("SSP015", f"{where}: source {source!r}: the SSD has no system with that id", node.element)
         with self._opened(node.scope.prefix + node.scope.document + source, where, node.element):
-            if any(named[0] is above for above in node.element.iterancestors()):
+            if any(named is above for above in node.element.iterancestors()):
                 text = f"{where}: source {source!r} is a system that holds the component itself"
                 raise breach("SSP015", text, node.element)
-            return self._stand_in(node, named[0], node.scope, where)
+            return self._stand_in(node, named, node.scope, where)
 
     @contextmanager
     def _opened(self, key: str, where: str, at: Any) -> Generator[None]:
