@@ -249,7 +249,8 @@ class Instance3(Instance):
             if self._answered(self.flags, last, last >= close):
                 return status
             if not (last > begin or self.flags[_EVENT]):
-                raise self._failure("doStep", f"it returned early at t = {begin:.9g} s, where it began, without an event")
+                reason = f"it returned early at t = {begin:.9g} s, where it began, without an event"
+                raise self._failure("doStep", reason)
             begin, rest = last, (c_double(last), c_double(end - last))
             status = self.function("DoStep")(self.argument, *rest, _KEEP, *self._answers)
         raise self._failure("doStep", f"it returned early {_RETURNS} times in a step, the last at t = {last:.9g} s")
