@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 from hashlib import sha256
-from pathlib import Path
 
 import pytest
 
@@ -75,19 +74,37 @@ def test_a_compiler_gets_no_variable_that_its_key_lacks(hostile, monkeypatch, tm
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("program", ALL)
-def test_each_variable_leaves_an_fmu_as_it_is(program, hostile, tmp_path):
-    """Built anew, and from the cache that a build with the variable left."""
+def test_each_variable_leaves_a_library_as_it_is(program, hostile, monkeypatch, tmp_path):
+    """Compiled anew, and from the cache that a build with the variable left."""
+    monkeypatch.setenv("VDFMU_COMPILER", program)
 
-    def build(place: str, cache: Path, mask: str = "022", **variables: str) -> str:
+    def compiled(cache: str, **variables: str) -> bytes:
+        with monkeypatch.context() as patch:
+            for name, value in {"VDFMU_CACHE_DIR": str(tmp_path / cache), **variables}.items():
+                patch.setenv(name, value)
+            platforms._compiler.cache_clear()
+            return compile_library({"unit.c": ROOT}, this_platform(), name="Root")
+
+    expected = compiled("clean")
+    for name, value in hostile.items():
+        assert compiled(name, **{name: value}) == expected, name
+        assert compiled(name) == expected, name
+    platforms._compiler.cache_clear()
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("program", ALL)
+def test_the_environment_leaves_an_fmu_as_it_is(program, hostile, tmp_path):
+    """Built with all variables and a umask that closes files to others, and from the cache that this left."""
+
+    def digest(place: str, cache: str, mask: str, **variables: str) -> str:
+        shared = {"VDFMU_CACHE_DIR": str(tmp_path / cache), "VDFMU_COMPILER": program}
         words = [sys.executable, "-c", BUILD, str(tmp_path / place), mask]
-        shared = {"VDFMU_CACHE_DIR": str(cache), "VDFMU_COMPILER": program}
         done = subprocess.run(words, env={**os.environ, **shared, **variables}, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         return sha256((tmp_path / place / "PDController.fmu").read_bytes()).hexdigest()
 
-    expected = build("clean", tmp_path / "clean_cache")
-    for name, value in hostile.items():
-        cache = tmp_path / f"{name}_cache"
-        assert build(name, cache, **{name: value}) == expected, name
-        assert build(f"{name}_again", cache) == expected, name
-    assert build("mask", tmp_path / "mask_cache", "077") == expected
+    own = {name: value for name, value in hostile.items() if name != "LD_LIBRARY_PATH"}  # which Python obeys itself
+    expected = digest("clean", "clean_cache", "022")
+    assert digest("hostile", "cache", "077", **own) == expected
+    assert digest("again", "cache", "022") == expected
