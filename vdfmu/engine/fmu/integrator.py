@@ -33,7 +33,7 @@ _MOST = 10_000_000
 def excess_of(states: int, indicators: int) -> str:
     """Return a number of states or event indicators for which there is no memory, with its limit; "" if none."""
     counts = {"continuous states": states, "event indicators": indicators}
-    return next((f"{n} {what}; expected {_MOST} at most" for what, n in counts.items() if n > _MOST), "")
+    return next((f"{n} {kind}; expected {_MOST} at most" for kind, n in counts.items() if n > _MOST), "")
 
 
 class ModelExchangeIntegrator:
