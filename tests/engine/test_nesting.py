@@ -81,9 +81,8 @@ def test_thousands_of_breaches_of_a_schema_are_counted_and_the_first_reported(re
     for _ in range(100):
         inside = elements([f'<ssd:System name="s">{inside}</ssd:System>'])
     _, problems = read(main=ssd(inside))
+    assert "attribute 'nam'" in problems[0]
     if n <= 1000:
         assert len(problems) == n and problems[-1].line == n // 2
     else:
-        assert len(problems) == 21
-        assert str(problems[-1]) == f"n.ssp: SystemStructure.ssd: and {n - 20} more breaches of the schema"
-    assert "attribute 'nam'" in problems[0]
+        assert len(problems) == 1 and f"the first of {n} breaches of the schema" in problems[0]

@@ -176,13 +176,16 @@ class Compiler(NamedTuple):
     name: str
     command: tuple[str, ...]
     is_zig: bool
-    environment: Mapping[str, str]
-    """All that its processes inherit of the environment; see :func:`_environment`."""
 
     @property
     def identity(self) -> str:
         """What distinguishes its libraries from those of other compilers. Zig brings all its parts with its version."""
-        return self.name if self.is_zig else repr((self.name, self.command, sorted(self.environment.items())))
+        return self.name if self.is_zig else f"{self.name} {self.command[0]}"
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """All that its processes get of the environment."""
+        return _environment(self.command[0])
 
     def arguments(self, target: Platform, flags: Sequence[str]) -> list[str]:
         """Return the arguments of a call with zig's flags."""
@@ -192,20 +195,15 @@ class Compiler(NamedTuple):
 
 
 def _environment(program: str) -> dict[str, str]:
-    """Return the environment of the processes of a compiler.
+    """Return the environment of the processes of a compiler, which depends on the path of its program alone.
 
     Compilers obey many variables: CPATH and C_INCLUDE_PATH add headers, COMPILER_PATH and PATH replace the assembler,
-    CCC_OVERRIDE_OPTIONS changes options. A library may only depend on what its key in the cache contains, so a compiler
-    gets the variables listed here and no others. Its messages are in English, as they are searched for words.
+    CCC_OVERRIDE_OPTIONS changes options. A library may only depend on what its key in the cache contains, so no
+    variable of the user is passed on. Messages are in English, as they are searched for words.
     """
     if sys.platform == "win32":
         return {"SYSTEMROOT": os.environ.get("SYSTEMROOT", r"C:\Windows")}
-    variables = {"LC_ALL": "C", "PATH": os.pathsep.join([str(Path(program).parent), os.defpath])}
-    if sys.platform == "darwin":  # the folders of Apple's tools and of the SDK with the headers of the C library
-        for name in ("DEVELOPER_DIR", "SDKROOT"):
-            folder = os.environ.get(name, "")
-            variables |= {name: folder} if os.path.isabs(folder) and os.path.isdir(folder) else {}
-    return variables
+    return {"LC_ALL": "C", "PATH": f"{Path(program).parent}:{os.defpath}"}
 
 
 def compiler(platform: str = "") -> Compiler:
@@ -227,25 +225,21 @@ def _compiler(chosen: str) -> Compiler:
             from importlib.metadata import version  # takes 10 ms to import
 
             names = [f"ziglang {version('ziglang')}"]
-        return Compiler(" ".join(names).replace("-", " "), (zig(), "cc"), True, _environment(zig()))
-    for name in (chosen,) if chosen else _PROGRAMS:
-        if (place := shutil.which(name)) is None:
-            continue
-        program = os.path.abspath(place)
-        environment = _environment(program)
-        processor = _MACHINES.get(_answer(program, "-dumpmachine", environment).partition("-")[0])
+        return Compiler(" ".join(names).replace("-", " "), (zig(), "cc"), True)
+    for program in filter(None, map(shutil.which, (chosen,) if chosen else _PROGRAMS)):
+        path = os.path.abspath(program)
+        processor = _MACHINES.get(_answer(path, "-dumpmachine").partition("-")[0])
         if processor == _MACHINES.get(machine.machine().lower(), ""):
-            version_line = _answer(program, "--version", environment).splitlines()[0]
-            return Compiler(version_line, (program,), False, environment)
+            return Compiler(_answer(path, "--version").splitlines()[0], (path,), False)
     if chosen:
         raise UsageError(f"compiler must be zig or a gcc or clang for this machine, got {chosen!r}. Install it.")
     raise FmuError(_NO_COMPILER)
 
 
-def _answer(program: str, question: str, environment: Mapping[str, str]) -> str:
+def _answer(program: str, question: str) -> str:
     """Return the answer of a program."""
     return subprocess.run(
-        [program, question], stdin=subprocess.DEVNULL, capture_output=True, text=True, env=environment
+        [program, question], stdin=subprocess.DEVNULL, capture_output=True, text=True, env=_environment(program)
     ).stdout
 
 

@@ -29,13 +29,6 @@ _UPDATES = 1000
 """Most updates of discrete states at an event."""
 _DRIFT = 1e-9
 """Relative error of a clock that adds up 10 million steps: each sum rounds by 2^-53 at most."""
-
-
-def rounding_of(time: float) -> float:
-    """Return by how much two clocks may differ at a time [s], as both add up steps."""
-    return _DRIFT * abs(time)
-
-
 _MAKING = threading.Lock()
 """Held while pythonfmu makes an instance: it changes ``sys.path`` and runs a script, for all threads."""
 
@@ -97,7 +90,7 @@ class Instance(Library):
 
     def check_end(self, begin: float, size: float, end: float) -> None:
         """Check the time [s] at which a step from `begin` ended, as reported; CosimError if it is not in the step."""
-        close = rounding_of(begin) + rounding_of(size)
+        close = _DRIFT * (abs(begin) + size)
         if not begin - close <= end <= begin + size + close:
             step = f"the step from t = {begin:.9g} s to t = {begin + size:.9g} s"
             raise self._failure("doStep", f"it reports that {step} ended at t = {end:.9g} s")
@@ -145,7 +138,7 @@ class Instance(Library):
         for _ in range(_UPDATES):
             again, end, _, _, defined, after = getattr(self.fmu, self.update_name)()
             self.next_event = after if defined else math.inf
-            if not self.next_event >= time - rounding_of(time):
+            if not self.next_event >= time - _DRIFT * abs(time):
                 reason = f"its next event must not be before this time, got t = {after:.9g} s"
                 raise CosimError(self.name, "updateDiscreteStates", time, reason)
             if end:

@@ -31,9 +31,9 @@ _MOST = 10_000_000
 
 
 def excess_of(states: int, indicators: int) -> str:
-    """Return a number of states or event indicators for which there is no memory, with its limit; "" if none."""
-    counts = {"continuous states": states, "event indicators": indicators}
-    return next((f"{n} {kind}; expected {_MOST} at most" for kind, n in counts.items() if n > _MOST), "")
+    """Return the numbers of states and of event indicators, with their limit, if there is no memory for them."""
+    text = f"{states} continuous states and {indicators} event indicators; expected {_MOST} at most of each"
+    return text if max(states, indicators) > _MOST else ""
 
 
 class ModelExchangeIntegrator:

@@ -330,9 +330,8 @@ class Instance3(Instance):
         intervals, qualifiers = (c_double * n)(), (c_int * n)()
         self.call("GetIntervalDecimal", (c_uint32 * n)(*references), c_size_t(n), intervals, qualifiers)
         new = [x if q == _CHANGED else None for x, q in zip(intervals, qualifiers, strict=True)]
-        for x in new:
-            if x is not None and not 0.0 <= x < math.inf:
-                raise self._failure("getIntervalDecimal", f"expected the interval of a clock, got {x:g} s")
+        if not all(x is None or 0.0 <= x < math.inf for x in new):
+            raise self._failure("getIntervalDecimal", f"expected the interval of a clock, got {new} s")
         return new
 
 

@@ -50,6 +50,8 @@ class Scope:
     """Names in the tree of units that another SSD of the tree defines differently."""
     units: dict[str, UnitFactor] = field(default_factory=dict)
     """All unit definitions of the tree."""
+    defined: dict[Any, dict[str, str]] = field(default_factory=dict)
+    """The aliases of the files whose units are defined, since a file may be referred to many times."""
     files: dict[str, Document] = field(default_factory=dict)
     """All files that were read, each once."""
     refused: dict[str, SspError] = field(default_factory=dict)
@@ -79,7 +81,11 @@ class Scope:
         return self.files[key].root
 
     def define(self, root: Any, kind: str = "ssd") -> None:
-        """Add the unit definitions of an SSD, or of a signal dictionary, to the tree's."""
+        """Add the unit definitions of an SSD, or of a signal dictionary, to the tree's, once."""
+        if root in self.defined:
+            self.aliases.update(self.defined[root])
+            return
+        self.defined[root] = self.aliases
         for name, unit in read_units(root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES)).items():
             if self.units.setdefault(name, unit) != unit:
                 self.aliases[name] = alias = f"{name} of {self.prefix}{self.document}"

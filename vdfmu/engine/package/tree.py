@@ -40,8 +40,6 @@ class TreeReader:
         """Systems under reading, from files or by reference, to find circles."""
         self._systems: dict[Any, dict[str | None, Any]] = {}
         """Systems by their ids, for the root of each file."""
-        self._files: dict[tuple[str, str], tuple[Scope, Any]] = {}
-        """Scopes and systems of other files by package and name, since a file may be referred to many times."""
         self._count = 0
 
     def _fault(self, rule: str, text: str, at: Any) -> None:
@@ -116,23 +114,22 @@ class TreeReader:
         member = outer.member(file, where, element)
         if member not in outer.archive:
             raise breach("SSP011", f"{where}: the package has no {member!r}", element)
-        if kind != PACKAGE_TYPE and fragment:
+        scope = replace(outer, aliases={})
+        if kind == PACKAGE_TYPE:
+            scope = replace(
+                scope, archive=outer.archive.inside(member), prefix=f"{outer.prefix}{member}{INSIDE}", base="",
+                document=fragment or "SystemStructure.ssd", label=f"{outer.label}: {member}",
+            )  # fmt: skip
+        elif fragment:
             text = f"{where}: a fragment, '#{fragment}', can follow the name of a package only"
             raise breach("SSP012", text, element)
-        inner = f"{outer.prefix}{member}{INSIDE}" if kind == PACKAGE_TYPE else outer.prefix
-        document = (fragment or "SystemStructure.ssd") if kind == PACKAGE_TYPE else member
-        with self._opened(inner + document, where, element):
-            if (inner, document) not in self._files:
-                scope = replace(outer, aliases={}, base=posixpath.dirname(member), document=document)
-                if kind == PACKAGE_TYPE:
-                    archive, label = outer.archive.inside(member), f"{outer.label}: {member}"
-                    scope = replace(scope, archive=archive, prefix=inner, base="", label=label)
-                root = self._structure(scope)
-                scope = replace(scope, version=version_of(root))
-                scope.define(root)
-                self._files[inner, document] = scope, root.find("ssd:System", NAMESPACES)
-            scope, system = self._files[inner, document]
-            return self._stand_in(node, system, scope, where)
+        else:
+            scope = replace(scope, base=posixpath.dirname(member), document=member)
+        with self._opened(scope.prefix + scope.document, where, element):
+            root = self._structure(scope)
+            scope = replace(scope, version=version_of(root))
+            scope.define(root)
+            return self._stand_in(node, root.find("ssd:System", NAMESPACES), scope, where)
 
     def _by_reference(self, node: Node, source: str, where: str) -> Node:
         """Read a system of the same SSD once more, to replace a component."""
