@@ -225,6 +225,10 @@ BROKEN = {
         '<fmiReferences xmlns:l="http://fmi-standard.org/fmi-ls-manifest" l:fmi-ls-name="n" l:fmi-ls-version="1.0">'
         '<Related source="a" role="results"/></fmiReferences>'
     }),
+    "FMI023": lambda: unit(
+        text=zipfile.ZipFile(io.BytesIO(fmu())).read("modelDescription.xml").decode()
+        .replace("<fmiModelDescription", '<fmiModelDescription numberOfEventIndicators="4294967295"')
+    ),
     "RUN006": lambda: unit(),
     "RUN007": lambda: package(
         component(),

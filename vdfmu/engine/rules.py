@@ -165,6 +165,7 @@ FMI019 note | An FMU has co-simulation | export it for co-simulation
 FMI020 | A nominal value is a finite number other than 0 | state the size of the values
 FMI021 | The manifest of a layered standard states its name and version | add name or version
 FMI022 note | The manifest of FMI-LS-REF gives each related file a source and a role of the standard | correct the entry
+FMI023 | The numbers of continuous states and event indicators fit into memory | state those of the model
 RUN001 | Ten steps do not fail | see the component's message
 RUN002 | A component neither ends its process nor takes too long | debug the component
 RUN003 | Reference results can be read, and the unit gives them | correct the table, or the unit

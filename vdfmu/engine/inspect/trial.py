@@ -59,6 +59,8 @@ _PHASE = "phase.txt"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FULL_NOTICE = "vdfmu: no space left in the temporary folder"
 """Last line of the error output of a process without space."""
+_STATUS_AS_TEXT = ("fmi1InitializeSlave", "fmi1DoStep")
+"""Functions whose status FMPy declares as a text: it would read a warning as an address."""
 _MOST = 20
 """Most messages of a unit, from the first."""
 _TEXT = 1000
@@ -216,6 +218,8 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
     plain = _FMU._call  # pyright: ignore[reportPrivateUsage]
 
     def call(fmu: Any, name: str, *arguments: Any) -> Any:
+        if name in _STATUS_AS_TEXT:
+            fmu._functions[name].restype = ctypes.c_int
         return phase.watch("", name[4].lower() + name[5:], partial(plain, fmu, name))(*arguments)
 
     said = _Said()
