@@ -6,12 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from fmpy.model_description import ModelDescription
 
 from vdfmu.base.arrays import element_name
+from vdfmu.base.domain import Domain
 from vdfmu.base.standards import MASTER_VERSIONS
 from vdfmu.engine.package.system import UnitFactor, Value
 
@@ -100,6 +102,15 @@ class FmuVariable:
         """The type that the FMU states."""
         return self.type if self.type == "Enumeration" else self.native
 
+    @cached_property
+    def domain(self) -> Domain:
+        """Its type and limits, for an integer those of its number of bits too."""
+        low, high = self.limits
+        if self.type == "Integer":
+            least, most = RANGES[self.native]
+            low, high = max(least, low), min(most, high)
+        return Domain(self.type, self.items, low, high, self.unit.name if self.unit else None, self.start)
+
     @property
     def size(self) -> float:
         """The nominal value, by default 1 (FMI)."""
@@ -120,13 +131,6 @@ def _limits_of(variable: Any) -> tuple[float, float]:
         with suppress(ValueError):  # reported by the check of the unit
             limits[k] = limits[k] if text is None else float(text)
     return limits[0], limits[1]
-
-
-def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
-    """Return the fault of a value outside of limits; None for a value inside."""
-    low, high = limits
-    side = f"least {low:g}" if value < low else f"most {high:g}" if value > high else ""
-    return f"expected at {side}, the limit of the FMU, got {value:g}" if side else None
 
 
 def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
@@ -173,9 +177,10 @@ def start_values(variable: Any) -> list[Value]:
     if kind in ("String", "Binary"):
         return [bytes.fromhex(text or "") if kind == "Binary" else text or ""] * length
     starts: list[Value] = []
+    read = float if kind == "Real" else int  # an integer may have more digits than a float
     for part in _elements(text, length):
         try:
-            starts.append(part in ("true", "1") if kind == "Boolean" else float(part or 0))
+            starts.append(part in ("true", "1") if kind == "Boolean" else read(part or 0))
         except ValueError:
-            starts.append(0)
-    return starts if kind in ("Real", "Boolean") else [int(value) for value in starts]
+            starts.append(read(0))
+    return starts

@@ -24,7 +24,6 @@ from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.inspect.abilities import described, make_step, tried
 from vdfmu.engine.inspect.description import MANIFEST, REFERENCES
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.rules import Findings, finding
 
 # Reference results do not state the solver's tolerance. This is far above usual ones and far below a wrong result.
@@ -249,7 +248,7 @@ def _results(
             continuous = variables[0].variability == "continuous"
             if continuous or not running:
                 values = zip(variables, (lines if continuous else held)[name].tolist(), strict=True)
-                instance.set_all([(v, bool(x) if v.kind == "Boolean" else as_type(x, v)) for v, x in values])
+                instance.set_all([(v, bool(x) if v.kind == "Boolean" else v.domain.read(x)) for v, x in values])
 
     def steps(instance: Instance, *_: float) -> str:
         memory = {name: np.zeros(len(each), DTYPES[each[0].kind]) for name, each in outputs.items()}

@@ -15,9 +15,10 @@ from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN
-from vdfmu.engine.package.system import UnitFactor, Value, spread
-from vdfmu.engine.package.writing import META, add, root, to_bytes
+from vdfmu.engine.package.parse import FOREIGN
+from vdfmu.engine.package.system import UnitFactor
+from vdfmu.engine.package.writing import META, add, add_experiment, root, to_bytes, value_text
+from vdfmu.engine.plan.checker import Starts, overrides
 from vdfmu.engine.results.recorded import group_of
 
 Ends = str | Sequence[str]
@@ -85,7 +86,11 @@ def join(
     items: Any = connections.items() if isinstance(connections, Mapping) else connections
     ends = [(start, end) for start, listed in items for end in ([listed] if isinstance(listed, str) else listed)]
     pairs = [pair for start, end in ends for pair in ports.pairs(start, end)]
-    bound = ports.bound(values or {})
+    bound: Starts = {}
+    try:
+        bound = overrides(ports.descriptions, values or {})
+    except UsageError as error:
+        ports.faults += str(error).splitlines()
     if ports.faults:
         raise UsageError("\n".join(dict.fromkeys(ports.faults)))
     require_ours(path)
@@ -153,19 +158,6 @@ class _Ports:
             return []
         return [((source, a), (sink, b)) for a, b in zip(sources, sinks, strict=False)]
 
-    def bound(self, values: Mapping[str, Any]) -> dict[str, list[tuple[FmuVariable, Value]]]:
-        """Return the values of each component's variables."""
-        bound: dict[str, list[tuple[FmuVariable, Value]]] = {}
-        for text, value in values.items():
-            variables = self.elements(text, ("parameter", "structuralParameter", "input", "output"), text)
-            try:
-                each = spread(value, [v.name for v in variables]) if variables else []
-            except ValueError as error:
-                self.faults.append(f"{text}: {error}.")
-                continue
-            bound.setdefault(text.partition(".")[0], []).extend(zip(variables, each, strict=True))
-        return bound
-
     @property
     def units(self) -> dict[str, UnitFactor]:
         """Units of measurement with a definition; of several with one name, the first."""
@@ -182,7 +174,7 @@ def _is_plain(unit: UnitFactor | None) -> bool:
     return unit is not None and unit.exponents is not None and not any(unit.exponents) and unit.factor == 1.0
 
 
-def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tuple[Any, Any, Any]) -> Any:
+def _structure(ports: _Ports, pairs: Any, bound: Starts, name: str, experiment: tuple[Any, Any, Any]) -> Any:
     units = ports.units
     top = root(
         "ssd:SystemStructureDescription", {"version": "1.0", "name": name, **META}, ("ssd", "ssc", "ssv", *FOREIGN)
@@ -206,11 +198,10 @@ def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tup
             binding = add(add(element, "ssd:ParameterBindings"), "ssd:ParameterBinding")
             values = add(add(binding, "ssd:ParameterValues"), "ssv:ParameterSet", version="1.0", name=component)
             listed = add(values, "ssv:Parameters")
-            for variable, value in bound[component]:
+            for variable, value in bound[component].values():
                 kind = type_of(variable.native)
                 kind = kind if kind in _TYPES else "Integer"
-                text = str(value).strip().lower() if kind == "Boolean" else str(value)
-                add(add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=text)
+                add(add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=value_text(kind, value))
     wires = add(system, "ssd:Connections") if pairs else None
     for (start, source), (end, sink) in pairs:
         plain = source.unit != sink.unit and (_is_plain(source.unit) or _is_plain(sink.unit))
@@ -223,8 +214,5 @@ def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tup
             scale = {"factor": unit.factor if unit.factor != 1.0 else None, "offset": unit.offset or None}
             add(add(box, "ssc:Unit", name=unit.name), "ssc:BaseUnit", **powers, **scale)
     stop, step, algorithm = experiment
-    default = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=stop)
-    if step is not None or algorithm is not None:
-        note = add(add(default, "ssd:Annotations"), "ssc:Annotation", type=EXPERIMENT_TYPE)
-        add(note, "vdfmu:Experiment", communicationStepSize=step, algorithm=algorithm)
+    add_experiment(top, stop, step, algorithm=algorithm)
     return top

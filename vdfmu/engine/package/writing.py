@@ -8,7 +8,7 @@ from typing import Any
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.base.version import __version__
-from vdfmu.engine.package.parse import FOREIGN, NAMESPACES
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, OSP_TYPE
 
 META = {
     "generationTool": f"vdfmu {__version__}",
@@ -32,6 +32,26 @@ def add(parent: Any, name: str, /, **attributes: Any) -> Any:
     # repr: the shortest text of a float that reads back as the same number
     texts = {k: repr(float(v)) if isinstance(v, float) else str(v) for k, v in attributes.items() if v is not None}
     return etree.SubElement(parent, _tag(name), texts)
+
+
+def value_text(kind: str, value: Any) -> str:
+    """Return a parameter's value of a type of SSP as text."""
+    if kind == "Boolean":
+        return str(bool(value)).lower()
+    return repr(float(value)) if kind == "Real" else str(value)
+
+
+def add_experiment(top: Any, stop: float, step: float | None, **ours: Any) -> None:
+    """Append the default experiment, with annotations of vdfmu, with `ours`, and of libcosim."""
+    experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(stop))
+    if step is None and not any(value is not None for value in ours.values()):
+        return
+    annotations = add(experiment, "ssd:Annotations")
+    annotation = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
+    add(annotation, "vdfmu:Experiment", communicationStepSize=step, **ours)
+    if step is not None:
+        algorithm = add(add(annotations, "ssc:Annotation", type=OSP_TYPE), "osp:Algorithm")
+        add(algorithm, "osp:FixedStepAlgorithm", baseStepSize=float(step))
 
 
 def to_bytes(element: Any) -> bytes:

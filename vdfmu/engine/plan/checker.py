@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from functools import cache
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
-from vdfmu.engine.fmu.variables import FmuVariable, limit_fault, type_of
+from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.system import (
     BoundParameter,
@@ -24,7 +25,7 @@ from vdfmu.engine.package.system import (
     spread,
 )
 from vdfmu.engine.package.wiring import CONVERT, fits, show_shape
-from vdfmu.engine.plan.conversion import Conversion, Link, MisfitError, Port, as_type, compose
+from vdfmu.engine.plan.conversion import Conversion, Link, MisfitError, Port, compose
 from vdfmu.engine.rules import Finding, finding
 
 Starts = dict[str, dict[str, tuple[FmuVariable, Value]]]
@@ -54,7 +55,7 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
                     variable = descriptions[owner].variables[name]
                     if not variable.settable:
                         raise ValueError(why_not(variable) + _start_of(name, descriptions[owner].variables))
-                    starts.setdefault(owner, {})[name] = (variable, as_type(element, variable))
+                    starts.setdefault(owner, {})[name] = (variable, variable.domain.read(element))
             except ValueError as error:
                 problems.append(f"parameter {full!r}: {error}")
     if problems:
@@ -158,8 +159,8 @@ class Checker:
         for v in description.named("structuralParameter"):
             value = self.parameters.get(f"{component.name}.{v.name}", stated.get(v.name, v.start))
             with suppress(ValueError):  # the check of its value reports it
-                size = as_type(value, v)
-                sizes |= {v.name: size} if size != v.start and not limit_fault(float(size), v.limits) else {}
+                size = v.domain.read(value)
+                sizes |= {v.name: size} if size != v.start else {}
         return sizes
 
     def _same_names(self) -> None:
@@ -303,8 +304,6 @@ class Checker:
                     try:
                         value = self._converted(parameter, value, variable)
                         starts.setdefault(component.name, {})[variable.name] = (variable, value)
-                        if not isinstance(value, (str, bytes)) and (fault := limit_fault(value, variable.limits)):
-                            faults.append(("SSP056", fault))
                     except MisfitError as error:
                         faults.append((_OF_VALUE[error.kind], str(error)))
                 for rule, text in dict.fromkeys(faults):
@@ -323,21 +322,31 @@ class Checker:
                 if hop.transformation is not None and hop.transformation.kind == "enumeration":
                     value = hop.transformation.names.get(value, value)
             hops = ()
-        value = as_type(value, variable, exact=parameter.type)
+        domain = variable.domain  # its limits are those of the converted value
+        names = domain.names if isinstance(value, str) else None
+        try:
+            if parameter.type == "String" != variable.type:
+                raise domain.misfit(value)
+            value = replace(domain, low=None, high=None, names=names).read(value)
+        except ValueError as error:
+            raise MisfitError("type", str(error)) from None
         unit = self.port_unit((parameter.component, parameter.name), variable)
         conversion = compose(
             hops, parameter.unit, unit, variable.type, self.system.units, variable.relative,
             (variable.items, variable.items),
         )  # fmt: skip
         if conversion.table is not None:
-            return as_type(conversion.table.get(int(value), int(value)), variable)
-        if isinstance(value, float) and not conversion.trivial:
-            return conversion.factor * value + conversion.offset
-        return value
+            value = conversion.table.get(int(value), int(value))
+        elif isinstance(value, float) and not conversion.trivial:
+            value = conversion.factor * value + conversion.offset
+        try:
+            return domain.read(value)
+        except ValueError as error:
+            raise MisfitError("limit", str(error)) from None
 
 
 _OF_CONNECTION = {"type": "SSP033", "unit": "SSP034", "transformation": "SSP036"}
-_OF_VALUE = {"type": "SSP054", "unit": "SSP055", "transformation": "SSP036"}
+_OF_VALUE = {"type": "SSP054", "unit": "SSP055", "limit": "SSP056", "transformation": "SSP036"}
 """Kinds of misfits, to the rule that each breaks."""
 _SAME = {"Real": "Float64", "Integer": "Int32"}
 """Types of SSP 1.0 and FMI 2.0 to types of SSP 2.0 and FMI 3.0."""
