@@ -2,7 +2,7 @@
 
 DOORS = (
     "arrays", "bars", "cache", "compile", "domain", "errors", "files", "interrupt", "measure", "option", "page",
-    "platforms", "plugins", "process", "progress", "standards", "state_space", "style", "text", "toml_file", "toml_tables",
-    "unpack", "version",
+    "platforms", "plugins", "process", "progress", "standards", "state_space", "style", "text", "toml_file",
+    "toml_tables", "unpack", "version",
 )  # fmt: skip
 """Modules that other rooms import."""

@@ -18,7 +18,7 @@ from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import FOREIGN
 from vdfmu.engine.package.system import UnitFactor
 from vdfmu.engine.package.writing import META, add, add_experiment, root, to_bytes, value_text
-from vdfmu.engine.plan.checker import Starts, overrides
+from vdfmu.engine.plan.checker import Starts, overrides, unknown_variable
 from vdfmu.engine.results.recorded import group_of
 
 Ends = str | Sequence[str]
@@ -132,13 +132,7 @@ class _Ports:
         ]
         matches = sorted(matches, key=lambda v: group_of(v.name)[1])
         if not matches:
-            allowed = [v.name for v in description.named(causalities[0])]
-            groups = list(dict.fromkeys(group_of(each)[0] for each in allowed))
-            more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
-            self.faults.append(
-                f"{where}: {component} has no variable {wanted!r}{close_to(wanted, [*allowed, *groups])}. "
-                f"Its {causalities[0]}s: {', '.join(groups[:12]) or 'none'}{more}."
-            )
+            self.faults.append(f"{where}: {unknown_variable(component, wanted, description.named(causalities[0]))}")
         elif matches[0].causality not in causalities:
             got = f"{component}.{matches[0].name} is of causality {matches[0].causality}"
             self.faults.append(f"{where}: must go from an output to an input, but {got}.")

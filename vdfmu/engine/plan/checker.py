@@ -39,7 +39,7 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
     for full, value in parameters.items():
         owners = [name for name in descriptions if full.startswith(name + ".")]
         if not owners:
-            problems.append(f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}")
+            problems.append(f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}.")
             continue
         wanted = {
             owner: named for owner in owners if (named := _named(descriptions[owner].variables, full[len(owner) + 1 :]))
@@ -47,8 +47,8 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
         if not wanted:
             owner = max(owners, key=len)
             name = full[len(owner) + 1 :]
-            whole = dict.fromkeys(v.partition("[")[0] for v in descriptions[owner].variables)
-            problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + close_to(name, whole))
+            text = unknown_variable(owner, name, descriptions[owner].named("parameter"))
+            problems.append(f"parameter {full!r}: {text}")
         for owner, named in wanted.items():
             try:
                 for name, element in zip(named, spread(value, named), strict=True):
@@ -57,10 +57,19 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
                         raise ValueError(why_not(variable) + _start_of(name, descriptions[owner].variables))
                     starts.setdefault(owner, {})[name] = (variable, variable.domain.read(element))
             except ValueError as error:
-                problems.append(f"parameter {full!r}: {error}")
+                problems.append(f"parameter {full!r}: {error}.")
     if problems:
         raise UsageError("\n".join(problems))
     return starts
+
+
+def unknown_variable(component: str, name: str, variables: Sequence[FmuVariable]) -> str:
+    """Say that a component lacks a variable, and which of a causality it has."""
+    groups = list(dict.fromkeys(v.name.partition("[")[0] for v in variables))
+    kind = variables[0].causality if variables else "variable"
+    more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
+    close = close_to(name, [*(v.name for v in variables), *groups]) or "."
+    return f"{component} has no variable {name!r}{close} Its {kind}s: {', '.join(groups[:12]) or 'none'}{more}."
 
 
 def _named(variables: Mapping[str, FmuVariable], name: str) -> list[str]:
