@@ -112,32 +112,30 @@ def check_system(
         raise UsageError("\n".join(wrong))
     if feed is not None:
         links += feed.links
-        checker.notes += feed.notes
     checker.inputs(links)
     starts = checker.start_values()
     # start values of inputs in parameter sets are common and need no note
     fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
         notes = _fed(name, values, fixed, "the value of the parameter set")
-        checker.notes += [finding("SSP057", note) for note in notes]
+        checker.findings += [finding("SSP057", note) for note in notes]
     sources = descriptions if feed is None else {**descriptions, SOURCE: feed.description}
     algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
     if feed is not None:
         blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
         schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
     notes += [f"algebraic loop during initialization, solved: {loop}" for loop in dict.fromkeys(schedule.initial.loops)]
-    checker.problems += [finding("SSP039", loop) for loop in loops]
-    checker.notes += [finding("SSP039", note) for note in notes]
+    checker.findings += [finding("SSP039", loop) for loop in loops] + [finding("SSP059", note) for note in notes]
     problems, notes = _check_abilities(descriptions, links, schedule, algorithm, repeats)
-    checker.problems += [finding("RUN007", problem) for problem in problems]
-    checker.notes += [finding("RUN007", note) for note in notes]
-    if checker.problems:
-        error = SspError(list(dict.fromkeys(checker.problems)))
+    checker.findings += [finding("RUN007", each) for each in problems] + [finding("RUN010", each) for each in notes]
+    if problems := checker.problems:
+        error = SspError(list(dict.fromkeys(problems)))
         error.notes = checker.notes
         raise error
+    notes = *checker.notes, *(feed.notes if feed is not None else ())
     checked = Checked(
         system, descriptions, tuple(links), algorithm, schedule,
-        {name: list(values.values()) for name, values in starts.items()}, tuple(checker.notes), feed,
+        {name: list(values.values()) for name, values in starts.items()}, notes, feed,
         tuple(checker.clock_links),
     )  # fmt: skip
     return with_parameters(checked, parameters or {})

@@ -26,7 +26,7 @@ from vdfmu.engine.package.system import (
 )
 from vdfmu.engine.package.wiring import CONVERT, fits, show_shape
 from vdfmu.engine.plan.conversion import Conversion, Link, MisfitError, Port, compose
-from vdfmu.engine.rules import Finding, finding
+from vdfmu.engine.rules import Finding, finding, notes_in, problems_in
 
 Starts = dict[str, dict[str, tuple[FmuVariable, Value]]]
 """Variables and their values by component and name."""
@@ -99,8 +99,7 @@ class Checker:
         self, system: FlatSystem, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
     ) -> None:
         self.system, self.strict, self.ignore_unmatched, self.parameters = system, strict, ignore_unmatched, parameters
-        self.problems = list(system.problems)
-        self.notes: list[str] = [*system.notes]
+        self.findings = [*system.problems, *system.notes]
         self.descriptions: dict[str, Description] = {}
         self.clock_links: list[tuple[Port, Port]] = []
         self._reported: set[Hashable] = set()
@@ -109,15 +108,15 @@ class Checker:
 
     def _unmatched(self, text: Finding) -> None:
         if self.ignore_unmatched:
-            self.notes.append(text.reworded(f"{text}; the value is ignored"))
+            self.findings.append(finding("SSP057", f"{text}; the value is ignored", (text.file, text.line)))
         else:
             way = "ignore_unmatched, 'vdfmu run --ignore-unmatched'"
-            self.problems.append(text.reworded(f"{text}; correct the name, or have it ignored: {way}"))
+            self.findings.append(text.reworded(f"{text}; correct the name, or have it ignored: {way}"))
 
     def read(self) -> None:
         """Read the FMUs and check the connectors against their variables."""
         if not self.system.components:
-            self.problems.append(finding("SSP023", f"{self.system.path.name}: the system has no components"))
+            self.findings.append(finding("SSP023", f"{self.system.path.name}: the system has no components"))
         with ExitStack() as stack:
             path = self.system.path
             opened = cache(lambda: stack.enter_context(Archive(path, path.name)))
@@ -132,7 +131,7 @@ class Checker:
                     for connector in component.connectors.values():
                         for rule, text in self._connector(connector, description):
                             text = f"{component.name}.{connector.name}: {text}"
-                            self.problems.append(finding(rule, text, connector.place))
+                            self.findings.append(finding(rule, text, connector.place))
         self._same_names()
         users: dict[str, list[str]] = {}
         for name, description in self.descriptions.items():
@@ -141,7 +140,7 @@ class Checker:
         for source, names in users.items():
             if len(names) > 1:
                 text = f"{', '.join(names)}: {source} can be instantiated only once per process"
-                self.problems.append(finding("SSP046", text))
+                self.findings.append(finding("SSP046", text))
 
     def _inspect(
         self, package: Callable[[], Archive], component: Component, sizes: dict[str, Value]
@@ -158,7 +157,7 @@ class Checker:
         description, problems = read[place]
         if key not in self._reported:
             self._reported.add(key)
-            self.problems += [problem.within(component.name) for problem in problems]
+            self.findings += [problem.within(component.name) for problem in problems]
         return description
 
     def _sizes(self, component: Component, description: Description) -> dict[str, Value]:
@@ -182,7 +181,7 @@ class Checker:
                 for variable in description.variables:
                     if f"{inner}.{variable}" in names:
                         text = f"{name}.{variable}: two variables have this name, of {outer} and of {name}"
-                        self.notes.append(finding("SSP021", f"{text}; rename a component"))
+                        self.findings.append(finding("SSP021", f"{text}; rename a component"))
 
     def _connector(self, connector: Connector, description: Description) -> Iterator[tuple[str, str]]:
         """Yield the rules that a connector breaks, compared with the variable of its name."""
@@ -239,7 +238,7 @@ class Checker:
                 continue
 
             def fault(rule: str, text: str, connection: Connection = connection) -> None:
-                self.problems.append(finding(rule, f"connection {connection}: {text}", connection.hops[-1].place))
+                self.findings.append(finding(rule, f"connection {connection}: {text}", connection.hops[-1].place))
 
             types = [source.declared, *(h.type for h in connection.hops[:-1] if h.type), sink.declared]
             if len({type_of(name) for name in types}) > 1:
@@ -264,7 +263,7 @@ class Checker:
             suppressed = any(hop.suppress_unit_conversion for hop in connection.hops) and source.type == "Real"
             if suppressed and unit is not None and target is not None and not unit.same_as(target):
                 text = f"connection {connection}: passes {unit.name!r} as {target.name!r}, without a conversion"
-                self.notes.append(finding("SSP034", text, connection.hops[-1].place))
+                self.findings.append(finding("SSP058", text, connection.hops[-1].place))
             if shape != other:
                 fault("SSP035", f"dimension mismatch, {show_shape(shape)} to {show_shape(other)}")
             links += [
@@ -279,14 +278,24 @@ class Checker:
         named = {c.end: c.indices[1] for c in self.system.connections} | set_here
         fed = {link.end for link in links}
         fed |= {(port[0], v.name) for port, index in named.items() for v in self._elements(port, index)[0]}
-        report = self.problems if self.strict else self.notes
         for name, description in self.descriptions.items():
             for variable in description.named("input"):
                 if variable.clock is not None and not variable.clock.triggered:
                     continue  # the master ticks it
                 if (name, variable.name) not in fed:
                     text = f"{name}.{variable.name}: input is not connected and keeps its start value"
-                    report.append(finding("SSP038", text))
+                    self.findings.append(finding("SSP038", text))
+
+    @property
+    def problems(self) -> list[Finding]:
+        """What refuses the run; with `strict` an input without a value too."""
+        unfed = [each for each in self.notes if self.strict and each.rule.number == "SSP038"]
+        return problems_in(self.findings) + unfed
+
+    @property
+    def notes(self) -> list[Finding]:
+        """What does not."""
+        return notes_in(self.findings)
 
     def start_values(self) -> Starts:
         """Check the bound parameters and convert them to the units of the FMUs."""
@@ -316,7 +325,7 @@ class Checker:
                     except MisfitError as error:
                         faults.append((_OF_VALUE[error.kind], str(error)))
                 for rule, text in dict.fromkeys(faults):
-                    self.problems.append(finding(rule, f"{where}: {text}", parameter.place))
+                    self.findings.append(finding(rule, f"{where}: {text}", parameter.place))
         return starts
 
     def _exists(self, component: str, name: str) -> bool:
