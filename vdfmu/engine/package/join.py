@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing
 from vdfmu.base.measure import BASE_UNITS
-from vdfmu.base.text import close_to
+from vdfmu.base.text import close_to, name_fault
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
@@ -24,7 +24,6 @@ from vdfmu.engine.results.recorded import group_of
 Ends = str | Sequence[str]
 Connections = Mapping[str, Ends] | Iterable[tuple[str, Ends]]
 """``component.output`` to one or several ``component.input``; without an index, whole vectors."""
-_NAME = re.compile(r"[A-Za-z_][\w-]*")
 _TYPES = {"Real", "Integer", "Boolean", "String"}
 """Types of SSP 1.0 that need nothing further; a connector may leave the others out."""
 _CAUSALITIES = {"from": ("output", "calculatedParameter", "parameter"), "to": ("input", "parameter")}
@@ -77,8 +76,9 @@ def join(
     """
     if not fmus:
         raise UsageError("components must be at least one, got none. Give a name and an FMU: {'plant': 'Plant.fmu'}.")
-    if bad := [each for each in fmus if not _NAME.fullmatch(each)]:
-        raise UsageError(f"component {bad[0]!r}: name must have letters, digits and _ only. Rename it.")
+    for each, dots in (*dict.fromkeys(fmus, False).items(), (name, True)):
+        if expected := name_fault(each, dots):
+            raise UsageError(f"{'name' if dots else 'component'}: expected {expected}, got {each!r:.60}.")
     ports = _Ports({component: _described(component, Path(fmu)) for component, fmu in fmus.items()})
     read = ports.descriptions.values()
     stop = max((each.stop for each in read if each.stop is not None), default=1.0) if stop is None else stop
@@ -176,7 +176,7 @@ def _structure(ports: _Ports, pairs: Any, bound: Starts, name: str, experiment: 
     system = add(top, "ssd:System", name=name)
     elements = add(system, "ssd:Elements")
     for component, description in ports.descriptions.items():
-        element = add(elements, "ssd:Component", name=component, source=f"resources/{component}.fmu",
+        element = add(elements, "ssd:Component", name=component, source=quote(f"resources/{component}.fmu"),
                        type="application/x-fmu-sharedlibrary")  # fmt: skip
         variables = [v for kind in ("input", "output") for v in description.named(kind)]
         used = {id(v): v for pair in pairs for owner, v in pair if owner == component}

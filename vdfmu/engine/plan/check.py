@@ -11,12 +11,12 @@ from vdfmu.engine.algorithms import ALGORITHMS, DELAYED, Algorithm, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import FlatSystem, Value
-from vdfmu.engine.plan.checker import Checker, overrides
+from vdfmu.engine.plan.checker import Checker, overrides, unfed
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.feed import Feed, feed_inputs
 from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.plan.schedule import Schedule, choose_schedule
-from vdfmu.engine.rules import finding
+from vdfmu.engine.rules import Finding, finding
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def check_system(
     """
     if algorithm is not None and algorithm not in ALGORITHMS:
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS.names())}")
-    checker = Checker(system, strict, ignore_unmatched, parameters or {})
+    checker = Checker(system, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
     descriptions = {c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions}
@@ -138,7 +138,11 @@ def check_system(
         {name: list(values.values()) for name, values in starts.items()}, notes, feed,
         tuple(checker.clock_links),
     )  # fmt: skip
-    return with_parameters(checked, parameters or {})
+    checked = with_parameters(checked, parameters or {})
+    unset = [each for each in checked.notes if isinstance(each, Finding) and each.rule.number == "SSP038"]
+    if strict and unset:
+        raise SspError(unset)
+    return checked
 
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
@@ -148,6 +152,8 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
     notes = [*checked.notes]
     for name, values in overrides(checked.descriptions, parameters).items():
         starts.setdefault(name, {}).update(values)
+        without = {unfed(name, each) for each in values}
+        notes = [each for each in notes if each not in without]
         notes += _fed(name, values, fed, "the value that was given")
     return replace(checked, starts={name: list(each.values()) for name, each in starts.items()}, notes=tuple(notes))
 

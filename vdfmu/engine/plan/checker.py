@@ -72,6 +72,11 @@ def unknown_variable(component: str, name: str, variables: Sequence[FmuVariable]
     return f"{component} has no variable {name!r}{close} Its {kind}s: {', '.join(groups[:12]) or 'none'}{more}."
 
 
+def unfed(component: str, variable: str) -> Finding:
+    """Return the finding of an input without a connection and a value."""
+    return finding("SSP038", f"{component}.{variable}: input is not connected and keeps its start value")
+
+
 def _named(variables: Mapping[str, FmuVariable], name: str) -> list[str]:
     return [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
 
@@ -95,10 +100,8 @@ _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculate
 class Checker:
     """Collects problems and notes of a system; for parameters see `vdfmu.engine.plan.check.check_system`."""
 
-    def __init__(
-        self, system: FlatSystem, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
-    ) -> None:
-        self.system, self.strict, self.ignore_unmatched, self.parameters = system, strict, ignore_unmatched, parameters
+    def __init__(self, system: FlatSystem, ignore_unmatched: bool, parameters: Mapping[str, Value]) -> None:
+        self.system, self.ignore_unmatched, self.parameters = system, ignore_unmatched, parameters
         self.findings = [*system.problems, *system.notes]
         self.descriptions: dict[str, Description] = {}
         self.clock_links: list[tuple[Port, Port]] = []
@@ -283,14 +286,12 @@ class Checker:
                 if variable.clock is not None and not variable.clock.triggered:
                     continue  # the master ticks it
                 if (name, variable.name) not in fed:
-                    text = f"{name}.{variable.name}: input is not connected and keeps its start value"
-                    self.findings.append(finding("SSP038", text))
+                    self.findings.append(unfed(name, variable.name))
 
     @property
     def problems(self) -> list[Finding]:
-        """What refuses the run; with `strict` an input without a value too."""
-        unfed = [each for each in self.notes if self.strict and each.rule.number == "SSP038"]
-        return problems_in(self.findings) + unfed
+        """What refuses the run."""
+        return problems_in(self.findings)
 
     @property
     def notes(self) -> list[Finding]:
