@@ -11,6 +11,7 @@ from vdfmu.arm.robot import Robot, check_robot, load_robot
 from vdfmu.arm.units import find_unit, shipped_units
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 from vdfmu.base.progress import Shown, with_progress
 from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.fmu.build import FMI, build_units, unit_name
@@ -24,6 +25,7 @@ Units = _One | Sequence[_One]
 
 @with_progress
 @one_job()
+@checks_types
 def build_fmus(
     robot: Robot | None, out_dir: str | os.PathLike[str], *, units: Units | None = None, start_values: Mapping[str,
     Mapping[str, float]] | None = None, backend: str | None = None, fmi_version: str = FMI_2.name, platforms:
@@ -93,6 +95,7 @@ def build_fmus(
 
 @with_progress
 @one_job()
+@checks_types
 def build(
     unit: str | os.PathLike[str] | type[Unit],
     path: str | os.PathLike[str] | None = None,

@@ -12,7 +12,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from numbers import Integral, Real
 from typing import Any, ForwardRef, ParamSpec, TypeVar, Unpack, cast, get_args, get_origin
 
@@ -63,13 +63,18 @@ class DeclaredOption:
     @property
     def annotation(self) -> str:
         """Type as a text."""
-        return re.sub(r"\b(?:[a-z]+\.)+(?=[A-Z])", "", inspect.formatannotation(self.type).strip("'"))
+        return _plain(self.type)
 
     def entry(self) -> str:
         """Return the entry in the list of parameters of a docstring."""
         kind = self.option.kind or self.annotation.removesuffix(" | None")
         text = textwrap.fill(f"{self.option.text} {self.option.more}", _WIDTH, break_long_words=False)
         return f"{self.name} : {kind}, optional\n{textwrap.indent(text, '    ')}\n"
+
+
+def _plain(annotation: Any) -> str:
+    """Return a type as a text, without the modules of its names."""
+    return re.sub(r"\b(?:[a-z]+\.)+(?=[A-Z])", "", inspect.formatannotation(annotation).strip("'"))
 
 
 def declared(options: Any) -> list[DeclaredOption]:
@@ -95,6 +100,25 @@ def taken_options(function: Callable[..., Any]) -> Any:
     return get_args(annotation)[0] if get_origin(annotation) is Unpack else None
 
 
+def checks_types(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Add to a function a UsageError for all arguments of another type than their annotations, by `_TYPES`."""
+    parameters = inspect.signature(function).parameters.values()
+    leading = [each.name for each in parameters if each.kind is each.POSITIONAL_OR_KEYWORD]
+    variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+    kinds = {each.name: _plain(each.annotation) for each in parameters if each.kind not in variable}
+    exact = {name: [_PLAIN[part] for part in kind.split(" | ") if part in _PLAIN] for name, kind in kinds.items()}
+
+    @wraps(function)
+    def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        given = dict(zip(leading, args, strict=False)) | kwargs
+        odd = [name for name, value in given.items() if name in exact and type(value) not in exact[name]]
+        if problems := [*filter(None, (type_problem(name, kinds[name], given[name]) for name in odd))]:
+            raise UsageError("\n".join(problems))
+        return function(*args, **kwargs)
+
+    return called
+
+
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """Add its options to a function: defaults, signature, docstring, and UsageError for all values of a wrong type."""
     plain = inspect.signature(function)
@@ -111,6 +135,7 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     needed = {e.name for e in plain.parameters.values() if e.default is e.empty and e.kind not in variable}
     names = frozenset(signature.parameters)
     name = function.__qualname__.removesuffix(".__init__")
+    checked = checks_types(function)
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -124,10 +149,10 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
             except TypeError as error:
                 raise TypeError(f"{name}() {error}") from None
         if odd := [each for each, value in kwargs.items() if type(value) not in exact.get(each, ())]:
-            checked = (type_problem(each, k[0], kwargs[each], *k[1:]) for each, k in types.items() if each in odd)
-            if problems := [*filter(None, checked)]:
+            faults = (type_problem(each, k[0], kwargs[each], *k[1:]) for each, k in types.items() if each in odd)
+            if problems := [*filter(None, faults)]:
                 raise UsageError("\n".join(problems))
-        return function(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
+        return checked(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
 
     called.__signature__ = signature  # type: ignore[attr-defined]
     called.__doc__ = _listing(function.__doc__, listed)
@@ -182,9 +207,12 @@ def _texts(value: Any) -> bool:
     return isinstance(value, Iterable) and all(isinstance(each, str) for each in value)
 
 
+def _is_one(name: str, value: Any) -> bool:
+    return any(kind.__name__ == name for kind in type(value).__mro__)
+
+
 _PLAIN = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
 """Types by their annotation."""
-_MAPPING = ("a mapping with texts as keys", lambda value: isinstance(value, Mapping) and _texts(value))
 _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "float": ("a number", _number),
     "int": ("a whole number", lambda value: not isinstance(value, bool) and isinstance(value, Integral)),
@@ -193,21 +221,22 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "PathLike[str]": ("a path", lambda value: isinstance(value, os.PathLike)),
     "Path": ("a pathlib.Path", lambda value: isinstance(value, os.PathLike)),
     "Sequence[Path]": ("a sequence of them", lambda value: isinstance(value, Iterable) and not isinstance(value, str)),
-    "Mapping[str, Any]": _MAPPING,
-    "Mapping[str, Value]": _MAPPING,
+    "Mapping": ("a mapping with texts as keys", lambda value: isinstance(value, Mapping) and _texts(value)),
     "Sequence[str]": ("a sequence of texts", _texts),
     "Literal[False]": ("False", lambda value: value is False),
-    "Robot": ("a Robot", lambda value: any(kind.__name__ == "Robot" for kind in type(value).__mro__)),
-    "Callable[[LogMessage], None]": ("a function", callable),
+    "type": ("a class", lambda value: isinstance(value, type)),
+    "Callable": ("a function", callable),
     "None": ("None", lambda value: value is None),
+    **{name: (f"a {name}", partial(_is_one, name)) for name in ("Robot", "Scenario", "System", "FlatSystem", "Motion")},
 }
-"""Annotation to type in words and its check. Types without a row are not checked."""
+"""Annotation, or its part before a bracket, to type in words and its check. Types without a row are not checked."""
 
 
 @cache
 def _checks(annotation: str) -> list[tuple[str, Callable[[Any], bool]]]:
     """Return the rows of the types of an annotation, ``None`` first; none if one of them has no row."""
-    rows = [_TYPES.get(part) for part in sorted(annotation.split(" | "), key=lambda part: part != "None")]
+    parts = sorted(annotation.split(" | "), key=lambda part: part != "None")
+    rows = [_TYPES.get(part) or _TYPES.get(part.partition("[")[0]) for part in parts]
     return [] if None in rows else [row for row in rows if row is not None]
 
 

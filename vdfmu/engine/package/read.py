@@ -9,6 +9,7 @@ from typing import Any
 
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import SspError
+from vdfmu.base.option import checks_types
 from vdfmu.engine.package import limits, parse
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.bindings import Bindings
@@ -23,6 +24,7 @@ DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
 
 
+@checks_types
 def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 

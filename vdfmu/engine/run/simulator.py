@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option import check_type, lists_options, pick, with_options
+from vdfmu.base.option import check_type, checks_types, lists_options, pick, with_options
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
@@ -198,6 +198,7 @@ class Simulator:
         if failure is not None:
             raise failure
 
+    @checks_types
     def reset(
         self, *, start: float | None = None, stop: float | None = None, step: float | None = None,
         parameters: Mapping[str, Value] | None = None,
@@ -222,6 +223,7 @@ class Simulator:
             self._initialize(session, grid)
             self._by_hand, self._begun = ByHand(session, grid), wanted
 
+    @checks_types
     def step(self, count: int = 1) -> None:
         """Do steps by hand; UsageError beyond the stop, CosimError if a component fails or ends the run."""
         steps = self._by_hand or self._stepped
@@ -231,6 +233,7 @@ class Simulator:
             self._free(error)
             raise
 
+    @checks_types
     def set(self, name: str, value: Any) -> None:
         """Set an unconnected input, or a tunable parameter, ``component.variable``, for the next steps.
 
@@ -238,6 +241,7 @@ class Simulator:
         """
         self._stepped.set(name, value)
 
+    @checks_types
     def get(self, name: str) -> Any:
         """Return the current value of ``component.variable``; without an index all elements of an array."""
         return self._stepped.get(name)
