@@ -207,6 +207,10 @@ def _texts(value: Any) -> bool:
     return isinstance(value, Iterable) and all(isinstance(each, str) for each in value)
 
 
+def _numbers(value: Any) -> bool:
+    return isinstance(value, Iterable) and not isinstance(value, (str, Iterator)) and all(map(_number, value))
+
+
 def _is_one(name: str, value: Any) -> bool:
     return any(kind.__name__ == name for kind in type(value).__mro__)
 
@@ -223,6 +227,7 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "Sequence[Path]": ("a sequence of them", lambda value: isinstance(value, Iterable) and not isinstance(value, str)),
     "Mapping": ("a mapping with texts as keys", lambda value: isinstance(value, Mapping) and _texts(value)),
     "Sequence[str]": ("a sequence of texts", _texts),
+    "Sequence[float]": ("a sequence of numbers", _numbers),
     "Literal[False]": ("False", lambda value: value is False),
     "type": ("a class", lambda value: isinstance(value, type)),
     "Callable": ("a function", callable),

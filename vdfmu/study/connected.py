@@ -168,7 +168,7 @@ class System:
         """Write the system as a package (SSP); return its path."""
         path = Path(path)
         if path.suffix.lower() != ".ssp":
-            raise UsageError(f"path must end in .ssp, got {path}. Write {path.with_suffix('.ssp')}.")
+            raise UsageError(f"path must end in .ssp, got {path}. Write {path.parent / (path.stem or 'system')}.ssp.")
         require_ours(path)
         with storing(path):
             path.parent.mkdir(parents=True, exist_ok=True)

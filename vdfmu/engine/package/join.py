@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import FOREIGN
 from vdfmu.engine.package.system import UnitFactor
 from vdfmu.engine.package.writing import META, add, add_experiment, root, to_bytes, value_text
+from vdfmu.engine.plan.check import require_algorithm
 from vdfmu.engine.plan.checker import Starts, overrides, unknown_variable
 from vdfmu.engine.results.recorded import group_of
 
@@ -79,13 +81,15 @@ def join(
     for each, dots in (*dict.fromkeys(fmus, False).items(), (name, True)):
         if expected := name_fault(each, dots):
             raise UsageError(f"{'name' if dots else 'component'}: expected {expected}, got {each!r:.60}.")
+    for key, time in (("stop", stop), ("step", step)):
+        if time is not None and not 0.0 < time < math.inf:
+            raise UsageError(f"{key}: expected a positive finite time in s, got {time:g}.")
+    require_algorithm(algorithm)
     ports = _Ports({component: _described(component, Path(fmu)) for component, fmu in fmus.items()})
     read = ports.descriptions.values()
     stop = max((each.stop for each in read if each.stop is not None), default=1.0) if stop is None else stop
     step = min((each.step for each in read if each.step is not None), default=1e-3 * stop) if step is None else step
-    items: Any = connections.items() if isinstance(connections, Mapping) else connections
-    ends = [(start, end) for start, listed in items for end in ([listed] if isinstance(listed, str) else listed)]
-    pairs = [pair for start, end in ends for pair in ports.pairs(start, end)]
+    pairs = [pair for start, end in _ends(connections) for pair in ports.pairs(start, end)]
     bound: Starts = {}
     try:
         bound = overrides(ports.descriptions, values or {})
@@ -100,6 +104,22 @@ def join(
         path.parent.mkdir(parents=True, exist_ok=True)
         pack_zip(path, {"SystemStructure.ssd": text, **members})
     return path
+
+
+def _ends(connections: Any) -> list[tuple[str, str]]:
+    """Return each output with an input; UsageError for anything else than texts."""
+    items = connections.items() if isinstance(connections, Mapping) else connections
+    try:
+        ends = [(start, end) for start, listed in items for end in ([listed] if isinstance(listed, str) else listed)]
+    except (TypeError, ValueError):
+        ends = [(connections, None)]
+    for start, end in ends:
+        if not (isinstance(start, str) and isinstance(end, str)):
+            got = f"{start!r:.60}" + (f" -> {end!r:.60}" if end is not None else "")
+            raise UsageError(
+                f"connections: expected 'component.output': 'component.input', or a list of inputs, got {got}."
+            )
+    return ends
 
 
 def _described(component: str, path: Path) -> Description:

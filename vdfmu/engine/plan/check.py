@@ -101,8 +101,7 @@ def check_system(
     UsageError
         For an unknown algorithm, for `inputs` without a free input, and for unknown, fixed or mistyped `parameters`.
     """
-    if algorithm is not None and algorithm not in ALGORITHMS:
-        raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS.names())}")
+    require_algorithm(algorithm)
     checker = Checker(system, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
@@ -143,6 +142,12 @@ def check_system(
     if strict and unset:
         raise SspError(unset)
     return checked
+
+
+def require_algorithm(name: str | None) -> None:
+    """Raise UsageError for the name of an algorithm that there is not."""
+    if name is not None and name not in ALGORITHMS:
+        raise UsageError(f"unknown algorithm {name!r}; there are {', '.join(ALGORITHMS.names())}")
 
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:

@@ -48,11 +48,8 @@ class Task:
         ended: Callable[[dict[str, Floats]], Any] | None = None, vary: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:  # fmt: skip
         self.length, self.hold, self.vary = length, hold, dict(vary or {})
-        self._reward, self._lost, self._ended = (
-            reward,
-            float(_numbers(lost, (), "lost: expected a finite number")),
-            ended,
-        )
+        self._reward, self._ended = reward, ended
+        self._lost = _numbers(lost, (), "lost: expected a finite number")
         self.inputs, self.action_units, self.least, self.limit, self.actions = _groups(tables, actions, "input")
         self.signals, self.units, self.low, self.high, self.seen = _groups(tables, observations, "output")
         parameters = [f"{name}.{v.name}" for name, table in tables.items() for v in table if v.causality == "parameter"]
