@@ -69,9 +69,10 @@ class FmuVariable:
     """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
     `type` is Real, Integer, Enumeration, Boolean, String or Binary, `native` the type in the names of its functions,
-    `items` the items of an enumeration, `nominal` the size of its values in its unit if stated, `limits` the least and
-    the largest value. `index` is its position among the `length` elements of the array, row by row. `reference` and
-    `clocks` are value references, of itself and of its clocks. `clock` holds the properties of a clock.
+    `items` the items of an enumeration or of a choice of a unit, `nominal` the size of its values in its unit if
+    stated, `limits` the least and the largest value. `index` is its position among the `length` elements of the array,
+    row by row. `reference` and `clocks` are value references, of itself and of its clocks. `clock` holds the properties
+    of a clock.
     """
 
     name: str
@@ -139,26 +140,32 @@ def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
 
 
 def read_variables(
-    model: ModelDescription, relative: set[str], units: Mapping[str, UnitFactor], clocks: Mapping[str, Any]
-) -> dict[str, FmuVariable]:
-    """Return the variables of fmpy's description by their names, arrays by their elements."""
+    model: ModelDescription, relative: set[str], units: Mapping[str, UnitFactor], clocks: Mapping[str, Any],
+    names: Mapping[str, Mapping[str, int]],
+) -> dict[str, FmuVariable]:  # fmt: skip
+    """Return the variables of fmpy's description by their names, arrays by their elements.
+
+    `relative` has the names of relative quantities, `clocks` the elements of clocks, and `names` names of the values
+    of integers, each by variable.
+    """
     version = MASTER_VERSIONS[str(model.fmiVersion)]
     variables: dict[str, FmuVariable] = {}
     for v in model.modelVariables:
         declared = v.declaredType
         unit = v.unit or (declared.unit if declared is not None else None)
-        names = element_names(v.name, v.shape)
-        nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(names))
-        for index, (name, start, nominal) in enumerate(zip(names, start_values(v), nominals, strict=True)):
+        elements = element_names(v.name, v.shape)
+        items = {str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None
+        nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(elements))
+        for index, (name, start, nominal) in enumerate(zip(elements, start_values(v), nominals, strict=True)):
             variables[name] = FmuVariable(
                 name, v.valueReference, type_of(v.type), v.causality, v.variability, v.initial,
                 unit=units.get(unit, UnitFactor(unit)) if unit else None,
                 relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
-                items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
+                items=items or names.get(name),
                 nominal=abs(float(nominal or 0)) or None,
                 limits=_limits_of(v),
                 native=version.enumeration if v.type == "Enumeration" else v.type,
-                index=index, length=len(names), start=start,
+                index=index, length=len(elements), start=start,
                 clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
                 clock=_read_clock(clocks[name]) if name in clocks else None,
             )  # fmt: skip

@@ -138,10 +138,16 @@ def check_system(
         tuple(checker.clock_links),
     )  # fmt: skip
     checked = with_parameters(checked, parameters or {})
-    unset = [each for each in checked.notes if isinstance(each, Finding) and each.rule.number == "SSP038"]
-    if strict and unset:
-        raise SspError(unset)
+    if strict:
+        require_values(checked)
     return checked
+
+
+def require_values(checked: Checked) -> None:
+    """Raise SspError for inputs that have neither a connection nor a value."""
+    unset = [each for each in checked.notes if isinstance(each, Finding) and each.rule.number == "SSP038"]
+    if unset:
+        raise SspError(unset)
 
 
 def require_algorithm(name: str | None) -> None:

@@ -342,7 +342,8 @@ class Checker:
                     value = hop.transformation.names.get(value, value)
             hops = ()
         domain = variable.domain  # its limits are those of the converted value
-        names = domain.names if isinstance(value, str) else None
+        mapped = any(hop.transformation is not None for hop in hops)
+        names = None if mapped else domain.names
         try:
             if parameter.type == "String" != variable.type:
                 raise domain.misfit(value)

@@ -19,7 +19,7 @@ from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
-from vdfmu.engine.plan.check import Checked, check_system, with_parameters, with_steps
+from vdfmu.engine.plan.check import Checked, check_system, require_values, with_parameters, with_steps
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
@@ -122,7 +122,7 @@ class Simulator:
         self._tables = read_inputs(options["inputs"], bool(options["input_hold"]))
         self._checked = check_system(
             self._system, options["parameters"], inputs=self._tables, algorithm=options["algorithm"],
-            repeats=options["adaptive"] is not None, strict=options["strict"],
+            repeats=options["adaptive"] is not None,
             ignore_unmatched=options["ignore_unmatched"],
         )  # fmt: skip
         self._apart = None
@@ -276,6 +276,8 @@ class Simulator:
         if self._checked is None:
             raise UsageError("Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'.")
         checked = with_steps(with_parameters(self._checked, _mapping(parameters)), step)
+        if self._options["strict"]:
+            require_values(checked)
         if changed := _sizes(checked).items() - _sizes(self._checked).items():
             names = ", ".join(sorted(name for name, _ in changed))
             raise UsageError(f"parameters: {names}: sizes of arrays must be constant; give them to the Simulator.")
