@@ -117,7 +117,7 @@ def _ends(connections: Any) -> list[tuple[str, str]]:
         if not (isinstance(start, str) and isinstance(end, str)):
             got = f"{start!r:.60}" + (f" -> {end!r:.60}" if end is not None else "")
             raise UsageError(
-                f"connections: expected 'component.output': 'component.input', or a list of inputs, got {got}."
+                f"connections: expected 'component.output' to one or several 'component.input', got {got}."
             )
     return ends
 
