@@ -100,19 +100,20 @@ def taken_options(function: Callable[..., Any]) -> Any:
     return get_args(annotation)[0] if get_origin(annotation) is Unpack else None
 
 
-def checks_types(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Add to a function a UsageError for all arguments of another type than their annotations, by `_TYPES`."""
+def checks_types(function: Callable[_P, _T], options: Iterable[DeclaredOption] = ()) -> Callable[_P, _T]:
+    """Add to a function, with `options`, a UsageError for all arguments of other types, by `_TYPES`."""
     parameters = inspect.signature(function).parameters.values()
     leading = [each.name for each in parameters if each.kind is each.POSITIONAL_OR_KEYWORD]
-    variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
-    kinds = {each.name: _plain(each.annotation) for each in parameters if each.kind not in variable}
-    exact = {name: [_PLAIN[part] for part in kind.split(" | ") if part in _PLAIN] for name, kind in kinds.items()}
+    types = {p.name: (_plain(p.annotation),) for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)}
+    types |= {o.name: (o.annotation, o.option.kind, o.option.choices) for o in options}
+    exact = {name: [_PLAIN[part] for part in kind[0].split(" | ") if part in _PLAIN] for name, kind in types.items()}
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         given = dict(zip(leading, args, strict=False)) | kwargs
         odd = [name for name, value in given.items() if name in exact and type(value) not in exact[name]]
-        if problems := [*filter(None, (type_problem(name, kinds[name], given[name]) for name in odd))]:
+        faults = (type_problem(name, types[name][0], given[name], *types[name][1:]) for name in odd)
+        if problems := [*filter(None, faults)]:
             raise UsageError("\n".join(problems))
         return function(*args, **kwargs)
 
@@ -127,15 +128,13 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     kind = inspect.Parameter.KEYWORD_ONLY
     parameters += [inspect.Parameter(o.name, kind, default=o.option.default, annotation=o.annotation) for o in listed]
     signature = plain.replace(parameters=parameters)
-    types = {o.name: (o.annotation, o.option.kind, o.option.choices) for o in listed}
-    exact = {o.name: [_PLAIN[part] for part in o.annotation.split(" | ") if part in _PLAIN] for o in listed}
     defaults = {each.name: each.option.default for each in listed}
     leading = [each.name for each in plain.parameters.values() if each.kind is each.POSITIONAL_OR_KEYWORD]
     variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
     needed = {e.name for e in plain.parameters.values() if e.default is e.empty and e.kind not in variable}
     names = frozenset(signature.parameters)
     name = function.__qualname__.removesuffix(".__init__")
-    checked = checks_types(function)
+    checked = checks_types(function, listed)
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -148,10 +147,6 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
                 signature.bind(*args, **kwargs)
             except TypeError as error:
                 raise TypeError(f"{name}() {error}") from None
-        if odd := [each for each, value in kwargs.items() if type(value) not in exact.get(each, ())]:
-            faults = (type_problem(each, k[0], kwargs[each], *k[1:]) for each, k in types.items() if each in odd)
-            if problems := [*filter(None, faults)]:
-                raise UsageError("\n".join(problems))
         return checked(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
 
     called.__signature__ = signature  # type: ignore[attr-defined]

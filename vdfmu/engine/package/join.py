@@ -18,7 +18,7 @@ from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import FOREIGN
 from vdfmu.engine.package.system import UnitFactor
-from vdfmu.engine.package.writing import META, add, add_experiment, root, to_bytes, value_text
+from vdfmu.engine.package.writing import META, add, add_experiment, root, to_bytes
 from vdfmu.engine.plan.check import require_algorithm
 from vdfmu.engine.plan.checker import Starts, overrides, unknown_variable
 from vdfmu.engine.results.recorded import group_of
@@ -116,9 +116,7 @@ def _ends(connections: Any) -> list[tuple[str, str]]:
     for start, end in ends:
         if not (isinstance(start, str) and isinstance(end, str)):
             got = f"{start!r:.60}" + (f" -> {end!r:.60}" if end is not None else "")
-            raise UsageError(
-                f"connections: expected 'component.output' to one or several 'component.input', got {got}."
-            )
+            raise UsageError(f"connections: expected 'component.output' to one or several inputs, got {got}.")
     return ends
 
 
@@ -215,7 +213,7 @@ def _structure(ports: _Ports, pairs: Any, bound: Starts, name: str, experiment: 
             for variable, value in bound[component].values():
                 kind = type_of(variable.native)
                 kind = kind if kind in _TYPES else "Integer"
-                add(add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=value_text(kind, value))
+                add(add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=value)
     wires = add(system, "ssd:Connections") if pairs else None
     for (start, source), (end, sink) in pairs:
         plain = source.unit != sink.unit and (_is_plain(source.unit) or _is_plain(sink.unit))

@@ -29,16 +29,14 @@ def root(name: str, attributes: Mapping[str, str], prefixes: Iterable[str]) -> A
 
 def add(parent: Any, name: str, /, **attributes: Any) -> Any:
     """Append an element ``prefix:name`` with the attributes except None."""
-    # repr: the shortest text of a float that reads back as the same number
-    texts = {k: repr(float(v)) if isinstance(v, float) else str(v) for k, v in attributes.items() if v is not None}
+    texts = {key: _text(value) for key, value in attributes.items() if value is not None}
     return etree.SubElement(parent, _tag(name), texts)
 
 
-def value_text(kind: str, value: Any) -> str:
-    """Return a parameter's value of a type of SSP as text."""
-    if kind == "Boolean":
-        return str(bool(value)).lower()
-    return repr(float(value)) if kind == "Real" else str(value)
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return repr(float(value))  # the shortest text that reads back as the same number
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def add_experiment(top: Any, stop: float, step: float | None, **ours: Any) -> None:
