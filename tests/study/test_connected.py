@@ -84,8 +84,8 @@ def test_all_faults_of_names_come_at_once_and_misfits_name_both_ends():
         "a.y -> b.v: b has no variable 'v'. Its inputs: u.",
         "parameter 'a.w': a has no variable 'w'. Its parameters: T, y_0, tolerance, solver.",
     ]
-    with pytest.raises(UsageError, match="component 'a b': name must have letters"):
-        vdfmu.connect({"a b": Lag})
+    with pytest.raises(UsageError, match="component: expected a name of letters, digits, spaces and _"):
+        vdfmu.connect({"a.b": Lag})
     with pytest.raises(UsageError, match="components must be at least one"):
         vdfmu.connect({})
     with pytest.raises(UsageError, match=r"f.y -> arm.tau: lengths must be equal, got 1 and 2\. Connect elements"):

@@ -110,9 +110,9 @@ def checks_types(function: Callable[_P, _T], options: Iterable[DeclaredOption] =
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        given = dict(zip(leading, args, strict=False)) | kwargs
-        odd = [name for name, value in given.items() if name in exact and type(value) not in exact[name]]
-        faults = (type_problem(name, types[name][0], given[name], *types[name][1:]) for name in odd)
+        arguments = dict(zip(leading, args, strict=False)) | kwargs
+        odd = [name for name, value in arguments.items() if name in exact and type(value) not in exact[name]]
+        faults = (type_problem(name, types[name][0], arguments[name], *types[name][1:]) for name in odd)
         if problems := [*filter(None, faults)]:
             raise UsageError("\n".join(problems))
         return function(*args, **kwargs)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from vdfmu.study.batch.make import make_program
 from vdfmu.study.environment.tasks import Task, TrackingTask, episode, opened
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
-
-if TYPE_CHECKING:
-    from vdfmu.study.connected import System
 
 try:
     import gymnasium
@@ -97,7 +93,7 @@ class Environment(gymnasium.Env[Floats, Floats]):
     @checks_types
     def __init__(
         self,
-        system: System | Scenario | str | os.PathLike[str],
+        system: Any,
         actions: Mapping[str, Any],
         observations: Mapping[str, Any] | Sequence[str],
         reward: Callable[[dict[str, Floats], dict[str, Floats]], Any],
@@ -110,6 +106,7 @@ class Environment(gymnasium.Env[Floats, Floats]):
         vary: Mapping[str, tuple[float, float]] | None = None,
         values: Mapping[str, Any] | None = None,
     ) -> None:
+        check_type("system", "System | Scenario | str | PathLike[str]", system)
         seen = observations if isinstance(observations, Mapping) else dict.fromkeys(observations)
         self._system = system  # a System has the folder of its FMUs
         with ExitStack() as stack:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import check_type
 from vdfmu.study.options import SAMPLES
 
 _FORMS = {
@@ -81,6 +82,7 @@ class Axis:
 
 def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
     """Read axes, ``TARGET=FORM``, or target to form or values. UsageError has a line for each that cannot be read."""
+    check_type("vary", "Mapping[str, Any] | Sequence[str]", over)
     pairs: list[tuple[str, Any]] = []
     problems: list[str] = []
     if isinstance(over, Mapping):

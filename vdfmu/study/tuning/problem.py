@@ -17,7 +17,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option import pick, with_options
+from vdfmu.base.option import check_type, pick, with_options
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.linear.growth import Along, Poses
 from vdfmu.engine.linear.linearise import can_change
@@ -172,6 +172,7 @@ def _elements(
     scenario: Any, vary: Mapping[str, Any] | Sequence[str], settings: Mapping[str, Any], together: bool
 ) -> tuple[list[Axis], list[float]]:
     """Return an axis and the scenario's value for each number, or of factors for each parameter if `together`."""
+    check_type("vary", "Mapping[str, Any] | Sequence[str]", vary)
     axes = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
     values = system_values(scenario, settings)
     elements: list[Axis] = []
