@@ -32,9 +32,9 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
         if kind == "TOML":
             kind = kind_of(read_toml(path))
         with reading_only():
-            findings.notes += _findings("SRC002", _CHECKS[kind](path, default), path)
+            findings.entries += _findings("SRC002", _CHECKS[kind](path, default), path)
     except VdfmuError as error:
-        findings.problems += _findings("SRC001", str(error).splitlines(), path)
+        findings.entries += _findings("SRC001", str(error).splitlines(), path)
     except CodeNotRunError as code:
         if run:
             say(str(code.file))
@@ -44,7 +44,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
             text = f"{code.file} is code and was not run (--no-run): only its syntax was read"
             if code.file != path:
                 text += f"; the parts of {path.name} that depend on it were not checked"
-            findings.notes.append(finding("RUN006", text, (str(path), 0)))
+            findings.entries.append(finding("RUN006", text, (str(path), 0)))
     return Report.of(findings, path, kind)
 
 
@@ -59,7 +59,7 @@ def _run(words: str, path: Path, *_: Any) -> Findings:
     """Check a file in this process, with its code. `words` are its kind and the robot."""
     kind, robot = words.split(" ", 1)
     try:
-        return Findings(notes=[*_findings("SRC002", _CHECKS[kind](path, load_robot(robot)), path)])
+        return Findings([*_findings("SRC002", _CHECKS[kind](path, load_robot(robot)), path)])
     except VdfmuError as error:
         return Findings([*_findings("SRC001", str(error).splitlines(), path)])
 

@@ -51,7 +51,7 @@ def try_abilities(path: Path, start: float, step: float, watch: Watch) -> Findin
         except CosimError as error:
             problem = str(error)
         if problem:
-            findings.problem("RUN009", f"{ability}: {problem}")
+            findings.report("RUN009", f"{ability}: {problem}")
     return findings
 
 
