@@ -24,7 +24,7 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.text import elided
-from vdfmu.engine.results.parquet import checked, needed
+from vdfmu.engine.results.parquet import needed
 from vdfmu.study.sweeps.axes import Points
 from vdfmu.study.sweeps.job import Row
 from vdfmu.study.sweeps.worker import KILLED
@@ -282,7 +282,7 @@ def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
     try:
         if columns is not None and not columns:
             return parquet.read_schema(content).empty_table()
-        file = checked(path, parquet.ParquetFile(content, page_checksum_verification=True))
+        file = parquet.ParquetFile(content, page_checksum_verification=True)
         return file.read(columns=columns, use_threads=False)
     except MemoryError:
         raise UsageError(f"{path}: the memory does not hold it.") from None
