@@ -36,6 +36,8 @@ TITLES = {
     ".parquet": "Parquet file",
 }  # fmt: skip
 """Suffixes of the formats, and what their files are called."""
+ARROW = "table.arrow"
+"""Name of the file of a table that is handed back as a whole."""
 
 
 class Block(NamedTuple):
@@ -103,39 +105,52 @@ def imported(feature: str, package: str, extra: str, *modules: str) -> tuple[Mod
 
 
 def read_foreign(path: Path) -> Foreign:
-    """Read a file of one of the formats in `TITLES`, by its suffix.
+    """Read the numbers of a file of one of the formats in `TITLES`, by its suffix.
 
     Links to other files, objects, cells and other content without numbers are left out. UsageError if the file cannot
     be read, unpacks to more than its limit, or ends the process that reads it. StorageError if the folder of temporary
     files cannot hold its numbers.
     """
-    title = TITLES[path.suffix.lower()]
+    with temporary_folder("vdfmu_read_") as folder:
+        reply = _answer(path, TITLES[path.suffix.lower()], folder, None)
+        blocks = _blocks(Path(folder), reply["blocks"])
+    return Foreign(path, reply["names"], blocks, reply["texts"], reply["units"], reply["left_out"])
+
+
+def read_arrow(path: Path, columns: Sequence[str] | None = None) -> bytes:
+    """Return a Parquet file, or some of its columns, as a file of Arrow's format; errors as `read_foreign`."""
+    with temporary_folder("vdfmu_read_") as folder:
+        _answer(path, "Parquet file", folder, "all" if columns is None else [*columns])
+        return Path(folder, ARROW).read_bytes()
+
+
+def _answer(path: Path, title: str, folder: str, columns: Any) -> dict[str, Any]:
+    """Return the answer of the process that reads."""
     try:
+        if path.exists() and not path.is_file():
+            raise OSError("it is a folder, a device or a pipe")
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
-        if not path.is_file():
-            raise OSError("a device or a pipe")
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror or error}") from None
     most = max(LEAST, RATIO * size)
-    with temporary_folder("vdfmu_read_") as folder, _LOCK:
+    with _LOCK:
         child = _child()
         child.limit = SECONDS + size / RATE
         try:
-            child.send((str(path.absolute()), folder, most))
+            child.send((str(path.absolute()), folder, most, columns))
             reply = child.take()
         except EOFError:
             raise UsageError(f"{path}: expected a {title}, but {_lost(child)}") from None
         except BaseException:
             _end()
             raise
-        if reply["full"]:
-            raise StorageError(f"{path}: the folder of temporary files cannot hold its numbers: {reply['full']}.")
-        if reply["fault"]:
-            got = "" if reply["said"] else f"expected a {title}, got unreadable content: "
-            raise UsageError(f"{path}: {got}{reply['fault']}")
-        blocks = _blocks(Path(folder), reply["blocks"])
-    return Foreign(path, reply["names"], blocks, reply["texts"], reply["units"], reply["left_out"])
+    if reply["full"]:
+        raise StorageError(f"{path}: the folder of temporary files cannot hold its numbers: {reply['full']}.")
+    if reply["fault"]:
+        got = "" if reply["said"] else f"expected a {title}, got unreadable content: "
+        raise UsageError(f"{path}: {got}{reply['fault']}")
+    return reply
 
 
 def _blocks(folder: Path, listed: Sequence[Any]) -> list[Block]:

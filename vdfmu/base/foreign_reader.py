@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.csv_file import repeated
 from vdfmu.base.errors import UsageError
-from vdfmu.base.foreign import imported
+from vdfmu.base.foreign import ARROW, imported
 from vdfmu.base.process import Parent, limit
 
 _LIBRARIES = 2**30
@@ -123,25 +123,25 @@ def _npz(path: str, store: Store) -> None:
 def _hdf5(path: str, store: Store, feature: str = "an HDF5 file") -> None:
     """Read the arrays of HDF5, each group once, without links. MATLAB's classes and its transposed arrays are known."""
     (h5py,) = imported(feature, "h5py", "matlab", "h5py")
-    inside: list[str] = []
+    links: list[tuple[str, Any]] = []
+    whole: tuple[str, ...] = ()
+    """Beginnings of names in groups that are one variable."""
     with h5py.File(path, "r") as tree:
-
-        def visit(name: str, link: Any) -> None:
-            parts = name.split("/")
-            if name[:1] == "#" or name.startswith(tuple(inside)):
-                return
+        tree.visititems_links(lambda name, link: links.append((name, link)))
+        for place, link in links:
+            name = place.replace("/", ".")
+            if place.startswith(("#", *whole)):
+                continue
             if not isinstance(link, h5py.HardLink):
-                store.leave(".".join(parts), "a link")
-                return
-            item = tree[name]
-            sparse, kind = item.attrs.get("MATLAB_sparse"), item.attrs.get("MATLAB_class", b"").decode()
+                store.leave(name, "a link")
+                continue
+            item = tree[place]
+            sparse, kind = item.attrs.get("MATLAB_sparse"), item.attrs.get("MATLAB_class", b"")
             if sparse is not None:
-                inside.append(f"{name}/")
-                store.add(".".join(parts), _sparse(item, int(sparse)))
+                whole += (f"{place}/",)
+                store.add(name, _sparse(item, int(sparse)))
             elif isinstance(item, h5py.Dataset):
-                _dataset(".".join(parts), item, kind, store)
-
-        tree.visititems_links(visit)
+                _dataset(name, item, kind.decode() if isinstance(kind, bytes) else str(kind), store)
 
 
 def _sparse(group: Any, rows: int) -> Any:
@@ -172,8 +172,7 @@ def _dataset(name: str, item: Any, kind: str, store: Store) -> None:
 
 def _parquet(path: str, store: Store) -> None:
     """Read columns of numbers and times, those of one type together, block by block. Missing numbers are NaN."""
-    os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # others reserve address space
-    pa, parquet = imported("Parquet", "pyarrow", "parquet", "pyarrow", "pyarrow.parquet")
+    pa, parquet = _arrow()
     with open(path, "rb") as stream:
         file = parquet.ParquetFile(stream)
         schema = file.schema_arrow
@@ -220,6 +219,23 @@ def _parquet(path: str, store: Store) -> None:
             store.blocks.append((names, kind, dtype, (rows, len(names)), f"columns_{number}", 0))
 
 
+def _table(path: str, folder: str, columns: Any, store: Store) -> None:
+    """Copy a Parquet file, ``all`` of it or some columns, to Arrow's format."""
+    pa, parquet = _arrow()
+    with open(path, "rb") as stream:
+        file = parquet.ParquetFile(stream, page_checksum_verification=True)
+        names = None if columns == "all" else columns
+        table = file.schema_arrow.empty_table() if columns == [] else file.read(names, use_threads=False)
+    store.room(table.nbytes)
+    with open(os.path.join(folder, ARROW), "wb") as sink, pa.ipc.new_file(sink, table.schema) as writer:
+        writer.write_table(table)
+
+
+def _arrow() -> tuple[Any, ...]:
+    os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # others reserve address space
+    return imported("Parquet", "pyarrow", "parquet", "pyarrow", "pyarrow.parquet")
+
+
 def _numbers(pa: Any, column: Any, gaps: bool) -> NDArray[Any]:
     """Return the numbers of a column, times in ns since 1970."""
     if gaps:
@@ -231,12 +247,15 @@ def _numbers(pa: Any, column: Any, gaps: bool) -> NDArray[Any]:
 _READERS = {".mat": _matlab, ".npz": _npz, ".h5": _hdf5, ".hdf5": _hdf5, ".parquet": _parquet}
 
 
-def _answer(path: str, folder: str, most: int) -> dict[str, Any]:
-    """Read a file; return its blocks, texts, units, what was left out, or a fault."""
+def _answer(path: str, folder: str, most: int, columns: Any) -> dict[str, Any]:
+    """Read a file, or `columns` of a table; return its blocks, texts, units, what was left out, or a fault."""
     limit("AS", _LIBRARIES + _COPIES * most, lasting=False)
     store, fault, said, full = Store(Path(folder), most), "", False, ""
     try:
-        _READERS[os.path.splitext(path)[1].lower()](path, store)
+        if columns is None:
+            _READERS[os.path.splitext(path)[1].lower()](path, store)
+        else:
+            _table(path, folder, columns, store)
     except UsageError as error:
         fault, said = str(error), True
     except MemoryError:

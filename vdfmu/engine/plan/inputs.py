@@ -139,7 +139,7 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> CsvCo
     names, units = columns.file.names, columns.file.units
     fault = ""
     if timed and (names[:1] != ["time"] or units[:1] not in ([""], ["s"])):
-        got = repr(names[0]) if names else "an empty file"
+        got = repr(columns.file.headings[0].strip()) if names else "an empty file"
         fault = f"row 1: expected 'time' as the first column, in s, got {got}"
     elif (timed and len(names) == 1) or not all(names):
         fault = "row 1: expected an input in each column, such as 'plant.F_e[1] [N]'"

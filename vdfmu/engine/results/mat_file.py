@@ -6,7 +6,6 @@ The text ``vdfmu``, for ``jsondecode``, has the names, kinds and units of the si
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -51,8 +50,7 @@ def write_mat(results: Recorded, path: Path) -> None:
         content[name] = array.astype(bool) if kind == "boolean" else array
         units = list(dict.fromkeys(s.unit for s in members))
         content["units"][name] = units[0] if len(units) == 1 else np.array([s.unit for s in members], object)
-    facts = to_json({"signals": [s[:3] for s in results.signals], "summary": results.summary})
-    content["vdfmu"] = json.dumps(json.loads(facts))  # letters beyond ASCII as \u, for every reader
+    content["vdfmu"] = to_json({"signals": [s[:3] for s in results.signals], "summary": results.summary}, None)
     try:
         with replacing(path) as file:
             savemat(file, content, long_field_names=True)

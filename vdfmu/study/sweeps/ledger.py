@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.cache import seal
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import replacing
+from vdfmu.base.files import read_json, replacing
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.text import elided
 from vdfmu.engine.results.parquet import needed
@@ -80,9 +80,9 @@ class Ledger:
         place = self.folder / LEDGER
         facts: dict[str, Any] = {}
         try:
-            facts = json.loads(readable(place)) if place.exists() else {}
+            facts = read_json(readable(place)) if place.exists() else {}
             key = facts.get("key")
-        except (ValueError, RecursionError, AttributeError):
+        except (ValueError, AttributeError):
             facts, key = {}, ""
         if key == self._key:
             return
