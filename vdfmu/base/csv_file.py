@@ -6,12 +6,13 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
@@ -119,42 +120,45 @@ class CsvFile:
         """Yield each row below names and units, with the number of its line."""
         return iter(self._rows)
 
-    def blocks(self, faults: list[str], texts: bool = False) -> Iterator[tuple[list[int], Floats]]:
-        """Yield numbers of lines, and values (m, n), of stretches of rows.
+    def blocks(self, faults: list[str], texts: bool = False) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+        """Yield numbers of lines (m,), and values (m, n), of stretches of rows.
 
         Rows with another number of cells, or with a cell that is not a number, are left out and added to `faults`. With
         `texts`, such a cell is NaN.
         """
-        size = max(_ROWS, _CELLS // max(1, len(self.names)))
-        while block := list(islice(self._rows, size)):
-            for pointed in (False, True):
-                try:
-                    cells = [[*map(self.pointed, row)] if pointed else row for _, row in block]
-                    values = np.array(cells, float)
-                except ValueError:  # also of rows that differ in length
-                    continue
-                if values.shape[1] == len(self.names):
-                    yield [line for line, _ in block], values
-                    break
-            else:
-                rows = {line: row for line, cells in block if (row := self._row(line, cells, faults, texts))}
-                yield [*rows], np.array([*rows.values()], float).reshape(-1, len(self.names))
-
-    def _row(self, line: int, cells: Sequence[str], faults: list[str], texts: bool) -> list[float]:
-        """Return the numbers of a row; empty if it has faults."""
-        if len(cells) != len(self.names):
-            faults.append(f"row {line}: expected {len(self.names)} cells, got {len(cells)}")
-            return []
-        numbers: list[float] = []
-        for name, cell in zip(self.names, cells, strict=True):
+        width = len(self.names)
+        while block := list(islice(self._rows, max(_ROWS, _CELLS // max(1, width)))):
+            rows = {line: row for line, row in block if len(row) == width}
+            faults += [f"row {line}: expected {width} cells, got {len(row)}" for line, row in block if line not in rows]
             try:
-                numbers.append(float(self.pointed(cell)))
+                values = self._floats([cell for row in rows.values() for cell in row]).reshape(-1, width)
             except ValueError:
                 if texts:
-                    numbers.append(np.nan)
+                    values = np.column_stack(
+                        [self._floats(column, texts) for column in zip(*rows.values(), strict=True)]
+                    )
                 else:
-                    faults.append(f"row {line}: {name}: expected a number, got {cell.strip()[:80]!r}")
-        return numbers if len(numbers) == len(cells) else []
+                    wrong = {line: self._fault(row) for line, row in rows.items()}
+                    faults += [f"row {line}: {fault}" for line, fault in wrong.items() if fault]
+                    rows = {line: row for line, row in rows.items() if not wrong[line]}
+                    values = self._floats([cell for row in rows.values() for cell in row]).reshape(-1, width)
+            yield np.array([*rows], np.int64), values
+
+    def _floats(self, cells: Sequence[str], texts: bool = False) -> Floats:
+        """Return the numbers of cells; with `texts` NaN for those that are none, else ValueError."""
+        for written in (cells, map(self.pointed, cells)):
+            with suppress(ValueError):
+                return np.array([*written], float)
+        if not texts:
+            raise ValueError
+        return np.array([float(self.pointed(cell)) if self._is_number(cell) else np.nan for cell in cells])
+
+    def _fault(self, row: Sequence[str]) -> str:
+        """Return what is wrong with a row."""
+        bad = next(
+            ((name, cell) for name, cell in zip(self.names, row, strict=True) if not self._is_number(cell)), None
+        )
+        return "" if bad is None else f"{bad[0]}: expected a number, got {bad[1].strip()[:80]!r}"
 
 
 @contextmanager
@@ -175,8 +179,8 @@ class CsvColumns(NamedTuple):
 
     file: CsvFile
     """Its headings, names and units."""
-    lines: list[int]
-    """Number of the line of each row."""
+    lines: NDArray[np.int64]
+    """Number of the line of each row (m,)."""
     values: Floats
     """(m, n)."""
     faults: list[str]
@@ -186,14 +190,11 @@ class CsvColumns(NamedTuple):
 def columns_of(file: CsvFile, texts: bool = False) -> CsvColumns:
     """Read the rows of an open CSV file of numbers; see `CsvFile.blocks`."""
     faults: list[str] = []
-    lines: list[int] = []
-    blocks = [np.empty((0, len(file.names)))]
-    for numbers, values in file.blocks(faults, texts):
-        lines += numbers
-        blocks.append(values)
+    blocks = [(np.empty(0, np.int64), np.empty((0, len(file.names)))), *file.blocks(faults, texts)]
     if len(faults) > MOST_FAULTS:
         faults[MOST_FAULTS:] = [f"{len(faults) - MOST_FAULTS} more rows like these"]
-    return CsvColumns(file, lines, np.concatenate(blocks), faults)
+    lines, values = map(np.concatenate, zip(*blocks, strict=True))
+    return CsvColumns(file, lines, values, faults)
 
 
 def read_columns(path: Path) -> CsvColumns:

@@ -31,6 +31,8 @@ _ROWS = 2**16
 _MATLAB_NUMBERS = (
     "double", "single", "logical", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64",
 )  # fmt: skip
+_CLASSES = {"function_handle": "a function handle", "cell": "a cell array", "struct": "an array of structs"}
+"""Classes of MATLAB without numbers, in words; others are objects."""
 
 
 class Store:
@@ -108,8 +110,16 @@ def _matlab(path: str, store: Store) -> None:
         return
     from scipy.io import loadmat
 
-    for name, value in loadmat(path, appendmat=False, mat_dtype=True).items():
-        if not name.startswith("__"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", np.exceptions.ComplexWarning)
+        try:
+            variables = loadmat(path, appendmat=False, mat_dtype=True)
+        except np.exceptions.ComplexWarning:  # scipy would cut imaginary parts off
+            variables = loadmat(path, appendmat=False)
+    for name, value in variables.items():
+        if name == "None":  # scipy has no names of objects
+            store.left_out.append("objects, such as strings and tables of MATLAB")
+        elif not name.startswith("__"):
             store.add(name, value)
 
 
@@ -136,19 +146,24 @@ def _hdf5(path: str, store: Store, feature: str = "an HDF5 file") -> None:
                 store.leave(name, "a link")
                 continue
             item = tree[place]
-            sparse, kind = item.attrs.get("MATLAB_sparse"), item.attrs.get("MATLAB_class", b"")
-            if sparse is not None:
+            kind = item.attrs.get("MATLAB_class", b"")
+            kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+            if isinstance(item, h5py.Dataset):
+                _dataset(name, item, kind, store)
+            elif kind not in ("", "struct"):
                 whole += (f"{place}/",)
-                store.add(name, _sparse(item, int(sparse)))
-            elif isinstance(item, h5py.Dataset):
-                _dataset(name, item, kind.decode() if isinstance(kind, bytes) else str(kind), store)
+                rows = item.attrs.get("MATLAB_sparse")
+                if kind in _MATLAB_NUMBERS and rows is not None:
+                    store.add(name, _sparse(item, int(rows)))
+                else:
+                    store.leave(name, _CLASSES.get(kind, "an object"))
 
 
 def _sparse(group: Any, rows: int) -> Any:
     from scipy.sparse import csc_matrix
 
     starts = group["jc"][()]
-    stored = (group["data"][()], group["ir"][()]) if "data" in group else ([], [])
+    stored = (_complex(group["data"][()]), group["ir"][()]) if "data" in group else ([], [])
     return csc_matrix((*stored, starts), shape=(rows, len(starts) - 1))
 
 
@@ -161,13 +176,16 @@ def _dataset(name: str, item: Any, kind: str, store: Store) -> None:
         store.room(item.nbytes)
         store.texts[name] = "".join(map(chr, np.ravel(item[()].T).tolist()))
     elif kind and kind not in _MATLAB_NUMBERS:
-        store.leave(name, {"function_handle": "a function handle", "cell": "a cell array"}.get(kind, "an object"))
+        store.leave(name, _CLASSES.get(kind, "an object"))
     else:
         store.room(item.nbytes)
-        value = item[()]
-        if value.dtype.names == ("real", "imag"):
-            value = value["real"] + 1j * value["imag"]
+        value = _complex(item[()])
         store.add(name, value.T if kind else value)
+
+
+def _complex(value: NDArray[Any]) -> NDArray[Any]:
+    """Return complex numbers of two fields as such, other values as they are."""
+    return value["real"] + 1j * value["imag"] if value.dtype.names == ("real", "imag") else value
 
 
 def _parquet(path: str, store: Store) -> None:
@@ -256,6 +274,7 @@ def _answer(path: str, folder: str, most: int, columns: Any) -> dict[str, Any]:
             _READERS[os.path.splitext(path)[1].lower()](path, store)
         else:
             _table(path, folder, columns, store)
+        store.close()  # a full disk may show here
     except UsageError as error:
         fault, said = str(error), True
     except MemoryError:
@@ -266,8 +285,6 @@ def _answer(path: str, folder: str, most: int, columns: Any) -> dict[str, Any]:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
             full = error.strerror
         fault = (str(error).splitlines() or [""])[0][:300] or type(error).__name__
-    finally:
-        store.close()
     head = {"fault": fault, "said": said, "full": full}
     return head | {key: getattr(store, key) for key in ("names", "blocks", "texts", "units", "left_out")}
 

@@ -147,7 +147,7 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> CsvCo
         fault = f"row 1: {', '.join(twice)}: more than one column has this name"
     elif len(units) != len(names):
         fault = f"row 2: expected {len(names)} units of measurement, got {len(units)}"
-    elif not columns.lines and not columns.faults:
+    elif not columns.lines.size and not columns.faults:
         fault = "expected rows of numbers below the names, got none"
     if fault:
         problems.append(f"{path}: {fault}")

@@ -51,8 +51,10 @@ def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn
     unit = unit or stated or (match[1] if (match := re.fullmatch(r".*_(m?s|us|ns)", name)) else "")
     if unit not in _SECONDS:
         raise UsageError(f"{path}: {name}: expected s, ms, us or ns, got {unit!r}. Give it: --time '{name} [s]'.")
-    whole = stamps.dtype.kind in "iu"  # times since 1970 in ns have more digits than a float
-    t = np.asarray(stamps - stamps[0] if whole and len(stamps) else stamps, float).reshape(-1) * _SECONDS[unit]
+    if stamps.dtype.kind in "iu" and len(stamps):  # times since 1970 in ns have more digits than a float
+        stamps = stamps.astype(np.int64)
+        stamps -= stamps[0]
+    t = np.asarray(stamps, float).reshape(-1) * _SECONDS[unit]
     if name != "time":
         notes.append(f"times are those of {name}, in {unit or 's'}")
     return {
