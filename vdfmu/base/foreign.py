@@ -40,7 +40,7 @@ ARROW = "table.arrow"
 """Name of the file of a table that is handed back as a whole."""
 
 
-class Block(NamedTuple):
+class NamedArray(NamedTuple):
     """An array of a file, or columns (m, k) of one type."""
 
     names: list[str]
@@ -56,7 +56,7 @@ class Foreign(NamedTuple):
     path: Path
     names: Sequence[str]
     """Names of the arrays, in their order in the file; fields of structs as ``rec.position``."""
-    blocks: list[Block]
+    blocks: list[NamedArray]
     texts: Mapping[str, str]
     """Texts by the names of their variables."""
     units: Mapping[str, str]
@@ -153,9 +153,9 @@ def _answer(path: Path, title: str, folder: str, columns: Any) -> dict[str, Any]
     return reply
 
 
-def _blocks(folder: Path, listed: Sequence[Any]) -> list[Block]:
+def _blocks(folder: Path, listed: Sequence[Any]) -> list[NamedArray]:
     """Return the arrays in the files of a folder, in memory or mapped."""
-    blocks: list[Block] = []
+    blocks: list[NamedArray] = []
     for names, kind, number, shape, file, offset in listed:
         place, dtype = folder / os.path.basename(file), np.dtype(number)
         count = math.prod(shape)
@@ -163,7 +163,7 @@ def _blocks(folder: Path, listed: Sequence[Any]) -> list[Block]:
             values: NDArray[Any] = np.memmap(place, dtype, "c", offset, tuple(shape))
         else:
             values = np.fromfile(place, dtype, count, offset=offset).reshape(shape)
-        blocks.append(Block(names, values, kind))
+        blocks.append(NamedArray(names, values, kind))
     return blocks
 
 

@@ -35,7 +35,7 @@ _CLASSES = {"function_handle": "a function handle", "cell": "a cell array", "str
 """Classes of MATLAB without numbers, in words; others are objects."""
 
 
-class Store:
+class Handover:
     """Arrays for the parent, in files of a folder, up to a number of bytes."""
 
     def __init__(self, folder: Path, most: int) -> None:
@@ -102,7 +102,7 @@ class Store:
             file.close()
 
 
-def _matlab(path: str, store: Store) -> None:
+def _matlab(path: str, store: Handover) -> None:
     with open(path, "rb") as file:
         version = file.read(128)[124:128]
     if version in (b"\0\2IM", b"\2\0MI"):
@@ -123,14 +123,14 @@ def _matlab(path: str, store: Store) -> None:
             store.add(name, value)
 
 
-def _npz(path: str, store: Store) -> None:
+def _npz(path: str, store: Handover) -> None:
     archive: Any = np.load(path, allow_pickle=False)
     for name in archive.files:
         store.room(archive.zip.getinfo(name if name in archive.zip.namelist() else f"{name}.npy").file_size)
         store.add(name, archive[name])
 
 
-def _hdf5(path: str, store: Store, feature: str = "an HDF5 file") -> None:
+def _hdf5(path: str, store: Handover, feature: str = "an HDF5 file") -> None:
     """Read the arrays of HDF5, each group once, without links. MATLAB's classes and its transposed arrays are known."""
     (h5py,) = imported(feature, "h5py", "matlab", "h5py")
     links: list[tuple[str, Any]] = []
@@ -167,7 +167,7 @@ def _sparse(group: Any, rows: int) -> Any:
     return csc_matrix((*stored, starts), shape=(rows, len(starts) - 1))
 
 
-def _dataset(name: str, item: Any, kind: str, store: Store) -> None:
+def _dataset(name: str, item: Any, kind: str, store: Handover) -> None:
     if item.shape is None or item.attrs.get("MATLAB_empty", 0):
         return
     if item.external or item.is_virtual:
@@ -188,7 +188,7 @@ def _complex(value: NDArray[Any]) -> NDArray[Any]:
     return value["real"] + 1j * value["imag"] if value.dtype.names == ("real", "imag") else value
 
 
-def _parquet(path: str, store: Store) -> None:
+def _parquet(path: str, store: Handover) -> None:
     """Read columns of numbers and times, those of one type together, block by block. Missing numbers are NaN."""
     pa, parquet = _arrow()
     with open(path, "rb") as stream:
@@ -237,7 +237,7 @@ def _parquet(path: str, store: Store) -> None:
             store.blocks.append((names, kind, dtype, (rows, len(names)), f"columns_{number}", 0))
 
 
-def _table(path: str, folder: str, columns: Any, store: Store) -> None:
+def _table(path: str, folder: str, columns: Any, store: Handover) -> None:
     """Copy a Parquet file, ``all`` of it or some columns, to Arrow's format."""
     pa, parquet = _arrow()
     with open(path, "rb") as stream:
@@ -268,7 +268,7 @@ _READERS = {".mat": _matlab, ".npz": _npz, ".h5": _hdf5, ".hdf5": _hdf5, ".parqu
 def _answer(path: str, folder: str, most: int, columns: Any) -> dict[str, Any]:
     """Read a file, or `columns` of a table; return its blocks, texts, units, what was left out, or a fault."""
     limit("AS", _LIBRARIES + _COPIES * most, lasting=False)
-    store, fault, said, full = Store(Path(folder), most), "", False, ""
+    store, fault, said, full = Handover(Path(folder), most), "", False, ""
     try:
         if columns is None:
             _READERS[os.path.splitext(path)[1].lower()](path, store)

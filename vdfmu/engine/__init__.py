@@ -9,6 +9,6 @@ DOORS = (
     "masters.sampled", "options", "package.archive", "package.join", "package.limits", "package.parse",
     "package.read", "package.system", "package.writing", "package_run", "plan.check", "plan.grid", "plan.inputs",
 "results.csv_file", "results.figure", "results.folder", "results.formats", "results.mat_file", "results.parquet",
-    "results.picture", "results.recorded", "results.results", "results.verdict", "rules", "run",
+    "results.picture", "results.results", "results.verdict", "rules", "run",
 )  # fmt: skip
 """Modules that other rooms import."""

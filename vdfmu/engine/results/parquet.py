@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_json, replacing
-from vdfmu.base.foreign import Block, Foreign, imported, read_foreign
+from vdfmu.base.foreign import Foreign, NamedArray, imported, read_foreign
 from vdfmu.base.text import to_json
 from vdfmu.engine.results.arrays import no_rows
 from vdfmu.engine.results.formats import Format
@@ -66,8 +66,8 @@ def read_parquet(path: Path) -> Recorded:
 
 def parquet_results(content: Foreign) -> Recorded:
     """Return the results in the content of a Parquet file."""
-    time, *others = content.blocks or [Block([], np.empty(0), "")]
-    unfit = [name for block in others if block.kind not in _KINDS for name in block.names]
+    time, *columns = content.blocks or [NamedArray([], np.empty(0), "")]
+    unfit = [name for block in columns if block.kind not in _KINDS for name in block.names]
     if time.names != ["time"] or time.kind != "double" or unfit or content.left_out:
         got = [*map(repr, unfit), *content.left_out] or [repr(name) for name in time.names]
         raise UsageError(
@@ -80,7 +80,7 @@ def parquet_results(content: Foreign) -> Recorded:
         summary = {}
     data = {kind: np.empty((len(time.values), 0), TYPES[kind]) for kind in KINDS}
     places: dict[str, tuple[str, int]] = {}
-    for block in others:
+    for block in columns:
         kind = _KINDS[block.kind]
         data[kind] = block.values
         places |= {name: (kind, i) for i, name in enumerate(block.names)}
