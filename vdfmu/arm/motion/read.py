@@ -188,7 +188,7 @@ def read_points(path: Path, robot: Robot, problems: Problems, allowed: Any) -> d
     lines: list[str] = []
     columns = csv_columns(path, lines, timed=False)
     if columns is not None:
-        names, units, values, _ = columns
+        names, units, values = columns.file.names, columns.file.units, columns.values
         keys = {"time": "times", "dwell": "dwell"}
         numbered = [f"q{j + 1}" for j in range(robot.n)]
         of_names = dict(zip(robot.joint_names, numbered, strict=False))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import posixpath
 import zipfile
@@ -16,6 +15,7 @@ import fmpy
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.csv_file import CsvFile
 from vdfmu.base.errors import SspError
 from vdfmu.engine.fmu.access import DTYPES
 from vdfmu.engine.fmu.description import Description
@@ -183,13 +183,13 @@ def _inputs_of(archive: zipfile.ZipFile, inputs: str | None, description: Descri
 
 def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) -> ReferenceTable:
     """Read a table without columns with `skip(name)`; ValueError names the wrong line."""
-    rows = [row for row in csv.reader(io.StringIO(text), skipinitialspace=True) if row]
-    if len(rows) < 2 or len(rows[0]) < 2:
+    file = CsvFile(io.StringIO(text, newline=""))
+    head, rows = [*map(str.strip, file.headings)], [*file]
+    if not rows or len(head) < 2:
         raise ValueError("expected a head with 'time' and variables, and at least one row")
-    head = [name.strip() for name in rows[0]]
     kept = [0, *(k for k, name in enumerate(head) if k and not skip(name))]
     values: list[list[list[float]]] = []
-    for line, row in enumerate(rows[1:], start=2):
+    for line, row in rows:
         if len(row) != len(head):
             raise ValueError(f"line {line}: expected {len(head)} cells, got {len(row)}")
         try:
@@ -204,7 +204,7 @@ def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) ->
         columns[name] = np.array([row[index] for row in values])
     time = columns.pop(head[0])[:, 0]
     if not np.all(np.isfinite(time)):
-        raise ValueError(f"line {int(np.argmin(np.isfinite(time))) + 2}: times must be finite")
+        raise ValueError(f"line {rows[int(np.argmin(np.isfinite(time)))][0]}: times must be finite")
     if not np.all(np.diff(time) >= 0.0):
         raise ValueError("times must not decrease")
     return ReferenceTable(time, columns)

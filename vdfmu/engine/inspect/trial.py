@@ -30,7 +30,7 @@ from fmpy.fmi1 import (
 )
 
 from vdfmu.base.errors import StorageError, VdfmuError
-from vdfmu.base.files import temporary_folder
+from vdfmu.base.files import read_json, temporary_folder
 from vdfmu.base.interrupt import listening
 from vdfmu.base.process import Listener, end_group, limit, started
 from vdfmu.engine.algorithms import DELAYED
@@ -91,7 +91,7 @@ def run_apart(
             if answer.is_file() and answer.stat().st_size > _ANSWER_LIMIT:
                 raise ValueError(f"they have more than {_ANSWER_LIMIT} bytes")
             if answer.is_file():
-                values = json.loads(answer.read_text(encoding="utf-8"))
+                values = read_json(answer)
                 findings.add(_decoded(values))
                 answered = bool(values["whole"])
         except (ValueError, TypeError, KeyError) as error:  # cut off, or written by the unit
