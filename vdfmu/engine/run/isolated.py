@@ -39,9 +39,12 @@ class Limits:
         if memory is None:
             with suppress(AttributeError, ValueError, OSError):  # unknown
                 self.memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
-        for name, value, unit in (("wait_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
-            if not value > 0.0:
-                raise UsageError(f"{name} must be positive, got {value:g} {unit}")
+        if not 0.0 < self.time < math.inf:
+            raise UsageError(
+                f"wait_limit must be a positive, finite time in s, got {self.time:g}. The default is 300 s."
+            )
+        if not self.memory > 0.0:
+            raise UsageError(f"memory_limit must be positive, got {self.memory:g} MB")
 
 
 STEP = struct.Struct("<ddd")
