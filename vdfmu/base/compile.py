@@ -372,8 +372,11 @@ def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -
 
 
 def load_library(library: bytes, name: str, kind: type[_Library] = CDLL) -> _Library:
-    """Load a compiled library of this platform."""
+    """Load a compiled library of this platform. FmuError without room."""
     with temporary_folder("vdfmu_library_") as folder:
         path = Path(folder) / f"{name}{PLATFORMS[this_platform()].suffix}"
-        path.write_bytes(library)
+        try:
+            path.write_bytes(library)
+        except OSError as error:
+            raise FmuError(f"{path}: cannot be written: {error.strerror or error}. {_ROOM}") from None
         return kind(str(path))

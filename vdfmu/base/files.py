@@ -103,7 +103,8 @@ def storing(path: Path) -> Generator[None]:
     try:
         yield
     except OSError as error:
-        raise StorageError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
+        why = error.strerror or error
+        raise StorageError(f"{path}: cannot be written: {why}. Choose another folder or free space.") from error
 
 
 def exists(path: Path) -> bool:

@@ -217,7 +217,8 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
             for source, target in reversed(moved):
                 os.replace(target, source)
             before.rmdir()
-        raise VdfmuError(f"{folder}: cannot be written: {error}. Choose another folder with --out.") from error
+        why = f"{error.strerror}: {error.filename}" if error.filename else error.strerror or error
+        raise VdfmuError(f"{folder}: cannot be written: {why}. Choose another folder with --out.") from error
     with suppress(OSError):  # something else is in it
         _remove(before, old)
         before.rmdir()

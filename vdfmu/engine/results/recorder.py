@@ -117,16 +117,19 @@ class Recorder(RowsInMemory):
     def finish(self, time: Floats) -> dict[str, NDArray[Any]]:
         """Write the remaining rows, up to the last `time`; return all rows by kind, mapped from disk."""
         self._flush(time[self._first :])
-        for file, _ in self._texts:
-            file.close()
         rows: dict[str, NDArray[Any]] = {}
-        for kind, block in self.data.items():
-            shape = len(time), block.shape[1]
-            if 0 in shape:
-                rows[kind] = np.empty(shape, block.dtype)
-            else:
-                rows[kind] = np.memmap(self._files[kind], block.dtype, "c", shape=shape)
-                self._files[kind].close()  # the map stays
+        try:
+            for file, _ in self._texts:
+                file.close()
+            for kind, block in self.data.items():
+                shape = len(time), block.shape[1]
+                if 0 in shape:
+                    rows[kind] = np.empty(shape, block.dtype)
+                else:
+                    rows[kind] = np.memmap(self._files[kind], block.dtype, "c", shape=shape)
+                    self._files[kind].close()  # the map stays
+        except OSError as error:
+            raise no_rows(self._path, error) from error
         return rows
 
     def _flush(self, time: Floats) -> None:

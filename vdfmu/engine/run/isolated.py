@@ -23,6 +23,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.files import storing
 from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
@@ -68,7 +69,8 @@ class Isolated(Stepper):
         self.box, self.limits = box, limits
         self._names = list(checked.descriptions)
         self._memory = folder / "memory"
-        self._memory.write_bytes(bytes(8 * words_of(checked)))
+        with storing(self._memory):
+            self._memory.write_bytes(bytes(8 * words_of(checked)))
         self.exchange = Exchange(checked, {}, box, mapped(self._memory))
         self._content = pickle.dumps((checked, dict(folders)))
         self._child: Child | None = None

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.errors import CosimError, StorageError, UsageError, VdfmuError, disk_error
+from vdfmu.base.files import storing
 from vdfmu.base.text import error_text, matching
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.plan.inputs import InputTable
@@ -69,8 +70,9 @@ class WiredSystem:
         """Return the package in a folder of its own, written if it is not there."""
         path = folder / self.name
         if not path.exists():
-            folder.mkdir(exist_ok=True)
-            path.write_bytes(self.content)
+            with storing(path):
+                folder.mkdir(exist_ok=True)
+                path.write_bytes(self.content)
         return path
 
     def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
