@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -144,8 +145,9 @@ class Recorder(RowsInMemory):
                 write_all(file, self.data[kind][rows].tobytes())
         except BaseException as error:  # a second Ctrl-C too
             for file, position in before:
-                file.truncate(position)
-                file.seek(position)
+                with suppress(OSError):  # of the same disk
+                    file.truncate(position)
+                    file.seek(position)
             if isinstance(error, OSError):
                 raise no_rows(self._path, error) from error
             raise
