@@ -55,6 +55,8 @@ is not rare: a run of a long arm took 35 % longer."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""
 _ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
+_CODE = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"MZ", b"\x64\x86", b"\0asm")
+"""First bytes of libraries and objects of Linux, macOS, Windows (its objects of x86-64) and WebAssembly."""
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 SHOWN = """#ifdef _WIN32
 #define SHOWN __declspec(dllexport)
@@ -154,6 +156,13 @@ def compile_library(sources: Mapping[str, bytes], platform: str, *, name: str, f
     return compile_libraries([Compilation(name, sources, platform, tuple(flags))])[0]
 
 
+def _machine_code(content: bytes) -> bytes:
+    """Return a library or an object file; ValueError for anything else."""
+    if not content.startswith(_CODE):
+        raise ValueError("no machine code")
+    return content
+
+
 def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
     """Return the shared library of each job: from the cache, or compiled with all processors.
 
@@ -164,7 +173,7 @@ def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
 
     def missing() -> Iterator[tuple[int, Compilation]]:
         for i, job in enumerate(jobs):
-            if (library := load(_stored(job.key))) is None:
+            if (library := load(_stored(job.key), _machine_code)) is None:
                 yield i, job
             else:
                 libraries[i] = library
@@ -255,7 +264,7 @@ class _Workshop:
             if key in objects:
                 continue
             objects[key] = place / f"{PurePosixPath(name).stem}.o"
-            stored = load(_stored(key))
+            stored = load(_stored(key), _machine_code)
             if stored is None:
                 missing.append((name, key))
             else:
@@ -302,7 +311,7 @@ class _Workshop:
                 }
                 flags = ("-shared", "-nostdlib", f"-Wl,-soname,{file}", "-Wl,--version-script=versions")
                 path = _stored(Compilation(file, sources, job.platform, flags).key)
-                if (stored := load(path)) is not None:
+                if (stored := load(path, _machine_code)) is not None:
                     (folder / file).write_bytes(stored)
                     continue
                 for name, text in sources.items():
@@ -365,8 +374,11 @@ def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -
 
 
 def load_library(library: bytes, name: str, kind: type[_Library] = CDLL) -> _Library:
-    """Load a compiled library of this platform."""
+    """Load a compiled library of this platform. FmuError without room."""
     with temporary_folder("vdfmu_library_") as folder:
         path = Path(folder) / f"{name}{PLATFORMS[this_platform()].suffix}"
-        path.write_bytes(library)
+        try:
+            path.write_bytes(library)
+        except OSError as error:
+            raise FmuError(f"{path}: cannot be written: {error.strerror or error}. {_ROOM}") from None
         return kind(str(path))

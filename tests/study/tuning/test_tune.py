@@ -262,7 +262,7 @@ def test_the_command_shows_before_and_after(tmp_path):
     ({"method": "best"}, "method: expected both, global, local, got best"),
     ({"combine": "all"}, "combine: expected mean or worst, got all"),
     ({"evaluations": 0}, "evaluations: expected at least 1, got 0"),
-    ({"time_limit": -1.0}, "time_limit: expected a positive time, got -1 s"),
+    ({"time_limit": -1.0}, "time_limit must be a positive, finite time in s, got -1"),
     ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
     ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
     ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),

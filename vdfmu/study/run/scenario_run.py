@@ -142,7 +142,7 @@ class ScenarioRun:
             built = cached_fmus(self.scenario, fmus, self._backend, self._options["fmi_version"])
             self.package = write_ssp(self.scenario, built, folder / "system.ssp", values, mixed=True)
         self._place = self._place_of_loops()
-        self._loops = LoopCheck.read(load(self._place)) if self._place else None
+        self._loops = load(self._place, LoopCheck.read) if self._place else None
 
     def _place_of_loops(self) -> Path | None:
         """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""

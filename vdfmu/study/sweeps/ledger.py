@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.cache import seal
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import read_json, replacing
+from vdfmu.base.files import make_folder, read_json, replacing, sync
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.text import elided
 from vdfmu.engine.results.parquet import needed
@@ -57,7 +57,7 @@ class Ledger:
 
     def __enter__(self) -> Ledger:
         try:
-            self._parts.mkdir(parents=True, exist_ok=True)
+            make_folder(self._parts)
             self._lock = _locked(self.folder / ".lock")
         except OSError as error:
             raise UsageError(
@@ -94,6 +94,7 @@ class Ledger:
                 )
             for file in files:
                 file.unlink()
+            sync(self.folder)
         self._put(place, json.dumps(self._facts, indent=1).encode() + b"\n")
 
     def _difference(self, facts: Mapping[str, Any]) -> str:

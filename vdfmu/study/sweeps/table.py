@@ -87,9 +87,7 @@ class StudyTable:
         try:
             self._table_of = table_of if _sealed(folder) else _foreign_table
             self._schemas = [self._table_of(file, []).schema for file in self._files]
-            content = read_json(
-                self._schemas[0].metadata[b"vdfmu"] if self._files == [table] else readable(folder / LEDGER)
-            )
+            content = read_json(self._table_facts() if self._files == [table] else readable(folder / LEDGER))
             self.facts, problems = typed(content, _FACTS)
         except (UsageError, ValueError, KeyError, TypeError) as error:
             problems = [elided(str(error))]
@@ -97,6 +95,12 @@ class StudyTable:
             raise UsageError(f"{expected}: {'; '.join(problems).rstrip('.')}.")
         self._sealed = content.pop("seal", None), content, str(folder.resolve())
         self.columns: list[str] = list(dict.fromkeys(n for schema in self._schemas for n in schema.names))
+
+    def _table_facts(self) -> bytes:
+        facts = (self._schemas[0].metadata or {}).get(b"vdfmu")
+        if facts is None:
+            raise UsageError(f"{self._files[0].name} has no facts of a study, so no study of vdfmu wrote it")
+        return facts
 
     @property
     def axes(self) -> list[str]:

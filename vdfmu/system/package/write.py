@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
+import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -207,6 +209,13 @@ def _placed(
     return placed
 
 
+def _fmu(content: bytes) -> bytes:
+    """Return the content of an FMU; BadZipFile or KeyError for anything else."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        archive.getinfo("modelDescription.xml")
+    return content
+
+
 def cached_fmus(
     scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None, fmi_version: str = FMI_2.name
 ) -> dict[str, Path]:
@@ -220,7 +229,7 @@ def cached_fmus(
         form = form_of(unit, backend, fmi_version)
         content = Content(unit, robots[name] if unit.needs_robot() else None, {}, *form)
         place = cache_folder() / "fmus" / f"{content.guid.strip('{}')}-{this_platform()}"
-        if (fmu := load(place)) is None:
+        if (fmu := load(place, _fmu)) is None:
             missing[name] = place
             continue
         fmus[name] = placed[name] / f"{unit.__name__}.fmu"

@@ -91,11 +91,11 @@ def reference_blocks(
     if t.size * sum(map(len, shown.values())) * t.itemsize <= _KEPT and (key := _key(description)):
         facts = (name, substeps, step, m, [*shown], key)
         path = cache_folder() / "references" / sha256(repr(facts).encode()).hexdigest()
-        kept = load(path)
+        kept = load(path, lambda content: np.frombuffer(content).reshape(t.size, sum(map(len, shown.values()))))
     if kept is None:
         rows = islice(_solved(name, description, step / substeps, m * substeps, shown), 0, None, substeps)
     else:
-        rows = iter(np.frombuffer(kept).reshape(t.size, -1))
+        rows = iter(kept)
     ends = np.cumsum([len(nodes) for nodes in shown.values()]).tolist()
     where = {group: slice(end - len(shown[group]), end) for group, end in zip(shown, ends, strict=True)}
     blocks: list[Floats] = []
@@ -238,7 +238,13 @@ class Code:
             return kernel_source(self.called[name], joints).encode()
 
         path = cache_folder() / "kernels" / sha256(repr((name, joints, identity)).encode()).hexdigest()
-        return load_or_make(path, make).decode()
+
+        def read(content: bytes) -> str:
+            if name.encode() not in content:
+                raise ValueError(f"no function {name}")
+            return content.decode()
+
+        return load_or_make(path, make, read)
 
     def take(self, function: ca.Function) -> ca.Function:
         """Register a called function and return it, renamed if a function of another robot has its name."""
