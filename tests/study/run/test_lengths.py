@@ -123,22 +123,22 @@ def energies_of(tap, results):
     return tap.summary()
 
 
-def assert_same(one, other, place=""):
-    if isinstance(one, dict):
-        assert one.keys() == other.keys(), place
-        for key in one:
-            assert_same(one[key], other[key], f"{place} {key}")
-    elif isinstance(one, (list, tuple)):
-        assert len(one) == len(other), place
-        for k, pair in enumerate(zip(one, other, strict=True)):
+def assert_same(part, whole, place=""):
+    if isinstance(part, dict):
+        assert part.keys() == whole.keys(), place
+        for key in part:
+            assert_same(part[key], whole[key], f"{place} {key}")
+    elif isinstance(part, (list, tuple)):
+        assert len(part) == len(whole), place
+        for k, pair in enumerate(zip(part, whole, strict=True)):
             assert_same(*pair, f"{place} {k}")
-    elif isinstance(one, float):
-        assert np.isfinite(one), place
+    elif isinstance(part, float):
+        assert np.isfinite(part), place
         # sums of up to 2,000 numbers in another order: 2,000 roundings of 1.1e-16 of sums of absolute values, up to
         # 100 times the sum
-        np.testing.assert_allclose(one, other, rtol=3e-11, atol=3e-13, err_msg=place)
+        np.testing.assert_allclose(part, whole, rtol=3e-11, atol=3e-13, err_msg=place)
     else:
-        assert one == other, place
+        assert part == whole, place
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 7])
