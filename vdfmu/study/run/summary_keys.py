@@ -99,7 +99,9 @@ _CHECK = Record({"name": TEXT, "state": STATES, "text": TEXT})
 _VERDICT = Record({"state": STATES, "words": TEXT, "checks": List(_CHECK)})
 _JUDGEMENT = Record(
     {"verdict": TEXT, "text": TEXT, "wanted": NUMBER, "error": NUMBER, "signal": TEXT, "step": NUMBER,
-     "algorithm": TEXT, "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}))}
+     "algorithm": TEXT,
+     "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}, {"read": FLAG}))},
+    {"kind": TEXT},
 )  # fmt: skip
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Any] = {
@@ -167,7 +169,7 @@ KEYS: Mapping[str, Any] = {
     # the time at a limit, error and size of the motion, largest contact force [N] and depth [m], largest power [W] and
     # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
-    "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' largest values
+    "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' swings
     "verdict": _VERDICT,  # checks of the run, the worst state, and the line for it
     "error": TEXT,  # why the run did not reach its end
 }

@@ -13,7 +13,7 @@ from vdfmu.base.progress import doing
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check, verdict_of
 from vdfmu.engine.run import Interrupted
-from vdfmu.study import referee
+from vdfmu.study import judgement as coupling
 from vdfmu.study.analysis.loops import Judged, growth_words, judged, place_of, since
 from vdfmu.study.run.key_figures import STANDING, off_from
 from vdfmu.study.run.summary_keys import Summary, energies
@@ -103,7 +103,7 @@ def verdict(summary: Summary, loops: Sequence[Check]) -> dict[str, Any]:
 def run_checks(summary: Summary) -> Iterator[Check]:
     """Yield the checks of the numbers of a complete run against other calculations, and of its energy."""
     if (judgement := summary.get("judgement")) is not None:
-        state = {referee.RIGHT: GOOD, referee.WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
+        state = {coupling.RIGHT: GOOD, coupling.WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
         words = judgement["text"].partition(". ")[0]
         yield Check("Error by communication", state, judgement["text"], f"{words[:1].lower()}{words[1:]}")
     yield from _witness(summary)
