@@ -190,6 +190,7 @@ def _margins(
 ) -> None:
     """Print the smallest margins of each loop over a run, or those at some times."""
     from vdfmu.study.analysis.loops import margins_along
+    from vdfmu.study.verdict import loop_sentences
 
     package = system.lower().endswith(".ssp")
     if package:
@@ -211,7 +212,9 @@ def _margins(
         style = ("bold" if mark else None) if modulus else "red"
         cells = numbers if modulus else ("none", "", "", "")
         shown.add_row(name, f"{t:.4g} s", *cells, f"{each.rate:.3g} 1/s", style=style)
-    state, words = loops.judged.words
+    state, sentences = loop_sentences(loops.judged.figures)
+    margin = loops.judged.figures.get("margin")
+    words = "; ".join(sentences) or (f"stable with a modulus margin of {margin['value']:.2g}" if margin else "stable")
     if as_json:
         say_json({"step": loops.step, "master": loops.algorithm, "state": state, "text": words, "margins": rows})
     else:

@@ -90,7 +90,8 @@ def run(
             say_notes([f"No reference: {summary['no_reference']}."])
         if LOG.isEnabledFor(logging.INFO):
             tell(run_panel(summary), *map(sheet_table, sheets(summary)))
-        (console.print if failed else tell)(verdict_table(summary))
+        verbose = LOG.isEnabledFor(logging.INFO)
+        (console.print if failed else tell)(verdict_table(summary, verbose))
         folder = Path(options["out"] or Path("results", summary["scenario"]))
         say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
         _say_page(folder / NAME, opened)
@@ -240,11 +241,11 @@ def report(
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
-    """Print the verdict on a run in a line; with ``--quiet`` only a doubtful or failed one."""
-    from vdfmu.engine.results.verdict import GOOD, state_of
-    from vdfmu.study.report.sheets import verdict_text
+    """Print the verdict on a run; with ``--quiet`` its headline alone."""
+    from vdfmu.engine.results.verdict import headline_of, state_of
+    from vdfmu.study.report.sheets import state_text, verdict_text
 
-    if (text := verdict_text(summary)) and not (errors.quiet and state_of(summary) == GOOD):
+    if text := state_text(state_of(summary), headline_of(summary)) if errors.quiet else verdict_text(summary):
         console.print(text, soft_wrap=True)
 
 

@@ -92,6 +92,16 @@ class Nearest(NamedTuple):
     """The input that opens this loop; without a margin, the state with the largest participation in the growth."""
 
 
+class Late(NamedTuple):
+    """The loop that tolerates the smallest delay."""
+
+    samples: float
+    """Delay margin in samples of the loop."""
+    time: float
+    name: str
+    """The input that opens this loop."""
+
+
 class Pose(NamedTuple):
     """Loops at a time [s] of a run."""
 
@@ -195,9 +205,27 @@ class Along:
             return None
         pose = min(self.poses, key=lambda pose: (_modulus(pose).min(), -pose.rate))
         least = _modulus(pose)
-        name = self.system.parts.inputs[self.system.places(self.opened)[int(least.argmin())]]
+        name = self._opened_at(int(least.argmin()))
         modulus = float(least.min())
         return Nearest(modulus, pose.time, name if modulus else fastest_mode(self.part(pose.matrix))[1])
+
+    def delay(self) -> Late | None:
+        """Return the smallest delay margin of the sampled loops; None of continuous ones, or without margins."""
+        loops = [(pose.time, pose.loop) for pose in self.poses if pose.loop is not None and pose.loop.sampled]
+        if not loops:
+            return None
+        samples = np.array([loop.margins().delay / loop.step for _, loop in loops])
+        row, loop = (int(each) for each in np.unravel_index(samples.argmin(), samples.shape))
+        return Late(float(samples[row, loop]), loops[row][0], self._opened_at(loop))
+
+    def without_feedback(self) -> str | None:
+        """Return the first input to which nothing is fed back along the run; None if all have feedback."""
+        fed = np.any([pose.loop.K.any(axis=1) for pose in self.poses if pose.loop is not None], axis=0)
+        silent = np.flatnonzero(~fed) if fed.ndim else []
+        return self._opened_at(int(silent[0])) if len(silent) else None
+
+    def _opened_at(self, loop: int) -> str:
+        return self.system.parts.inputs[self.system.places(self.opened)[loop]]
 
 
 def _modulus(pose: Pose) -> Floats:

@@ -25,7 +25,7 @@ from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import line_of, state_of
+from vdfmu.engine.results.verdict import headline_of, results_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
 from vdfmu.study.report.comparison import answer, comparison, difference_sheet
@@ -154,16 +154,19 @@ def report_page(
         ]
     )
     lines = [
-        (f"{name}: {line}" if len(runs) > 1 else line, state_of(summary), k)
+        (f"{name}: {line}" if len(runs) > 1 else line, results_of(summary), state_of(summary), k)
         for k, (name, summary) in enumerate(zip(names, summaries, strict=True))
-        if (line := line_of(summary))
+        if (line := headline_of(summary))
     ]
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, *_ in lines) or about, arm_alone)
     if study:
         code = scripts.scripts_of("sweep")
         return page(study.title, study.about, body, 84, head, first=_SKIP, lead=study.lead, scripts=code)
-    verdicts = [f'<p class="verdict {state}" data-run="{k}">{escape(line)}</p>\n' for line, state, k in lines]
+    verdicts = [
+        f'<p class="verdict {state}" data-run="{k}">{escape(line)} <small>{escape(more)}</small></p>\n'
+        for line, more, state, k in lines
+    ]
     lead = (f'<p class="verdict">{escape(answer(names, runs, settings))}</p>\n' if settings else "") + "".join(verdicts)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     script = scripts.scripts_of("run")

@@ -4,8 +4,8 @@ Each slider is moved alone, at some rows of the run: the components whose parame
 the new ones, at the states and inputs of the run. The states of a faster or heavier arm would differ; a gain or a
 stiffness acts on the loops nearly independently of them. A run that is judged without dry friction is taken without it.
 
-A track is green where the margin is at least the run's own, or `GOOD`: a largest sensitivity of 2, the upper end of the
-recommendation (Astrom and Hagglund, Advanced PID Control, 2006, section 4.5). Below it is amber, without a margin red.
+A track is green where the margin keeps its limit, see :mod:`vdfmu.study.limits`, amber below it, and red where there is
+none.
 """
 
 from __future__ import annotations
@@ -33,8 +33,6 @@ from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
 
-GOOD = 0.5
-"""Modulus margin that is green also below the run's own."""
 NOTCHES = 100
 """Places of a slider to either side of 0. Its factor at 0 is 1."""
 _PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)

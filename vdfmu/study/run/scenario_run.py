@@ -22,7 +22,7 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.platforms import compiler_version
 from vdfmu.base.progress import doing, report
 from vdfmu.base.standards import PYTHON_FMI
-from vdfmu.base.text import nearest
+from vdfmu.base.text import nearest, to_json
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS, choice
@@ -33,14 +33,15 @@ from vdfmu.engine.results.folder import keep, write_summary
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Interrupted, LogMessage, Simulator, check_coupling
 from vdfmu.study import referee
-from vdfmu.study.analysis.loops import poses_of
+from vdfmu.study.analysis.loops import loops_of, poses_of
 from vdfmu.study.analysis.reach import scenario_of
+from vdfmu.study.limits import read_limits
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.run import summary as numbers
 from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
 from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.scene import arm_of, scene_of
-from vdfmu.study.run.verdict import VISIBLE, LoopCheck, explain, loop_checks, verdict
+from vdfmu.study.verdict import explain, loop_checks, verdict
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
@@ -102,6 +103,9 @@ class ScenarioRun:
         self.system = SystemDescription(scenario, system_values(scenario, options["settings"]))
         for note in self._notes():
             self._say(note)
+        self.limits = read_limits(
+            options["limits"] or {}, "--limit", read_limits(scenario.limits, "[limits] of the scenario")
+        )
         self.poses = poses_of(self.system, again=bool(options["simulate"]))
         self._facts, self._limits = self._entries(), numbers.limits_of(self.system)
         self._bond = PowerBond(scenario.robot) if scenario.robot else None
@@ -131,6 +135,7 @@ class ScenarioRun:
             "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
             "left_out": list(scenario.system.dropped),
             "joined": list(scenario.system.joined),
+            **numbers.remarks(self.system, options["settings"], options["stop"] is not None),
             **({} if robot is None else {"arm": arm_of(robot, self.system.values.get("plant", {}))}),
             "scene": scene_of(self.system),
         }
@@ -142,7 +147,8 @@ class ScenarioRun:
             built = cached_fmus(self.scenario, fmus, self._backend, self._options["fmi_version"])
             self.package = write_ssp(self.scenario, built, folder / "system.ssp", values, mixed=True)
         self._place = self._place_of_loops()
-        self._loops = LoopCheck.read(load(self._place)) if self._place else None
+        stored = load(self._place) if self._place else None
+        self._loops: dict[str, Any] | None = None if stored is None else json.loads(stored)
 
     def _place_of_loops(self) -> Path | None:
         """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
@@ -167,11 +173,11 @@ class ScenarioRun:
                 stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
-            unstable = explain(error, self.poses)
+            figures = explain(error, self.poses)
             if written:
-                if error.results is not None and unstable:
-                    error.results.summary["key_figures"] = unstable[0].figures
-                keep(error, self.folder, [loops.check for loops in unstable])
+                if error.results is not None and figures:
+                    error.results.summary["key_figures"] = figures
+                keep(error, self.folder, loop_checks({"key_figures": figures}))
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
@@ -190,13 +196,13 @@ class ScenarioRun:
             write_summary(summary, self.folder)
         return results
 
-    def _simulated(self, parameters: Any = None, **options: Any) -> Results:
+    def _simulated(self, parameters: Any = None, package: Path | None = None, **options: Any) -> Results:
         """Co-simulate; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
         scenario = self.scenario
         settings: SimulatorOptions = {
             **scenario.coupling, "inputs": scenario.inputs, "parameters": parameters, "log": options.pop("log", None),
         }  # fmt: skip
-        with Simulator(self.package, **settings) as simulator:
+        with Simulator(package or self.package, **settings) as simulator:
             return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
     def _recorded(self) -> list[str] | None:
@@ -223,16 +229,31 @@ class ScenarioRun:
                 meant=self._options["meant"], **coupling,
             )  # fmt: skip
             summary["judgement"] = judgement.to_dict()
-        loops = self._loops if self._loops is not None else list(loop_checks(self.poses, self.system))
-        if self._place and self.poses.seconds and not self.poses.lacking:
-            store(self._place, json.dumps(loops).encode())
+        loops = self._loops if self._loops is not None else self._own_loops()
+        if self._place and "stability" not in loops:
+            store(self._place, to_json(loops).encode())
         figures: dict[str, Any] = summary.get("key_figures", {})
         if scenario.robot is not None:
             plant = robot_with(scenario.plant_robot, values.get("plant", {}))
             touch = scenario.system.fed.get("plant.F_e", "")
             figures |= key_figures(results, scenario.robot, self._limits, plant, touch, summary["scene"]["objects"])
-        summary["key_figures"] = figures | {name: each for loop in loops for name, each in loop.figures.items()}
-        summary["verdict"] = verdict(summary, [loop.check for loop in loops])
+        summary |= loops | {"key_figures": figures | loops.get("key_figures", {})}
+        summary["verdict"] = verdict(summary, self.limits)
+
+    def _own_loops(self) -> dict[str, Any]:
+        """Return the entries of a summary about the loops of this run; those of Python FMUs from their native twins."""
+        if self.poses.lacking and self._backend == "python":
+            self.poses = poses_of(self.system, again=bool(self._options["simulate"]))
+            try:
+                with temporary_folder("vdfmu_twin_") as folder:
+                    built = cached_fmus(self.scenario, folder, choose_backend("native"), self._options["fmi_version"])
+                    package = write_ssp(
+                        self.scenario, built, Path(folder) / "system.ssp", self.system.values, mixed=True
+                    )
+                    self._simulated(package=package, record=(), taps=[self.poses])
+            except UsageError as error:  # without a compiler
+                return {"stability": {"reason": f"the native FMUs cannot be built: {error}", "expected": True}}
+        return loops_of(self.poses, self.system, self.scenario.stop)
 
     def _references(self, results: Results) -> dict[str, Any]:
         """Solve the sampled reference of the algorithm, if it samples, and the continuous one, and compare.
@@ -248,7 +269,7 @@ class ScenarioRun:
             return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
         visible = math.inf
         if numbers.has_signals(results, "trajectory.q_d", "plant.q"):
-            visible = VISIBLE * max(
+            visible = self.limits["reference"].value * max(
                 float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
             )
         how = ALGORITHMS[scenario.master]

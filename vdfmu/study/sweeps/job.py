@@ -170,7 +170,7 @@ class Bench:
             )
         except CosimError as error:
             if loops is not None:
-                from vdfmu.study.run.verdict import explain  # takes long to import
+                from vdfmu.study.verdict import explain  # takes long to import
 
                 explain(error, loops)
             raise

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.robot.plausible import position_notes, robot_notes, speed_notes
+from vdfmu.arm.robot.plain import plain_notes
+from vdfmu.arm.robot.plausible import doubts, position_notes, speed_notes
 from vdfmu.arm.units import find_unit
 from vdfmu.arm.units._played import Played
 from vdfmu.compiler.unit import Unit
@@ -33,20 +34,27 @@ def model_notes(scenario: Scenario, settings: Mapping[str, Any] | None = None) -
     ]
     if robot is not None and not resolved.takers:
         notes.append("robot: no component takes it. Leave it out, unless tables and figures need it.")
-    written = section_values(resolved, scenario.sections)
+    notes += [f"motion: {note}" for unit in resolved.units.values() for note in getattr(unit, "notes", ())]
+    robots = [scenario.robot] if scenario.robot is not None else []
+    notes += [note for robot in robots for note in plain_notes(robot.sources)]
+    return list(dict.fromkeys([*notes, *implausible(scenario, settings)]))
+
+
+def implausible(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> list[str]:
+    """Return notes on likely mistakes of units or signs in the robots and motions of a scenario with settings."""
+    written = section_values(scenario.resolved, scenario.sections)
     for component, changed in override(scenario, settings or {}).items():
         written[component] = written.get(component, {}) | changed
-    notes += [f"motion: {note}" for unit in resolved.units.values() for note in getattr(unit, "notes", ())]
-    return list(dict.fromkeys([*notes, *_of_robots(scenario, written), *_of_motions(scenario, written)]))
+    return list(dict.fromkeys([*_of_robots(scenario, written), *_of_motions(scenario, written)]))
 
 
 def _of_robots(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Yield likely mistakes of units or signs in the robot and in the plants of the run."""
     if scenario.robot is not None:
-        yield from robot_notes(scenario.robot)
+        yield from doubts(scenario.robot)
     for name in scenario.resolved.plants:
         robot = scenario.system.parts[name].robot or scenario.plant_robot
-        yield from robot_notes(robot_with(robot, written.get(name, {})))
+        yield from doubts(robot_with(robot, written.get(name, {})))
 
 
 def _of_motions(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:

@@ -143,6 +143,7 @@ KEYS = {
     "joints": "File of a drive, and tables of its numbers, for all joints or for each",
     "motion": "Motion of the joints instead of (57), or the TOML file with it; each kind has other keys",
     "plant_factors": "",
+    "limits": "Limits of the verdict, such as margin = 0.3",
     "paper": "",
 }
 """Keys of a scenario file and their meaning, if the name does not say it."""
@@ -206,6 +207,11 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     input_hold = file.flag("input_hold", False)
     factors = _factors(file.optional_table("plant_factors", FACTOR_FIELDS), n)
     paper = _paper(file.optional_table("paper", ("source", *PAPER_LISTS)), n)
+    limits = (
+        {key: file.table("limits", list(file.data["limits"])).number(key, "", above=0) for key in file.data["limits"]}
+        if isinstance(file.data.get("limits"), dict)
+        else {}
+    )
     if (robot is not None or unnamed) and system is not None:
         try:
             section_values(resolve(system, robot), sections)
@@ -223,7 +229,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     return Scenario(
         name=name, description=description, system=system, robot=robot, stop=stop, step=step, master=master,
         adaptive=adaptive, tolerance=tolerance, plant_factors=factors, sections=sections, paper=paper, inputs=inputs,
-        input_hold=input_hold, payload_known=payload_known,
+        input_hold=input_hold, payload_known=payload_known, limits=limits,
     )  # fmt: skip
 
 
