@@ -235,8 +235,8 @@ def closed(system: SystemDescription) -> bool:
 def loops_of(poses: Poses, system: SystemDescription, end: float, failed: bool = False) -> dict[str, Any]:
     """Return the entries of a summary about the loops of a run that ended at `end` [s].
 
-    ``key_figures``, see :attr:`Judged.figures`, or ``stability`` with the reason why the loops are not judged, and whether
-    they are expected to be: components without directional derivatives cannot be judged.
+    ``key_figures``, see :attr:`Judged.figures`, or ``stability`` with the reason why the loops are not judged, and
+    whether they are expected to be: components without directional derivatives cannot be judged.
     """
     if not closed(system):
         return {"stability": {"reason": "no loop closes over the torque of a plant", "expected": False}}

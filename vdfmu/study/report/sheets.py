@@ -22,6 +22,7 @@ from vdfmu.engine.results.verdict import (
     FAILED,
     GOOD,
     SIGNS,
+    UNJUDGED,
     checks_line,
     checks_of,
     headline_of,
@@ -241,7 +242,7 @@ def _rows(columns: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:
     return list(zip(*columns, strict=True))
 
 
-_STYLES = {GOOD: "green", DOUBTFUL: "yellow", FAILED: "red"}
+_STYLES = {UNJUDGED: "dim", GOOD: "green", DOUBTFUL: "yellow", FAILED: "red"}
 
 
 def run_panel(summary: Summary) -> Panel:

@@ -26,6 +26,7 @@ from vdfmu.base.text import nearest, to_json
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS, choice
+from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
@@ -92,8 +93,18 @@ def prepare(
     return scenario
 
 
+@with_options
+def judge_results(results: Results, scenario: Scenario, package: Path, **options: Unpack[ScenarioRunOptions]) -> None:
+    """Add the verdict of :func:`vdfmu.run` to the summary of a run of the package of a scenario."""
+    ScenarioRun(prepare(scenario, **pick(ScenarioOptions, options)), options).judge_made(results, package)
+
+
 class ScenarioRun:
     """The run of a scenario of :func:`prepare`: pack, simulate, judge. If `out` is False, it only packs files."""
+
+    _place: Path | None = None
+    _loops: dict[str, Any] | None = None
+    """Place of the loops in the cache, and the loops that it has."""
 
     def __init__(self, scenario: Scenario, options: ScenarioRunOptions) -> None:
         self.scenario, self._options = scenario, options
@@ -148,7 +159,7 @@ class ScenarioRun:
             self.package = write_ssp(self.scenario, built, folder / "system.ssp", values, mixed=True)
         self._place = self._place_of_loops()
         stored = load(self._place) if self._place else None
-        self._loops: dict[str, Any] | None = None if stored is None else json.loads(stored)
+        self._loops = None if stored is None else json.loads(stored)
 
     def _place_of_loops(self) -> Path | None:
         """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
@@ -163,12 +174,12 @@ class ScenarioRun:
     def simulate(self) -> Results:
         """Co-simulate; return rows and the numbers that need no reference. A failed run keeps its summary."""
         options, written = self._options, self._options["out"] is not False
-        witness = Witness(self.system)
+        compared = Witness(self.system)
         try:
             results = self._simulated(
                 progress=partial(report, "co-simulation"), log=options["log"],
                 about=self._facts, observer=options["observer"],
-                taps=[witness.probe, *([self.poses] if self._loops is None else []), *filter(None, [self._bond])],
+                taps=self._taps(compared),
                 pace=options["pace"], record=self._recorded(),
                 stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
@@ -179,8 +190,18 @@ class ScenarioRun:
                     error.results.summary["key_figures"] = figures
                 keep(error, self.folder, loop_checks({"key_figures": figures}))
             raise
+        self._measure(results, compared)
+        if written:
+            write_summary(results.summary, self.folder)
+        return results
+
+    def _taps(self, compared: Witness) -> list[Tap]:
+        return [compared.probe, *([self.poses] if self._loops is None else []), *filter(None, [self._bond])]
+
+    def _measure(self, results: Results, compared: Witness) -> None:
+        """Add the numbers of a run that need no reference to its summary."""
         summary = results.summary
-        summary["witness"] = witness.summary(results)
+        summary["witness"] = compared.summary(results)
         for note in (*numbers.start_notes(results, self.scenario), *accuracy_notes(results, self.system)):
             summary["notes"].append(note)
             self._say(note)
@@ -192,9 +213,14 @@ class ScenarioRun:
         if numbers.has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
             summary |= numbers.estimation_errors(results, ALGORITHMS[self.scenario.master].substeps)
         summary |= {"paper": dict(self.scenario.paper)} | (self._bond.summary() if self._bond else {})
-        if written:
-            write_summary(summary, self.folder)
-        return results
+
+    def judge_made(self, results: Results, package: Path) -> None:
+        """Judge a run of a package of this scenario that was made elsewhere: it is run again for what its taps see."""
+        self.package, compared = package, Witness(self.system)
+        self._simulated(self._options["settings"], record=(), taps=self._taps(compared))
+        results.summary.update({**self._facts, **results.summary})
+        self._measure(results, compared)
+        self.judge(results)
 
     def _simulated(self, parameters: Any = None, package: Path | None = None, **options: Any) -> Results:
         """Co-simulate; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
