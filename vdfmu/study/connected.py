@@ -130,8 +130,11 @@ class System:
         if self._scenario is not None:
             chosen: dict[str, Any] = {"settings": dict(values or {}), "stop": stop, "step": step, "out": False}
             chosen |= {"master": options.get("algorithm"), "reference": reference}
-            results.judge_by(partial(judge_results, scenario=self._scenario, package=self.path, **chosen))
+            results.judge_by(partial(self._judge_run, self._scenario, chosen))
         return results
+
+    def _judge_run(self, scenario: Scenario, options: Any, results: Results) -> None:
+        judge_results(results, scenario, self.path, **options)  # a method, so that the package lives as long as results
 
     def instance(self, values: Mapping[str, Any] | None = None, **options: Any) -> Simulator:
         """Return the system as a loaded :class:`vdfmu.Simulator`, for many runs or steps by hand, used by ``with``."""

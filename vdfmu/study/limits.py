@@ -78,7 +78,7 @@ ROWS = (
         "vibration lets disturbances grow for a while; a tenth does not show in the errors",
     ),
     Limit(
-        "saturated", "Joint limits", 0.01, DOUBTFUL, "%", "at the {place} for {value} of the time, {time}",
+        "saturated", "Joint limits", 0.01, DOUBTFUL, "%", "{place} for {value} of the run, {time}",
         "tables of the shares show whole per cent",
     ),
     Limit(
