@@ -190,7 +190,7 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
         largest = RESOLUTION / row.value
         row = row._replace(by="the absolute tolerance of the reference's solver")
     apart = compared["max_position_difference_rad"]
-    more = f"positions differ by {number(apart)} rad at most"
+    more = f"positions differ by {number(apart)} rad at most; limit {number(row.value * largest)}"
     check = row.check(apart / largest, more, place=compared["name"])
     tolerance: float = summary.get("tolerance") or 0.0
     if check.state == GOOD:
