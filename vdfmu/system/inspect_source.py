@@ -18,7 +18,7 @@ from vdfmu.engine.inspect.inspection import Report
 from vdfmu.engine.inspect.trial import run_apart, serve
 from vdfmu.engine.rules import Finding, Findings, finding
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.scenario.check import model_notes
+from vdfmu.system.scenario.check import model_notes, remarks
 from vdfmu.system.scenario.scenario import resolve
 from vdfmu.system.scenario.scenario_file import load_scenario, load_system
 
@@ -65,8 +65,11 @@ def _run(words: str, path: Path, *_: Any) -> Findings:
 
 def _scenario(path: Path, robot: Robot) -> list[str]:
     scenario = load_scenario(path)
-    _ = SystemDescription(scenario).links
-    return model_notes(scenario)
+    system = SystemDescription(scenario)
+    _ = system.links
+    facts = remarks(scenario, None, system.values)
+    cut = [f"stop = {scenario.stop:g} s cuts the motion of {facts['cut']['end']:g} s"] if "cut" in facts else []
+    return [*model_notes(scenario), *cut, *facts.get("unfed", ())]
 
 
 def _system(path: Path, robot: Robot) -> list[str]:

@@ -35,7 +35,13 @@ class Check(NamedTuple):
     @property
     def text(self) -> str:
         """The sentence with what else was measured."""
-        return "; ".join(filter(None, (f"{self.sentence[:1].upper()}{self.sentence[1:]}", self.more)))
+        first = self.sentence.partition(" ")[0]
+        sentence = (
+            f"{first.capitalize()}{self.sentence[len(first) :]}"
+            if first.islower() and first.isalpha()
+            else self.sentence
+        )
+        return "; ".join(filter(None, (sentence, self.more)))
 
     @property
     def source(self) -> str:

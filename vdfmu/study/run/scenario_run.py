@@ -48,7 +48,7 @@ from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
 from vdfmu.system.reference.witness import Witness
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.check import model_notes
+from vdfmu.system.scenario.check import model_notes, remarks
 from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import robot_with, system_values
 
@@ -146,7 +146,7 @@ class ScenarioRun:
             "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
             "left_out": list(scenario.system.dropped),
             "joined": list(scenario.system.joined),
-            **numbers.remarks(self.system, options["settings"], options["stop"] is not None),
+            **remarks(scenario, options["settings"], self.system.values, options["stop"] is not None),
             **({} if robot is None else {"arm": arm_of(robot, self.system.values.get("plant", {}))}),
             "scene": scene_of(self.system),
         }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from importlib import import_module
 from types import SimpleNamespace
@@ -14,18 +14,14 @@ import numpy as np
 from vdfmu.arm.drive.limits import at_limits, motor_torque
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import section
-from vdfmu.arm.units import find_unit
-from vdfmu.arm.units._played import Played
 from vdfmu.base.arrays import Floats, with_named
 from vdfmu.base.measure import JOINT_UNITS, unit_of
 from vdfmu.base.version import FORMAT, __version__
-from vdfmu.compiler.unit import Input
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Recorded, Results
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.check import implausible
 from vdfmu.system.scenario.replace import leaders
 
 _PACKAGES = ("numpy", "scipy", "casadi", "fmpy")
@@ -56,50 +52,6 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
         "inputs": [table.where for table in scenario.inputs],
         "plant_factors": {key: np.asarray(f).tolist() for key, f in scenario.plant_factors.items()},
     }
-
-
-def remarks(system: SystemDescription, settings: Mapping[str, Any] | None, asked: bool) -> dict[str, Any]:
-    """Return the entries of a summary that a verdict counts before any row: ``cut``, ``unfed``, ``implausible``.
-
-    `asked`: whether the user chose the end of the run.
-    """
-    scenario, facts = system.scenario, dict[str, Any]()
-    if (end := motion_end(system)) > scenario.stop + 0.5 * scenario.step:
-        facts["cut"] = {"end": end, "stop": scenario.stop, "asked": asked}
-    given = {
-        name.partition("[")[0] for name in (*(settings or ()), *(n for table in scenario.inputs for n in table.names))
-    }
-    given |= {f"{name}.{key.partition('[')[0]}" for name, values in scenario.sections.items() for key in values}
-    lacking = [name for name in (*scenario.system.unfed, *_unmeasured(system)) if name not in given]
-    facts["unfed"] = [f"{name} is not connected, so it keeps its start value" for name in dict.fromkeys(lacking)]
-    facts["implausible"] = implausible(scenario, settings)
-    return {key: value for key, value in facts.items() if value}
-
-
-def motion_end(system: SystemDescription) -> float:
-    """Return the time at which the last desired motion has ended [s], the first time that it is played."""
-    ends = [0.0]
-    for name, unit in system.resolved.units.items():
-        values = system.values.get(name, {})
-        begin = values.get("t_start", 0.0)
-        if issubclass(unit, Played) and unit.rows is not None:
-            ends.append(begin + unit.experiment_stop / values.get("speed", 1.0))
-        elif issubclass(unit, find_unit("trajectory")):
-            ends.append(begin + values["T"])
-    return max(ends)
-
-
-def _unmeasured(system: SystemDescription) -> Iterator[str]:
-    """Yield the inputs for positions that nothing feeds, of components that act on a plant."""
-    fed = {end.partition("[")[0] for end in system.scenario.system.fed}
-    for name, unit in system.resolved.units.items():
-        if name not in system.resolved.plants:
-            inputs = (key for key, declared in unit.declared.items() if isinstance(declared, Input))
-            yield from (
-                f"{name}.{key}"
-                for key in inputs
-                if unit.declared[key].unit == "position" and f"{name}.{key}" not in fed
-            )
 
 
 def has_signals(results: Results, *groups: str) -> bool:

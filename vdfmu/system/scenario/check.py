@@ -10,7 +10,8 @@ from vdfmu.arm.robot.plain import plain_notes
 from vdfmu.arm.robot.plausible import doubts, position_notes, speed_notes
 from vdfmu.arm.units import find_unit
 from vdfmu.arm.units._played import Played
-from vdfmu.compiler.unit import Unit
+from vdfmu.compiler.unit import Input, Unit
+from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.scenario_file import KEYS
 from vdfmu.system.scenario.values import group_of, override, robot_with, section_values
@@ -46,6 +47,46 @@ def implausible(scenario: Scenario, settings: Mapping[str, Any] | None = None) -
     for component, changed in override(scenario, settings or {}).items():
         written[component] = written.get(component, {}) | changed
     return list(dict.fromkeys([*_of_robots(scenario, written), *_of_motions(scenario, written)]))
+
+
+def remarks(
+    scenario: Scenario, settings: Mapping[str, Any] | None, values: Mapping[str, Mapping[str, Any]], asked: bool = False
+) -> dict[str, Any]:
+    """Return the entries of a summary that a verdict counts before any row: ``cut``, ``unfed``, ``implausible``.
+
+    `values` are those of the units with the `settings`. `asked`: whether the user chose the end of the run.
+    """
+    facts: dict[str, Any] = {}
+    if (end := motion_end(scenario, values)) > scenario.stop + 0.5 * scenario.step:
+        facts["cut"] = {"end": end, "stop": scenario.stop, "asked": asked}
+    tables = read_inputs(scenario.inputs, scenario.input_hold)
+    given = {name.partition("[")[0] for name in (*(settings or ()), *(n for table in tables for n in table.names))}
+    given |= {f"{name}.{key.partition('[')[0]}" for name, keys in scenario.sections.items() for key in keys}
+    lacking = [name for name in (*scenario.system.unfed, *_unmeasured(scenario)) if name not in given]
+    facts["unfed"] = [f"{name} is not connected, so it keeps its start value" for name in dict.fromkeys(lacking)]
+    facts["implausible"] = implausible(scenario, settings)
+    return {key: value for key, value in facts.items() if value}
+
+
+def motion_end(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> float:
+    """Return the time at which the last desired motion has ended [s], the first time that it is played."""
+    ends = [0.0]
+    for name, unit in scenario.resolved.units.items():
+        begin = values[name].get("t_start", 0.0)
+        if issubclass(unit, Played) and unit.rows is not None:
+            ends.append(begin + unit.experiment_stop / values[name].get("speed", 1.0))
+        elif issubclass(unit, find_unit("trajectory")):
+            ends.append(begin + values[name]["T"])
+    return max(ends)
+
+
+def _unmeasured(scenario: Scenario) -> Iterator[str]:
+    """Yield the inputs for positions that nothing feeds, of components that act on a plant."""
+    fed = {end.partition("[")[0] for end in scenario.system.fed}
+    for name, unit in scenario.resolved.units.items():
+        for key, declared in unit.declared.items() if name not in scenario.resolved.plants else ():
+            if isinstance(declared, Input) and declared.unit == "position" and f"{name}.{key}" not in fed:
+                yield f"{name}.{key}"
 
 
 def _of_robots(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
