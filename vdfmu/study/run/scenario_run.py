@@ -22,7 +22,7 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.platforms import compiler_version
 from vdfmu.base.progress import doing, report
 from vdfmu.base.standards import PYTHON_FMI
-from vdfmu.base.text import nearest, to_json
+from vdfmu.base.text import nearest
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS, choice
@@ -93,6 +93,12 @@ def prepare(
     return scenario
 
 
+def _loops_from(stored: bytes) -> dict[str, Any]:
+    """Return the entries about the loops of a run from the cache; KeyError for other content."""
+    loops = json.loads(stored)
+    return {"key_figures": {name: {**figure} for name, figure in loops["key_figures"].items()}}
+
+
 @with_options
 def judge_results(results: Results, scenario: Scenario, package: Path, **options: Unpack[ScenarioRunOptions]) -> None:
     """Add the verdict of :func:`vdfmu.run` to the summary of a run of the package of a scenario."""
@@ -158,8 +164,7 @@ class ScenarioRun:
             built = cached_fmus(self.scenario, fmus, self._backend, self._options["fmi_version"])
             self.package = write_ssp(self.scenario, built, folder / "system.ssp", values, mixed=True)
         self._place = self._place_of_loops()
-        stored = load(self._place) if self._place else None
-        self._loops = None if stored is None else json.loads(stored)
+        self._loops = load(self._place, _loops_from) if self._place else None
 
     def _place_of_loops(self) -> Path | None:
         """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
@@ -185,6 +190,9 @@ class ScenarioRun:
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             figures = explain(error, self.poses)
+            if isinstance(error, CosimError) and error.results:
+                for note in numbers.start_notes(error.results, self.scenario, numbers.FAR):
+                    error.add_note(f"A likely cause: {note.removesuffix('.')}")
             if written:
                 if error.results is not None and figures:
                     error.results.summary["key_figures"] = figures
@@ -257,7 +265,7 @@ class ScenarioRun:
             summary["judgement"] = judgement.to_dict()
         loops = self._loops if self._loops is not None else self._own_loops()
         if self._place and "stability" not in loops:
-            store(self._place, to_json(loops).encode())
+            store(self._place, json.dumps(loops).encode())
         figures: dict[str, Any] = summary.get("key_figures", {})
         if scenario.robot is not None:
             plant = robot_with(scenario.plant_robot, values.get("plant", {}))
@@ -307,7 +315,7 @@ class ScenarioRun:
             report(stage, 0, 1)
             solution = reference_blocks(
                 name, self.system, step=scenario.step, stop=scenario.stop,
-                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot),
+                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot), overlap=1,
                 progress=partial(report, stage),
             )  # fmt: skip
             try:
