@@ -58,7 +58,7 @@ def package(library, pack, xml, tmp_path):
     + [(4.0, EARLY, True)],
 )
 def test_a_time_outside_of_the_step_ends_the_run_with_its_component(package, reported, way, isolate):
-    """In C steps, without isolation, and in those of Python. A step is 0.25 s; `reported` counts steps from its begin."""
+    """In C steps, without isolation, and in those of Python. A step is 0.25 s; `reported` counts steps."""
     parameters = {"unit.way": way, "unit.from": 0.5, "unit.reported": reported}
     with pytest.raises(CosimError) as failed:
         simulate(package(False), stop=1.0, step=0.25, parameters=parameters, isolate=isolate)
@@ -163,8 +163,8 @@ def test_the_check_has_a_rule_for_such_numbers(tmp_path):
     path = tmp_path / "M.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", description)
-    found = inspect_file(path, run=False).problems
-    assert [str(each) for each in found if each.rule.number == "FMI023"] == [
+    problems = inspect_file(path, run=False).problems
+    assert [str(each) for each in problems if each.rule.number == "FMI023"] == [
         "modelDescription.xml, line 1: the model has 0 continuous states and 4294967295 event indicators; expected "
         "10000000 at most of each"
     ]
