@@ -218,7 +218,7 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
     said = _Said()
     description = fmpy.read_model_description(str(path), validate=False)
     if description.coSimulation is None and description.modelExchange is None:
-        return Findings(notes=[finding("RUN006", "not run: it has neither co-simulation nor model exchange")])
+        return Findings([finding("RUN006", "not run: it has neither co-simulation nor model exchange")])
     experiment = description.defaultExperiment
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
