@@ -11,6 +11,7 @@ from typing import Any
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.plausible import robot_notes
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.process import contained
 from vdfmu.base.toml_file import kind_of, read_toml
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import CodeNotRunError, load_units, reading_only
@@ -95,4 +96,4 @@ _CHECKS: dict[str, Callable[[Path, Robot], list[str]]] = {
 }  # fmt: skip
 
 if __name__ == "__main__":
-    serve(_run, *sys.argv[1:])
+    contained(serve, _run, *sys.argv[1:])

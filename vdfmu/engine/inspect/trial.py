@@ -32,7 +32,7 @@ from fmpy.fmi1 import (
 from vdfmu.base.errors import StorageError, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import listening
-from vdfmu.base.process import Listener, end_group, limit, started
+from vdfmu.base.process import Listener, contained, end_group, limit, started
 from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.inspect.abilities import try_abilities
 from vdfmu.engine.inspect.reference import compare
@@ -80,7 +80,7 @@ def run_apart(
             code, output = _contained(module, kind, str(path.resolve()), deadline, folder, str(unpack_limit()), task)
         except OSError as error:
             return Findings([finding("RUN001", f"{task} could not be tried: {error}")])
-        noted, answer, answered = Path(folder, _PHASE), Path(folder, _ANSWER), False
+        noted, answer, answered, whole = Path(folder, _PHASE), Path(folder, _ANSWER), False, False
         phase = "the start of the process"
         if noted.is_file():
             with noted.open("rb") as file:  # the unit may have written it
@@ -91,10 +91,12 @@ def run_apart(
             if answer.is_file():
                 values = json.loads(answer.read_text(encoding="utf-8"))
                 findings.add(_decoded(values))
-                answered = bool(values["whole"])
+                answered = whole = bool(values["whole"])
         except (ValueError, TypeError, KeyError) as error:  # cut off, or written by the unit
             findings.problem("RUN002", f"the findings of {task} cannot be read: {error}")
             answered = True
+    if whole:  # a fault at the end of the process is no finding
+        return findings
     if code is None:
         findings.problem("RUN002", f"{phase} did not end within {SECONDS:g} s")
         return findings
@@ -335,4 +337,4 @@ def _check(kind: str, path: Path, deadline: float, phase: Phase) -> Findings:
 
 
 if __name__ == "__main__":
-    serve(_check, *sys.argv[1:])
+    contained(serve, _check, *sys.argv[1:])

@@ -27,6 +27,7 @@ from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
 from vdfmu.engine.masters.sampled import Stepper
+from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
 
 
@@ -51,6 +52,13 @@ class Elsewhere(Stepper):
     load: Callable[[], None]
     initialize: Callable[..., None]
     couple: Callable[..., Stepper]
+    bring_inputs: Callable[[float], None]
+    put: Callable[[str, Sequence[tuple[str, Value]]], None]
+    value: Callable[[str, str], Value]
+    between_events: Callable[[str, str], bool]
+    keep_start: Callable[[], bool]
+    to_start: Callable[[], None]
+    reset: Callable[[Checked], None]
     close: Callable[[], CosimError | None]
 
 
@@ -78,6 +86,19 @@ _START = 60.0
 """Additional time for the start of the process [s]."""
 _PATIENCE = 0.5
 """Longest time of a step after Ctrl-C [s]."""
+
+
+def _asked(name: str) -> Any:
+    """Return the method of `Isolated` that calls the method of this name in the process."""
+
+    def asked(self: Isolated, *arguments: Any) -> Any:
+        return self.ask(name, *arguments)
+
+    return asked
+
+
+class LostError(CosimError):
+    """The process of the components has ended, or did not answer in time."""
 
 
 class Isolated(Elsewhere):
@@ -133,13 +154,22 @@ class Isolated(Elsewhere):
         """Return notes on the run."""
         return self.ask("notes")
 
-    def keep(self, names: Sequence[str]) -> None:
-        """See `Components.keep`."""
-        self.ask("keep", names)
+    keep, look, bring_inputs, put, between_events, keep_start, to_start, derive = map(
+        _asked, ("keep", "look", "bring_inputs", "put", "between_events", "keep_start", "to_start", "derive")
+    )
+    """See `Components`; for `derive` see `Server.derive`."""
 
-    def look(self, steps: Mapping[str, float], times: Sequence[float], end: float) -> Any:
-        """See `Components.look`."""
-        return self.ask("look", steps, times, end)
+    def value(self, name: str, variable: str) -> Value:
+        """See `Components.value`."""
+        value = self.ask("value", name, variable)
+        binary = self.exchange.checked.descriptions[name].variables[variable].kind == "Binary"
+        return bytes.fromhex(value) if binary else value
+
+    def reset(self, checked: Checked) -> None:
+        """See `Components.reset`."""
+        self.exchange.checked, self._stepping = checked, False
+        starts = {name: [(v.name, value) for v, value in each] for name, each in checked.starts.items()}
+        self.ask("reset", starts, dict(checked.multiples))
 
     def close(self) -> CosimError | None:
         """Free all, end the process, and return the first failure."""
@@ -235,11 +265,11 @@ class Isolated(Elsewhere):
             why = f"the component ended the process (exit code {code})"
         if peak > 0.5 * self.limits.memory:
             why += f"; its memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
-        return CosimError(unit, call, time, why)
+        return LostError(unit, call, time, why)
 
     def idle(self, time: float, code: int | str) -> CosimError:
         """Return the error of a process that has ended between calls; `code` may name a signal."""
-        return CosimError("components", "start of their process", time, f"it ended with code {code}")
+        return LostError("components", "start of their process", time, f"it ended with code {code}")
 
     def _stop(self) -> bool:
         """Pass Ctrl-C on; return whether to cut off a long step."""

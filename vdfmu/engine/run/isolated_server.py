@@ -7,18 +7,19 @@ import math
 import pickle
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
-from vdfmu.base.process import Parent, limit
+from vdfmu.base.process import Parent, contained, limit
 from vdfmu.base.text import kind_text
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.package.system import Value
 from vdfmu.engine.run.isolated import CALLS, STEP, mapped
 
 
@@ -53,8 +54,30 @@ class Server:
 
             return noted
 
+        self._derivatives: Any = None
         self._components = self.components(checked, folders, self._box, self._words, watch)
         self._components.load()
+
+    def reset(self, starts: Mapping[str, Sequence[tuple[str, Value]]], multiples: Mapping[str, int]) -> None:
+        """See `Components.reset`; for the values see `Checked`."""
+        checked, tables = self._components.checked, self._components.checked.descriptions
+        mine = {name: [(tables[name].variables[each], value) for each, value in values]
+                for name, values in starts.items()}  # fmt: skip
+        self._box.ended.clear()
+        self._derivatives = None
+        self._components.reset(replace(checked, starts=mine, multiples=multiples))
+
+    def derive(self, call: str, *arguments: Any) -> Any:
+        """Call a method of the `Derivatives` of the components."""
+        from vdfmu.engine.linear.linearise import Derivatives  # few runs need it
+
+        self._derivatives = self._derivatives or Derivatives(self._components)
+        return getattr(self._derivatives, call)(*arguments)
+
+    def value(self, name: str, variable: str) -> Value:
+        """See `Components.value`; binary values as hexadecimal text."""
+        value = self._components.value(name, variable)
+        return value.hex() if isinstance(value, bytes) else value
 
     def couple(self, adaptive: float | None, convergence: float | None, span: float, record: Any) -> None:
         """See `Components.couple`."""
@@ -127,4 +150,4 @@ def serve(make: Callable[[str], Server], memory: str, most: str) -> None:
 
 
 if __name__ == "__main__":
-    serve(Server, *sys.argv[1:])
+    contained(serve, Server, *sys.argv[1:])

@@ -130,7 +130,7 @@ def run_along(
     package = not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp"
     scenario = system if package else scenario_of(system, names=options.get("settings") or ())
     with packaged(scenario, **options) as (path, taken):
-        with Simulator(path, isolate=False, **taken) as simulator:
+        with Simulator(path, **taken) as simulator:
             grid = simulator.grid(None, None, None)
             rows = [round((t - grid.begin) / grid.step) if math.isfinite(t) else -1 for t in at]
             if beyond := [f"{t:g}" for t, row in zip(at, rows, strict=True) if not 0 <= row <= grid.n]:
