@@ -302,11 +302,10 @@ class _Case(NamedTuple):
                 try:
                     results = simulator.run(start=self.grid.begin, stop=self.grid.end, step=step, record=names)
                 except (CosimError, UsageError) as error:
-                    if divisor == 1 and isinstance(error, UsageError):
+                    if isinstance(error, LostError) or (divisor == 1 and isinstance(error, UsageError)):
                         raise
                     at = f"the run with a step of {_time(step)} failed: {error}"
-                    cause = "" if isinstance(error, LostError) else self._cause(flat, None)
-                    return Judgement(OPEN, f"Not decided: {at}{cause}", **facts)
+                    return Judgement(OPEN, f"Not decided: {at}{self._cause(flat, None)}", **facts)
                 runs.append(np.column_stack([results[name] for name in names]).astype(float))
         seen = differences(runs, names, _timed(self.checked, flat))
         if not np.ptp(runs[2], axis=0).any():

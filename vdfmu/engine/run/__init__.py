@@ -10,6 +10,6 @@ from vdfmu.engine.run.session import Interrupted
 from vdfmu.engine.run.simulator import Simulator, check_coupling, simulate
 
 __all__ = [
-    "ALGORITHMS", "Interrupted", "KeptRuns", "LogMessage", "LostError", "Results", "Signal", "Simulator", "check_coupling",
-    "check_system", "mapped", "simulate",
+    "ALGORITHMS", "Interrupted", "KeptRuns", "LogMessage", "LostError", "Results", "Signal", "Simulator",
+    "check_coupling", "check_system", "mapped", "simulate",
 ]  # fmt: skip
