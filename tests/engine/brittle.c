@@ -85,6 +85,26 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean final
     return fmi2OK;
 }
 
+#define NOT_THERE(name) \
+    fmi2Status name(void) { return fmi2Error; }
+NOT_THERE(fmi2CancelStep)
+NOT_THERE(fmi2GetInteger)
+NOT_THERE(fmi2GetBoolean)
+NOT_THERE(fmi2GetString)
+NOT_THERE(fmi2SetInteger)
+NOT_THERE(fmi2SetBoolean)
+NOT_THERE(fmi2SetString)
+NOT_THERE(fmi2SerializedFMUstateSize)
+NOT_THERE(fmi2SerializeFMUstate)
+NOT_THERE(fmi2DeSerializeFMUstate)
+NOT_THERE(fmi2SetRealInputDerivatives)
+NOT_THERE(fmi2GetRealOutputDerivatives)
+NOT_THERE(fmi2GetStatus)
+NOT_THERE(fmi2GetRealStatus)
+NOT_THERE(fmi2GetIntegerStatus)
+NOT_THERE(fmi2GetBooleanStatus)
+NOT_THERE(fmi2GetStringStatus)
+
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
     if (!*state) *state = malloc(sizeof(Unit));
     return memcpy(*state, c, sizeof(Unit)), fmi2OK;

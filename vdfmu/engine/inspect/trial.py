@@ -23,7 +23,7 @@ from unittest.mock import patch
 import fmpy
 import numpy as np
 import numpy.typing as npt
-from fmpy import fmi2
+from fmpy import fmi1, fmi2
 from fmpy.fmi1 import (
     _FMU,  # pyright: ignore[reportPrivateUsage]
     FMICallException,
@@ -228,7 +228,8 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
     try:
-        with patch.object(_FMU, "_call", call):
+        load = phase.watch("", "load", fmi1.cdll.LoadLibrary)
+        with patch.object(_FMU, "_call", call), patch.object(fmi1.cdll, "LoadLibrary", load):
             results = fmpy.simulate_fmu(  # without validation, which the check has done, and never in another process
                 str(path), validate=False, start_time=start, stop_time=start + STEPS * step, output_interval=step,
                 logger=said, fmi_call_logger=_refuse_negative, debug_logging=True,

@@ -104,13 +104,11 @@ class Server:
         return getattr(owner, name)
 
     def answer(self, request: bytes, parent: Parent) -> dict[str, Any] | None:
-        """Serve a request; return the reply, None for a step with nothing to report."""
+        """Serve a request; return the reply, None if there is nothing to report."""
         reply: dict[str, Any] = {"result": None, "failure": None, "fault": None, "interrupted": False}
         try:
             if not request:
                 self.advance(*STEP.unpack(parent.read(STEP.size)))
-                if not (self._box.pending or self._box.ended):
-                    return None
             else:
                 name, arguments = pickle.loads(request)
                 reply["result"] = self.method(name)(*arguments)
@@ -123,6 +121,8 @@ class Server:
         except Exception as error:
             reply["failure"] = ("vdfmu", "step", self._box.time, _fault(error))
         messages = [*self._said, *self._box.pending]
+        if reply["result"] is None and not (messages or self._box.ended or any(reply.values())):
+            return None
         self._said.clear()
         self._box.pending.clear()
         return reply | {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
