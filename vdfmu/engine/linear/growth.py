@@ -32,7 +32,7 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run.isolated import Elsewhere, LostError
+from vdfmu.engine.run.isolated import Isolated, LostError
 
 _HARM = 50.0
 """Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
@@ -290,7 +290,7 @@ class Poses(Tap):
         self.alternative: Along | None = None
         self.seconds = 0.0
         """Wall time of the linearisations [s]."""
-        self.components: Components | Elsewhere | None = None
+        self.components: Components | Isolated | None = None
         self._linearisation: Linearisation | None = None
         self._systems: list[tuple[float, LinearSystem]] = []
         self._rows = _ChosenRows(0, ())
@@ -319,7 +319,7 @@ class Poses(Tap):
             self._rows.stop()  # numbers overflow; the poses so far are enough
         self.seconds += clock.perf_counter() - began
 
-    def _look(self, components: Components | Elsewhere, time: float) -> None:
+    def _look(self, components: Components | Isolated, time: float) -> None:
         if self.lacking:
             return
         if self._linearisation is None:

@@ -26,7 +26,7 @@ from vdfmu.engine.masters.coupled import jacobian_of
 from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.check import Checked, periods
 from vdfmu.engine.plan.conversion import Port
-from vdfmu.engine.run.isolated import Elsewhere
+from vdfmu.engine.run.isolated import Isolated
 from vdfmu.engine.run.simulator import Simulator
 
 
@@ -53,7 +53,7 @@ class Linearisation:
     With `loops`, derivatives by inputs outside of loops may be left 0. UsageError for components without derivatives.
     """
 
-    def __init__(self, components: Components | Elsewhere, step: float, loops: bool = False) -> None:
+    def __init__(self, components: Components | Isolated, step: float, loops: bool = False) -> None:
         checked = components.exchange.checked
         blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
         if blind:
@@ -256,7 +256,7 @@ def _changed(components: Components, name: str, values: Mapping[str, Value]) -> 
 
 
 def with_part(
-    components: Components | Elsewhere, name: str, values: Mapping[str, Value],
+    components: Components | Isolated, name: str, values: Mapping[str, Value],
     rows: Sequence[tuple[float, LinearSystem]],
 ) -> list[tuple[float, LinearSystem]]:  # fmt: skip
     """Return times and systems of a run with other parameters of a component, at the states and inputs of the run."""

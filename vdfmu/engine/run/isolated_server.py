@@ -26,8 +26,6 @@ from vdfmu.engine.run.isolated import CALLS, STEP, mapped
 class Server:
     """Serves requests of `Isolated` in the process, by methods of itself, the stepper or the components."""
 
-    components = Components
-
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
         self._box = MessageBox(self._said.append)
@@ -55,7 +53,7 @@ class Server:
             return noted
 
         self._derivatives: Any = None
-        self._components = self.components(checked, folders, self._box, self._words, watch)
+        self._components = Components(checked, folders, self._box, self._words, watch)
         self._components.load()
 
     def reset(self, starts: Mapping[str, Sequence[tuple[str, Value]]], multiples: Mapping[str, int]) -> None:
@@ -137,17 +135,17 @@ def _fault(error: Exception) -> str:
     return f"{kind_text(error)} ({place}). This is a fault of vdfmu, not of a component; please report it"
 
 
-def serve(make: Callable[[str], Server], memory: str, most: str) -> None:
+def serve(memory: str, most: str) -> None:
     """Serve requests until their end; `memory` is a file, `most` in MB."""
     parent = Parent()
     if math.isfinite(float(most)):
         limit("DATA", int(float(most) * 2**20))
     logging.getLogger("vdfmu.compiler.fmu").addHandler(logging.NullHandler())  # its log comes back as messages
-    server = make(memory)
+    server = Server(memory)
     parent.reply()  # it has started
     for request in parent.requests():
         parent.reply(server.answer(request, parent))
 
 
 if __name__ == "__main__":
-    contained(serve, Server, *sys.argv[1:])
+    contained(serve, *sys.argv[1:])

@@ -25,7 +25,7 @@ from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
-from vdfmu.engine.run.isolated import Elsewhere, Limits
+from vdfmu.engine.run.isolated import Isolated, Limits
 from vdfmu.engine.run.session import Run, Session
 
 
@@ -102,8 +102,6 @@ class Simulator:
     def __init__(self, system: FlatSystem | str | Path, **options: Unpack[SimulatorOptions]) -> None:
         self._system = system if isinstance(system, FlatSystem) else load_ssp(system)
         experiment, tolerance = self._system.experiment, options["tolerance"]
-        if options["federation"] is not None:
-            options["algorithm"] = options["federation"].algorithm(options["algorithm"])
         if options["algorithm"] is None:
             options["algorithm"] = experiment.algorithm
             if options["adaptive"] is None:
@@ -125,15 +123,12 @@ class Simulator:
             repeats=options["adaptive"] is not None, strict=options["strict"],
             ignore_unmatched=options["ignore_unmatched"],
         )  # fmt: skip
-        self._apart = None
         self.sizes = {
             f"{name}.{v.name}"
             for name, each in self._checked.descriptions.items()
             for v in each.named("structuralParameter")
         }
         """Parameters that are sizes of arrays."""
-        if options["federation"] is not None:
-            self._checked, self._apart = options["federation"].apart(self._checked)
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
@@ -281,7 +276,7 @@ class Simulator:
         assert self._checked is not None
         return self._checked
 
-    def stand(self, time: float | None = None, step: float | None = None) -> Components | Elsewhere:
+    def stand(self, time: float | None = None, step: float | None = None) -> Components | Isolated:
         """Run the system to a time, by default its start; return its components, with their inputs at this time.
 
         They stay until the next run or the end of the block. For errors see :meth:`run`.
@@ -311,8 +306,7 @@ class Simulator:
             return self._session
         options = self._options
         self._session = Session(
-            checked, options["log"], options["isolate"], self._limits, self._apart,
-            (options["adaptive"], options["convergence"]),
+            checked, options["log"], options["isolate"], self._limits, (options["adaptive"], options["convergence"]),
         ).__enter__()  # fmt: skip
         return self._session
 
