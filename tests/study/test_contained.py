@@ -117,6 +117,7 @@ def test_an_environment_steps_foreign_fmus_in_a_process_as_a_run_does(loaded, fo
     name = next(iter(lone.components))
     force, x = f"{name}.u", f"{name}.x"
     env = environment(lone, {force: 1.0}, {x: 5.0}, lambda seen, action: 0.0, step=0.1, stop=1.0)
+    rows: list[np.ndarray] = []
     for _ in range(2):  # the second time from saved states
         first, _ = env.reset()
         rows = [first, *(env.step(np.array([0.5]))[0] for _ in range(10))]

@@ -73,7 +73,7 @@ def contained(main: Callable[..., None], *arguments: Any) -> NoReturn:
         traceback.print_exc()
         code = 1
     with suppress(Exception):  # foreign code may have replaced or closed them
-        atexit._run_exitfuncs()
+        atexit._run_exitfuncs()  # pyright: ignore[reportPrivateUsage]
         sys.stdout.flush()
         sys.stderr.flush()
     os._exit(code)

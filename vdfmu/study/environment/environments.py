@@ -122,7 +122,8 @@ class Environment(gymnasium.Env[Floats, Floats]):
             system = opened(scenario_of(system), actions, seen)
         package, options = stack.enter_context(packaged(system))
         settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
-        return Simulator(package, **settings | {"parameters": values or {}})
+        settings["parameters"] = values or {}
+        return Simulator(package, **settings)
 
     def _begin(self, task: Any, simulator: Simulator, span: dict[str, float], held: ExitStack) -> None:
         self.task, self._simulator, self._span, self._done = task, simulator, span, -1
