@@ -32,7 +32,7 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run.isolated import Isolated, LostError
+from vdfmu.engine.run.isolated import Isolated, LostProcessError
 
 _HARM = 50.0
 """Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
@@ -311,7 +311,7 @@ class Poses(Tap):
         began = clock.perf_counter()
         try:
             self._look(components, time)
-        except LostError:
+        except LostProcessError:
             raise
         except (VdfmuError, np.linalg.LinAlgError) as error:
             if isinstance(error, VdfmuError) or self._loops is None or not self._loops.rows:

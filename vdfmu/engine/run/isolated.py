@@ -66,7 +66,7 @@ def _asked(name: str) -> Any:
     return asked
 
 
-class LostError(CosimError):
+class LostProcessError(CosimError):
     """The process of the components has ended, or did not answer in time."""
 
 
@@ -200,7 +200,7 @@ class Isolated(Stepper):
             with suppress(ValueError):
                 code = signal.Signals(-code).name
         if not unit:
-            return LostError("components", "start of their process", time, f"it ended with code {code}")
+            return LostProcessError("components", "start of their process", time, f"it ended with code {code}")
         if self.exchange.running.value < 0:
             ending = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({code})"
             why = f"the process {ending} after this call had returned: it left damage, or vdfmu has a fault"
@@ -212,7 +212,7 @@ class Isolated(Stepper):
             why = f"the component ended the process (exit code {code})"
         if peak > 0.5 * self.limits.memory:
             why += f"; its memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
-        return LostError(unit, call, time, why)
+        return LostProcessError(unit, call, time, why)
 
     def _stop(self) -> bool:
         """Pass Ctrl-C on; return whether to cut off a long step."""

@@ -19,7 +19,7 @@ from vdfmu.base.option import with_options
 from vdfmu.engine.linear.growth import Along, Growth, Poses
 from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run import LostError, Simulator
+from vdfmu.engine.run import LostProcessError, Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction, packaged
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import LoopOptions
@@ -144,7 +144,7 @@ def run_along(
             try:
                 simulator.run(record=(), taps=[poses])
             except CosimError as error:
-                if poses.lacking or not poses.seconds or isinstance(error, LostError):
+                if poses.lacking or not poses.seconds or isinstance(error, LostProcessError):
                     raise
                 grid, failed = grid._replace(end=error.time), f"the run fails: {error}"
             if poses.lacking:
