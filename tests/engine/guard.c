@@ -1,6 +1,7 @@
 /* To be preloaded. A C++ block of 128 bytes, the size of what holds the interpreter of a library of pythonfmu, gets a page
    of its own, which is closed when the block is freed. An access after that ends the process at its place by SIGSEGV.
    Without the guard it changes memory that may belong to somebody else by then. */
+#define _DEFAULT_SOURCE
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <sys/mman.h>
