@@ -12,6 +12,7 @@ from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.plausible import robot_notes
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.process import contained
 from vdfmu.base.toml_file import kind_of, read_toml
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import CodeNotRunError, load_units, reading_only
@@ -109,4 +110,4 @@ _CHECKS: dict[str, Callable[[Path, Robot], list[str]]] = {
 }  # fmt: skip
 
 if __name__ == "__main__":
-    serve(_run, *sys.argv[1:])
+    contained(serve, _run, *sys.argv[1:])

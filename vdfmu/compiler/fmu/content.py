@@ -8,12 +8,12 @@ import tomllib
 import uuid
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
-from hashlib import file_digest, sha256
+from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.cache import built_as
 from vdfmu.base.errors import FmuError, VdfmuError
 from vdfmu.base.files import data_path, read_json, source_bytes
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
@@ -205,25 +205,12 @@ def _named(place: str) -> Any:
     return getattr(import_module(module), name, None)
 
 
-def keep_record(path: Path, guid: str) -> None:
-    """Store the digest of an FMU with its GUID or instantiation token in the user's cache."""
-    store(_record(path), guid.encode())
-
-
 def is_built(path: Path, guid: str) -> bool:
-    """Whether an FMU on disk is, to the byte, a result of a build here with this GUID or instantiation token.
-
-    The GUID inside does not prove it: it stays the same when a library is changed.
-    """
+    """Whether an FMU on disk is, to the byte, a result of a build here with this GUID or instantiation token."""
     try:
-        return path.is_file() and load(_record(path)) == guid.encode()
+        return path.is_file() and built_as(path) == guid
     except OSError:
         return False
-
-
-def _record(path: Path) -> Path:
-    with path.open("rb") as file:
-        return cache_folder() / "built" / file_digest(file, "sha256").hexdigest()
 
 
 def about(unit: type[BaseUnit]) -> dict[str, str]:
